@@ -1,0 +1,33 @@
+# Two commands: `make demo` probes an object in simulation, `make test` runs every test.
+PYTHON ?= python3.11
+VENV   := .venv
+BIN    := $(VENV)/bin
+READY  := $(VENV)/.ready
+
+.PHONY: demo test lint env clean
+
+demo: $(READY)
+	@$(BIN)/palpate demo
+
+test: $(READY)
+	@$(BIN)/pytest
+
+lint: $(READY)
+	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+
+env: $(READY)
+
+# The interpreter is checked before anything is downloaded: PyBullet would otherwise be compiled for minutes and fail.
+$(READY): pyproject.toml constraints.txt
+	@command -v $(PYTHON) >/dev/null 2>&1 || { \
+	  echo "palpate needs CPython 3.11 ($(PYTHON) was not found): PyBullet has no wheel for 3.12 and newer."; \
+	  echo "Install it (Debian 12: apt install python3.11 python3.11-venv; elsewhere: pyenv install 3.11, or uv python install 3.11)"; \
+	  echo "and name it if needed: make PYTHON=/path/to/python3.11 demo"; exit 2; }
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v == (3, 11) else "palpate needs CPython 3.11, this is %d.%d: PyBullet has no wheel for it. Use: make PYTHON=python3.11" % v)'
+	@echo "Making the environment in $(VENV) (once, about a minute) ..."
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build *.egg-info

@@ -1,0 +1,1 @@
+"""Rigid body, controllers, the real-time loop and the probing task."""

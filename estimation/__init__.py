@@ -1,0 +1,1 @@
+"""Models, effects and estimators of contact and joint channels."""

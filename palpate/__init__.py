@@ -1,0 +1,1 @@
+"""The face: command line, Rerun views, reports. Nothing imports it."""

@@ -1,0 +1,65 @@
+"""Time as an argument: the same loop runs on the machine's clock and on simulated time."""
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+
+class Clock(ABC):
+    """A clock that only goes forward."""
+
+    @abstractmethod
+    def now_s(self) -> float:
+        """Time since an arbitrary start [s]."""
+
+    @abstractmethod
+    def sleep_until(self, time_s: float) -> None:
+        """Return at `time_s` [s] on this clock, or at once if it has passed."""
+
+
+class MonotonicClock(Clock):
+    """The machine's monotonic clock; steps of the wall clock do not reach it."""
+
+    def now_s(self) -> float:
+        """See `Clock.now_s`."""
+        return time.monotonic()
+
+    def sleep_until(self, time_s: float) -> None:
+        """See `Clock.sleep_until`."""
+        remaining_s = time_s - time.monotonic()
+        if remaining_s > 0:
+            time.sleep(remaining_s)
+
+
+class SimulatedClock(Clock):
+    """Time that passes only when somebody waits for it, as fast as the listeners can follow.
+
+    A simulated world subscribes and integrates its physics up to each new time.
+
+    Args:
+        pace: a real clock to keep step with (simulation in real time), or None for as fast as possible.
+    """
+
+    def __init__(self, pace: Clock | None = None) -> None:
+        self._time_s = 0.0
+        self._listeners: list[Callable[[float], None]] = []
+        self._pace = pace
+        self._pace_start_s = pace.now_s() if pace else 0.0
+
+    def subscribe(self, on_advance: Callable[[float], None]) -> None:
+        """Call `on_advance(time_s)` each time the clock has moved on."""
+        self._listeners.append(on_advance)
+
+    def now_s(self) -> float:
+        """See `Clock.now_s`."""
+        return self._time_s
+
+    def sleep_until(self, time_s: float) -> None:
+        """See `Clock.sleep_until`."""
+        if time_s <= self._time_s:
+            return
+        if self._pace:
+            self._pace.sleep_until(self._pace_start_s + time_s)
+        self._time_s = time_s
+        for on_advance in self._listeners:
+            on_advance(time_s)

@@ -1,0 +1,25 @@
+"""The one family of errors: each says the value, the place and the valid choices in one line."""
+
+
+class PalpateError(Exception):
+    """Base of every error that palpate raises on purpose; its text is one line that a user can act on."""
+
+
+class InputError(PalpateError, ValueError):
+    """Something the user supplied (file, option, value) is not valid; the command line exits with 2."""
+
+
+class DeviceError(PalpateError):
+    """A device or its bus failed."""
+
+
+class DeviceTimeoutError(DeviceError, TimeoutError):
+    """A device did not answer before its deadline."""
+
+
+class LifecycleError(PalpateError):
+    """A call came in the wrong state, such as a command to a robot that is not active."""
+
+
+class SafetyTripError(PalpateError):
+    """A limit was exceeded; the guard is latched until it is re-armed."""

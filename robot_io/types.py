@@ -1,0 +1,106 @@
+"""What travels between robot, guard and controller in one tick. SI units; arrays are read-only."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from robot_io.errors import InputError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+class Status(IntEnum):
+    """How far a sample can be trusted."""
+
+    OK = 0
+    STALE = 1  # no new sample has come since the one shown; its age is in `sampled_at_s`
+    SATURATED = 2  # the device reports the end of its range
+    FAULT = 3  # the device reports an error; the value means nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One device's newest sample.
+
+    Attributes:
+        value: shape (n,), n joints, or (1,) for the force sensor; unit of the device's interface.
+        sampled_at_s: when the device itself sampled, on the robot's clock [s].
+        status: how far to trust it.
+    """
+
+    value: FloatArray
+    sampled_at_s: float
+    status: Status = Status.OK
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """Everything the robot measured in one tick.
+
+    Attributes:
+        time_s: start of the tick on the robot's clock [s].
+        joint_position_rad: shape (n,) [rad]; [m] for a prismatic joint.
+        joint_velocity_rad_s: shape (n,) [rad/s].
+        joint_torque_nm: shape (n,), as measured by the drives, positive along the joint axis [N m].
+        force_n: contact force along the sensor axis, positive in compression [N].
+        encoder_at_s: when the encoders were sampled [s].
+        torque_at_s: when the torques were sampled [s].
+        force_at_s: when the force was sampled [s].
+        encoder_status: trust in position and velocity.
+        torque_status: trust in torque.
+        force_status: trust in force.
+    """
+
+    time_s: float
+    joint_position_rad: FloatArray
+    joint_velocity_rad_s: FloatArray
+    joint_torque_nm: FloatArray
+    force_n: float
+    encoder_at_s: float
+    torque_at_s: float
+    force_at_s: float
+    encoder_status: Status = Status.OK
+    torque_status: Status = Status.OK
+    force_status: Status = Status.OK
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return len(self.joint_position_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What the robot is told in one tick.
+
+    Attributes:
+        joint_torque_nm: shape (n,), positive along the joint axis [N m].
+    """
+
+    joint_torque_nm: FloatArray
+
+
+def frozen_array(
+    values: ArrayLike, shape: tuple[int, ...] | None = None, *, what: str = "array"
+) -> FloatArray:
+    """Copy `values` into a read-only float array.
+
+    Args:
+        values: anything numpy can read.
+        shape: the shape it must have, if any.
+        what: name used in the error.
+
+    Raises:
+        InputError: wrong shape or a value that is not finite.
+    """
+    array = np.array(values, dtype=np.float64)
+    if shape is not None and array.shape != shape:
+        raise InputError(f"{what}: shape {array.shape}, expected {shape}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{what}: contains a value that is not finite: {array.tolist()}")
+    array.setflags(write=False)
+    return array

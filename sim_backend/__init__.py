@@ -1,0 +1,1 @@
+"""The stand-in for hardware: PyBullet behind the interfaces of robot_io."""
