@@ -36,7 +36,7 @@ class TaskOutput:
         tip_position_world_m: shape (3,), measured tip (forward kinematics of the measured joints) [m].
         tip_velocity_world_m_s: shape (3,), measured tip velocity [m/s].
         press_direction_world: shape (3,), unit vector into the object.
-        desired_force_n: contact force aimed at, positive in compression [N]; NaN when force is not controlled.
+        desired_force_n: contact force aimed at, positive in compression [N]; NaN when it is free.
         phase: what the arm is doing.
         run: number of the probing run from 0, or `NO_RUN` between runs.
         done: the task has ended: this command is the last, and the arm may be let go where it stands.
@@ -60,7 +60,7 @@ class Task(Protocol):
     """Anything the loop can run; it sees measurements and time steps, never devices or clocks."""
 
     def start(self, measurement: Measurement) -> None:
-        """Begin from the measured state; called once, with the measurement of the first tick, before its `step`."""
+        """Begin from the measured state; called once, in the first tick before `step`."""
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         """One tick.
