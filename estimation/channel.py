@@ -1,0 +1,106 @@
+"""A channel: one measured effort with the motion that goes with it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from types import MappingProxyType
+
+import numpy as np
+
+from robot_io.errors import InputError
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+
+class ChannelKind(StrEnum):
+    """What the effort is, and so which effects apply."""
+
+    CONTACT = (
+        "contact"  # position: displacement into the object [m]; effort: force, positive in compression [N]
+    )
+    REVOLUTE = "revolute"  # position: joint angle [rad]; effort: joint torque [N m]
+    PRISMATIC = "prismatic"  # position: joint displacement [m]; effort: joint force [N]
+
+    @property
+    def effort_unit(self) -> str:
+        """Unit of the effort."""
+        return "N m" if self is ChannelKind.REVOLUTE else "N"
+
+    @property
+    def position_unit(self) -> str:
+        """Unit of the position."""
+        return "rad" if self is ChannelKind.REVOLUTE else "m"
+
+
+@dataclass(frozen=True)
+class ChannelData:
+    """One channel's samples; all arrays have length n and belong together row by row.
+
+    Attributes:
+        name: "contact", "joint_1" ...
+        kind: decides the units, see `ChannelKind`.
+        time_s: strictly increasing within a run [s].
+        position: see `ChannelKind`.
+        velocity: derivative of position, without phase error.
+        acceleration: second derivative of position, without phase error.
+        effort: what was measured and is to be explained.
+        run: number of the run (one approach, one recording) that each sample belongs to.
+        phase: numbers of `control.phases.Phase`, or -1 where unknown.
+        context: other signals that an effect may need, by name, each of shape (n,) or (n, k); the face shows
+            which are there. `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints) for an arm;
+            `load` (n,), the effort a joint carries apart from friction.
+    """
+
+    name: str
+    kind: ChannelKind
+    time_s: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    effort: FloatArray
+    run: IntArray
+    phase: IntArray
+    context: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check lengths and finiteness.
+
+        Raises:
+            InputError: an array has the wrong length or holds a value that is not finite.
+        """
+        length = len(self.time_s)
+        for what in ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase"):
+            _check(self.name, what, getattr(self, what), length)
+        for what, values in self.context.items():
+            _check(self.name, what, values, length)
+        object.__setattr__(self, "context", MappingProxyType(dict(self.context)))
+
+    def __len__(self) -> int:
+        """Number of samples n."""
+        return len(self.time_s)
+
+    @property
+    def runs(self) -> IntArray:
+        """The run numbers that occur, ascending."""
+        return np.unique(self.run)
+
+    def select(self, rows: BoolArray | IntArray) -> "ChannelData":
+        """The channel with only these rows (a mask or indices)."""
+        arrays = {
+            what: getattr(self, what)[rows]
+            for what in ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase")
+        }
+        return replace(self, **arrays, context={name: values[rows] for name, values in self.context.items()})
+
+    def of_runs(self, runs: IntArray) -> "ChannelData":
+        """The channel with only the samples of these runs."""
+        return self.select(np.isin(self.run, runs))
+
+
+def _check(channel: str, what: str, values: FloatArray | IntArray, length: int) -> None:
+    if len(values) != length:
+        raise InputError(f"channel '{channel}': {what} has {len(values)} samples, time_s has {length}")
+    bad = np.flatnonzero(~np.isfinite(values.reshape(length, -1)).all(axis=1)) if length else np.empty(0)
+    if len(bad):
+        raise InputError(
+            f"channel '{channel}': {what} is not finite at sample {bad[0]} (and {len(bad) - 1} more)"
+        )

@@ -1,0 +1,120 @@
+"""A model: named effects in a fixed order, and what they predict together."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.effect import AdditiveEffect, Effect, MotionEffect, Parameter, SensorEffect
+from estimation.regression import Regression
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+Parameters = Mapping[str, float]  # "effect.parameter" -> value
+
+
+@dataclass(frozen=True)
+class Model:
+    """effort = sensor(sum of additive effects on the moved motion).
+
+    Attributes:
+        name: such as "kelvin_voigt".
+        effects: in the order in which they were added.
+    """
+
+    name: str
+    effects: tuple[Effect, ...]
+
+    def __post_init__(self) -> None:
+        """Check the effects.
+
+        Raises:
+            InputError: an effect occurs twice.
+        """
+        names = [effect.name for effect in self.effects]
+        twice = {name for name in names if names.count(name) > 1}
+        if twice:
+            raise InputError(f"model '{self.name}' has {', '.join(sorted(twice))} more than once")
+
+    def with_effect(self, effect: Effect) -> "Model":
+        """The model with one more effect."""
+        return Model(self.name, (*self.effects, effect))
+
+    @property
+    def gains(self) -> dict[str, Parameter]:
+        """Linear parameters by "effect.parameter", in column order."""
+        return {f"{e.name}.{p.name}": p for e in self._additive for p in e.gains}
+
+    @property
+    def inner(self) -> dict[str, Parameter]:
+        """Nonlinear parameters by "effect.parameter"."""
+        return {f"{e.name}.{p.name}": p for e in self.effects for p in e.inner}
+
+    @property
+    def is_linear_in_gains(self) -> bool:
+        """Whether, with the inner parameters fixed, the effort is linear in the gains."""
+        return all(effect.linear for effect in self._sensors)
+
+    def regression(self, data: ChannelData, inner: Parameters) -> Regression:
+        """The linear problem left when the inner parameters are fixed.
+
+        Args:
+            data: the channel.
+            inner: a value for each of `self.inner`.
+
+        Returns:
+            Columns and the effort still to be explained (known parts already taken off).
+
+        Raises:
+            InputError: a sensor effect of the model is not linear.
+        """
+        if not self.is_linear_in_gains:
+            raise InputError(f"model '{self.name}' is not linear in its gains: use predict()")
+        columns, known = self._effort_parts(data, inner)
+        for sensor in self._sensors:
+            sensed = sensor.sense(np.column_stack([columns, known]), data, _own(sensor, inner))
+            columns, known = sensed[:, :-1], sensed[:, -1]
+        units = tuple(_unit(p, data) for p in self.gains.values())
+        return Regression(columns, data.effort - known, tuple(self.gains), units)
+
+    def predict(self, data: ChannelData, parameters: Parameters) -> FloatArray:
+        """The effort that the model expects, shape (n,).
+
+        Args:
+            data: the channel; its effort is used only by effects that need it (tool compliance).
+            parameters: a value for every gain and inner parameter.
+        """
+        columns, known = self._effort_parts(data, parameters)
+        effort: FloatArray = known + columns @ np.array([parameters[name] for name in self.gains])
+        for sensor in self._sensors:
+            effort = sensor.sense(effort, data, _own(sensor, parameters))
+        return effort
+
+    @property
+    def _additive(self) -> list[AdditiveEffect]:
+        return [e for e in self.effects if isinstance(e, AdditiveEffect)]
+
+    @property
+    def _sensors(self) -> list[SensorEffect]:
+        return [e for e in self.effects if isinstance(e, SensorEffect)]
+
+    def _effort_parts(self, data: ChannelData, parameters: Parameters) -> tuple[FloatArray, FloatArray]:
+        """Columns (n, p) and the known effort (n,) on the motion that really acts."""
+        for effect in self.effects:
+            if isinstance(effect, MotionEffect):
+                data = effect.move(data, _own(effect, parameters))
+        blocks = [np.zeros((len(data), 0))]
+        known = np.zeros(len(data))
+        for effect in self._additive:
+            blocks.append(effect.columns(data, _own(effect, parameters)))
+            known = known + effect.known(data)
+        return np.hstack(blocks), known
+
+
+def _own(effect: Effect, parameters: Parameters) -> dict[str, float]:
+    return {p.name: parameters[f"{effect.name}.{p.name}"] for p in effect.inner}
+
+
+def _unit(parameter: Parameter, data: ChannelData) -> str:
+    return parameter.unit.format(effort=data.kind.effort_unit, position=data.kind.position_unit)
