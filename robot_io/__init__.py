@@ -1,1 +1,1 @@
-"""The hardware abstraction: measurements and commands, interfaces, robot file, clock, guard, session log, drivers."""
+"""The hardware abstraction: measurements, commands, interfaces, robot file, clock, guard, session log, drivers."""

@@ -9,6 +9,12 @@ class InputError(PalpateError, ValueError):
     """Something the user supplied (file, option, value) is not valid; the command line exits with 2."""
 
 
+class UnknownNameError(InputError, KeyError):
+    """A name that a registry does not hold; also a `KeyError`, so that mappings behave as such."""
+
+    __str__ = InputError.__str__  # KeyError would show the message in quotes
+
+
 class DeviceError(PalpateError):
     """A device or its bus failed."""
 
@@ -23,3 +29,7 @@ class LifecycleError(PalpateError):
 
 class SafetyTripError(PalpateError):
     """A limit was exceeded; the guard is latched until it is re-armed."""
+
+
+class SessionError(InputError):
+    """A session file cannot be written, or what was read is not a whole session."""

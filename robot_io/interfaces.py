@@ -1,12 +1,20 @@
-"""What a driver implements. Blocking work happens in `Bus.poll` and `Bus.flush`, each with a deadline."""
+"""What a driver implements. Blocking work happens in `Bus.poll` and `Bus.flush`, each with a deadline.
+
+Before its first sample a device reads NaN, sampled at minus infinity, `Status.STALE`: never a zero that looks
+measured. Samples come from `configure` on, with the torque still off, so that an arm can be watched before it is
+powered.
+"""
 
 from abc import ABC, abstractmethod
 
 from robot_io.types import FloatArray, Reading
 
 
-class Component(ABC):
-    """Anything with a lifecycle: configure once, then activate and deactivate any number of times."""
+class Component:
+    """Anything with a lifecycle: configure once, then activate and deactivate any number of times.
+
+    Each step does nothing unless a driver has something to do there.
+    """
 
     def configure(self) -> None:
         """Open what is needed and check that the device is the one expected.
@@ -29,7 +37,7 @@ class Component(ABC):
         """Release ports and memory. Can be called again."""
 
 
-class Bus(Component):
+class Bus(Component, ABC):
     """A line that one or more devices share; polled once and flushed once in each tick."""
 
     @abstractmethod
@@ -39,7 +47,8 @@ class Bus(Component):
         A device that does not answer keeps its old sample, whose reading then says `Status.STALE`.
 
         Args:
-            deadline_s: time on the robot's clock at which to give up [s].
+            deadline_s: time on the robot's clock at which to give up [s]. When it has passed already, take what
+                has arrived and do not wait.
 
         Raises:
             DeviceError: the bus itself failed (unplugged, bus-off).
@@ -54,7 +63,7 @@ class Bus(Component):
         """
 
 
-class JointEncoder(Component):
+class JointEncoder(Component, ABC):
     """Positions and velocities of all joints."""
 
     @property
@@ -71,7 +80,7 @@ class JointEncoder(Component):
         """Newest velocities, shape (n,) [rad/s]; never blocks."""
 
 
-class JointTorque(Component):
+class JointTorque(Component, ABC):
     """Torque-controlled drives of all joints."""
 
     @property
@@ -85,10 +94,17 @@ class JointTorque(Component):
 
     @abstractmethod
     def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
-        """Stage torques (n,) [N m] for the next flush and return what will really be sent (resolution, range)."""
+        """Stage torques for the next flush; never blocks.
+
+        Args:
+            torque_nm: shape (n,), positive along the joint axis [N m].
+
+        Returns:
+            What will really be sent, after the drive's resolution and range, shape (n,) [N m].
+        """
 
 
-class ForceSensor(Component):
+class ForceSensor(Component, ABC):
     """A uniaxial force sensor at the tool."""
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""Finds implementations by name: a new one is one new file in the right folder, and nothing else is touched."""
+"""Finds implementations by name: a new one is one new file in the right folder; nothing else is touched."""
 
 import importlib
 import inspect
@@ -6,9 +6,10 @@ import pkgutil
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cached_property
+from types import ModuleType
 from typing import Generic, TypeVar
 
-from robot_io.errors import InputError
+from robot_io.errors import InputError, UnknownNameError
 
 T = TypeVar("T")
 
@@ -19,7 +20,7 @@ class Registry(Mapping[str, type[T]], Generic[T]):
     Args:
         kind: what to call a member in errors, such as "driver".
         base: the class that members derive from; each states a `name`.
-        packages: dotted names of the packages whose modules are searched, on first use.
+        packages: dotted names of the packages (or single modules) that are searched, on first use.
     """
 
     def __init__(self, kind: str, base: type[T], *packages: str) -> None:
@@ -30,34 +31,37 @@ class Registry(Mapping[str, type[T]], Generic[T]):
     @cached_property
     def _members(self) -> dict[str, type[T]]:
         found: dict[str, type[T]] = {}
-        for package_name in self._packages:
-            package = importlib.import_module(package_name)
-            for module_info in pkgutil.iter_modules(package.__path__, package_name + "."):
-                module = importlib.import_module(module_info.name)
-                for member in self._defined_in(module.__name__, vars(module)):
-                    name = vars(member)["name"]
-                    if name in found:
-                        raise InputError(f"two {self.kind}s are called '{name}': {found[name]} and {member}")
-                    found[name] = member
+        for member in self._search():
+            name = vars(member)["name"]
+            if name in found:
+                raise InputError(f"two {self.kind}s are called '{name}': {found[name]} and {member}")
+            found[name] = member
         return dict(sorted(found.items()))
 
-    def _defined_in(self, module_name: str, namespace: Mapping[str, object]) -> Iterator[type[T]]:
-        for value in namespace.values():
-            is_member = (
-                inspect.isclass(value) and issubclass(value, self._base) and not inspect.isabstract(value)
-            )
-            if is_member and value.__module__ == module_name and "name" in vars(value):
+    def _search(self) -> Iterator[type[T]]:
+        for name in self._packages:
+            package = importlib.import_module(name)
+            yield from self._defined_in(package)
+            for module_info in pkgutil.iter_modules(getattr(package, "__path__", ()), name + "."):
+                yield from self._defined_in(importlib.import_module(module_info.name))
+
+    def _defined_in(self, module: ModuleType) -> Iterator[type[T]]:
+        """Members that `module` itself defines; without an own name they are a base for others."""
+        for value in vars(module).values():
+            if not (inspect.isclass(value) and issubclass(value, self._base)):
+                continue
+            own_name = isinstance(vars(value).get("name"), str)
+            if own_name and value.__module__ == module.__name__ and not inspect.isabstract(value):
                 yield value
 
     def __getitem__(self, name: str) -> type[T]:
         try:
             return self._members[name]
         except KeyError:
-            close = get_close_matches(name, self._members, n=1)
-            hint = f"; did you mean '{close[0]}'?" if close else ""
-            raise InputError(
-                f"no {self.kind} is called '{name}'{hint} Valid: {', '.join(self._members)}"
-            ) from None
+            close = get_close_matches(str(name), self._members, n=1)
+            hint = f"; did you mean '{close[0]}'?" if close else "."
+            valid = ", ".join(self._members) or "(none found)"
+            raise UnknownNameError(f"no {self.kind} is called '{name}'{hint} Valid: {valid}") from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._members)
