@@ -14,9 +14,7 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 class ChannelKind(StrEnum):
     """What the effort is, and so which effects apply."""
 
-    CONTACT = (
-        "contact"  # position: displacement into the object [m]; effort: force, positive in compression [N]
-    )
+    CONTACT = "contact"  # position: depth into the object [m]; effort: force, positive in compression [N]
     REVOLUTE = "revolute"  # position: joint angle [rad]; effort: joint torque [N m]
     PRISMATIC = "prismatic"  # position: joint displacement [m]; effort: joint force [N]
 
@@ -77,6 +75,13 @@ class ChannelData:
     def __len__(self) -> int:
         """Number of samples n."""
         return len(self.time_s)
+
+    @property
+    def engaged(self) -> BoolArray:
+        """Where the object can push, shape (n,): a contact only while pressed (x > 0), all else always."""
+        if self.kind is ChannelKind.CONTACT:
+            return self.position > 0.0
+        return np.ones(len(self), dtype=np.bool_)
 
     @property
     def runs(self) -> IntArray:

@@ -76,7 +76,7 @@ class Model:
             sensed = sensor.sense(np.column_stack([columns, known]), data, _own(sensor, inner))
             columns, known = sensed[:, :-1], sensed[:, -1]
         units = tuple(_unit(p, data) for p in self.gains.values())
-        return Regression(columns, data.effort - known, tuple(self.gains), units)
+        return Regression(columns, data.effort - known, tuple(self.gains), units, run=data.run)
 
     def predict(self, data: ChannelData, parameters: Parameters) -> FloatArray:
         """The effort that the model expects, shape (n,).

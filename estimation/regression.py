@@ -1,11 +1,11 @@
 """The linear problem that every estimator solves."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from robot_io.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -18,6 +18,8 @@ class Regression:
         names: the p gains' names.
         units: the p gains' units.
         sigma: standard deviation of each sample's noise, shape (n,), up to a common factor; None for equal.
+        run: number of the run that each sample belongs to, shape (n,); the noise of samples of one run, in order
+            of time, may be correlated, that of different runs is not. None for one run.
     """
 
     columns: FloatArray
@@ -25,6 +27,7 @@ class Regression:
     names: tuple[str, ...]
     units: tuple[str, ...]
     sigma: FloatArray | None = None
+    run: IntArray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes.
@@ -37,8 +40,26 @@ class Regression:
             raise InputError(
                 f"regression: columns {self.columns.shape}, effort {self.effort.shape}, names {self.names}"
             )
+        for what, values in (("sigma", self.sigma), ("run", self.run)):
+            if values is not None and values.shape != (samples,):
+                raise InputError(f"regression: {what} has shape {values.shape}, expected ({samples},)")
         if samples <= gains:
             raise InputError(f"regression: {samples} samples cannot determine {gains} parameters")
+
+    def select(self, rows: BoolArray | IntArray) -> "Regression":
+        """The problem with only these samples (a mask or indices)."""
+        sigma = None if self.sigma is None else self.sigma[rows]
+        run = None if self.run is None else self.run[rows]
+        return replace(self, columns=self.columns[rows], effort=self.effort[rows], sigma=sigma, run=run)
+
+    @property
+    def weights(self) -> FloatArray:
+        """1 / sigma, shape (n,), with mean square 1; ones if the noise is equal."""
+        if self.sigma is None:
+            return np.ones(len(self.effort))
+        inverse: FloatArray = 1.0 / self.sigma
+        weights: FloatArray = inverse / np.sqrt(np.mean(inverse**2))
+        return weights
 
     @property
     def condition_number(self) -> float:

@@ -1,0 +1,47 @@
+"""What a base model is: the simple model that a user starts from, by name."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+from estimation.channel import ChannelKind
+from estimation.model import Model
+
+
+@dataclass(frozen=True)
+class ModelContext:
+    """What a base model may need to know beside the data.
+
+    Attributes:
+        joint: number of the joint from 0 that the channel belongs to; None for a contact.
+        urdf: text of the arm's URDF; empty if there is none.
+        tip_frame: name of the tip's frame in that URDF.
+    """
+
+    joint: int | None = None
+    urdf: str = ""
+    tip_frame: str = ""
+
+
+class BaseModel(ABC):
+    """A simple model to start from.
+
+    Class attributes:
+        name: snake_case.
+        physics: one line.
+        equation: in plain text.
+        channels: kinds of channel that it describes.
+    """
+
+    name: ClassVar[str]
+    physics: ClassVar[str]
+    equation: ClassVar[str]
+    channels: ClassVar[frozenset[ChannelKind]]
+
+    @abstractmethod
+    def build(self, context: ModelContext) -> Model:
+        """The model for one channel.
+
+        Raises:
+            InputError: the context lacks something that the model needs.
+        """

@@ -1,0 +1,27 @@
+"""The surface lies elsewhere than assumed."""
+
+from dataclasses import replace
+from typing import ClassVar
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Inner, MotionEffect, Parameter
+
+
+class ContactOffset(MotionEffect):
+    """The true depth is x - offset: positive where the surface lies deeper than assumed."""
+
+    name = "contact_offset"
+    physics = "The object's surface lies deeper or higher than assumed."
+    equation = "x_true = x - offset"
+    source = "geometry of the probe and the object"
+    signature = "all force-depth curves are shifted along the depth, while the force in free air is zero"
+    channels = frozenset({ChannelKind.CONTACT})
+    inner = (Parameter("offset", "{position}", -0.02, 0.02, (-1e-3, 1e-3)),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "bias": "record free air: a sensor's bias is there too, an offset is not",
+        "adhesion": "watch the force just before contact is lost: adhesion pulls",
+    }
+
+    def move(self, data: ChannelData, inner: Inner) -> ChannelData:
+        """See `MotionEffect.move`."""
+        return replace(data, position=data.position - inner["offset"])

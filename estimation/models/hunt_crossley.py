@@ -1,0 +1,19 @@
+"""The nonlinear contact model."""
+
+from estimation.base_model import BaseModel, ModelContext
+from estimation.channel import ChannelKind
+from estimation.effects.hunt_crossley import HuntCrossley
+from estimation.model import Model
+
+
+class HuntCrossleyModel(BaseModel):
+    """F = k x^n + b x^n v while x > 0."""
+
+    name = "hunt_crossley"
+    physics = "Spring and damper of the object grow with depth."
+    equation = "F = k x^n + b x^n v"
+    channels = frozenset({ChannelKind.CONTACT})
+
+    def build(self, context: ModelContext) -> Model:
+        """See `BaseModel.build`."""
+        return Model(self.name, (HuntCrossley(),))

@@ -1,0 +1,20 @@
+"""Spring and damper in parallel: the paper's contact model."""
+
+from estimation.base_model import BaseModel, ModelContext
+from estimation.channel import ChannelKind
+from estimation.effects.damping import Damping
+from estimation.effects.stiffness import Stiffness
+from estimation.model import Model
+
+
+class KelvinVoigt(BaseModel):
+    """F = k x + c v while x > 0."""
+
+    name = "kelvin_voigt"
+    physics = "The object is a spring and a damper side by side."
+    equation = "F = k x + c v"
+    channels = frozenset({ChannelKind.CONTACT})
+
+    def build(self, context: ModelContext) -> Model:
+        """See `BaseModel.build`."""
+        return Model(self.name, (Stiffness(), Damping()))
