@@ -1,0 +1,224 @@
+"""Kinematics and dynamics of an arm, from its URDF, through Pinocchio.
+
+Equation of motion with generalised torques tau and a wrench w that the surroundings exert on the tip:
+
+    M(q) a + C(q, v) v + g(q) = tau + J(q)^T w
+
+Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, chapters 5 (RNEA) and 6 (mass matrix).
+World frame: that of the URDF's root link, gravity 9.81 m/s^2 along -z.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from robot_io.errors import InputError
+from robot_io.types import FloatArray, frozen_array
+
+PARAMETERS_PER_LINK = 10
+
+
+@dataclass(frozen=True, slots=True)
+class TipMotion:
+    """Where the tip is and how it moves, in the world frame.
+
+    Attributes:
+        position_world_m: shape (3,) [m].
+        rotation_world_tip: shape (3, 3), turns tip coordinates into world coordinates.
+        velocity_world_m_s: shape (3,) [m/s].
+        jacobian_world: shape (6, n): tip velocity [m/s] above angular velocity [rad/s], per joint velocity.
+    """
+
+    position_world_m: FloatArray
+    rotation_world_tip: FloatArray
+    velocity_world_m_s: FloatArray
+    jacobian_world: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class JointAxis:
+    """A joint at zero position, in the world frame: shape (3,) origin [m] and unit axis."""
+
+    name: str
+    origin_world_m: FloatArray
+    axis_world: FloatArray
+    revolute: bool
+
+
+class RigidBody:
+    """An arm of revolute and prismatic joints on a fixed base. Not for use by two threads at once.
+
+    Units are those of revolute joints; for a prismatic joint read m, m/s, m/s^2 and N instead.
+
+    Args:
+        model: Pinocchio's model; one position and one velocity per joint.
+        tip_frame: name of the frame whose motion counts.
+
+    Raises:
+        InputError: the frame is unknown, or a joint has more than one coordinate.
+    """
+
+    def __init__(self, model: "pin.Model", tip_frame: str) -> None:
+        for index in range(1, model.njoints):
+            if model.joints[index].nq != 1:
+                raise InputError(
+                    f"URDF joint '{model.names[index]}': only revolute (with limits) and prismatic joints; "
+                    "write a 'continuous' joint as 'revolute' with wide limits"
+                )
+        if not model.existFrame(tip_frame):
+            valid = ", ".join(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY)
+            raise InputError(f"URDF: no frame is called '{tip_frame}'. Valid: {valid}")
+        self._model = model
+        self._data = model.createData()
+        self._tip = model.getFrameId(tip_frame)
+
+    @classmethod
+    def from_urdf(cls, urdf: str | Path, tip_frame: str) -> "RigidBody":
+        """Read a URDF.
+
+        Args:
+            urdf: path of the file, or its text (anything that holds a "<").
+            tip_frame: name of the link whose frame is the tip.
+
+        Raises:
+            InputError: it cannot be read, is not a URDF, or has no such frame.
+        """
+        is_text = isinstance(urdf, str) and "<" in urdf
+        place = "URDF text" if is_text else str(urdf)
+        try:
+            text = str(urdf) if is_text else Path(urdf).read_text(encoding="utf-8")
+            model = pin.buildModelFromXML(text)
+        except (OSError, ValueError, RuntimeError) as error:
+            raise InputError(f"{place}: not a readable URDF ({str(error).strip():.100})") from error
+        if model.nq == 0:
+            raise InputError(f"{place}: has no movable joint")
+        return cls(model, tip_frame)
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return int(self._model.nv)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, from the base outwards, in the order of all arrays."""
+        return tuple(self._model.names[1:])
+
+    @property
+    def position_limits_rad(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest joint positions of the URDF, each shape (n,) [rad]."""
+        model = self._model
+        return frozen_array(model.lowerPositionLimit), frozen_array(model.upperPositionLimit)
+
+    def tip_motion(self, position_rad: FloatArray, velocity_rad_s: FloatArray) -> TipMotion:
+        """Forward kinematics of positions (n,) [rad] and velocities (n,) [rad/s]."""
+        model, data = self._model, self._data
+        jacobian = pin.computeFrameJacobian(
+            model, data, position_rad, self._tip, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        placement = pin.updateFramePlacement(model, data, self._tip)
+        return TipMotion(
+            placement.translation.copy(), placement.rotation.copy(), jacobian[:3] @ velocity_rad_s, jacobian
+        )
+
+    def tip_pose(self, position_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Tip position (3,) [m] and rotation (3, 3) in the world, for joint positions (n,) [rad]."""
+        pin.forwardKinematics(self._model, self._data, position_rad)
+        placement = pin.updateFramePlacement(self._model, self._data, self._tip)
+        return placement.translation.copy(), placement.rotation.copy()
+
+    def tip_jacobian(self, position_rad: FloatArray) -> FloatArray:
+        """Shape (6, n), world axes: tip velocity above angular velocity, per joint velocity."""
+        jacobian: FloatArray = pin.computeFrameJacobian(
+            self._model, self._data, position_rad, self._tip, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        return jacobian
+
+    def inverse_dynamics(
+        self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
+    ) -> FloatArray:
+        """Torques (n,) [N m] that give these accelerations (n,) [rad/s^2] in free air, gravity included."""
+        torque: FloatArray = pin.rnea(
+            self._model, self._data, position_rad, velocity_rad_s, acceleration_rad_s2
+        )
+        return torque
+
+    def forward_dynamics(
+        self, position_rad: FloatArray, velocity_rad_s: FloatArray, torque_nm: FloatArray
+    ) -> FloatArray:
+        """Accelerations (n,) [rad/s^2] under these torques (n,) [N m], in free air."""
+        acceleration: FloatArray = pin.aba(
+            self._model, self._data, position_rad, velocity_rad_s, torque_nm
+        ).copy()
+        return acceleration
+
+    def mass_matrix(self, position_rad: FloatArray) -> FloatArray:
+        """M(q), shape (n, n), symmetric [kg m^2]."""
+        upper = pin.crba(self._model, self._data, position_rad)
+        matrix: FloatArray = np.triu(upper) + np.triu(upper, 1).T
+        return matrix
+
+    def gravity(self, position_rad: FloatArray) -> FloatArray:
+        """g(q): torques (n,) [N m] that hold the arm still."""
+        torque: FloatArray = pin.computeGeneralizedGravity(self._model, self._data, position_rad).copy()
+        return torque
+
+    def bias(self, position_rad: FloatArray, velocity_rad_s: FloatArray) -> FloatArray:
+        """C(q, v) v + g(q), shape (n,) [N m]."""
+        torque: FloatArray = pin.nonLinearEffects(
+            self._model, self._data, position_rad, velocity_rad_s
+        ).copy()
+        return torque
+
+    def regressor(
+        self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
+    ) -> FloatArray:
+        """Y(q, v, a), shape (n, 10 n): inverse dynamics is Y @ `parameters`.
+
+        Ten columns a link: mass [kg], first moments [kg m] (x, y, z), inertias about the joint's frame
+        [kg m^2] (xx, xy, yy, xz, yz, zz). Atkeson, An and Hollerbach, IJRR 5(3), 1986.
+        """
+        matrix: FloatArray = pin.computeJointTorqueRegressor(
+            self._model, self._data, position_rad, velocity_rad_s, acceleration_rad_s2
+        ).copy()
+        return matrix
+
+    @property
+    def parameters(self) -> FloatArray:
+        """Inertial parameters of the URDF, shape (10 n,), in the order of `regressor`'s columns."""
+        return frozen_array(np.concatenate([link.toDynamicParameters() for link in self._model.inertias[1:]]))
+
+    def with_parameters(self, parameters: Sequence[float] | FloatArray) -> "RigidBody":
+        """The same arm with other inertial parameters, shape (10 n,).
+
+        Raises:
+            InputError: wrong shape, or a mass that is not positive.
+        """
+        values = frozen_array(parameters, (PARAMETERS_PER_LINK * self.joint_count,), what="parameters")
+        model = self._model.copy()
+        for index, link in enumerate(values.reshape(-1, PARAMETERS_PER_LINK)):
+            if link[0] <= 0.0:
+                raise InputError(f"mass of link {index + 1} is {link[0]:.4g} kg: must be positive")
+            model.inertias[index + 1] = pin.Inertia.FromDynamicParameters(link)
+        return RigidBody(model, self._model.frames[self._tip].name)
+
+    def joint_axes(self) -> tuple[JointAxis, ...]:
+        """Origin and axis of every joint at zero position, for closed-form kinematics.
+
+        Raises:
+            InputError: the joints are not a single chain from base to tip.
+        """
+        model, data = self._model, self._data
+        if list(model.parents[1:]) != list(range(model.nv)):
+            raise InputError("URDF: the joints branch, expected one chain from base to tip")
+        jacobian = pin.computeJointJacobians(model, data, np.zeros(model.nq))  # at the world's origin
+        axes = []
+        for index in range(model.nv):
+            revolute = bool(np.any(jacobian[3:, index]))
+            axis = jacobian[3:, index] if revolute else jacobian[:3, index]
+            origin = data.oMi[index + 1].translation
+            axes.append(JointAxis(model.names[index + 1], frozen_array(origin), frozen_array(axis), revolute))
+        return tuple(axes)
