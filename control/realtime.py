@@ -1,0 +1,154 @@
+"""The operating system's help for punctual ticks: switched on where permitted, said plainly where not."""
+
+import ctypes
+import gc
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
+
+_MCL_CURRENT, _MCL_FUTURE = 1, 2  # Linux, sys/mman.h
+_PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30  # Linux, prctl(2)
+_TIMER_SLACK_NS = 1  # the default of 50 us is added to every sleep of a thread without real-time scheduling
+
+
+@dataclass(frozen=True, slots=True)
+class RealtimeReport:
+    """What was granted and what was not.
+
+    Attributes:
+        granted: names of what is on, such as "SCHED_FIFO".
+        refused: one line for each thing that is not on: what, why, and what to do about it.
+    """
+
+    granted: tuple[str, ...]
+    refused: tuple[str, ...]
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything was granted."""
+        return not self.refused
+
+    def __str__(self) -> str:
+        granted = ", ".join(self.granted) or "none"
+        return f"real-time help: {granted}" + "".join(f"; {line}" for line in self.refused)
+
+
+@contextmanager
+def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
+    """Make the calling thread punctual while the context is open, and put everything back afterwards.
+
+    For loops on a real clock only: on simulated time the thread would never sleep and starve others.
+
+    Args:
+        priority: of SCHED_FIFO, 1 to 99; 80 is above the usual interrupt threads' 50.
+
+    Yields:
+        What was granted, and in plain words what was not. Being refused is no error.
+    """
+    switches: tuple[tuple[str, str, Callable[[], AbstractContextManager[None]]], ...] = (
+        (
+            "SCHED_FIFO",
+            "other programs may delay a tick by milliseconds; allow it with 'rtprio 99' in "
+            "/etc/security/limits.conf",
+            lambda: _fifo(priority),
+        ),
+        (
+            "memory lock",
+            "memory that was swapped out may delay a tick; allow it with 'memlock unlimited' in "
+            "/etc/security/limits.conf",
+            _locked_memory,
+        ),
+        ("fine timer", "each sleep may be 50 us longer", _fine_timer),
+        ("frozen garbage", "a full garbage collection may delay a tick", _frozen_garbage),
+    )
+    granted, refused = [], []
+    with ExitStack() as stack:
+        for name, consequence, switch in switches:
+            try:
+                stack.enter_context(switch())
+                granted.append(name)
+            except OSError as error:
+                refused.append(f"no {name} ({error.strerror}): {consequence}")
+        yield RealtimeReport(tuple(granted), tuple(refused))
+
+
+@contextmanager
+def _fifo(priority: int) -> Iterator[None]:
+    """SCHED_FIFO for this thread alone: threads and processes that it starts are scheduled normally."""
+    _require_linux()
+    former, former_param = os.sched_getscheduler(0), os.sched_getparam(0)
+    os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    try:
+        yield
+    finally:
+        try:
+            os.sched_setscheduler(0, former, former_param)
+        except PermissionError:  # only a privileged thread may take the reset-on-fork flag off again
+            os.sched_setscheduler(0, former | os.SCHED_RESET_ON_FORK, former_param)
+
+
+@contextmanager
+def _locked_memory() -> Iterator[None]:
+    """Keep all pages in memory; those to come as well, unless a limit would make later allocations fail."""
+    _require_linux()
+    if _locked_kib():  # somebody else's lock is left alone
+        yield
+        return
+    libc = ctypes.CDLL(None, use_errno=True)
+    flags = _MCL_CURRENT | (_MCL_FUTURE if _may_lock_any_amount() else 0)
+    _check(libc.mlockall(flags))
+    try:
+        yield
+    finally:
+        libc.munlockall()
+
+
+@contextmanager
+def _fine_timer() -> Iterator[None]:
+    _require_linux()
+    libc = ctypes.CDLL(None, use_errno=True)
+    former_ns = libc.prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0)
+    _check(former_ns)
+    _check(libc.prctl(_PR_SET_TIMERSLACK, _TIMER_SLACK_NS, 0, 0, 0))
+    try:
+        yield
+    finally:
+        libc.prctl(_PR_SET_TIMERSLACK, former_ns, 0, 0, 0)
+
+
+@contextmanager
+def _frozen_garbage() -> Iterator[None]:
+    """Collect once, then leave all that exists now out of later collections, which so stay short."""
+    if gc.get_freeze_count():  # somebody else's freeze is left alone
+        yield
+        return
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+def _require_linux() -> None:
+    if sys.platform != "linux":
+        raise OSError(0, f"not offered on {sys.platform}")
+
+
+def _check(result: int) -> None:
+    if result < 0:
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
+
+
+def _locked_kib() -> int:
+    with open("/proc/self/status", encoding="ascii") as status:
+        return next(int(line.split()[1]) for line in status if line.startswith("VmLck:"))
+
+
+def _may_lock_any_amount() -> bool:
+    import resource  # noqa: PLC0415 - absent on Windows, where this line is never reached
+
+    return os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY

@@ -1,0 +1,20 @@
+"""Where the loop leaves its records: a session's writer, or a few lines in a test."""
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+
+
+class TickLog(Protocol):
+    """The part of a session's writer that the loop needs; neither call may block."""
+
+    @property
+    def dropped(self) -> int:
+        """Records that found no room and are lost."""
+
+    def append(self, stream_name: str, record: np.void) -> object:
+        """Take over a copy of one record."""
+
+    def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> object:
+        """Take over one event."""
