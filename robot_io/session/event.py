@@ -1,0 +1,90 @@
+"""Something that happened once: a trip, a re-arm, a mark by the operator."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf.message import DecodeError
+
+from robot_io.errors import SessionError
+from robot_io.session.wire import PACKAGE, file_descriptor_set
+
+EVENT_STREAM = "events"
+MAX_EVENT_BYTES = 4000
+
+_FIELD = descriptor_pb2.FieldDescriptorProto
+_CUT = " [cut]"
+
+
+@dataclass(frozen=True)
+class Event:
+    """One event of a session.
+
+    Attributes:
+        time_s: when, on the clock of the session's streams [s].
+        kind: a short word to filter by, such as "trip".
+        text: one line for people.
+        data: values for programs, as JSON can hold them; None if there are none.
+    """
+
+    time_s: float
+    kind: str
+    text: str
+    data: Mapping[str, Any] | None = None
+
+
+def event_descriptor_set() -> bytes:
+    """The events' message type as a serialised FileDescriptorSet."""
+    message = descriptor_pb2.DescriptorProto(name=EVENT_STREAM)
+    types = {"time_s": _FIELD.TYPE_DOUBLE} | dict.fromkeys(("kind", "text", "data_json"), _FIELD.TYPE_STRING)
+    for number, (name, kind) in enumerate(types.items(), start=1):
+        message.field.add(name=name, json_name=name, number=number, type=kind, label=_FIELD.LABEL_OPTIONAL)
+    return file_descriptor_set(message)
+
+
+def _message_class() -> Any:
+    pool = descriptor_pool.DescriptorPool()
+    for file in descriptor_pb2.FileDescriptorSet.FromString(event_descriptor_set()).file:
+        pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(f"{PACKAGE}.{EVENT_STREAM}"))
+
+
+_EventMessage = _message_class()
+
+
+def encode_event(event: Event) -> bytes:
+    """The event as a protobuf message of at most `MAX_EVENT_BYTES`; what is too long is cut and says so.
+
+    What JSON does not know is kept as its text.
+    """
+    data_json = "" if event.data is None else json.dumps(event.data, default=str)
+    encoded = _serialised(event, event.text, data_json)
+    if len(encoded) <= MAX_EVENT_BYTES:
+        return encoded
+    text = event.text.encode()[: MAX_EVENT_BYTES // 2].decode(errors="ignore")
+    return _serialised(event, text + _CUT, "")
+
+
+def _serialised(event: Event, text: str, data_json: str) -> bytes:
+    data: bytes = _EventMessage(
+        time_s=event.time_s, kind=event.kind[:64], text=text, data_json=data_json
+    ).SerializeToString()
+    return data
+
+
+def decode_event(data: bytes) -> Event:
+    """Read back what `encode_event` made.
+
+    Raises:
+        SessionError: the bytes are no event.
+    """
+    try:
+        message = _EventMessage.FromString(data)
+        values = json.loads(message.data_json) if message.data_json else None
+    except (DecodeError, ValueError, RecursionError) as error:
+        raise SessionError(f"an event cannot be read: {error}") from error
+    if not isinstance(values, dict | None):
+        raise SessionError(f"an event's data is not a JSON object: {message.data_json[:80]}")
+    return Event(message.time_s, message.kind, message.text, values)

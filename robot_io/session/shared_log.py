@@ -1,0 +1,114 @@
+"""The memory that a program shares with its writer process: a ring per stream and a few words of state."""
+
+import mmap
+import os
+import tempfile
+from collections.abc import Sequence
+
+import numpy as np
+
+from robot_io.errors import InputError
+from robot_io.session.event import EVENT_STREAM, MAX_EVENT_BYTES
+from robot_io.session.ring import RingBuffer
+from robot_io.session.stream import Stream
+
+EVENT_SLOTS = 512
+EVENT_DTYPE = np.dtype([("time_s", "<f8"), ("size", "<u4"), ("message", f"V{MAX_EVENT_BYTES}")])
+
+STARTING, READY, FINISHED, FAILED = range(4)
+
+_WORDS = 64  # bytes: state of the writer, wish of the program, length of the failure's text
+_STATE, _STOP, _FAILURE_LENGTH = range(3)
+_FAILURE_BYTES = 960
+_BLOCK = _WORDS + _FAILURE_BYTES
+
+
+class SharedLog:
+    """Rings and state at the same places for both sides, which know the streams and the number of slots.
+
+    Args:
+        memory: file descriptor of `open_memory`.
+        streams: what is logged.
+        ring_slots: records that each ring holds.
+    """
+
+    def __init__(self, memory: int, streams: Sequence[Stream], ring_slots: int) -> None:
+        layout = _layout(streams, ring_slots)
+        view = memoryview(mmap.mmap(memory, _size_bytes(layout)))
+        self._words = view[:_WORDS].cast("Q")
+        self._failure = view[_WORDS:_BLOCK]
+        self.rings: dict[str, RingBuffer] = {}
+        start = _BLOCK
+        for name, dtype, slots in layout:
+            end = start + RingBuffer.size_bytes(dtype, slots)
+            self.rings[name] = RingBuffer(view[start:end], dtype, slots)
+            start = end
+
+    @property
+    def state(self) -> int:
+        """STARTING, READY, FINISHED or FAILED; set by the writer process."""
+        return self._words[_STATE]
+
+    @state.setter
+    def state(self, value: int) -> None:
+        self._words[_STATE] = value
+
+    @property
+    def stop_requested(self) -> bool:
+        """Whether the program wants the file finished."""
+        return bool(self._words[_STOP])
+
+    def request_stop(self) -> None:
+        """Program: have the rings emptied and the file finished."""
+        self._words[_STOP] = 1
+
+    @property
+    def failure(self) -> str | None:
+        """Why the writer process gave up; None while it works."""
+        if self._words[_STATE] != FAILED:
+            return None
+        return bytes(self._failure[: self._words[_FAILURE_LENGTH]]).decode(errors="replace")
+
+    def fail(self, text: str) -> None:
+        """Writer process: give up, and say why."""
+        data = text.encode()[:_FAILURE_BYTES]
+        self._failure[: len(data)] = data
+        self._words[_FAILURE_LENGTH] = len(data)
+        self._words[_STATE] = FAILED
+
+
+def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
+    """File descriptor of memory for a `SharedLog`; nameless, so that it is gone with the last process using it."""
+    size = _size_bytes(_layout(streams, ring_slots))
+    memory = os.memfd_create("palpate-log") if hasattr(os, "memfd_create") else _unlinked_file()
+    # Written rather than only reserved: the control loop then meets no page for the first time.
+    for start in range(0, size, 1 << 20):
+        os.write(memory, bytes(min(1 << 20, size - start)))
+    return memory
+
+
+def _unlinked_file() -> int:
+    with tempfile.TemporaryFile() as file:
+        return os.dup(file.fileno())
+
+
+def check_streams(streams: Sequence[Stream]) -> None:
+    """Refuse streams that cannot live in one session.
+
+    Raises:
+        InputError: a name is there twice, or is the one of the events.
+    """
+    names = [stream.name for stream in streams]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"stream {', '.join(twice)} is there twice")
+    if EVENT_STREAM in names:
+        raise InputError(f"no stream can be called '{EVENT_STREAM}'; the session's events are kept there")
+
+
+def _layout(streams: Sequence[Stream], ring_slots: int) -> list[tuple[str, np.dtype[np.void], int]]:
+    return [(EVENT_STREAM, EVENT_DTYPE, EVENT_SLOTS), *((s.name, s.dtype, ring_slots) for s in streams)]
+
+
+def _size_bytes(layout: Sequence[tuple[str, np.dtype[np.void], int]]) -> int:
+    return _BLOCK + sum(RingBuffer.size_bytes(dtype, slots) for _, dtype, slots in layout)

@@ -1,0 +1,158 @@
+"""What one stream of a session holds: named columns with units. The rest of its form follows from this."""
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from robot_io.errors import InputError, SessionError
+
+Record = tuple[object, ...] | np.void
+RecordArray = NDArray[np.void]
+
+TIME_COLUMN = "time_s"
+DTYPES = ("float64", "float32", "int64", "int32", "uint64", "uint32", "bool")
+MAX_COLUMNS = 1000
+MAX_RECORD_BYTES = 16 * 1024  # several records fit into a chunk of 64 KiB
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One named quantity of a stream.
+
+    Attributes:
+        name: letters, digits and underscores; by custom with the unit and the frame ("tip_position_world_m").
+        unit: such as "m", "N m", "rad/s"; "1" for a number without unit.
+        width: 1 for a scalar, which is read back as shape (n,); more for a vector, read back as (n, width).
+        doc: one line that says what it is, with its sign convention.
+        dtype: one of `DTYPES`, or what numpy takes for one of them.
+    """
+
+    name: str
+    unit: str
+    width: int = 1
+    doc: str = ""
+    dtype: DTypeLike = "float64"
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name):
+            raise InputError(f"column name {self.name!r}: letters, digits and underscores, at most 64")
+        if not 1 <= self.width <= MAX_RECORD_BYTES:
+            raise InputError(f"column '{self.name}': width {self.width} is not in 1..{MAX_RECORD_BYTES}")
+        try:
+            name = np.dtype(self.dtype).name
+        except TypeError as error:
+            raise InputError(f"column '{self.name}': {self.dtype!r} is no type of number") from error
+        if name not in DTYPES:
+            raise InputError(f"column '{self.name}': type {name}; valid: {', '.join(DTYPES)}")
+        object.__setattr__(self, "dtype", name)
+
+    @property
+    def scalar_dtype(self) -> np.dtype[Any]:
+        """Type of one number, little endian as it is stored."""
+        return np.dtype(self.dtype).newbyteorder("<")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of one record's value: () or (width,)."""
+        return () if self.width == 1 else (self.width,)
+
+
+@dataclass(frozen=True)
+class Stream:
+    """A named sequence of records that all have the same columns.
+
+    Attributes:
+        name: letters, digits and underscores.
+        columns: in the order of a record's values; one of them is the scalar float64 `time_s` [s].
+
+    Raises:
+        InputError: a name twice, no time, or a record of more than `MAX_RECORD_BYTES`.
+    """
+
+    name: str
+    columns: tuple[Column, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "columns", tuple(self.columns))
+        if not _NAME.fullmatch(self.name):
+            raise InputError(f"stream name {self.name!r}: letters, digits and underscores, at most 64")
+        names = [column.name for column in self.columns]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(f"stream '{self.name}': column {', '.join(twice)} is there twice")
+        if not any(c.name == TIME_COLUMN and c.width == 1 and c.dtype == "float64" for c in self.columns):
+            raise InputError(f"stream '{self.name}': needs a scalar float64 column '{TIME_COLUMN}'")
+        if len(names) > MAX_COLUMNS:
+            raise InputError(f"stream '{self.name}': {len(names)} columns, at most {MAX_COLUMNS}")
+        if self.dtype.itemsize > MAX_RECORD_BYTES:
+            raise InputError(
+                f"stream '{self.name}': a record of {self.dtype.itemsize} bytes, at most {MAX_RECORD_BYTES}"
+            )
+
+    @cached_property
+    def dtype(self) -> np.dtype[np.void]:
+        """Structured type of one record, packed, in the order of the columns."""
+        return np.dtype([(c.name, c.scalar_dtype, c.shape) for c in self.columns])
+
+    def records(self, columns: Mapping[str, ArrayLike]) -> RecordArray:
+        """Put whole columns together into records.
+
+        Args:
+            columns: one array for each column, shape (n,) or (n, width), all of the same length n.
+
+        Returns:
+            Structured array of `dtype`, shape (n,).
+
+        Raises:
+            InputError: a column is missing, unknown, of another length or shape, or not a number.
+        """
+        names = {column.name for column in self.columns}
+        if names != set(columns):
+            raise InputError(
+                f"stream '{self.name}': columns missing: {sorted(names - set(columns))}, "
+                f"unknown: {sorted(set(columns) - names)}"
+            )
+        records = np.zeros(np.shape(columns[TIME_COLUMN])[:1] or (1,), self.dtype)
+        for column in self.columns:
+            self._fill(records[column.name], columns[column.name], column)
+        return records
+
+    def _fill(self, target: NDArray[Any], values: ArrayLike, column: Column) -> None:
+        where = f"stream '{self.name}', column '{column.name}'"
+        try:
+            array = np.asarray(values)
+        except ValueError as error:
+            raise InputError(f"{where}: no rectangular array") from error
+        if array.shape != target.shape:
+            raise InputError(f"{where}: shape {array.shape}, expected {target.shape}")
+        if not np.can_cast(array.dtype, target.dtype, casting="same_kind"):
+            raise InputError(f"{where}: {array.dtype} does not fit {column.dtype}")
+        target[...] = array
+
+
+def streams_to_json(streams: tuple[Stream, ...]) -> str:
+    """Describe streams as JSON text, as a session's header keeps them."""
+    return json.dumps([asdict(stream) for stream in streams])
+
+
+def streams_from_json(text: str) -> tuple[Stream, ...]:
+    """Read back what `streams_to_json` wrote.
+
+    Raises:
+        SessionError: the text describes no valid streams.
+    """
+    try:
+        return tuple(
+            Stream(entry["name"], tuple(Column(**column) for column in entry["columns"]))
+            for entry in json.loads(text)
+        )
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise SessionError(f"the description of the streams is not valid: {error}") from error

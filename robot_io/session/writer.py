@@ -1,0 +1,194 @@
+"""Logs a live session. The control loop only copies into memory; another process waits for the disk."""
+
+import os
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from robot_io.errors import InputError, SessionError
+from robot_io.session.event import EVENT_STREAM, Event, encode_event
+from robot_io.session.job import Job
+from robot_io.session.metadata import SessionMetadata
+from robot_io.session.shared_log import FINISHED, STARTING, SharedLog, check_streams, open_memory
+from robot_io.session.stream import Record, Stream, streams_to_json
+
+START_LIMIT_S = 60.0
+STALL_LIMIT_S = 10.0  # at close, without a single record reaching the disk
+_POLL_S = 0.002
+
+
+class SessionWriter:
+    """Writes records and events of one session, for one thread of one program.
+
+    Args:
+        path: the new session file; folders above it are made.
+        streams: the streams that will come.
+        metadata: where the session comes from.
+        ring_slots: records that each stream's ring holds while the disk is slow.
+        wait_for_room: let `append` wait when the ring is full instead of dropping. For simulated time, which
+            stands still meanwhile; never for a real robot.
+
+    Raises:
+        InputError: the streams do not go together.
+        SessionError: the file exists already or cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        streams: Sequence[Stream],
+        metadata: SessionMetadata,
+        *,
+        ring_slots: int = 8192,
+        wait_for_room: bool = False,
+    ) -> None:
+        check_streams(streams)
+        if ring_slots < 1:
+            raise InputError(f"ring_slots {ring_slots}: at least 1")
+        self.path = new_session_path(path)
+        self._wait_for_room = wait_for_room
+        self._closed = False
+        memory = open_memory(streams, ring_slots)
+        try:
+            self._log = SharedLog(memory, streams, ring_slots)
+            job = Job(
+                path=str(self.path.absolute()),
+                memory=memory,
+                streams=streams_to_json(tuple(streams)),
+                ring_slots=ring_slots,
+                parent_pid=os.getpid(),
+                metadata=metadata.to_strings(),
+                extra=dict(metadata.extra),
+            )
+            self._process = job.start()
+        finally:
+            os.close(memory)
+        self._rings = dict(self._log.rings)
+        self._wait_until_ready()
+
+    def append(self, stream_name: str, record: Record) -> None:
+        """Log one record; microseconds, whatever the disk does.
+
+        If the ring is full the record is dropped and counted.
+
+        Args:
+            stream_name: one of the streams.
+            record: a tuple with one value for each column, or an np.void of the stream's dtype.
+
+        Raises:
+            InputError: there is no such stream, or the session is closed.
+            TypeError, ValueError: the record does not have the stream's form.
+        """
+        ring = self._rings.get(stream_name)
+        if ring is None:
+            raise self._no_ring(stream_name)
+        if self._wait_for_room:
+            while ring.full and self._process.poll() is None:
+                time.sleep(_POLL_S)
+        ring.push(record)
+
+    def event(self, time_s: float, kind: str, text: str, data: Mapping[str, Any] | None = None) -> None:
+        """Log one event; does not wait either.
+
+        Args:
+            time_s: when, on the clock of the streams [s].
+            kind: a short word to filter by.
+            text: one line for people; with the data at most 4000 bytes, else cut.
+            data: values for programs, as JSON can hold them.
+        """
+        message = encode_event(Event(time_s, kind, text, data))
+        ring = self._rings.get(EVENT_STREAM)
+        if ring is None:
+            raise self._no_ring(EVENT_STREAM)
+        ring.push((time_s, len(message), message))
+
+    def _no_ring(self, stream_name: str) -> InputError:
+        if self._closed:
+            return InputError(f"the session {self.path} is closed")
+        valid = ", ".join(name for name in self._rings if name != EVENT_STREAM)
+        return InputError(f"no stream is called '{stream_name}'. Valid: {valid}")
+
+    @property
+    def dropped(self) -> int:
+        """Records and events that found their ring full, so far."""
+        return sum(ring.dropped for ring in self._log.rings.values())
+
+    @property
+    def failure(self) -> str | None:
+        """Why nothing reaches the disk any more; None while all is well."""
+        if self._log.failure is not None:
+            return self._log.failure
+        if self._log.state != FINISHED and self._process.poll() is not None:
+            return f"the writer process ended with {self._process.returncode}"
+        return None
+
+    def close(self) -> None:
+        """Empty the rings, finish the file and wait for it. A second call does nothing.
+
+        Raises:
+            SessionError: not all of it reached the disk.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        self._rings = {}
+        self._log.request_stop()
+        finished = self._wait_until_finished()
+        if not finished:
+            self._process.kill()
+        self._process.wait()
+        if not finished:
+            raise SessionError(
+                f"{self.path}: the disk took nothing for {STALL_LIMIT_S:.0f} s; the end is missing"
+            )
+        if self.failure is not None:
+            raise SessionError(f"{self.path} is not complete: {self.failure}")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _wait_until_ready(self) -> None:
+        give_up_s = time.monotonic() + START_LIMIT_S
+        while self._log.state == STARTING and self._process.poll() is None:
+            if time.monotonic() > give_up_s:
+                self._process.kill()
+            time.sleep(_POLL_S)
+        if self.failure is not None:
+            self._closed = True
+            self._process.wait()
+            raise SessionError(f"{self.path} cannot be written: {self.failure}")
+
+    def _wait_until_finished(self) -> bool:
+        """True when the writer process has ended, False when nothing has moved for `STALL_LIMIT_S`."""
+        taken, give_up_s = -1, 0.0
+        while self._process.poll() is None:
+            now_taken = sum(ring.taken for ring in self._log.rings.values())
+            if now_taken != taken:
+                taken, give_up_s = now_taken, time.monotonic() + STALL_LIMIT_S
+            if time.monotonic() > give_up_s:
+                return False
+            time.sleep(_POLL_S)
+        return True
+
+
+def new_session_path(path: str | os.PathLike[str]) -> Path:
+    """The path, with its folder made, if no file is there yet.
+
+    Raises:
+        SessionError: a file is there, or the folder cannot be made.
+    """
+    new = Path(path)
+    if new.exists():
+        raise SessionError(f"{new} exists already; a session is never changed")
+    try:
+        new.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SessionError(f"{new}: its folder cannot be made: {error.strerror}") from error
+    return new

@@ -1,0 +1,107 @@
+"""The process that writes a session: takes records from the rings to the disk while a program controls a robot.
+
+It outlives Ctrl-C and the death of the program, empties the rings, and finishes the file.
+"""
+
+import os
+import signal
+import sys
+import time
+from contextlib import suppress
+
+from robot_io.session.event import EVENT_STREAM, Event, encode_event
+from robot_io.session.job import Job
+from robot_io.session.mcap_file import McapFile
+from robot_io.session.metadata import SessionMetadata
+from robot_io.session.shared_log import FINISHED, READY, SharedLog
+from robot_io.session.stream import TIME_COLUMN, Stream, streams_from_json
+
+IDLE_S = 0.005
+CHUNK_PERIOD_S = 1.0  # a slow stream's chunk is ended after this time, full or not
+BATCH = 512  # records taken at once
+
+
+def main() -> None:
+    """Do the job that comes on standard input."""
+    for number in (
+        signal.SIGINT,
+        signal.SIGTERM,
+    ):  # both reach the program as well, which then ends the session
+        signal.signal(number, signal.SIG_IGN)
+    _leave_real_time()
+    job = Job.receive(sys.stdin)
+    streams = streams_from_json(job.streams)
+    log = SharedLog(job.memory, streams, job.ring_slots)
+    os.close(job.memory)
+    try:
+        _write_session(job, streams, log)
+        log.state = FINISHED
+    except Exception as error:  # whatever it is, the program hears of it
+        log.fail(str(error) or repr(error))
+
+
+def _leave_real_time() -> None:
+    """Drop the loop's priority and core, which a child process inherits."""
+    with suppress(AttributeError, OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    with suppress(AttributeError, OSError):
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+
+
+def _write_session(job: Job, streams: tuple[Stream, ...], log: SharedLog) -> None:
+    with open(job.path, "xb") as file:
+        drain = _Drain(log, McapFile(file, streams, SessionMetadata.from_strings(job.metadata, job.extra)))
+        log.state = READY
+        drain.run(job.parent_pid)
+        drain.finish()
+        os.fsync(file.fileno())
+
+
+class _Drain:
+    """Takes what is in the rings into the file."""
+
+    def __init__(self, log: SharedLog, mcap: McapFile) -> None:
+        self._log = log
+        self._mcap = mcap
+        self._last_time_s = 0.0
+
+    def run(self, parent_pid: int) -> None:
+        """Empty the rings again and again, until the program wants the end or is gone."""
+        chunk_end_s = time.monotonic() + CHUNK_PERIOD_S
+        while True:
+            # Asked before the rings are emptied: what came before the wish is then in the file.
+            over = self._log.stop_requested or os.getppid() != parent_pid
+            count = sum(self._take(name) for name in self._log.rings)
+            self._mcap.flush()
+            if over and not count:
+                return
+            if time.monotonic() > chunk_end_s:
+                self._mcap.end_chunk()
+                chunk_end_s = time.monotonic() + CHUNK_PERIOD_S
+            if not count:
+                time.sleep(IDLE_S)
+
+    def _take(self, name: str) -> int:
+        sequence, records = self._log.rings[name].pop(BATCH)
+        if not len(records):
+            return 0
+        if name == EVENT_STREAM:
+            messages = [bytes(record["message"])[: record["size"]] for record in records]
+            self._mcap.write_events(sequence.tolist(), records[TIME_COLUMN].tolist(), messages)
+        else:
+            self._mcap.write_records(name, sequence, records)
+        self._last_time_s = max(self._last_time_s, float(records[TIME_COLUMN][-1]))
+        return len(records)
+
+    def finish(self) -> None:
+        """Write the end of the file, and an event if the program did not ask for it."""
+        offered = {name: ring.offered for name, ring in self._log.rings.items()}
+        if not self._log.stop_requested:
+            event = Event(self._last_time_s, "log", "the program ended without closing the session")
+            self._mcap.write_events([offered[EVENT_STREAM]], [event.time_s], [encode_event(event)])
+            offered[EVENT_STREAM] += 1
+        self._mcap.finish(offered)
+
+
+if __name__ == "__main__":
+    main()
