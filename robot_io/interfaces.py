@@ -1,8 +1,8 @@
 """What a driver implements. Blocking work happens in `Bus.poll` and `Bus.flush`, each with a deadline.
 
-Before its first sample a device reads NaN, sampled at minus infinity, `Status.STALE`: never a zero that looks
-measured. Samples come from `configure` on, with the torque still off, so that an arm can be watched before it is
-powered.
+Before its first sample a device reads NaN, sampled at minus infinity, `Status.STALE`: never a zero that
+looks measured. Samples come from `configure` on, with the torque still off, so that an arm can be watched
+before it is powered.
 """
 
 from abc import ABC, abstractmethod
@@ -47,8 +47,8 @@ class Bus(Component, ABC):
         A device that does not answer keeps its old sample, whose reading then says `Status.STALE`.
 
         Args:
-            deadline_s: time on the robot's clock at which to give up [s]. When it has passed already, take what
-                has arrived and do not wait.
+            deadline_s: time on the robot's clock at which to give up [s]. When it has passed already, take
+                what has arrived and do not wait.
 
         Raises:
             DeviceError: the bus itself failed (unplugged, bus-off).

@@ -58,10 +58,14 @@ class Registry(Mapping[str, type[T]], Generic[T]):
         try:
             return self._members[name]
         except KeyError:
-            close = get_close_matches(str(name), self._members, n=1)
-            hint = f"; did you mean '{close[0]}'?" if close else "."
-            valid = ", ".join(self._members) or "(none found)"
-            raise UnknownNameError(f"no {self.kind} is called '{name}'{hint} Valid: {valid}") from None
+            raise UnknownNameError(self.unknown(name)) from None
+
+    def unknown(self, name: str) -> str:
+        """What to tell a user who asked for `name`, which is not here."""
+        close = get_close_matches(str(name), self._members, n=1)
+        hint = f"; did you mean '{close[0]}'?" if close else "."
+        valid = ", ".join(self._members) or "(none found)"
+        return f"no {self.kind} is called '{name}'{hint} Valid: {valid}"
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._members)

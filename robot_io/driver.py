@@ -1,0 +1,96 @@
+"""How drivers are found and put together: what each is given, and the catalogue of all of them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TypeVar, cast
+
+from pydantic import BaseModel
+
+from robot_io.clock import Clock
+from robot_io.file_model import input_error, validate
+from robot_io.interfaces import Bus, Component, ForceSensor, JointEncoder, JointTorque
+from robot_io.registry import Registry
+from robot_io.robot_file import RobotFile
+from robot_io.safe_yaml import KeyPath
+
+BUILT_IN_DRIVERS = "robot_io.drivers"
+
+SettingsModel = TypeVar("SettingsModel", bound=BaseModel)
+BusType = TypeVar("BusType", bound=Bus)
+ComponentType = TypeVar("ComponentType", bound=Component)
+
+
+@dataclass(frozen=True, slots=True)
+class DriverContext:
+    """What a driver is given beside its settings.
+
+    Attributes:
+        clock: the robot's clock; samples are stamped with it.
+        robot_file: the whole robot file, for joint count, limits and paths.
+        bus: the bus that the device hangs on, or None.
+        section: where in the robot file the driver's settings stand, for errors.
+    """
+
+    clock: Clock
+    robot_file: RobotFile
+    bus: Bus | None = None
+    section: KeyPath = ()
+
+    def settings_as(self, model: type[SettingsModel], settings: Mapping[str, object]) -> SettingsModel:
+        """The driver's settings as its own pydantic model.
+
+        Raises:
+            InputError: with file, line, key, value and the valid choices.
+        """
+        return validate(model, settings, self.robot_file.document, self.section)
+
+    def bus_as(self, bus_type: type[BusType]) -> BusType:
+        """The device's bus, which must be a `bus_type`.
+
+        Raises:
+            InputError: there is none, or it is of another kind.
+        """
+        if isinstance(self.bus, bus_type):
+            return self.bus
+        wanted = getattr(bus_type, "name", bus_type.__name__)
+        problem = f"must name a bus whose driver is '{wanted}'"
+        raise input_error(self.robot_file.document, (*self.section, "bus"), problem)
+
+
+class DriverCatalogue:
+    """Every driver that a robot file can name, by kind.
+
+    A driver is a class in a module of one of the packages. It derives from an interface, states a `name`, and
+    is made by `Driver(settings: Mapping[str, object], context: DriverContext)`; making it opens nothing.
+
+    Args:
+        packages: dotted names of packages with drivers, beside the built-in ones.
+
+    Attributes:
+        bus: buses.
+        encoder: joint encoders.
+        torque: torque-controlled drives.
+        force: force sensors.
+    """
+
+    def __init__(self, *packages: str) -> None:
+        names = tuple(dict.fromkeys((BUILT_IN_DRIVERS, *packages)))
+        self.bus = Registry("bus driver", Bus, *names)  # type: ignore[type-abstract]
+        self.encoder = Registry("encoder driver", JointEncoder, *names)  # type: ignore[type-abstract]
+        self.torque = Registry("torque driver", JointTorque, *names)  # type: ignore[type-abstract]
+        self.force = Registry("force sensor driver", ForceSensor, *names)  # type: ignore[type-abstract]
+
+
+def make_driver(
+    registry: Registry[ComponentType], driver: str, settings: Mapping[str, object], context: DriverContext
+) -> ComponentType:
+    """Make the driver that the robot file names in `context.section`.
+
+    Raises:
+        InputError: no driver has this name, or its settings are not valid.
+    """
+    if driver not in registry:
+        problem = registry.unknown(driver)
+        raise input_error(context.robot_file.document, (*context.section, "driver"), problem)
+    make = cast("Callable[[Mapping[str, object], DriverContext], ComponentType]", registry[driver])
+    return make(settings, context)

@@ -1,0 +1,1 @@
+"""Drivers of real devices; a new one is one new file here."""

@@ -1,0 +1,99 @@
+"""Validates what a user's file says, with errors that name file, line, key, value and the valid choices."""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
+
+from robot_io.errors import InputError
+from robot_io.safe_yaml import KeyPath, YamlDocument
+
+_MAX_SHOWN = 60  # characters of a value in an error
+
+
+def _refuse_boolean(value: object) -> object:
+    if isinstance(value, bool | str):
+        raise PydanticCustomError("not_a_number", "expected a number")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(_refuse_boolean), Field(allow_inf_nan=False)]
+"""A finite number that was written as a number: `true` is not 1."""
+Positive = Annotated[Number, Field(gt=0)]
+NotNegative = Annotated[Number, Field(ge=0)]
+
+
+class FileModel(BaseModel):
+    """Base of everything that is read from a file: frozen, and an unknown key is an error with a hint."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _know_every_key(cls, data: object) -> object:
+        if isinstance(data, Mapping) and cls.model_config.get("extra") == "forbid":
+            valid = {field.alias or name for name, field in cls.model_fields.items()}
+            for key in data:
+                if key not in valid:
+                    raise _unknown_key(str(key), sorted(valid))
+        return data
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def _unknown_key(key: str, valid: list[str]) -> PydanticCustomError:
+    close = get_close_matches(key, valid, n=1)
+    hint = f"; did you mean '{close[0]}'?" if close else "."
+    # The texts travel in the context: braces in a key must not be read as a template.
+    context = {"key": key[:_MAX_SHOWN], "hint": hint, "valid": ", ".join(valid)}
+    return PydanticCustomError("unknown_key", "is not known{hint} Valid: {valid}", context)
+
+
+def validate(
+    model: type[Model], data: object, document: YamlDocument | None = None, at: KeyPath = ()
+) -> Model:
+    """Make a `model` from `data`.
+
+    Args:
+        model: the pydantic model.
+        data: what was read, usually a mapping.
+        document: where `data` comes from, for file and line; None for data made by a program.
+        at: path of `data` in the document.
+
+    Raises:
+        InputError: the first thing that is wrong, and how many more there are.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise InputError(_describe(problems[0], document, at) + more) from error
+
+
+def input_error(
+    document: YamlDocument | None, key_path: KeyPath, problem: str, value: object = None
+) -> InputError:
+    """The error for what stands at `key_path`: file, line, key, problem, and the value if there is one."""
+    place = f"{document.origin} line {document.line_of(key_path)}, " if document else ""
+    key = ".".join(map(str, key_path)) or "the file"
+    shown = "" if value is None else f" (is {_shorten(repr(value))})"
+    return InputError(f"{place}{key[:200]}: {problem}{shown}".replace("\n", " "))
+
+
+def _describe(problem: Any, document: YamlDocument | None, at: KeyPath) -> str:  # noqa: ANN401 (pydantic's dict)
+    key_path: KeyPath = (*at, *problem["loc"])
+    if problem["type"] == "unknown_key":
+        return str(input_error(document, (*key_path, problem["ctx"]["key"]), problem["msg"]))
+    if problem["type"] == "missing":
+        return str(input_error(document, key_path, "is missing"))
+    message = str(problem["msg"]).removeprefix("Value error, ")
+    value = problem["input"] if not isinstance(problem["input"], Mapping | BaseModel) else None
+    return str(input_error(document, key_path, message[:1].lower() + message[1:], value))
+
+
+def _shorten(text: str) -> str:
+    return text if len(text) <= _MAX_SHOWN else text[: _MAX_SHOWN - 4] + " ..."

@@ -1,0 +1,214 @@
+"""Stands between the controller and the drives: trips are latched, and end in torque off."""
+
+from dataclasses import dataclass
+from math import inf, nan
+
+import numpy as np
+
+from robot_io.errors import InputError, SafetyTripError
+from robot_io.limit_checks import LimitChecks
+from robot_io.limits import Limits, SafeState
+from robot_io.types import Command, FloatArray, Measurement
+
+
+@dataclass(frozen=True, slots=True)
+class Trip:
+    """Why the guard took over.
+
+    Attributes:
+        cause: one sentence.
+        time_s: time of the measurement at which it happened, on the robot's clock [s]; NaN before the first.
+        tick: number of that measurement, from 0; -1 before the first.
+    """
+
+    cause: str
+    time_s: float
+    tick: int
+
+
+class Guard:
+    """Watches every measurement and has the last word on every command.
+
+    A trip stays until `rearm`. The arm is braked against its measured velocity, and its torque goes off after
+    `safe_state.stop_time_s`. Without a velocity that can be trusted there is nothing to brake against: the
+    torque is zero. Braking is at most as strong as at the velocity limit, so that a mad encoder cannot kick,
+    and it is not rate-limited, so that a bad torque ends at once.
+
+    Args:
+        limits: what to hold the arm to.
+        safe_state: how to bring it to rest.
+        joint_count: number of joints n.
+
+    Attributes:
+        torque_clips: commands that were reduced to the torque limit.
+        rate_clips: commands that were reduced to the torque-rate limit.
+
+    Raises:
+        InputError: the limits are for another number of joints.
+    """
+
+    def __init__(self, limits: Limits, safe_state: SafeState, joint_count: int) -> None:
+        if limits.joint_count != joint_count or len(safe_state.damping_nms_rad) != joint_count:
+            raise InputError(
+                f"the arm has {joint_count} joints, its limits {limits.joint_count} "
+                f"and its safe state {len(safe_state.damping_nms_rad)}"
+            )
+        self._checks = LimitChecks(limits)
+        self._torque_limits = tuple(zip(limits.torque_nm, limits.torque_rate_nm_s, strict=True))
+        self._brakes = tuple(
+            zip(safe_state.damping_nms_rad, limits.velocity_rad_s, limits.torque_nm, strict=True)
+        )
+        self._stop_time_s = safe_state.stop_time_s
+        self._shape = (joint_count,)
+        self._tick = -1
+        self._watched: Measurement | None = None
+        self._trip: Trip | None = None
+        self._stopping_s = 0.0  # sum of the time steps since the trip
+        self._finished = False
+        self._previous_nm: list[float] | None = None
+        self.torque_clips = 0
+        self.rate_clips = 0
+
+    @property
+    def tripped(self) -> Trip | None:
+        """The trip that is latched, or None."""
+        return self._trip
+
+    @property
+    def finished(self) -> bool:
+        """Whether a trip has come to its end: the torque is off."""
+        return self._finished
+
+    def watch(self, measurement: Measurement, reference_position_rad: FloatArray | None = None) -> None:
+        """Look at one tick's measurement; trips on whatever is wrong with it.
+
+        The same measurement can be watched again, for instance once its reference is known.
+
+        Args:
+            measurement: this tick's measurement.
+            reference_position_rad: where the joints should be, shape (n,) [rad], to check tracking as well.
+        """
+        problem = self._time_problem(measurement)
+        if measurement is not self._watched:
+            self._watched = measurement
+            self._tick += 1
+        if self._trip is not None:
+            return
+        problem = problem or self._checks.violation(measurement)
+        if problem is None and reference_position_rad is not None:
+            problem = self._checks.tracking_problem(measurement, reference_position_rad)
+        if problem is not None:
+            self.trip(problem)
+
+    def trip(self, cause: str) -> Trip:
+        """Latch a trip from outside, such as Ctrl-C or an exception; an earlier one stays as it is."""
+        if self._trip is None:
+            self._trip = Trip(cause, self._watched.time_s if self._watched else nan, self._tick)
+            self._stopping_s = 0.0
+        return self._trip
+
+    def limit(self, command: Command, measurement: Measurement, dt_s: float) -> Command:
+        """What may be sent: the command within torque and rate limits, or the safe state's once tripped.
+
+        Trips on a command that is not finite. A measurement that was not watched yet is watched first.
+
+        Args:
+            command: what the controller wants.
+            measurement: this tick's measurement.
+            dt_s: time since the previous tick [s].
+        """
+        if measurement is not self._watched:
+            self.watch(measurement)
+        if self._trip is None:
+            problem = self._command_problem(command, dt_s)
+            if problem is None:
+                return self._clip(command, measurement, dt_s)
+            self.trip(problem)
+        return self._stop(measurement, dt_s)
+
+    def rearm(self, measurement: Measurement) -> None:
+        """Let commands through again, starting from the measured state.
+
+        The rate limit starts from the measured torque. Call it also before an arm is used again that was
+        deactivated in between.
+
+        Raises:
+            SafetyTripError: the stop is not over, or something is still wrong; the trip stays.
+        """
+        if self._trip is not None and not self._finished and self._clock_says_stopping(measurement):
+            raise SafetyTripError(f"not re-armed: the arm is still being stopped ({self._trip.cause})")
+        problem = self._time_problem(measurement) or self._checks.violation(measurement)
+        if problem is not None:
+            raise SafetyTripError(f"not re-armed: {problem}")
+        self._trip = None
+        self._finished = False
+        self._watched = measurement
+        self._previous_nm = None
+
+    def _time_problem(self, measurement: Measurement) -> str | None:
+        last_s = self._watched.time_s if self._watched else -inf
+        if measurement.time_s >= last_s:
+            return None
+        return f"time went from {last_s:.6f} s to {measurement.time_s:.6f} s"
+
+    def _command_problem(self, command: Command, dt_s: float) -> str | None:
+        torque_nm = command.joint_torque_nm
+        if torque_nm.shape != self._shape:
+            return f"the controller's command has shape {torque_nm.shape}, expected {self._shape}"
+        for joint, torque in enumerate(torque_nm.tolist(), 1):
+            if not -inf < torque < inf:
+                return f"the controller's torque for joint {joint} is {torque}"
+        if not 0 <= dt_s < inf:
+            return f"the time step is {dt_s} s"
+        return None
+
+    def _clip(self, command: Command, measurement: Measurement, dt_s: float) -> Command:
+        wanted_nm = command.joint_torque_nm.tolist()
+        previous_nm = self._previous_nm
+        if previous_nm is None:
+            previous_nm = self._measured_within_limits(measurement)
+        sent_nm: list[float] = []
+        torque_clipped = rate_clipped = False
+        for wanted, previous, (largest, rate) in zip(
+            wanted_nm, previous_nm, self._torque_limits, strict=True
+        ):
+            allowed = min(max(wanted, -largest), largest)
+            torque_clipped |= allowed != wanted
+            sent = min(max(allowed, previous - rate * dt_s), previous + rate * dt_s)
+            rate_clipped |= sent != allowed
+            sent_nm.append(sent)
+        self.torque_clips += torque_clipped
+        self.rate_clips += rate_clipped
+        self._previous_nm = sent_nm
+        return _command(sent_nm)
+
+    def _measured_within_limits(self, measurement: Measurement) -> list[float]:
+        measured_nm = measurement.joint_torque_nm.tolist()
+        return [
+            min(max(torque, -largest), largest)
+            for torque, (largest, _) in zip(measured_nm, self._torque_limits, strict=True)
+        ]
+
+    def _stop(self, measurement: Measurement, dt_s: float) -> Command:
+        self._stopping_s += dt_s if dt_s > 0 else inf
+        # Two clocks end the stop, whichever is first, and so does NaN: time itself may be what has failed.
+        if not (self._stopping_s < self._stop_time_s and self._clock_says_stopping(measurement)):
+            self._finished = True
+        if self._finished or not self._checks.motion_is_known(measurement):
+            return _command([0.0] * len(self._brakes))
+        velocities = measurement.joint_velocity_rad_s.tolist()
+        return _command(
+            [
+                min(max(-damping * min(max(velocity, -fastest), fastest), -largest), largest)
+                for velocity, (damping, fastest, largest) in zip(velocities, self._brakes, strict=True)
+            ]
+        )
+
+    def _clock_says_stopping(self, measurement: Measurement) -> bool:
+        return self._trip is not None and measurement.time_s - self._trip.time_s < self._stop_time_s
+
+
+def _command(torque_nm: list[float]) -> Command:
+    torque = np.array(torque_nm)
+    torque.setflags(write=False)
+    return Command(torque)

@@ -1,0 +1,105 @@
+"""Says what is wrong with a measurement, in words. Every comparison is written so that NaN fails it.
+
+Plain floats instead of arrays: for a few joints that is several times faster, and this runs in every tick.
+"""
+
+from math import inf, isfinite
+
+from robot_io.limits import Limits
+from robot_io.types import FloatArray, Measurement, Status
+
+
+class LimitChecks:
+    """The limits of one arm, ready to be held against measurements.
+
+    Args:
+        limits: the limits; SI units.
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        joints = range(1, limits.joint_count + 1)
+        self._motion_limits = tuple(
+            zip(joints, limits.position_min_rad, limits.position_max_rad, limits.velocity_rad_s, strict=True)
+        )
+        self._tracking_limits = tuple(zip(joints, limits.tracking_rad, strict=True))
+        self._force_n = limits.force_n
+        self._encoder_age_s = limits.encoder_age_s
+        self._torque_age_s = limits.torque_age_s
+        self._force_age_s = limits.force_age_s
+
+    def violation(self, measurement: Measurement) -> str | None:
+        """The first thing that is wrong, or None."""
+        return self._sample_problem(measurement) or self._value_problem(measurement)
+
+    def motion_is_known(self, measurement: Measurement) -> bool:
+        """Whether position and velocity can still be acted on, wherever they are."""
+        return _sample_problem(
+            "encoder",
+            measurement.encoder_status,
+            measurement.time_s - measurement.encoder_at_s,
+            self._encoder_age_s,
+        ) is None and all(map(isfinite, measurement.joint_velocity_rad_s.tolist()))
+
+    def tracking_problem(self, measurement: Measurement, reference_position_rad: FloatArray) -> str | None:
+        """The first joint that is too far from its reference, or None."""
+        for (joint, limit), position, reference in zip(
+            self._tracking_limits,
+            measurement.joint_position_rad.tolist(),
+            reference_position_rad.tolist(),
+            strict=True,
+        ):
+            distance = abs(position - reference)
+            if not distance <= limit:
+                return f"joint {joint} is {distance:.4g} rad from its reference, limit {limit:.4g} rad"
+        return None
+
+    def _sample_problem(self, measurement: Measurement) -> str | None:
+        time_s = measurement.time_s
+        return (
+            _sample_problem(
+                "encoder", measurement.encoder_status, time_s - measurement.encoder_at_s, self._encoder_age_s
+            )
+            or _sample_problem(
+                "force sensor", measurement.force_status, time_s - measurement.force_at_s, self._force_age_s
+            )
+            # A drive at the end of its range is no reason to stop: what it may send is limited anyway.
+            or _sample_problem(
+                "drives",
+                Status.OK if measurement.torque_status is Status.SATURATED else measurement.torque_status,
+                time_s - measurement.torque_at_s,
+                self._torque_age_s,
+            )
+        )
+
+    def _value_problem(self, measurement: Measurement) -> str | None:
+        for (joint, low, high, fastest), position, velocity in zip(
+            self._motion_limits,
+            measurement.joint_position_rad.tolist(),
+            measurement.joint_velocity_rad_s.tolist(),
+            strict=True,
+        ):
+            if not low <= position <= high:
+                return f"joint {joint} is at {position:.4g} rad, limits {low:.4g} to {high:.4g} rad"
+            if not -fastest <= velocity <= fastest:
+                return f"joint {joint} moves at {velocity:.4g} rad/s, limit {fastest:.4g} rad/s"
+        for torque in measurement.joint_torque_nm.tolist():
+            if not -inf < torque < inf:
+                return f"a measured torque is {torque} N m"
+        force_n = measurement.force_n
+        if not -self._force_n <= force_n <= self._force_n:
+            return f"the contact force is {force_n:.4g} N, limit {self._force_n:.4g} N"
+        return None
+
+
+def _sample_problem(device: str, status: Status, age_s: float, oldest_s: float) -> str | None:
+    if status is Status.FAULT:
+        return f"{device}: reports a fault, or its bus has failed"
+    if status is Status.SATURATED:
+        return f"{device}: at the end of its range"
+    if -oldest_s <= age_s <= oldest_s:  # a sample may be a little younger than the start of the tick
+        return None
+    if age_s == inf:
+        return f"{device}: no sample yet"
+    if age_s < 0:
+        return f"{device}: sample from the future ({-age_s:.4g} s ahead of the robot's clock)"
+    return f"{device}: newest sample is {age_s:.4g} s old, limit {oldest_s:.4g} s"

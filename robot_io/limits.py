@@ -1,0 +1,81 @@
+"""What the guard holds an arm to, and how it brings it to rest."""
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from robot_io.file_model import FileModel, NotNegative, Number, Positive
+
+PerJoint = tuple[Number, ...]
+PositivePerJoint = tuple[Positive, ...]
+
+
+class Limits(FileModel):
+    """Limits of one arm; a list holds one value per joint.
+
+    Attributes:
+        torque_nm: largest torque that is sent; commands are clipped to it [N m].
+        torque_rate_nm_s: largest change of torque; commands are clipped to it [N m/s].
+        position_min_rad: lowest position before a trip [rad].
+        position_max_rad: highest position before a trip [rad].
+        velocity_rad_s: largest speed before a trip, either way [rad/s].
+        force_n: largest contact force before a trip, push or pull [N].
+        tracking_rad: largest distance from the reference before a trip [rad].
+        encoder_age_s: oldest position and velocity that are still acted on [s].
+        torque_age_s: oldest measured torque that is still acted on [s].
+        force_age_s: oldest force that is still acted on [s].
+    """
+
+    torque_nm: Annotated[PositivePerJoint, Field(min_length=1)]
+    torque_rate_nm_s: PositivePerJoint
+    position_min_rad: PerJoint
+    position_max_rad: PerJoint
+    velocity_rad_s: PositivePerJoint
+    force_n: Positive
+    tracking_rad: PositivePerJoint
+    encoder_age_s: Positive
+    torque_age_s: Positive
+    force_age_s: Positive
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return len(self.torque_nm)
+
+    @model_validator(mode="after")
+    def _agree(self) -> "Limits":
+        for name in (
+            "torque_rate_nm_s",
+            "position_min_rad",
+            "position_max_rad",
+            "velocity_rad_s",
+            "tracking_rad",
+        ):
+            count = len(getattr(self, name))
+            if count != self.joint_count:
+                raise ValueError(
+                    f"{name} has {count} values, torque_nm has {self.joint_count}: one per joint"
+                )
+        for joint, (low, high) in enumerate(
+            zip(self.position_min_rad, self.position_max_rad, strict=True), 1
+        ):
+            if low >= high:
+                raise ValueError(
+                    f"position_min_rad {low} is not below position_max_rad {high} of joint {joint}"
+                )
+        return self
+
+
+class SafeState(FileModel):
+    """How a tripped arm comes to rest: first it is braked, then the torque goes off.
+
+    Braking is torque = -damping * velocity. Keep damping * (tick + age of the velocity) below the smallest
+    inertia that the joint moves; from twice that on, the brake itself would shake the arm.
+
+    Attributes:
+        damping_nms_rad: one value per joint [N m s/rad]; 0 lets a joint go at once.
+        stop_time_s: time from the trip until the torque goes off [s].
+    """
+
+    damping_nms_rad: Annotated[tuple[NotNegative, ...], Field(min_length=1)]
+    stop_time_s: Annotated[NotNegative, Field(le=10)]

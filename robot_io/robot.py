@@ -1,0 +1,280 @@
+"""An arm put together from its devices: lifecycle, one coherent measurement a tick, one command a tick."""
+
+from collections.abc import Mapping
+from enum import Enum
+from math import inf
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from robot_io.clock import Clock
+from robot_io.driver import DriverCatalogue, DriverContext, make_driver
+from robot_io.errors import DeviceError, DeviceTimeoutError, InputError, LifecycleError
+from robot_io.interfaces import Bus, ForceSensor, JointEncoder, JointTorque
+from robot_io.lifecycle import Labelled, start_all, undo_all
+from robot_io.robot_file import DeviceSection, RobotFile
+from robot_io.types import Command, FloatArray, Measurement, Reading, Status, frozen_array
+
+
+class RobotState(Enum):
+    """Where a robot is in its life."""
+
+    NEW = "new"
+    CONFIGURED = "configured"  # open and readable, torque off
+    ACTIVE = "active"  # obeys commands
+    CLOSED = "closed"
+
+
+class Robot:
+    """An arm with encoders, torque-controlled drives and a uniaxial force sensor.
+
+    `read` never shows an old sample as a new one: what did not arrive in time keeps its value and its time,
+    and its status says so. As a context manager it configures on entry and closes on exit, torque off first;
+    activating is always said explicitly.
+
+    Args:
+        encoder: joint encoders.
+        torque: drives.
+        force: force sensor.
+        buses: what the devices hang on, by name; each is polled and flushed once per tick.
+        clock: what samples are stamped with.
+        name: for messages.
+
+    Attributes:
+        bus_errors: why the last `read` could not use a bus, by its name; empty when all is well.
+
+    Raises:
+        InputError: encoder and drives disagree about the number of joints.
+    """
+
+    def __init__(  # noqa: PLR0917 (the parts of an arm)
+        self,
+        encoder: JointEncoder,
+        torque: JointTorque,
+        force: ForceSensor,
+        buses: Mapping[str, Bus],
+        clock: Clock,
+        name: str,
+    ) -> None:
+        if encoder.joint_count != torque.joint_count:
+            raise InputError(
+                f"{name}: the encoder has {encoder.joint_count} joints, the drives have {torque.joint_count}"
+            )
+        self.encoder, self.torque, self.force = encoder, torque, force
+        self.buses = dict(buses)
+        self.clock = clock
+        self.name = name
+        self.joint_count = torque.joint_count
+        self.bus_errors: dict[str, str] = {}
+        self._state = RobotState.NEW
+        self._newest_s = {"encoder": -inf, "torque": -inf, "force": -inf}
+        # Started in this order and stopped in the other: the torque is the last on and the first off.
+        self._components: tuple[Labelled, ...] = (
+            *((f"bus '{bus_name}'", bus) for bus_name, bus in self.buses.items()),
+            ("encoder", encoder),
+            ("force sensor", force),
+            ("drives", torque),
+        )
+
+    @property
+    def state(self) -> RobotState:
+        """Where the robot is in its life."""
+        return self._state
+
+    def configure(self) -> None:
+        """Open every device and check it; what was opened is closed again if one fails.
+
+        Raises:
+            DeviceError: a device is absent or is another one.
+            LifecycleError: it is configured already, or closed.
+        """
+        self._expect("configure", RobotState.NEW)
+        start_all(self._components, "configure", undo="close")
+        self._state = RobotState.CONFIGURED
+
+    def activate(self) -> None:
+        """Make ready for commands; everything is off again if one device fails.
+
+        Raises:
+            DeviceError: a device refused.
+            LifecycleError: it is not configured, or active already.
+        """
+        self._expect("activate", RobotState.CONFIGURED)
+        start_all(self._components, "activate", undo="deactivate")
+        self._state = RobotState.ACTIVE
+
+    def deactivate(self) -> None:
+        """Torque off, in any state and as often as you like.
+
+        Raises:
+            DeviceError: some devices failed; every one of them was tried before. Calling again tries again.
+        """
+        if self._state in (RobotState.CONFIGURED, RobotState.ACTIVE):
+            self._state = RobotState.CONFIGURED
+            undo_all(self._components, "deactivate")
+
+    def close(self) -> None:
+        """Torque off, then release all devices; can be called again.
+
+        Raises:
+            DeviceError: some devices failed; every one of them was tried before.
+        """
+        if self._state is RobotState.CLOSED:
+            return
+        try:
+            self.deactivate()
+        finally:
+            self._state = RobotState.CLOSED
+            undo_all(self._components, "close")
+
+    def __enter__(self) -> Self:
+        self.configure()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            self.close()
+        except DeviceError as failure:
+            if error is None:
+                raise
+            error.add_note(f"closing the robot failed too: {failure}")
+
+    def read(self, deadline_s: float) -> Measurement:
+        """Poll each bus once and put together what the devices have.
+
+        A device without a new sample since the last call keeps the old one: `Status.STALE`, or `FAULT` if a
+        bus has failed (`bus_errors` says why).
+
+        Args:
+            deadline_s: time on the robot's clock at which to give up waiting [s].
+
+        Raises:
+            LifecycleError: the robot is not configured.
+            DeviceError: a device handed over something of the wrong shape.
+        """
+        self._expect("read", RobotState.CONFIGURED, RobotState.ACTIVE)
+        time_s = self.clock.now_s()
+        self._poll(deadline_s)
+        position, velocity = self.encoder.read_position(), self.encoder.read_velocity()
+        torque, force = self.torque.read_torque(), self.force.read_force()
+        encoder_at_s = min(position.sampled_at_s, velocity.sampled_at_s)
+        encoder_status = max(position.status, velocity.status)
+        return Measurement(
+            time_s=time_s,
+            joint_position_rad=self._joint_values(position, "encoder position"),
+            joint_velocity_rad_s=self._joint_values(velocity, "encoder velocity"),
+            joint_torque_nm=self._joint_values(torque, "measured torque"),
+            force_n=self._force_value(force),
+            encoder_at_s=encoder_at_s,
+            torque_at_s=torque.sampled_at_s,
+            force_at_s=force.sampled_at_s,
+            encoder_status=self._honest_status("encoder", encoder_at_s, encoder_status),
+            torque_status=self._honest_status("torque", torque.sampled_at_s, torque.status),
+            force_status=self._honest_status("force", force.sampled_at_s, force.status),
+        )
+
+    def write(self, command: Command, deadline_s: float) -> Command:
+        """Send a command, and return what was really sent (resolution and range of the drives).
+
+        Args:
+            command: joint torques [N m].
+            deadline_s: time on the robot's clock at which to give up [s].
+
+        Raises:
+            LifecycleError: the robot is not active.
+            InputError: wrong shape or a value that is not finite; nothing was sent.
+            DeviceError: a bus failed; the others were flushed.
+        """
+        self._expect("write", RobotState.ACTIVE)
+        wanted = frozen_array(command.joint_torque_nm, (self.joint_count,), what="joint torque command")
+        sent = np.array(self.torque.stage_torque(wanted), dtype=np.float64)
+        sent.setflags(write=False)
+        failures: list[tuple[str, DeviceError]] = []
+        for name, bus in self.buses.items():
+            try:
+                bus.flush(deadline_s)
+            except DeviceError as error:
+                failures.append((name, error))
+        if failures:
+            text = "; ".join(f"bus '{name}': {error}" for name, error in failures)
+            raise DeviceError(f"{self.name}: command not sent: {text}") from failures[0][1]
+        return Command(sent)
+
+    def _expect(self, call: str, *allowed: RobotState) -> None:
+        if self._state not in allowed:
+            valid = " or ".join(state.value for state in allowed)
+            raise LifecycleError(
+                f"{self.name}: {call} needs a robot that is {valid}, this is {self._state.value}"
+            )
+
+    def _poll(self, deadline_s: float) -> None:
+        self.bus_errors.clear()
+        for name, bus in self.buses.items():
+            try:
+                bus.poll(deadline_s)
+            except DeviceTimeoutError:
+                continue  # the devices keep their old samples, and their age tells
+            except DeviceError as error:
+                self.bus_errors[name] = str(error)
+
+    def _honest_status(self, device: str, sampled_at_s: float, status: Status) -> Status:
+        """What the driver says, unless the sample is not newer than the last one (or its time is NaN)."""
+        if sampled_at_s > self._newest_s[device]:
+            self._newest_s[device] = sampled_at_s
+            return status
+        return max(status, Status.FAULT if self.bus_errors else Status.STALE)
+
+    def _joint_values(self, reading: Reading, what: str) -> FloatArray:
+        values = np.array(reading.value, dtype=np.float64)
+        if values.shape != (self.joint_count,):
+            raise DeviceError(f"{self.name}: {what} has shape {values.shape}, expected ({self.joint_count},)")
+        values.setflags(write=False)
+        return values
+
+    def _force_value(self, reading: Reading) -> float:
+        if reading.value.shape != (1,):
+            raise DeviceError(f"{self.name}: force has shape {reading.value.shape}, expected (1,)")
+        return float(reading.value[0])
+
+
+def build_robot(robot_file: RobotFile, drivers: DriverCatalogue, clock: Clock) -> Robot:
+    """Put together the robot that a robot file describes; opens nothing yet.
+
+    Raises:
+        InputError: a driver has no such name, its settings are not valid, or joint counts differ.
+    """
+    buses = {
+        name: make_driver(
+            drivers.bus,
+            section.driver,
+            section.settings,
+            DriverContext(clock, robot_file, section=("buses", name)),
+        )
+        for name, section in robot_file.buses.items()
+    }
+
+    def context(section: DeviceSection, key: str) -> DriverContext:
+        bus = buses[section.bus] if section.bus else None
+        return DriverContext(clock, robot_file, bus, section=(key,))
+
+    encoder, torque, force = robot_file.encoder, robot_file.torque, robot_file.force
+    robot = Robot(
+        make_driver(drivers.encoder, encoder.driver, encoder.settings, context(encoder, "encoder")),
+        make_driver(drivers.torque, torque.driver, torque.settings, context(torque, "torque")),
+        make_driver(drivers.force, force.driver, force.settings, context(force, "force")),
+        buses,
+        clock,
+        robot_file.name,
+    )
+    if robot.joint_count != robot_file.joint_count:
+        raise InputError(
+            f"{robot_file.path}: the drives have {robot.joint_count} joints, "
+            f"home_rad has {robot_file.joint_count}"
+        )
+    return robot

@@ -1,0 +1,173 @@
+"""The robot file: one YAML file that says what an arm is made of and what it may do."""
+
+import math
+import os.path
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import ConfigDict, Field, PrivateAttr, field_validator
+
+from robot_io.file_model import FileModel, Number, Positive, input_error, validate
+from robot_io.limits import Limits, SafeState
+from robot_io.safe_yaml import YamlDocument, load_yaml, parse_yaml
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.\-]{0,63}$")]
+Text = Annotated[str, Field(min_length=1)]
+
+
+class BusSection(FileModel):
+    """A bus: its driver, and settings that the driver itself checks."""
+
+    model_config = ConfigDict(extra="allow")
+
+    driver: Name
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """Everything that is meant for the driver."""
+        return self.model_extra or {}
+
+
+class DeviceSection(BusSection):
+    """A device: its driver, the bus that it hangs on (None: none), and the driver's own settings."""
+
+    bus: str | None = None
+
+
+class RobotFile(FileModel):
+    """What a robot file says. Lists hold one value per joint, from base to tip.
+
+    Attributes:
+        name: short name of the arm.
+        urdf: URDF file, relative to the robot file.
+        dh: DH table, relative to the robot file, or None.
+        tip_frame: URDF frame at the force sensor's contact point.
+        sensor_axis_tip: unit vector in the tip frame along which the tool pushes; force is positive in
+            compression along it.
+        control_rate_hz: ticks per second [Hz].
+        buses: buses by name.
+        encoder: joint encoders.
+        torque: torque-controlled drives.
+        force: force sensor.
+        home_rad: rest position, shape (n,) [rad].
+        limits: what the guard holds the arm to.
+        safe_state: how the guard brings it to rest.
+        gains: controller gains; the controllers check them.
+        calibration: names or files of calibrations, by device.
+    """
+
+    name: Name
+    urdf: Text
+    dh: Text | None = None
+    tip_frame: Text
+    sensor_axis_tip: tuple[Number, Number, Number]
+    control_rate_hz: Annotated[Positive, Field(le=20_000)]
+    buses: dict[str, BusSection] = Field(default_factory=dict)
+    encoder: DeviceSection
+    torque: DeviceSection
+    force: DeviceSection
+    home_rad: Annotated[tuple[Number, ...], Field(min_length=1)]
+    limits: Limits
+    safe_state: SafeState
+    gains: dict[str, Any] = Field(default_factory=dict)
+    calibration: dict[str, str] = Field(default_factory=dict)
+
+    _document: YamlDocument = PrivateAttr()
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return len(self.home_rad)
+
+    @property
+    def path(self) -> Path:
+        """Where the file is, or was when its text was kept."""
+        return Path(self._document.origin)
+
+    @property
+    def text(self) -> str:
+        """The file as it was written."""
+        return self._document.text
+
+    @property
+    def document(self) -> YamlDocument:
+        """The file with its line numbers, for errors about what a driver or controller reads from it."""
+        return self._document
+
+    @property
+    def urdf_path(self) -> Path:
+        """The URDF file."""
+        return self.resolve(self.urdf)
+
+    def resolve(self, relative: str) -> Path:
+        """A path that is written in this file, seen from where the program runs."""
+        return self.path.parent / relative
+
+    @field_validator("sensor_axis_tip")
+    @classmethod
+    def _make_unit(cls, axis: tuple[float, float, float]) -> tuple[float, ...]:
+        length = math.hypot(*axis)
+        if not 1e-6 < length < 1e6:
+            raise ValueError("has no direction")
+        return tuple(component / length for component in axis)
+
+
+def load_robot_file(path: str | Path) -> RobotFile:
+    """Read and check the robot file at `path`, and that the files it names are there.
+
+    Raises:
+        InputError: the first thing that is wrong, with file, line, key, value and the valid choices.
+    """
+    robot_file = _from_document(load_yaml(path))
+    for key in ("urdf", "dh"):
+        name = getattr(robot_file, key)
+        if name is not None and not os.path.isfile(robot_file.resolve(name)):
+            raise input_error(robot_file.document, (key,), f"no such file: {robot_file.resolve(name)}")
+    return robot_file
+
+
+def parse_robot_file(text: str, origin: str | Path) -> RobotFile:
+    """Read a robot file from its text, for instance the copy in a session; other files are not looked for.
+
+    Raises:
+        InputError: as `load_robot_file`.
+    """
+    return _from_document(parse_yaml(text, str(origin)))
+
+
+def _from_document(document: YamlDocument) -> RobotFile:
+    robot_file = validate(RobotFile, document.data, document)
+    robot_file._document = document
+    _check_joint_counts(robot_file)
+    _check_home(robot_file)
+    _check_buses(robot_file)
+    return robot_file
+
+
+def _check_joint_counts(robot_file: RobotFile) -> None:
+    count = robot_file.joint_count
+    for key_path, values in (
+        (("limits", "torque_nm"), robot_file.limits.torque_nm),
+        (("safe_state", "damping_nms_rad"), robot_file.safe_state.damping_nms_rad),
+    ):
+        if len(values) != count:
+            problem = f"has {len(values)} values, home_rad has {count}: one per joint"
+            raise input_error(robot_file.document, key_path, problem, list(values))
+
+
+def _check_home(robot_file: RobotFile) -> None:
+    limits = robot_file.limits
+    for joint, home in enumerate(robot_file.home_rad):
+        low, high = limits.position_min_rad[joint], limits.position_max_rad[joint]
+        if not low <= home <= high:
+            problem = f"joint {joint + 1} is outside its position limits {low} to {high}"
+            raise input_error(robot_file.document, ("home_rad", joint), problem, home)
+
+
+def _check_buses(robot_file: RobotFile) -> None:
+    for key in ("encoder", "torque", "force"):
+        bus = getattr(robot_file, key).bus
+        if bus is not None and bus not in robot_file.buses:
+            valid = ", ".join(robot_file.buses) or "(none: 'buses' is empty)"
+            raise input_error(robot_file.document, (key, "bus"), f"is not in 'buses'. Valid: {valid}", bus)

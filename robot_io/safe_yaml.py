@@ -1,0 +1,160 @@
+"""Reads a YAML file that somebody else wrote: bounded, without surprises, and with the line of every key.
+
+A strict and small YAML: mappings, lists and plain values as in YAML 1.2 (only `true` and `false` are
+booleans, `1e3` is a number, dates stay text). Duplicate keys, anchors, aliases and tags are refused, so that
+a file says what it seems to say and cannot grow when it is read.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import yaml
+
+from robot_io.errors import InputError
+
+MAX_BYTES = 256 * 1024
+MAX_DEPTH = 20
+
+KeyPath = tuple[str | int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class YamlDocument:
+    """One YAML file.
+
+    Attributes:
+        origin: name of the file, for errors.
+        text: the file as it was written.
+        data: the top-level mapping; keys are strings.
+        lines: line (from 1) of every key and list entry, by its path such as `("limits", "force_n")`.
+    """
+
+    origin: str
+    text: str
+    data: dict[str, object]
+    lines: Mapping[KeyPath, int]
+
+    def line_of(self, key_path: KeyPath) -> int:
+        """Line of `key_path`, or of the nearest part of the file that holds it."""
+        while key_path and key_path not in self.lines:
+            key_path = key_path[:-1]
+        return self.lines.get(key_path, 1)
+
+
+def load_yaml(path: str | Path, max_bytes: int = MAX_BYTES) -> YamlDocument:
+    """Read the YAML file at `path`.
+
+    Raises:
+        InputError: it cannot be read, is larger than `max_bytes`, is not UTF-8, or is not the strict YAML
+            of this module.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            content = file.read(max_bytes + 1)
+    except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{path}: cannot be read ({reason})") from error
+    if len(content) > max_bytes:
+        raise InputError(f"{path}: larger than {max_bytes} bytes, which no such file needs to be")
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text (byte {error.start})") from error
+    return parse_yaml(text, str(path))
+
+
+def parse_yaml(text: str, origin: str, max_bytes: int = MAX_BYTES) -> YamlDocument:
+    """Read YAML from `text`; `origin` names it in errors.
+
+    Raises:
+        InputError: it is larger than `max_bytes` or not the strict YAML of this module.
+    """
+    if len(text) > max_bytes:
+        raise InputError(f"{origin}: larger than {max_bytes} bytes, which no such file needs to be")
+    lines: dict[KeyPath, int] = {}
+    try:
+        node = _Composer(text).get_single_node()
+        data = _value(node, (), lines) if node is not None else {}
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise InputError(f"{origin} line {line}: {_one_line(error.problem)}") from error
+    except yaml.YAMLError as error:
+        raise InputError(f"{origin}: {_one_line(str(error))}") from error
+    if not isinstance(data, dict):
+        raise InputError(f"{origin}: holds {data!r:.60}, expected 'key: value' lines")
+    return YamlDocument(origin, text, data, lines)
+
+
+class _Composer(yaml.SafeLoader):
+    """PyYAML up to the node tree; values are made by `_value`, so that nothing else can be constructed."""
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
+        for forbidden in ("anchor", "tag"):  # an alias is an event that holds an anchor
+            if getattr(event, forbidden, None) is not None:
+                raise _error("an anchor (&), alias (*) or tag (!) is not allowed; quote text", event)
+        self._depth += 1
+        if self._depth > MAX_DEPTH:
+            raise _error(f"nested deeper than {MAX_DEPTH} levels", event)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+
+def _error(problem: str, at: yaml.Event | yaml.Node) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=cast("yaml.error.Mark", at.start_mark))
+
+
+def _value(node: yaml.Node, key_path: KeyPath, lines: dict[KeyPath, int]) -> object:
+    """The value of `node`; records the line of everything inside it."""
+    lines.setdefault(key_path, node.start_mark.line + 1)
+    if isinstance(node, yaml.MappingNode):
+        return _mapping(node, key_path, lines)
+    if isinstance(node, yaml.SequenceNode):
+        return [_value(item, (*key_path, index), lines) for index, item in enumerate(node.value)]
+    return _scalar(cast("yaml.ScalarNode", node))
+
+
+def _mapping(node: yaml.MappingNode, key_path: KeyPath, lines: dict[KeyPath, int]) -> dict[str, object]:
+    mapping: dict[str, object] = {}
+    for key_node, value_node in node.value:
+        if not isinstance(key_node, yaml.ScalarNode):
+            raise _error("a key must be a plain word", key_node)
+        key: str = key_node.value
+        if key in mapping:
+            raise _error(f"the key '{key:.60}' appears twice", key_node)
+        lines[(*key_path, key)] = key_node.start_mark.line + 1
+        mapping[key] = _value(value_node, (*key_path, key), lines)
+    return mapping
+
+
+_WORDS = {"": None, "~": None, "null": None, "true": True, "false": False}
+_NUMBERS: tuple[tuple[re.Pattern[str], Callable[[str], float]], ...] = (
+    (re.compile(r"[-+]?[0-9]{1,18}"), int),
+    (re.compile(r"0x[0-9a-fA-F]{1,16}"), lambda text: int(text, 16)),
+    (re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"), float),
+    (re.compile(r"[-+]?\.(inf|nan)", re.IGNORECASE), lambda text: float(text.replace(".", ""))),
+)
+
+
+def _scalar(node: yaml.ScalarNode) -> object:
+    """A plain value by the core schema of YAML 1.2; quoted text stays text."""
+    text: str = node.value
+    if node.style is not None:
+        return text
+    if text.lower() in _WORDS:
+        return _WORDS[text.lower()]
+    for pattern, convert in _NUMBERS:
+        if pattern.fullmatch(text):
+            return convert(text)
+    return text
+
+
+def _one_line(text: object) -> str:
+    return " ".join(str(text).split())
