@@ -9,6 +9,7 @@ from robot_io.errors import (
     LifecycleError,
     PalpateError,
     SafetyTripError,
+    SessionError,
     UnknownNameError,
 )
 from robot_io.guard import Guard, Trip
@@ -17,17 +18,29 @@ from robot_io.limits import Limits, SafeState
 from robot_io.registry import Registry
 from robot_io.robot import Robot, RobotState, build_robot
 from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
+from robot_io.session import (
+    Column,
+    Event,
+    Samples,
+    Session,
+    SessionMetadata,
+    SessionWriter,
+    Stream,
+    write_session,
+)
 from robot_io.types import Command, Measurement, Reading, Status, frozen_array
 
 __all__ = [
     "Bus",
     "Clock",
+    "Column",
     "Command",
     "Component",
     "DeviceError",
     "DeviceTimeoutError",
     "DriverCatalogue",
     "DriverContext",
+    "Event",
     "ForceSensor",
     "Guard",
     "InputError",
@@ -45,12 +58,19 @@ __all__ = [
     "RobotState",
     "SafeState",
     "SafetyTripError",
+    "Samples",
+    "Session",
+    "SessionError",
+    "SessionMetadata",
+    "SessionWriter",
     "SimulatedClock",
     "Status",
+    "Stream",
     "Trip",
     "UnknownNameError",
     "build_robot",
     "frozen_array",
     "load_robot_file",
     "parse_robot_file",
+    "write_session",
 ]

@@ -2,7 +2,21 @@
 
 from robot_io.session.event import Event
 from robot_io.session.metadata import SessionMetadata
-from robot_io.session.stream import Column, RecordArray, Stream
+from robot_io.session.reader import Session
+from robot_io.session.samples import Samples
+from robot_io.session.stream import Column, Record, RecordArray, Stream
+from robot_io.session.write import write_session
 from robot_io.session.writer import SessionWriter
 
-__all__ = ["Column", "Event", "RecordArray", "SessionMetadata", "SessionWriter", "Stream"]
+__all__ = [
+    "Column",
+    "Event",
+    "Record",
+    "RecordArray",
+    "Samples",
+    "Session",
+    "SessionMetadata",
+    "SessionWriter",
+    "Stream",
+    "write_session",
+]

@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from google.protobuf.message import DecodeError
+from google.protobuf.message import DecodeError, Message
 
 from robot_io.errors import SessionError
 from robot_io.session.wire import PACKAGE, file_descriptor_set
@@ -44,11 +45,14 @@ def event_descriptor_set() -> bytes:
     return file_descriptor_set(message)
 
 
-def _message_class() -> Any:
+def _message_class() -> type[Message]:
     pool = descriptor_pool.DescriptorPool()
     for file in descriptor_pb2.FileDescriptorSet.FromString(event_descriptor_set()).file:
         pool.Add(file)
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(f"{PACKAGE}.{EVENT_STREAM}"))
+    found: type[Message] = message_factory.GetMessageClass(
+        pool.FindMessageTypeByName(f"{PACKAGE}.{EVENT_STREAM}")
+    )
+    return found
 
 
 _EventMessage = _message_class()
@@ -57,21 +61,25 @@ _EventMessage = _message_class()
 def encode_event(event: Event) -> bytes:
     """The event as a protobuf message of at most `MAX_EVENT_BYTES`; what is too long is cut and says so.
 
-    What JSON does not know is kept as its text.
+    Numpy's numbers and arrays are kept as numbers and lists; what else JSON does not know, as its text.
     """
-    data_json = "" if event.data is None else json.dumps(event.data, default=str)
+    data_json = "" if event.data is None else json.dumps(event.data, default=_plain)
     encoded = _serialised(event, event.text, data_json)
     if len(encoded) <= MAX_EVENT_BYTES:
         return encoded
-    text = event.text.encode()[: MAX_EVENT_BYTES // 2].decode(errors="ignore")
+    text = event.text.encode(errors="replace")[: MAX_EVENT_BYTES // 2].decode(errors="ignore")
     return _serialised(event, text + _CUT, "")
 
 
 def _serialised(event: Event, text: str, data_json: str) -> bytes:
-    data: bytes = _EventMessage(
-        time_s=event.time_s, kind=event.kind[:64], text=text, data_json=data_json
-    ).SerializeToString()
+    kind, text = (word.encode(errors="replace").decode() for word in (event.kind[:64], text))
+    message = _EventMessage(time_s=event.time_s, kind=kind, text=text, data_json=data_json)
+    data: bytes = message.SerializeToString()
     return data
+
+
+def _plain(value: object) -> object:
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
 
 
 def decode_event(data: bytes) -> Event:

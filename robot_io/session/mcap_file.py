@@ -58,8 +58,9 @@ class McapFile:
         self.flush()
 
     def _register(self, name: str, descriptor_set: bytes, units: dict[str, str]) -> int:
-        schema = self._mcap.register_schema(f"{PACKAGE}.{name}", "protobuf", descriptor_set)
-        return self._mcap.register_channel(name, "protobuf", schema, units)
+        schema: int = self._mcap.register_schema(f"{PACKAGE}.{name}", "protobuf", descriptor_set)
+        channel: int = self._mcap.register_channel(name, "protobuf", schema, units)
+        return channel
 
     def write_records(self, stream_name: str, sequence: NDArray[np.uint64], records: RecordArray) -> None:
         """Add records, shape (n,), with their sequence numbers, shape (n,)."""

@@ -16,8 +16,8 @@ class RingBuffer:
     """Records of one dtype, each with its sequence number.
 
     Two counters that only grow say what is in the ring: the producer alone moves the head, after the record
-    is in place, and the consumer alone moves the tail, after it has copied. A record that finds the ring full is
-    counted, and uses up a sequence number: a gap in the numbers shows where records are missing.
+    is in place, and the consumer alone moves the tail, after it has copied. A record that finds the ring full
+    is counted, and uses up a sequence number: a gap in the numbers shows where records are missing.
 
     Args:
         memory: writable shared memory of `size_bytes(dtype, slots)`, zero at first.

@@ -78,7 +78,7 @@ class SharedLog:
 
 
 def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
-    """File descriptor of memory for a `SharedLog`; nameless, so that it is gone with the last process using it."""
+    """File descriptor of nameless memory for a `SharedLog`: it is gone with the last process that uses it."""
     size = _size_bytes(_layout(streams, ring_slots))
     memory = os.memfd_create("palpate-log") if hasattr(os, "memfd_create") else _unlinked_file()
     # Written rather than only reserved: the control loop then meets no page for the first time.

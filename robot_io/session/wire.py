@@ -1,9 +1,9 @@
 """A stream's records as protobuf messages, many at once.
 
-Every column is written in every message, in order, and only with types of fixed size. All messages of a stream
-then have the same length, with the same tag bytes at the same places, so that a numpy structured type with gaps
-for the tags reads and writes them as whole arrays. Any protobuf library reads the messages with the descriptor
-that is stored beside them.
+Every column is written in every message, in order, and only with types of fixed size. All messages of a
+stream then have the same length, with the same tag bytes at the same places, and a numpy structured type with
+gaps for the tags reads and writes them as whole arrays. Any protobuf library reads the messages with the
+descriptor that is stored beside them.
 
 Encoding: https://protobuf.dev/programming-guides/encoding/
 """

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from robot_io.errors import InputError, SessionError
+from robot_io.errors import InputError, SessionError, UnknownNameError
 from robot_io.session.event import EVENT_STREAM, Event, encode_event
 from robot_io.session.job import Job
 from robot_io.session.metadata import SessionMetadata
@@ -108,7 +108,7 @@ class SessionWriter:
         if self._closed:
             return InputError(f"the session {self.path} is closed")
         valid = ", ".join(name for name in self._rings if name != EVENT_STREAM)
-        return InputError(f"no stream is called '{stream_name}'. Valid: {valid}")
+        return UnknownNameError(f"no stream is called '{stream_name}'. Valid: {valid}")
 
     @property
     def dropped(self) -> int:
@@ -152,7 +152,12 @@ class SessionWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except SessionError as failure:
+            if error is None:
+                raise
+            error.add_note(str(failure))  # the first thing that went wrong is the one to hear of
 
     def _wait_until_ready(self) -> None:
         give_up_s = time.monotonic() + START_LIMIT_S

@@ -1,4 +1,4 @@
-"""The process that writes a session: takes records from the rings to the disk while a program controls a robot.
+"""The process that writes a session: takes records from the rings to the disk while a program drives a robot.
 
 It outlives Ctrl-C and the death of the program, empties the rings, and finishes the file.
 """

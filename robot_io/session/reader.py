@@ -1,0 +1,124 @@
+"""Reads a session file, whole or cut off by a crash, into arrays."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from robot_io.errors import InputError, SessionError, UnknownNameError
+from robot_io.session.event import EVENT_STREAM, Event, decode_event
+from robot_io.session.mcap_file import END_RECORD, EXTRA_RECORD, FORMAT_VERSION, HEADER_RECORD
+from robot_io.session.metadata import SessionMetadata
+from robot_io.session.samples import Samples
+from robot_io.session.scan import Scan, scan
+from robot_io.session.shared_log import check_streams
+from robot_io.session.stream import Stream, streams_from_json
+from robot_io.session.wire import WireFormat
+
+MAX_FILE_BYTES = 4 * 1024**3
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """What happened in one session.
+
+    Attributes:
+        path: the session file.
+        metadata: where the session comes from.
+        events: in the order in which they were logged.
+        truncated: True if the file was never finished, or still is being written; what is here is all that
+            reached the disk in whole chunks.
+        dropped: records and events that are missing because the disk was too slow.
+    """
+
+    path: Path
+    metadata: SessionMetadata
+    events: tuple[Event, ...]
+    truncated: bool
+    dropped: int
+    _samples: Mapping[str, Samples]
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> "Session":
+        """Read a session file.
+
+        Raises:
+            SessionError: the file cannot be read, is no session, or was damaged after it was finished.
+        """
+        place = Path(path)
+        try:
+            return cls._from_scan(place, scan(_read(place)))
+        except SessionError as error:
+            raise SessionError(f"{place}: {error}") from error
+
+    @classmethod
+    def _from_scan(cls, path: Path, found: Scan) -> "Session":
+        header = found.metadata.get(HEADER_RECORD)
+        if header is None:
+            raise SessionError("no session of palpate, or cut off at its very beginning")
+        if header.get("format_version") != FORMAT_VERSION:
+            version = header.get("format_version", "")[:20]
+            raise SessionError(f"format version '{version}'; this palpate reads {FORMAT_VERSION}")
+        streams = _streams(header)
+        return cls(
+            path=path,
+            metadata=SessionMetadata.from_strings(header, found.metadata.get(EXTRA_RECORD, {})),
+            events=tuple(decode_event(message) for message in found.messages.get(EVENT_STREAM, [])),
+            truncated=not found.complete,
+            dropped=sum(_dropped(found, name) for name in (EVENT_STREAM, *(s.name for s in streams))),
+            _samples={s.name: _samples(s, found.messages.get(s.name, [])) for s in streams},
+        )
+
+    @property
+    def stream_names(self) -> tuple[str, ...]:
+        """Names of the streams, also of those without samples."""
+        return tuple(self._samples)
+
+    def samples(self, stream_name: str) -> Samples:
+        """One stream's samples.
+
+        Raises:
+            InputError: the session has no such stream.
+        """
+        if stream_name not in self._samples:
+            valid = ", ".join(self._samples) or "none"
+            raise UnknownNameError(f"{self.path} has no stream '{stream_name}'. Valid: {valid}")
+        return self._samples[stream_name]
+
+    @property
+    def derived_dir(self) -> Path:
+        """Folder beside the session, of the same name, for what is derived from it; it may not exist yet."""
+        return self.path.with_suffix("") if self.path.suffix else self.path.with_suffix(".derived")
+
+
+def _read(path: Path) -> bytes:
+    try:
+        size = path.stat().st_size
+        if size > MAX_FILE_BYTES:
+            raise SessionError(f"{size} bytes; at most {MAX_FILE_BYTES}")
+        return path.read_bytes()
+    except OSError as error:
+        raise SessionError(f"cannot be read: {error.strerror}") from error
+
+
+def _streams(header: Mapping[str, str]) -> tuple[Stream, ...]:
+    streams = streams_from_json(header.get("streams", ""))
+    try:
+        check_streams(streams)
+    except InputError as error:
+        raise SessionError(f"its streams are not valid: {error}") from error
+    return streams
+
+
+def _samples(stream: Stream, messages: list[bytes]) -> Samples:
+    return Samples.from_records(stream, WireFormat(stream).decode(b"".join(messages)))
+
+
+def _dropped(found: Scan, stream_name: str) -> int:
+    """Sequence numbers without a message: in the gaps, and after the last one if the file knows its end."""
+    count = len(found.messages.get(stream_name, []))
+    offered = found.last_sequence.get(stream_name, -1) + 1
+    stated = found.metadata.get(END_RECORD, {}).get(stream_name, "")
+    if len(stated) < 20 and stated.isdecimal():
+        offered = max(offered, int(stated))
+    return max(0, offered - count)

@@ -1,0 +1,137 @@
+"""One pass over the bytes of an MCAP file, whole or cut off; what is inside is not trusted.
+
+MCAP: https://mcap.dev/spec. The library's readers want the summary at the end, which a killed program never
+wrote.
+"""
+
+import struct
+import zlib
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+
+from lz4.frame import LZ4FrameDecompressor
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, DataEnd, Metadata
+from mcap.writer import MCAP0_MAGIC
+
+from robot_io.errors import SessionError
+
+MAX_CHUNK_BYTES = 4 * 1024 * 1024  # ours are 64 KiB or less
+MAX_DATA_BYTES = 8 * 1024**3
+
+_RECORD = struct.Struct("<BQ")  # opcode, length
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence number, two times
+
+
+@dataclass
+class Scan:
+    """What the pass found.
+
+    Attributes:
+        metadata: the metadata records by their names.
+        messages: the messages of each topic, one after the other.
+        last_sequence: the sequence number of each topic's last message.
+        complete: whether the file was finished; else it was read up to the last whole chunk.
+    """
+
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    messages: dict[str, list[bytes]] = field(default_factory=lambda: defaultdict(list))
+    last_sequence: dict[str, int] = field(default_factory=dict)
+    complete: bool = False
+
+
+def scan(data: bytes) -> Scan:
+    """Read an MCAP file's metadata and messages.
+
+    Raises:
+        SessionError: it is no MCAP file, or one that was finished and then damaged.
+    """
+    if not data.startswith(MCAP0_MAGIC):
+        raise SessionError("no session: it does not begin as an MCAP file does")
+    scanner = _Scanner(data)
+    try:
+        scanner.run()
+    except (struct.error, UnicodeDecodeError, McapError, RuntimeError) as error:
+        if scanner.closed:
+            raise SessionError(f"damaged: {error}") from error
+    except SessionError:
+        if scanner.closed:
+            raise
+    if scanner.closed and not scanner.found.complete:
+        raise SessionError("damaged: its end is there, but not all that comes before")
+    return scanner.found
+
+
+class _Scanner:
+    def __init__(self, data: bytes) -> None:
+        self.found = Scan()
+        self.closed = len(data) > len(MCAP0_MAGIC) and data.endswith(MCAP0_MAGIC)
+        self._data = data
+        self._topics: dict[int, str] = {}
+        self._bytes_left = MAX_DATA_BYTES
+
+    def run(self) -> None:
+        for opcode, start, end in _records(self._data, len(MCAP0_MAGIC)):
+            if opcode == Opcode.METADATA:
+                record = Metadata.read(_stream(self._data[start:end]))
+                self.found.metadata[record.name] = record.metadata
+            elif opcode == Opcode.CHUNK:
+                self._take_chunk(_uncompressed(Chunk.read(_stream(self._data[start:end]))))
+            elif opcode == Opcode.DATA_END:
+                self._check_sum(DataEnd.read(_stream(self._data[start:end])), start - _RECORD.size)
+                self.found.complete = self.closed
+                return
+
+    def _check_sum(self, record: DataEnd, data_end: int) -> None:
+        if record.data_section_crc not in {0, zlib.crc32(memoryview(self._data)[:data_end])}:
+            raise SessionError("damaged: the checksum of its data does not fit")
+
+    def _take_chunk(self, chunk: bytes) -> None:
+        self._bytes_left -= len(chunk)
+        if self._bytes_left < 0:
+            raise SessionError(f"more than {MAX_DATA_BYTES} bytes of data")
+        for opcode, start, end in _records(chunk, 0):
+            if opcode == Opcode.MESSAGE:
+                channel, sequence, _, _ = _MESSAGE.unpack_from(chunk, start)
+                topic = self._topics.get(channel)
+                if topic is None:
+                    raise SessionError(f"damaged: a message belongs to no channel ({channel})")
+                self.found.messages[topic].append(chunk[start + _MESSAGE.size : end])
+                self.found.last_sequence[topic] = sequence
+            elif opcode == Opcode.CHANNEL:
+                record = Channel.read(_stream(chunk[start:end]))
+                self._topics[record.id] = record.topic
+
+
+def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
+    """Opcode, start and end of each whole record from the place `at` on."""
+    while at + _RECORD.size <= len(data):
+        opcode, length = _RECORD.unpack_from(data, at)
+        start = at + _RECORD.size
+        at = start + length
+        if opcode == 0 or at > len(data):
+            return
+        yield opcode, start, at
+
+
+def _stream(data: bytes) -> ReadDataStream:
+    return ReadDataStream(BytesIO(data))
+
+
+def _uncompressed(chunk: Chunk) -> bytes:
+    size = chunk.uncompressed_size
+    if size > MAX_CHUNK_BYTES:
+        raise SessionError(f"a chunk of {size} bytes; at most {MAX_CHUNK_BYTES}")
+    if chunk.compression == "lz4":
+        data: bytes = LZ4FrameDecompressor().decompress(chunk.data, max_length=size)
+    elif chunk.compression == "":
+        data = chunk.data
+    else:
+        raise SessionError(f"a chunk compressed with '{chunk.compression[:20]}'; sessions use lz4 or none")
+    if len(data) != size or zlib.crc32(data) != chunk.uncompressed_crc:
+        raise SessionError("damaged: the checksum of a chunk does not fit")
+    return data
