@@ -10,6 +10,10 @@ from robot_io.limit_checks import LimitChecks
 from robot_io.limits import Limits, SafeState
 from robot_io.types import Command, FloatArray, Measurement
 
+PAUSE_S = (
+    0.1  # longer between two commands: the arm was let go, and the torque sent before says nothing any more
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Trip:
@@ -66,6 +70,7 @@ class Guard:
         self._stopping_s = 0.0  # sum of the time steps since the trip
         self._finished = False
         self._previous_nm: list[float] | None = None
+        self._previous_s = -inf
         self.torque_clips = 0
         self.rate_clips = 0
 
@@ -129,8 +134,7 @@ class Guard:
     def rearm(self, measurement: Measurement) -> None:
         """Let commands through again, starting from the measured state.
 
-        The rate limit starts from the measured torque. Call it also before an arm is used again that was
-        deactivated in between.
+        The rate limit starts from the measured torque.
 
         Raises:
             SafetyTripError: the stop is not over, or something is still wrong; the trip stays.
@@ -165,7 +169,7 @@ class Guard:
     def _clip(self, command: Command, measurement: Measurement, dt_s: float) -> Command:
         wanted_nm = command.joint_torque_nm.tolist()
         previous_nm = self._previous_nm
-        if previous_nm is None:
+        if previous_nm is None or measurement.time_s - self._previous_s > PAUSE_S:
             previous_nm = self._measured_within_limits(measurement)
         sent_nm: list[float] = []
         torque_clipped = rate_clipped = False
@@ -179,7 +183,7 @@ class Guard:
             sent_nm.append(sent)
         self.torque_clips += torque_clipped
         self.rate_clips += rate_clipped
-        self._previous_nm = sent_nm
+        self._previous_nm, self._previous_s = sent_nm, measurement.time_s
         return _command(sent_nm)
 
     def _measured_within_limits(self, measurement: Measurement) -> list[float]:
