@@ -28,7 +28,7 @@ class LoopResult:
         skipped: instants of the grid that passed without a tick.
         dropped: records that found no room in the log.
         log_failures: calls of the log that failed; the arm is not stopped for it.
-        log_error: the first of these failures, empty if none.
+        log_error: why the log is not complete (such as a full disk), empty if nothing is known against it.
         observer_error: why the observer was switched off, empty if it was not.
         unsent: commands that could not be sent.
         deactivation_error: why switching the torque off could not be confirmed, empty if it was.
@@ -53,6 +53,23 @@ class LoopResult:
     wall_s: float = 0.0
     timing: Mapping[str, SectionTiming] = field(default_factory=dict)
     error: Exception | None = None
+
+    def one_line(self) -> str:
+        """What a person wants to know first, with everything that went wrong and nothing that did not."""
+        text = f"{self.outcome}{': ' if self.cause else ''}{self.cause}; {self.ticks} ticks"
+        for count, what in (
+            (self.overruns, "overruns"),
+            (self.dropped, "records dropped"),
+            (self.unsent, "commands not sent"),
+        ):
+            text += f", {count} {what}" if count else ""
+        for trouble, what in (
+            (self.log_error, "the log is not complete"),
+            (self.observer_error, "online estimation was switched off"),
+            (self.deactivation_error, "the torque may still be on"),
+        ):
+            text += f"; {what}: {trouble}" if trouble else ""
+        return text
 
     def raise_for_trip(self) -> None:
         """Raise if the loop was tripped, or if the torque may still be on.

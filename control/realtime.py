@@ -48,6 +48,7 @@ def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
         What was granted, and in plain words what was not. Being refused is no error.
     """
     switches: tuple[tuple[str, str, Callable[[], AbstractContextManager[None]]], ...] = (
+        ("fine timer", "each sleep may be 50 us longer", _fine_timer),
         (
             "SCHED_FIFO",
             "other programs may delay a tick by milliseconds; allow it with 'rtprio 99' in "
@@ -60,7 +61,6 @@ def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
             "/etc/security/limits.conf",
             _locked_memory,
         ),
-        ("fine timer", "each sleep may be 50 us longer", _fine_timer),
         ("frozen garbage", "a full garbage collection may delay a tick", _frozen_garbage),
     )
     granted, refused = [], []

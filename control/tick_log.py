@@ -13,6 +13,10 @@ class TickLog(Protocol):
     def dropped(self) -> int:
         """Records that found no room and are lost."""
 
+    @property
+    def failure(self) -> str | None:
+        """Why records no longer reach the disk; None while all is well."""
+
     def append(self, stream_name: str, record: np.void) -> object:
         """Take over a copy of one record."""
 

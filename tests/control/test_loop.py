@@ -1,0 +1,204 @@
+"""The loop on simulated time: ends, records, and that nothing but a clean command ever goes out."""
+
+import numpy as np
+import pytest
+
+from control.loop import run_loop
+from control.loop_result import Outcome
+from control.phases import Phase
+from control.timing import SECTIONS
+from robot_io.clock import SimulatedClock
+from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
+from robot_io.robot import RobotState
+from tests.control.loop_parts import JOINTS, RATE_HZ, Arm, MemoryLog, Swing
+
+
+def run(arm, task, log=None, **options):
+    log = MemoryLog() if log is None else log
+    return run_loop(arm.robot, arm.guard, task, arm.clock, log, rate_hz=RATE_HZ, **options), log
+
+
+def test_a_task_that_is_done_ends_the_run_with_the_torque_off():
+    arm, task = Arm(), Swing(done_at=200)
+    result, log = run(arm, task)
+    assert result.outcome is Outcome.FINISHED
+    assert (result.cause, result.ticks, result.overruns) == ("", 200, 0)
+    assert arm.robot.state is RobotState.CONFIGURED
+    assert not arm.masses.active
+    assert len(log.records) == 200
+    assert task.started_from is not None
+    result.raise_for_trip()  # nothing to raise
+
+
+def test_records_hold_what_was_measured_wanted_and_sent():
+    arm = Arm()
+    _, log = run(arm, Swing(done_at=50, torque_nm=0.1))
+    assert np.allclose(log.column("torque_commanded_nm"), 0.1)
+    assert np.allclose(log.column("torque_sent_nm"), arm.masses.sent_nm)
+    assert np.array_equal(log.column("phase"), [Phase.LOADING] * 50)
+    assert np.array_equal(log.column("run"), [4] * 50)
+    assert np.array_equal(log.column("tick"), range(50))
+    assert np.allclose(np.diff(log.column("time_s")), 1e-3)
+    assert np.isnan(log.column("stiffness_n_m")).all()
+    velocity, torque = log.column("joint_velocity_rad_s")[:, 0], log.column("torque_sent_nm")[:, 0]
+    assert np.allclose(np.diff(velocity), torque[:-1] / 0.02 * 1e-3)  # the plant obeyed what is on record
+
+
+def test_the_events_of_the_task_are_logged_at_their_tick():
+    _, log = run(Arm(), Swing(done_at=10))
+    assert [(time_s, text) for time_s, kind, text in log.events if kind == "touch"] == [
+        (log.column("time_s")[2], "touched")
+    ]
+
+
+def test_each_step_is_one_period_after_the_one_before():
+    task = Swing(done_at=30)
+    run(Arm(), task)
+    assert task.dts_s == pytest.approx([1.0 / RATE_HZ] * 30)
+
+
+def test_a_hundred_thousand_ticks_end_where_a_hundred_thousand_periods_end():
+    arm = Arm()
+    result, _ = run(arm, Swing(done_at=100_000, torque_nm=0.0), log=_Silent())
+    assert result.ticks == 100_000
+    assert arm.clock.now_s() == pytest.approx(100.0, abs=1e-9)
+
+
+class _Silent(MemoryLog):
+    def append(self, stream_name, record) -> None:
+        pass
+
+
+def test_what_stop_asks_for_is_a_safe_stop():
+    arm, task = Arm(), Swing()
+    result, log = run(arm, task, stop=lambda: task.steps >= 40)
+    assert result.outcome is Outcome.STOPPED
+    assert result.cause == "stopped on request"
+    assert log.texts("stop") == ["stopped on request"]
+    assert log.texts("trip") == []
+    assert log.column("phase")[-1] == Phase.STOPPED
+    assert np.abs(arm.masses.sent_nm[-1]).max() == 0.0
+    assert not arm.masses.active
+    result.raise_for_trip()  # asked for: not an error
+
+
+def test_the_observer_sees_each_record_and_its_estimates_are_logged_with_it():
+    seen = []
+
+    def observe(record):
+        seen.append((int(record["tick"]), float(record["force_n"])))
+        return 500.0 + record["tick"], 10.0, 0.25
+
+    arm = Arm()
+    arm.masses.force_n = 3.0
+    _, log = run(arm, Swing(done_at=20), observer=observe)
+    assert seen == [(tick, 3.0) for tick in range(20)]
+    assert np.array_equal(log.column("stiffness_n_m"), 500.0 + np.arange(20))
+    assert np.array_equal(log.column("surface_m"), [0.25] * 20)
+    assert (log.column("observer_s") > 0).all()
+
+
+def test_the_sections_of_a_tick_make_up_the_tick():
+    result, log = run(Arm(), Swing(done_at=2000, torque_nm=0.0), observer=lambda _: (1.0, 2.0, 3.0))
+    assert list(result.timing) == list(SECTIONS)
+    assert all(section.count == 2000 for section in result.timing.values())
+    parts = [name for name in SECTIONS if name not in {"tick", "lateness"}]
+    total_s = sum(result.timing[name].p50_s for name in parts)
+    assert total_s == pytest.approx(result.timing["tick"].p50_s, rel=0.1)
+    logged = np.median(log.column("control_s"))
+    assert logged == pytest.approx(result.timing["control"].p50_s, rel=0.05)
+    assert result.timing["lateness"].max_s == 0.0  # simulated time is never late
+    assert result.duration_s == pytest.approx(2.0, abs=1e-6)
+
+
+def test_an_overrun_is_counted_skipped_and_told_to_the_task():
+    arm, task = Arm(), Swing(done_at=20)
+
+    def stall():
+        if task.steps == 10:
+            arm.clock.sleep_until(arm.clock.now_s() + 0.0035)
+
+    arm.masses.on_poll = stall
+    result, log = run(arm, task)
+    assert (result.overruns, result.skipped) == (1, 3)
+    assert result.ticks == 20
+    assert sorted(set(np.diff(log.column("tick")))) == [1, 4]
+    assert max(task.dts_s) == pytest.approx(4e-3)
+    on_grid = log.column("time_s") * RATE_HZ
+    assert np.allclose(on_grid, np.round(on_grid), atol=1e-6)
+
+
+def test_the_loop_waits_for_the_first_samples_with_the_torque_off():
+    arm = Arm()
+    arm.masses.force_at_s = -np.inf
+    arm.masses.frozen_force = True
+
+    def sample_later():
+        assert not arm.masses.active
+        if arm.clock.now_s() > 0.0045:
+            arm.masses.frozen_force = False
+            arm.masses.on_poll = lambda: None
+
+    arm.masses.on_poll = sample_later
+    result, _ = run(arm, Swing(done_at=5))
+    assert result.outcome is Outcome.FINISHED
+
+
+def test_a_sensor_that_never_samples_is_named_and_the_arm_is_not_powered():
+    arm = Arm()
+    arm.masses.force_at_s = -np.inf
+    arm.masses.frozen_force = True
+    with pytest.raises(DeviceTimeoutError, match="force"):
+        run(arm, Swing())
+    assert arm.masses.sent_nm == []
+
+
+def test_an_arm_that_is_outside_its_limits_is_not_powered():
+    arm = Arm()
+    arm.masses.position_rad = np.array([0.0, 3.5, 0.0])
+    result, log = run(arm, Swing())
+    assert result.outcome is Outcome.TRIPPED
+    assert "joint 2" in result.cause
+    assert (result.ticks, arm.masses.sent_nm) == (0, [])
+    assert log.texts("trip") == [result.cause]
+    with pytest.raises(SafetyTripError, match="joint 2"):
+        result.raise_for_trip()
+
+
+def test_a_tripped_guard_is_refused_until_it_is_rearmed():
+    arm = Arm()
+    arm.guard.trip("the cable was loose")
+    with pytest.raises(SafetyTripError, match="the cable was loose"):
+        run(arm, Swing())
+
+
+def test_the_same_arm_and_guard_run_again():
+    arm = Arm()
+    for _ in range(2):
+        result, log = run(arm, Swing(done_at=30, torque_nm=0.01))
+        assert result.outcome is Outcome.FINISHED
+        assert len(log.records) == 30
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_rate_that_is_none_is_refused(rate_hz):
+    arm = Arm()
+    with pytest.raises(InputError, match="rate"):
+        run_loop(arm.robot, arm.guard, Swing(), arm.clock, MemoryLog(), rate_hz=rate_hz)
+
+
+def test_the_rate_limit_starts_afresh_in_each_run():
+    arm = Arm(torque_rate_nm_s=(1000.0,) * JOINTS)
+    run(arm, Swing(done_at=30, torque_nm=5.0))
+    first = len(arm.masses.sent_nm)
+    arm.masses.velocity_rad_s = np.zeros(JOINTS)
+    arm.masses.position_rad = np.zeros(JOINTS)
+    run(arm, Swing(done_at=3, torque_nm=5.0))
+    assert arm.masses.sent_nm[first][0] == pytest.approx(1.0)  # from zero, not from 5
+
+
+def test_paced_simulation_keeps_step_with_the_clock_that_paces_it():
+    pace = SimulatedClock()
+    arm = Arm(SimulatedClock(pace))
+    run(arm, Swing(done_at=100))
+    assert pace.now_s() == pytest.approx(arm.clock.now_s())

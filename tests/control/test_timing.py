@@ -1,0 +1,67 @@
+"""Histogram percentiles against numpy's."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from control.timing import SECTIONS, Histogram, LoopTiming
+
+BIN_ERROR = 0.012  # half a bin
+
+
+def filled(durations_s) -> Histogram:
+    histogram = Histogram()
+    for duration_s in durations_s:
+        histogram.add(float(duration_s))
+    return histogram
+
+
+@pytest.mark.parametrize("percent", [1.0, 50.0, 90.0, 99.0, 99.9, 100.0])
+@pytest.mark.parametrize("spread", [0.05, 0.5, 2.0])
+def test_percentiles_agree_with_numpy(percent, spread):
+    durations_s = 50e-6 * np.random.default_rng(7).lognormal(0.0, spread, 20_003)
+    expected = np.percentile(durations_s, percent, method="inverted_cdf")
+    assert filled(durations_s).percentile(percent) == pytest.approx(expected, rel=BIN_ERROR)
+
+
+@given(st.lists(st.floats(1e-7, 30.0), min_size=1, max_size=200), st.floats(0.1, 100.0))
+def test_percentiles_agree_with_numpy_for_any_durations(durations_s, percent):
+    rank = percent / 100.0 * len(durations_s)
+    assume(abs(rank - round(rank)) > 1e-6)  # at whole ranks numpy's own rounding may take the neighbour
+    expected = np.percentile(durations_s, percent, method="inverted_cdf")
+    assert filled(durations_s).percentile(percent) == pytest.approx(expected, rel=BIN_ERROR)
+
+
+def test_the_longest_is_exact_and_no_percentile_exceeds_it():
+    histogram = filled([1e-4, 2e-4, 3.3e-4])
+    assert histogram.max_s == 3.3e-4
+    assert histogram.percentile(100.0) <= 3.3e-4
+
+
+def test_the_999th_of_a_thousand_is_not_the_longest():
+    assert filled([1e-5] * 999 + [1.0]).percentile(99.9) == pytest.approx(1e-5, rel=BIN_ERROR)
+
+
+def test_zero_and_huge_durations_are_counted_and_not_lost():
+    histogram = filled([0.0] * 6 + [1e4] * 4)
+    assert histogram.count == 10
+    assert histogram.percentile(50.0) == 0.0
+    assert histogram.percentile(90.0) > 30.0
+    assert histogram.max_s == 1e4
+
+
+def test_an_empty_histogram_knows_nothing():
+    assert math.isnan(Histogram().percentile(50.0))
+
+
+def test_each_section_is_kept_apart():
+    timing = LoopTiming()
+    for _ in range(100):
+        timing.add([1e-6 * (i + 1) for i in range(len(SECTIONS))])
+    for i, name in enumerate(SECTIONS):
+        section = timing.summary()[name]
+        assert section.count == 100
+        assert section.p50_s == pytest.approx(1e-6 * (i + 1), rel=BIN_ERROR)
