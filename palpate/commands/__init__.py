@@ -1,0 +1,1 @@
+"""One module per command; `palpate.app` finds them and takes each one's function `command`."""

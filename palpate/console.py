@@ -1,0 +1,63 @@
+"""Where words go: results to stdout, progress and remarks to stderr, so that `--json` output can be piped."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from rich.box import SIMPLE_HEAD as SIMPLE
+from rich.console import Console
+from rich.table import Table
+
+PIPE_WIDTH = 120  # columns when the output is no terminal, so that tables are not squeezed into 80
+
+
+def stdout() -> Console:
+    """The console for results. Made on each call: the tests exchange `sys.stdout`."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
+
+
+def stderr() -> Console:
+    """The console for progress, remarks and next steps."""
+    console = Console(stderr=True, highlight=False)
+    return console if console.is_terminal else Console(stderr=True, highlight=False, width=PIPE_WIDTH)
+
+
+def print_json(data: Any) -> None:  # noqa: ANN401
+    """Print `data` as strict JSON on stdout; arrays become lists, NaN and infinity become null."""
+    print(json.dumps(plain(data), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def plain(value: Any) -> Any:  # noqa: ANN401
+    """The same value in JSON's own types."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
+    """A table in the house style: light rules, numbers to the right."""
+    made = Table(
+        title=title or None, title_style="bold", title_justify="left", header_style="bold", box=SIMPLE
+    )
+    aligned = set(right)
+    for column in columns:
+        made.add_column(column, justify="right" if column in aligned else "left")
+    return made
+
+
+def next_steps(*commands: tuple[str, str]) -> None:
+    """Show commands to try next, each with what it does."""
+    console = stderr()
+    console.print("\n[bold]Next[/bold]")
+    width = max(len(command) for command, _ in commands)
+    for command, purpose in commands:
+        console.print(f"  [cyan]{command:<{width}}[/cyan]  [dim]{purpose}[/dim]", soft_wrap=True)

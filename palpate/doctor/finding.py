@@ -1,0 +1,44 @@
+"""The outcome of one check."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Level(StrEnum):
+    """How much a finding matters."""
+
+    OK = "ok"
+    WARN = "warn"  # something works less well, or a part that not everybody needs is absent
+    FAIL = "fail"  # palpate will not work
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the doctor's report.
+
+    Attributes:
+        subject: what was looked at.
+        level: how much it matters.
+        text: what was found.
+        remedy: what to do, empty when nothing.
+    """
+
+    subject: str
+    level: Level
+    text: str
+    remedy: str = ""
+
+
+def ok(subject: str, text: str) -> Finding:
+    """A finding without complaint."""
+    return Finding(subject, Level.OK, text)
+
+
+def warn(subject: str, text: str, remedy: str) -> Finding:
+    """A finding that one can live with."""
+    return Finding(subject, Level.WARN, text, remedy)
+
+
+def fail(subject: str, text: str, remedy: str) -> Finding:
+    """A finding that keeps palpate from working."""
+    return Finding(subject, Level.FAIL, text, remedy)

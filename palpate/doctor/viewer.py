@@ -1,0 +1,54 @@
+"""The Rerun viewer."""
+
+import os
+import socket
+import sys
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+
+from palpate.doctor.finding import Finding, ok, warn
+
+PORT = 9876  # Rerun's default
+VULKAN_DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d")
+
+
+def rerun() -> Iterator[Finding]:
+    """The viewer's program is there, and something to show it on."""
+    version = metadata.version("rerun-sdk")
+    if has_display():
+        yield ok("rerun", f"{version}, with a display")
+    elif has_vulkan_driver():
+        yield ok("rerun", f"{version}, no display: recordings and screenshots are written to files")
+    else:
+        yield warn(
+            "rerun",
+            f"{version}, neither display nor Vulkan driver: recordings yes, screenshots no",
+            "apt install mesa-vulkan-drivers",
+        )
+
+
+def viewer_port() -> Iterator[Finding]:
+    """The viewer's port is free on this machine's own address."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", PORT))
+        except OSError as error:
+            yield warn(
+                "viewer port",
+                f"127.0.0.1:{PORT}: {error.strerror}",
+                "close the other viewer; palpate takes a free port",
+            )
+            return
+    yield ok("viewer port", f"127.0.0.1:{PORT} is free")
+
+
+def has_display() -> bool:
+    """Whether a window can be opened here."""
+    return sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def has_vulkan_driver() -> bool:
+    """Whether Vulkan can draw, if only in software."""
+    return any(Path(folder).is_dir() and any(Path(folder).glob("*.json")) for folder in VULKAN_DRIVERS)

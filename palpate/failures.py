@@ -1,0 +1,69 @@
+"""The one place where a failure becomes one line on stderr and an exit code."""
+
+import os
+import sys
+import traceback
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from robot_io.errors import InputError, PalpateError
+
+BAD_INPUT = 2
+FAILED = 1
+INTERRUPTED = 130
+DEBUG_VARIABLE = "PALPATE_DEBUG"
+
+
+class OneLineGroup(TyperGroup):
+    """A command group that never shows a traceback: a failure is one line that a user can act on."""
+
+    def main(self, *args: Any, **extra: Any) -> Any:  # noqa: ANN401
+        """Run the command and leave with its exit code; see `TyperGroup.main`."""
+        try:
+            code = super().main(*args, **(extra | {"standalone_mode": False}))
+        except typer.Abort:
+            sys.exit(report("interrupted", INTERRUPTED))
+        except Exception as error:
+            sys.exit(report_error(error))
+        if code == INTERRUPTED:
+            report("interrupted", INTERRUPTED)
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def report_error(error: Exception) -> int:
+    """Print one line for `error` and return the exit code that goes with it."""
+    if os.environ.get(DEBUG_VARIABLE):
+        traceback.print_exception(error)
+    match error:
+        case BrokenPipeError():
+            return _leave_pipe_quietly()
+        case InputError():
+            return report(str(error), BAD_INPUT)
+        case PalpateError():
+            return report(str(error), FAILED)
+        case typer.TyperException():
+            return report(_usage(error), error.exit_code)
+        case OSError() if error.filename is not None:
+            return report(f"{error.filename}: {error.strerror}", BAD_INPUT)
+    where = f"set {DEBUG_VARIABLE}=1 to see where; please report it"
+    return report(f"internal error, {type(error).__name__}: {error} ({where})", FAILED)
+
+
+def report(text: str, code: int) -> int:
+    """Print `text` as one line on stderr and return `code`."""
+    print("palpate: " + " ".join(text.split()), file=sys.stderr)
+    return code
+
+
+def _usage(error: typer.TyperException) -> str:
+    context = getattr(error, "ctx", None)
+    hint = f" (see: {context.command_path} --help)" if context else ""
+    return error.format_message().rstrip(".") + hint
+
+
+def _leave_pipe_quietly() -> int:
+    """The reader of our output has gone (`| head`); keep the interpreter from complaining when it flushes."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return FAILED

@@ -1,0 +1,30 @@
+"""Entry of the `palpate` command: check the ground first, then load the commands."""
+
+import sys
+
+from palpate import preflight
+
+
+def main() -> None:
+    """Run the command line; the process ends with 0 (done), 1 (failed) or 2 (bad input)."""
+    if problem := preflight.first_problem():
+        sys.exit(_refuse(problem))
+    try:
+        from palpate.app import app  # noqa: PLC0415, only once the ground is known to be firm
+    except ModuleNotFoundError as error:
+        missing = error.name or str(error)
+        sys.exit(
+            _refuse(
+                f"the Python package '{missing}' is not installed: run make env, and start .venv/bin/palpate"
+            )
+        )
+    app()
+
+
+def _refuse(problem: str) -> int:
+    print(f"palpate: {problem}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    main()

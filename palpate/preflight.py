@@ -1,0 +1,51 @@
+"""What must hold before the rest of palpate is imported; standard library only, to speak anywhere."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+PYTHON = (3, 11)
+
+
+def python_problem(version: tuple[int, int]) -> str | None:
+    """Say what is wrong with the interpreter, or None.
+
+    Args:
+        version: major and minor, as in `sys.version_info[:2]`.
+    """
+    if version == PYTHON:
+        return None
+    return (
+        f"palpate needs CPython 3.11, this is {version[0]}.{version[1]} (PyBullet has no wheel for 3.12 and "
+        "newer): install python3.11 and run: make PYTHON=python3.11 env"
+    )
+
+
+def control_problem(control_file: str | None) -> str | None:
+    """Say whether the package found under the name `control` is somebody else's, or None if it is ours.
+
+    Args:
+        control_file: path of the `__init__.py` that `import control` would load, or None if there is none.
+    """
+    ours = Path(__file__).resolve().parents[1] / "control"
+    if control_file is None:
+        return f"palpate's package 'control' is missing; it should be in {ours}: install palpate again"
+    found = Path(control_file).resolve().parent
+    # python-control installs a package of the same name; in one folder the two overwrite each other.
+    if found == ours and not (found / "statesp.py").exists():
+        return None
+    return (
+        f"the package 'control' in {found} is not palpate's (python-control has the same name): "
+        "install palpate into its own environment (make env), or run: pip uninstall control"
+    )
+
+
+def find_control() -> str | None:
+    """Path of the `control` package that Python would import, without importing it."""
+    spec = importlib.util.find_spec("control")
+    return spec.origin if spec else None
+
+
+def first_problem() -> str | None:
+    """The first thing that keeps palpate from starting, in one line with its remedy, or None."""
+    return python_problem((sys.version_info[0], sys.version_info[1])) or control_problem(find_control())

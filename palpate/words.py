@@ -1,0 +1,46 @@
+"""Small things said the same way everywhere."""
+
+import re
+from pathlib import Path
+
+from rich.markup import escape
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+
+
+def safe(text: str) -> str:
+    """Text from a file, made harmless for a terminal: no escape sequences, no console markup."""
+    return escape(_CONTROL.sub("�", text))
+
+
+def count(number: int, one: str, many: str = "") -> str:
+    """A number with its noun, such as "1 run" and "3 runs"."""
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+def duration(seconds: float) -> str:
+    """A duration as a person says it."""
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(seconds, 60)
+    return f"{minutes:.0f} min {rest:.0f} s"
+
+
+def shown(path: Path) -> str:
+    """A path as short as it can be said from where the user is."""
+    try:
+        return str(path.absolute().relative_to(Path.cwd()))
+    except ValueError:
+        return str(path)
+
+
+def significant(value: float, uncertainty: float | None = None) -> str:
+    """A value with as many digits as its uncertainty allows (two of the uncertainty's), or five in all."""
+    if uncertainty is None or not 0 < uncertainty < float("inf"):
+        return f"{value:.5g}"
+    decimals = max(0, 1 - _exponent(uncertainty))
+    return f"{value:.{decimals}f}"
+
+
+def _exponent(value: float) -> int:
+    return int(f"{value:e}".split("e")[1])
