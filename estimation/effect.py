@@ -9,6 +9,7 @@ An `AdditiveEffect` adds effort, a `MotionEffect` changes the motion that the ef
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -39,6 +40,11 @@ class Parameter:
     typical: tuple[float, float]
     log: bool = False
 
+    def spread(self, count: int) -> FloatArray:
+        """`count` values over the typical range, evenly by difference, or by ratio where `log`."""
+        low, high = self.typical
+        return np.geomspace(low, high, count) if self.log else np.linspace(low, high, count)
+
 
 class Effect(ABC):
     """One physical effect.
@@ -52,6 +58,7 @@ class Effect(ABC):
         channels: kinds of channel it can occur in.
         gains: parameters in which the effort is linear, one per column.
         inner: the few others (exponent, speed, time), searched within their bounds.
+        needs: signals of `ChannelData.context` without which the effect cannot be tried.
         confused_with: effects that data often cannot tell from this one, with the experiment that can.
     """
 
@@ -63,11 +70,36 @@ class Effect(ABC):
     channels: ClassVar[frozenset[ChannelKind]]
     gains: ClassVar[tuple[Parameter, ...]] = ()
     inner: ClassVar[tuple[Parameter, ...]] = ()
+    needs: ClassVar[tuple[str, ...]] = ()
     confused_with: ClassVar[Mapping[str, str]] = {}
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """Inner values from which a search begins; an effect whose scale depends on the data says its own.
+
+        Args:
+            data: the channel that is to be explained.
+
+        Returns:
+            At least one; `({},)` for an effect without inner parameters.
+        """
+        count = 9 if len(self.inner) == 1 else 5
+        values = product(*(p.spread(count) for p in self.inner))
+        return tuple({p.name: float(v) for p, v in zip(self.inner, row, strict=True)} for row in values)
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """Whether the channel is of the right kind and has the signals that the effect needs."""
+        return data.kind in self.channels and all(name in data.context for name in self.needs)
 
 
 class AdditiveEffect(Effect):
-    """An effect that adds effort, linear in its gains."""
+    """An effect that adds effort, linear in its gains.
+
+    Class attributes:
+        one_sided: in a contact, whether it belongs to what can only push, the object; what sticks to the
+            tool, and errors of the reader, can pull as well.
+    """
+
+    one_sided: ClassVar[bool] = True
 
     @abstractmethod
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -87,10 +119,24 @@ class MotionEffect(Effect):
 
 
 class SensorEffect(Effect):
-    """An effect on the way from the effort to the reader."""
+    """An effect on the way from the effort to the reader.
 
-    linear: ClassVar[bool]  # whether sense(a + b) == sense(a) + sense(b), so that it can act on columns
+    Class attributes:
+        linear: whether sense(a + b) == sense(a) + sense(b), so that it can act on columns.
+    """
+
+    linear: ClassVar[bool]
 
     @abstractmethod
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """What the sensor makes of `effort`, shape (n,) or (n, p) with p columns, run by run."""
+
+    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """How the reading changes along each column of effort, shape (n, p): a secant over 1 % of it."""
+        if self.linear:
+            return self.sense(columns, data, inner)
+        lengths = np.sqrt(np.mean(columns**2, axis=0))
+        step = 0.01 * np.sqrt(np.mean(effort**2)) / np.where(lengths > 0, lengths, 1.0)
+        step = np.where(step > 0, step, 1.0)
+        here = self.sense(effort, data, inner)[:, None]
+        return (self.sense(effort[:, None] + step * columns, data, inner) - here) / step

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.channel import ChannelData
+from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Effect, MotionEffect, Parameter, SensorEffect
 from estimation.regression import Regression
 from robot_io.errors import InputError
@@ -56,12 +56,15 @@ class Model:
         """Whether, with the inner parameters fixed, the effort is linear in the gains."""
         return all(effect.linear for effect in self._sensors)
 
-    def regression(self, data: ChannelData, inner: Parameters) -> Regression:
+    def regression(
+        self, data: ChannelData, inner: Parameters, sigma: FloatArray | None = None
+    ) -> Regression:
         """The linear problem left when the inner parameters are fixed.
 
         Args:
             data: the channel.
             inner: a value for each of `self.inner`.
+            sigma: see `Regression`.
 
         Returns:
             Columns and the effort still to be explained (known parts already taken off).
@@ -76,7 +79,7 @@ class Model:
             sensed = sensor.sense(np.column_stack([columns, known]), data, _own(sensor, inner))
             columns, known = sensed[:, :-1], sensed[:, -1]
         units = tuple(_unit(p, data) for p in self.gains.values())
-        return Regression(columns, data.effort - known, tuple(self.gains), units, run=data.run)
+        return Regression(columns, data.effort - known, tuple(self.gains), units, sigma, data.run)
 
     def predict(self, data: ChannelData, parameters: Parameters) -> FloatArray:
         """The effort that the model expects, shape (n,).
@@ -85,11 +88,34 @@ class Model:
             data: the channel; its effort is used only by effects that need it (tool compliance).
             parameters: a value for every gain and inner parameter.
         """
-        columns, known = self._effort_parts(data, parameters)
-        effort: FloatArray = known + columns @ np.array([parameters[name] for name in self.gains])
+        return self.linearise(data, parameters)[1]
+
+    def linearise(self, data: ChannelData, parameters: Parameters) -> tuple[FloatArray, FloatArray]:
+        """What the model expects, and how that changes with its gains.
+
+        An object can only push: in a contact, the sum of its one-sided effects is cut off at zero.
+
+        Args:
+            data: the channel; its effort is used only by effects that need it (tool compliance).
+            parameters: a value for every gain and inner parameter.
+
+        Returns:
+            Slopes (n, p) of the effort by each gain, and the effort (n,).
+        """
+        slopes, known = self._effort_parts(data, parameters)
+        gains = np.array([parameters[name] for name in self.gains])
+        effort: FloatArray = known + slopes @ gains
+        if data.kind is ChannelKind.CONTACT:
+            one_sided = np.array([e.one_sided for e in self._additive for _ in e.gains], dtype=np.bool_)
+            push = slopes[:, one_sided] @ gains[one_sided]
+            lifted = push < 0.0
+            effort = np.where(lifted, effort - push, effort)
+            slopes = np.where(lifted[:, None] & one_sided, 0.0, slopes)
         for sensor in self._sensors:
-            effort = sensor.sense(effort, data, _own(sensor, parameters))
-        return effort
+            inner = _own(sensor, parameters)
+            slopes = sensor.slope(effort, slopes, data, inner)
+            effort = sensor.sense(effort, data, inner)
+        return slopes, effort
 
     @property
     def _additive(self) -> list[AdditiveEffect]:

@@ -1,0 +1,124 @@
+"""One session with a known answer: motion, object or joint, sensor, noise."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from synthetic import contact, joint
+from synthetic.motion import Motion, measured, presses, swings
+from synthetic.noise import coloured
+from synthetic.sensors import FAULTS
+
+FLOOR = {ChannelKind.CONTACT: 0.05, ChannelKind.REVOLUTE: 0.02}  # standard deviation of the noise
+ENCODER = {ChannelKind.CONTACT: (1e-6, 1e-6), ChannelKind.REVOLUTE: (2e-5, 1e-5)}  # noise and step
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is hidden, and how the session is made.
+
+    Attributes:
+        kind: contact or joint.
+        hidden: effects with their strength, RMS of what the base model cannot mimic over the noise.
+        correlation: of the noise from one sample to the next.
+        seed: decides all that is random.
+    """
+
+    kind: ChannelKind
+    hidden: Mapping[str, float] = field(default_factory=dict)
+    correlation: float = 0.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Made:
+    """A session made: its channel, the sizes that gave the strengths, and the effort without noise."""
+
+    data: ChannelData
+    sizes: dict[str, float]
+    clean: np.ndarray
+
+
+def names(kind: ChannelKind) -> tuple[str, ...]:
+    """Effects that can be hidden in such a channel."""
+    return (*(contact.OBJECT if kind is ChannelKind.CONTACT else joint.JOINT), *FAULTS)
+
+
+def make(scene: Scene) -> Made | None:
+    """The session, or None where an effect cannot reach its strength at any size."""
+    rng = np.random.default_rng(scene.seed)
+    k, c = 10.0 ** rng.uniform(2.6, 3.3), rng.uniform(5.0, 30.0)
+    touching = scene.kind is ChannelKind.CONTACT
+    motion = presses(rng, 10.0 / k) if touching else swings(rng)
+    shape = {name: float(rng.uniform()) for name in names(scene.kind)}
+    base = _columns(motion, touching)
+
+    def effort(sizes: Mapping[str, float]) -> np.ndarray:
+        if touching:
+            clean = contact.force(motion, k, c, sizes, shape)
+        else:
+            clean = joint.torque(motion, sizes, shape)
+        scale = float(np.sqrt(np.mean(clean**2)))
+        for name in sizes:
+            if name in FAULTS:
+                clean = FAULTS[name](clean, motion, sizes[name], scale, shape[name])
+        return clean
+
+    plain, sizes = effort({}), {}
+    for name, strength in scene.hidden.items():
+        size = _size(lambda s, n=name: effort({n: s}) - plain, base, strength * FLOOR[scene.kind])
+        if size is None:
+            return None
+        sizes[name] = size
+    clean = effort(sizes)
+    return Made(_channel(scene, motion, clean, rng), sizes, clean)
+
+
+def _columns(motion: Motion, touching: bool) -> np.ndarray:
+    if touching:
+        pressed = motion.x > 0.0
+        return np.column_stack([motion.x * pressed, motion.v * pressed])
+    return np.column_stack([motion.a, np.sin(motion.x), motion.v])
+
+
+def _size(deviation, base: np.ndarray, wanted: float) -> float | None:  # noqa: ANN001
+    """Size at which the deviation, less what the base model mimics, has the wanted RMS."""
+    basis = np.linalg.qr(base)[0]
+    low, high = 1e-5, 1.0
+    while True:
+        if _left(deviation(high), basis) > wanted:
+            break
+        high *= 3.0
+        if high > 300.0:
+            return None
+    for _ in range(18):
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if _left(deviation(middle), basis) < wanted else (low, middle)
+    return float(high)
+
+
+def _left(deviation: np.ndarray, basis: np.ndarray) -> float:
+    return float(np.sqrt(np.mean((deviation - basis @ (basis.T @ deviation)) ** 2)))
+
+
+def _channel(scene: Scene, motion: Motion, clean: np.ndarray, rng: np.random.Generator) -> ChannelData:
+    noise = coloured(rng, len(clean), FLOOR[scene.kind], scene.correlation)
+    seen = measured(motion, rng, *ENCODER[scene.kind])
+    return ChannelData(
+        name="contact" if scene.kind is ChannelKind.CONTACT else "joint_1",
+        kind=scene.kind,
+        time_s=seen.time_s,
+        position=seen.x,
+        velocity=seen.v,
+        acceleration=seen.a,
+        effort=clean + noise,
+        run=seen.run,
+        phase=np.full(len(clean), -1),
+    )
+
+
+def without(names_left_out: Sequence[str], library: Sequence[str]) -> list[str]:
+    """The library with some effects removed."""
+    return [name for name in library if name not in names_left_out]

@@ -1,0 +1,28 @@
+"""The rotor's inertia, seen through the gear."""
+
+from typing import ClassVar
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from robot_io.types import FloatArray
+
+
+class Armature(AdditiveEffect):
+    """effort = Ja a of the joint itself."""
+
+    name = "armature"
+    physics = "The motor's rotor must be accelerated too, by the square of the gear ratio."
+    equation = "effort = Ja a"
+    source = "R. Featherstone, Rigid Body Dynamics Algorithms (2008), sec. 9.6"
+    signature = "effort follows the joint's own acceleration, in any posture"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (Parameter("inertia", "{effort} s^2/{position}", 0.0, 10000.0, (0.001, 5.0)),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "lag": "move at two frequencies",
+        "payload": "hold still in several postures: a rotor has no weight",
+        "inertia": "none in one channel: a rotor adds to the inertia of its joint",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 1)."""
+        return data.acceleration[:, None]

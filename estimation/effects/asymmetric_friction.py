@@ -1,0 +1,42 @@
+"""Friction that differs between the two directions."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from robot_io.types import FloatArray
+
+
+class AsymmetricFriction(AdditiveEffect):
+    """effort = f+ for v > 0, -f- for v < 0, plus viscous parts d+ v and d- v of their own."""
+
+    name = "asymmetric_friction"
+    physics = "Gears and seals rub differently forwards and backwards."
+    equation = "effort = f+ (v>0) - f- (v<0) + d+ v (v>0) + d- v (v<0)"
+    source = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), sec. 2"
+    signature = "the jump at reversal and the rise with speed differ between the two directions"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (
+        Parameter("forward", "{effort}", 0.0, 10000.0, (0.001, 50.0)),
+        Parameter("backward", "{effort}", 0.0, 10000.0, (0.001, 50.0)),
+        Parameter("viscous_forward", "{effort} s/{position}", -10000.0, 10000.0, (0.001, 50.0)),
+        Parameter("viscous_backward", "{effort} s/{position}", -10000.0, 10000.0, (0.001, 50.0)),
+    )
+    inner = (Parameter("transition", "{position}/s", 1e-09, 1.0, (0.0001, 0.05), log=True),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "bias": "let the joint rest: a bias stays, friction does not push",
+        "coulomb_friction": "move equally in both directions",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 4)."""
+        forward = 0.5 * (1.0 + np.tanh(data.velocity / inner["transition"]))
+        backward = forward - 1.0
+        return np.column_stack([forward, backward, forward * data.velocity, -backward * data.velocity])
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: smoothing at a small share of the usual speed."""
+        speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
+        return tuple({"transition": float(part * speed)} for part in (0.003, 0.01, 0.03, 0.08))

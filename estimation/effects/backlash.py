@@ -1,0 +1,46 @@
+"""Play between motor and load."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Inner, MotionEffect, Parameter
+from estimation.moved import moved
+from estimation.runwise import play
+
+
+class Backlash(MotionEffect):
+    """The load follows the encoder only after the gap is crossed: q_true = play(q, gap/2)."""
+
+    name = "backlash"
+    physics = "Teeth, couplings and keys have a gap that must be crossed at each reversal."
+    equation = "q_true = play(q, gap/2); it rests inside the gap"
+    source = "M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash, Automatica 38 (2002)"
+    signature = (
+        "just after a reversal the load's share of the effort is missing until the gap is crossed; "
+        "the resting place depends on the last direction"
+    )
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    inner = (Parameter("gap", "{position}", 1e-07, 10.0, (0.0001, 0.1), log=True),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "hysteresis": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
+        "coulomb_friction": "reverse slowly",
+        "joint_elasticity": "press against a stop: a spring yields in proportion, a gap by a fixed amount",
+    }
+
+    def move(self, data: ChannelData, inner: Inner) -> ChannelData:
+        """See `MotionEffect.move`."""
+        followed = play(data.position, data.run, 0.5 * inner["gap"])
+        off = np.abs(data.position - followed) < 0.499 * inner["gap"]
+        return moved(
+            data,
+            position=followed - data.position,
+            velocity=np.where(off, -data.velocity, 0.0),
+            acceleration=np.where(off, -data.acceleration, 0.0),
+        )
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: from a thousandth to a third of the range of motion."""
+        span = float(np.ptp(data.position)) or 1.0
+        return tuple({"gap": float(part * span)} for part in np.geomspace(1e-3, 0.35, 10))

@@ -1,0 +1,32 @@
+"""The sensor's zero is off."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from robot_io.types import FloatArray
+
+
+class Bias(AdditiveEffect):
+    """reading = effort + b."""
+
+    name = "bias"
+    physics = "The sensor shows something when nothing acts."
+    equation = "reading = effort + b"
+    source = "JCGM 200:2012 (VIM), 4.20: instrumental bias"
+    signature = "all readings are off by one amount, in free air too"
+    channels = frozenset(ChannelKind)
+    one_sided = False
+    gains = (Parameter("offset", "{effort}", -10000.0, 10000.0, (-1.0, 1.0)),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "contact_offset": "record free air: a bias is there too",
+        "gravity_tilt": "move over a wide range",
+        "drift": "wait: a bias stays",
+        "asymmetric_friction": "let the joint rest: a bias stays",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 1)."""
+        return np.ones((len(data), 1))

@@ -1,0 +1,41 @@
+"""Friction that does not depend on speed."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from robot_io.types import FloatArray
+
+
+class CoulombFriction(AdditiveEffect):
+    """effort = f tanh(v / transition): a constant against the motion."""
+
+    name = "coulomb_friction"
+    physics = "Dry surfaces rub with a constant force against the motion."
+    equation = "effort = f tanh(v/transition)"
+    source = (
+        "C. A. Coulomb, Théorie des machines simples (1785); smoothed as in Andersson et al., "
+        "Tribology Int. 40 (2007)"
+    )
+    signature = "effort jumps where the velocity changes sign, by the same amount at any speed and position"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (Parameter("force", "{effort}", 0.0, 10000.0, (0.001, 50.0)),)
+    inner = (Parameter("transition", "{position}/s", 1e-09, 1.0, (0.0001, 0.05), log=True),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "stribeck_friction": "move very slowly: Stribeck friction rises towards zero speed",
+        "load_dependent_friction": "repeat with another load: Coulomb friction stays",
+        "asymmetric_friction": "move equally in both directions",
+        "hysteresis": "reverse slowly at several loads",
+        "backlash": "reverse slowly: through a gap the effort is missing, and comes back",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 1)."""
+        return np.tanh(data.velocity / inner["transition"])[:, None]
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: smoothing at a small share of the usual speed."""
+        speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
+        return tuple({"transition": float(part * speed)} for part in (0.003, 0.01, 0.03, 0.08))

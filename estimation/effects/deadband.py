@@ -1,0 +1,36 @@
+"""Small efforts are not shown."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Inner, Parameter, SensorEffect
+from robot_io.types import FloatArray
+
+
+class Deadband(SensorEffect):
+    """reading = effort - width * sat(effort / width)."""
+
+    name = "deadband"
+    physics = "Friction or a threshold in the sensor swallows the first part of any effort."
+    equation = "reading = effort - clip(effort, -width, width)"
+    source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold"
+    signature = "readings stay at zero near zero and are short by one amount elsewhere"
+    channels = frozenset(ChannelKind)
+    inner = (Parameter("width", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "contact_offset": "probe slowly near the surface",
+        "bias": "look at both signs of effort",
+        "coulomb_friction": "hold still under several loads",
+    }
+    linear = False
+
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.sense`."""
+        return effort - np.clip(effort, -inner["width"], inner["width"])
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: shares of the largest reading."""
+        peak = float(np.max(np.abs(data.effort))) or 1.0
+        return tuple({"width": float(part * peak)} for part in np.geomspace(0.01, 0.4, 8))

@@ -1,0 +1,37 @@
+"""The sensor reports late."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Inner, Parameter, SensorEffect
+from estimation.runwise import sample_time, shift
+from robot_io.types import FloatArray
+
+
+class Delay(SensorEffect):
+    """reading(t) = effort(t - T)."""
+
+    name = "delay"
+    physics = "Conversion, bus and buffers hold every reading back by the same time."
+    equation = "reading(t) = effort(t - T)"
+    source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: dead time"
+    signature = "readings keep their shape and come late against the motion"
+    channels = frozenset(ChannelKind)
+    inner = (Parameter("time", "s", 0.0, 2.0, (0.001, 0.1), log=True),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "lag": "make a sharp touch: a lag rounds it, a delay only shifts it",
+        "damping": "hold and probe at two speeds",
+        "viscous_friction": "move at two speeds with the same acceleration",
+    }
+    linear = True
+
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.sense`."""
+        return shift(effort, data.time_s, data.run, inner["time"])
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: from a quarter of a sample to forty samples."""
+        step = sample_time(data.time_s, data.run)
+        return tuple({"time": float(step * n)} for n in np.geomspace(0.25, 40.0, 11))

@@ -1,0 +1,33 @@
+"""The sensor's zero wanders."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from robot_io.types import FloatArray
+
+
+class Drift(AdditiveEffect):
+    """reading = effort + d (t - t0), t over the whole session."""
+
+    name = "drift"
+    physics = "Warming up or creep of the sensor moves its zero steadily."
+    equation = "reading = effort + d (t - t0)"
+    source = "JCGM 200:2012 (VIM), 4.21: instrumental drift"
+    signature = "free air and every run shift steadily with the time of day, not with the time since contact"
+    channels = frozenset(ChannelKind)
+    one_sided = False
+    gains = (
+        Parameter("rate", "{effort}/s", -1000.0, 1000.0, (-0.01, 0.01)),
+        Parameter("offset", "{effort}", -10000.0, 10000.0, (-1.0, 1.0)),
+    )
+    confused_with: ClassVar[dict[str, str]] = {
+        "stress_relaxation": "free air: drift goes on there, relaxation does not",
+        "bias": "wait: a bias stays",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 2)."""
+        return np.column_stack([data.time_s - data.time_s[0], np.ones(len(data))])

@@ -1,0 +1,28 @@
+"""A mass, or a moment of inertia."""
+
+from typing import ClassVar
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from robot_io.types import FloatArray
+
+
+class Inertia(AdditiveEffect):
+    """effort = m a."""
+
+    name = "inertia"
+    physics = "Mass resists acceleration."
+    equation = "effort = m a"
+    source = "I. Newton, Principia (1687)"
+    signature = "effort follows acceleration at any position and speed"
+    channels = frozenset(ChannelKind)
+    one_sided = False
+    gains = (Parameter("m", "{effort} s^2/{position}", 0.0, 1000000.0, (0.0001, 200.0)),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "armature": "none in one channel: a rotor adds to the inertia of its joint",
+        "lag": "move at two frequencies: a lag turns stiffness into apparent damping first",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 1)."""
+        return data.acceleration[:, None]

@@ -1,0 +1,43 @@
+"""The gear winds up under load."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Inner, MotionEffect, Parameter
+from estimation.moved import moved
+from estimation.runwise import rate
+
+
+class JointElasticity(MotionEffect):
+    """q_true = q - load / k: the link stands behind the motor that the encoder reads."""
+
+    name = "joint_elasticity"
+    physics = "Gears, shafts and belts twist under the load, so that the link lags the motor."
+    equation = "q_true = q - c load, with its derivatives"
+    source = "M. W. Spong, J. Dyn. Sys. Meas. Control 109 (1987)"
+    signature = "errors grow with the second derivative of the load: at fast changes, not at slow ones"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    inner = (Parameter("compliance", "{position}/{effort}", 0.0, 10.0, (1e-05, 0.1), log=True),)
+    needs = ("load",)
+    confused_with: ClassVar[dict[str, str]] = {
+        "lag": "move slowly under a large load: a spring yields at rest too",
+        "inertia": "move at two frequencies: elasticity grows with the fourth power",
+    }
+
+    def move(self, data: ChannelData, inner: Inner) -> ChannelData:
+        """See `MotionEffect.move`."""
+        c, load = inner["compliance"], data.context["load"]
+        return moved(
+            data,
+            position=-c * load,
+            velocity=-c * rate(load, data.time_s, data.run),
+            acceleration=-c * rate(load, data.time_s, data.run, order=2),
+        )
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: winding up by from a thousandth to a third of the range of motion."""
+        load = float(np.std(data.context["load"])) or 1.0
+        span = float(np.std(data.position)) or 1.0
+        return tuple({"compliance": float(part * span / load)} for part in np.geomspace(3e-4, 0.3, 10))

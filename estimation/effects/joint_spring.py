@@ -1,0 +1,28 @@
+"""A spring, cable or hose that pulls the joint."""
+
+from typing import ClassVar
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from robot_io.types import FloatArray
+
+
+class JointSpring(AdditiveEffect):
+    """effort = k q, at rest at q = 0 (a bias beside it moves the rest)."""
+
+    name = "joint_spring"
+    physics = "A balancing spring, or a cable that is bent with the joint, pulls it towards one place."
+    equation = "effort = k q"
+    source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 9"
+    signature = "effort grows in proportion to position, whatever the speed"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (Parameter("k", "{effort}/{position}", -1000000.0, 1000000.0, (0.01, 1000.0)),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "gravity_tilt": "move over a wide range",
+        "cubic_stiffness": "move over a wide range",
+        "stiffness": "none in one channel: it is the same term, named for a contact",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 1)."""
+        return data.position[:, None]

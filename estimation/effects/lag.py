@@ -1,0 +1,37 @@
+"""The sensor follows slowly."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Inner, Parameter, SensorEffect
+from estimation.runwise import low_pass, sample_time
+from robot_io.types import FloatArray
+
+
+class Lag(SensorEffect):
+    """reading' = (effort - reading) / tau."""
+
+    name = "lag"
+    physics = "A filter in the sensor smooths and delays."
+    equation = "reading' = (effort - reading)/tau"
+    source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: first-order instrument"
+    signature = "readings come late and rounded, the more the faster the effort changes"
+    channels = frozenset(ChannelKind)
+    inner = (Parameter("tau", "s", 1e-05, 10.0, (0.001, 0.2), log=True),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "delay": "make a sharp touch: a lag rounds it, a delay only shifts it",
+        "damping": "hold and probe at two speeds",
+        "inertia": "move at two frequencies",
+    }
+    linear = True
+
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.sense`."""
+        return low_pass(effort, data.time_s, data.run, inner["tau"])
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: from a fraction of a sample to a hundred samples."""
+        step = sample_time(data.time_s, data.run)
+        return tuple({"tau": float(step * n)} for n in np.geomspace(0.2, 80.0, 11))

@@ -1,0 +1,28 @@
+"""A mass at the tip that the model does not know."""
+
+from typing import ClassVar
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from robot_io.types import FloatArray
+
+
+class Payload(AdditiveEffect):
+    """effort = m * (effort per kilogram at the tip), from the arm's kinematics."""
+
+    name = "payload"
+    physics = "The arm carries something: its weight and inertia load every joint."
+    equation = "effort_i = m J_i^T (a_tip - g)"
+    source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 12"
+    signature = "all joints are off by what one mass at the tip would take, most with the arm stretched out"
+    channels = frozenset({ChannelKind.REVOLUTE})
+    gains = (Parameter("mass", "kg", -50.0, 50.0, (0.01, 5.0)),)
+    needs = ("payload_effort_per_kg",)
+    confused_with: ClassVar[dict[str, str]] = {
+        "torque_gain": "change the posture: a payload loads the joints by posture",
+        "gravity_tilt": "change the posture",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 1)."""
+        return data.context["payload_effort_per_kg"][:, None]

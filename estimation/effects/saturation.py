@@ -1,0 +1,35 @@
+"""The sensor reaches the end of its range."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Inner, Parameter, SensorEffect
+from robot_io.types import FloatArray
+
+
+class Saturation(SensorEffect):
+    """reading = clip(effort, -limit, limit)."""
+
+    name = "saturation"
+    physics = "Beyond its range the sensor shows the end of the range."
+    equation = "reading = clip(effort, -limit, limit)"
+    source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: span"
+    signature = "the largest readings are cut off flat at one value"
+    channels = frozenset(ChannelKind)
+    inner = (Parameter("limit", "{effort}", 1e-06, 100000.0, (0.1, 100.0), log=True),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "layered_stiffness": "press less: below the limit nothing is missing",
+        "cubic_stiffness": "press less: below the limit nothing is missing",
+    }
+    linear = False
+
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.sense`."""
+        return np.clip(effort, -inner["limit"], inner["limit"])
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: shares of the largest reading."""
+        peak = float(np.max(np.abs(data.effort))) or 1.0
+        return tuple({"limit": float(part * peak)} for part in (0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 0.99))

@@ -1,0 +1,37 @@
+"""Force that fades while the object is held."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.runwise import relax
+from robot_io.types import FloatArray
+
+
+class StressRelaxation(AdditiveEffect):
+    """A Maxwell branch beside the spring: F = k1 z with z' = x' - z / tau, z = 0 at first touch."""
+
+    name = "stress_relaxation"
+    physics = "Part of the elastic force flows away with time, as in flesh, rubber and foam."
+    equation = "F = k1 z, z' = x' - z/tau, x only while pressed"
+    source = (
+        "C. Zener, Elasticity and Anelasticity of Metals (1948): standard linear solid; Y. C. Fung, "
+        "Biomechanics (1993), ch. 7"
+    )
+    signature = "force falls during a hold at constant depth, and is lower on the way out than on the way in"
+    channels = frozenset({ChannelKind.CONTACT})
+    gains = (Parameter("k1", "{effort}/{position}", 0.0, 10000000.0, (10.0, 10000.0)),)
+    inner = (Parameter("tau", "s", 0.005, 300.0, (0.03, 30.0), log=True),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "damping": "hold: damping stops with the motion, relaxation goes on",
+        "plastic_set": "wait and press again: relaxation recovers, a set stays",
+        "hysteresis": "hold: a hysteresis of the sensor does not change with time",
+        "drift": "free air: drift goes on there, relaxation does not",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 1)."""
+        pressed = np.where(data.engaged, data.position, 0.0)
+        return relax(pressed, data.time_s, data.run, inner["tau"])[:, None]

@@ -1,0 +1,43 @@
+"""Friction that is highest just above rest."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from robot_io.types import FloatArray
+
+
+class StribeckFriction(AdditiveEffect):
+    """effort = (fc + (fs - fc) exp(-(v/vs)^2)) tanh(v / transition); gains: fc and the rise fs - fc."""
+
+    name = "stribeck_friction"
+    physics = "At low speed the lubricant film breaks down and friction rises."
+    equation = "effort = (fc + rise exp(-(v/vs)^2)) tanh(v/transition)"
+    source = (
+        "R. Stribeck, VDI-Zeitschrift 46 (1902); B. Armstrong-Hélouvry, Control of Machines with "
+        "Friction (1991)"
+    )
+    signature = "effort falls with rising speed just after each reversal, then levels off"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (
+        Parameter("coulomb", "{effort}", 0.0, 10000.0, (0.001, 50.0)),
+        Parameter("rise", "{effort}", -10000.0, 10000.0, (0.001, 50.0)),
+    )
+    inner = (Parameter("speed", "{position}/s", 1e-09, 10.0, (0.001, 1.0), log=True),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "coulomb_friction": "move very slowly, and at several speeds",
+        "viscous_friction": "move very slowly, and at several speeds",
+        "asymmetric_friction": "move equally in both directions",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 2)."""
+        sliding = np.tanh(data.velocity / (0.1 * inner["speed"]))
+        return np.column_stack([sliding, sliding * np.exp(-((data.velocity / inner["speed"]) ** 2))])
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: from a hundredth to all of the usual speed."""
+        usual = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
+        return tuple({"speed": float(part * usual)} for part in np.geomspace(0.02, 1.0, 8))

@@ -1,0 +1,31 @@
+"""The torque scale is wrong."""
+
+from typing import ClassVar
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Inner, Parameter, SensorEffect
+from robot_io.types import FloatArray
+
+
+class TorqueGain(SensorEffect):
+    """reading = gain * effort."""
+
+    name = "torque_gain"
+    physics = "The torque constant or the gear ratio in use is not the real one."
+    equation = "reading = gain effort"
+    source = (
+        "M. Gautier, S. Briot, J. Dyn. Sys. Meas. Control 136 (2014): global identification of drive gains"
+    )
+    signature = "all of the effort is off by one factor; only a model with a known mass can show it"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    inner = (Parameter("gain", "1", 0.2, 5.0, (0.6, 1.6), log=True),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "payload": "change the posture",
+        "load_dependent_friction": "lift and lower the same load",
+        "bias": "lift two loads: a gain grows with the load",
+    }
+    linear = True
+
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.sense`."""
+        return inner["gain"] * effort

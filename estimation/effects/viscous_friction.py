@@ -1,0 +1,28 @@
+"""Friction in proportion to speed."""
+
+from typing import ClassVar
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from robot_io.types import FloatArray
+
+
+class ViscousFriction(AdditiveEffect):
+    """effort = d v."""
+
+    name = "viscous_friction"
+    physics = "Oil and bearings resist in proportion to speed."
+    equation = "effort = d v"
+    source = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994)"
+    signature = "effort is higher by an amount in proportion to speed, in either direction"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (Parameter("d", "{effort} s/{position}", 0.0, 100000.0, (0.001, 500.0)),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "delay": "move at two speeds with the same acceleration",
+        "lag": "move at two speeds with the same acceleration",
+        "damping": "none in one channel: it is the same term, named for a contact",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 1)."""
+        return data.velocity[:, None]
