@@ -1,0 +1,94 @@
+"""Where the tip meets the object: depth, rate, and the force between them at one state."""
+
+from collections.abc import Sequence
+
+from sim_backend.arm import SimulatedArm
+from sim_backend.bullet import bullet
+from sim_backend.compliance_object import ComplianceObject
+from sim_backend.hooks import ContactEffect, ContactState
+
+
+class Contact:
+    """The touch of one arm's tip on one object.
+
+    The engine integrates by semi-implicit Euler: v(n+1) = v(n) + h a(n), x(n+1) = x(n) + h v(n+1), so its
+    velocity belongs to the middle of the last step, half a step before its position. The law is given the
+    rate at the time of the depth, (3 v(n) - v(n-1)) / 2. That makes contact accurate to the second order in
+    h (leapfrog for the spring, Adams-Bashforth for the damper), and depth, rate and force of one state belong
+    together.
+
+    Args:
+        client: PyBullet client of both.
+        arm: the arm.
+        target: the object.
+        step_s: length h of a physics step [s].
+        effects: what is hidden in the contact.
+
+    Attributes:
+        depth_m: how far the tip is below the undeformed surface [m]; negative above it.
+        rate_m_s: d(depth)/dt [m/s].
+        force_n: force of the object on the tip, upwards [N].
+        push_n: the part of it that the engine does not exert by itself, to be applied in the next step [N].
+        tip_position_m: of the tip frame in the world (3) [m].
+    """
+
+    def __init__(
+        self,
+        client: int,
+        arm: SimulatedArm,
+        target: ComplianceObject,
+        step_s: float,
+        effects: Sequence[ContactEffect],
+    ) -> None:
+        self._client = client
+        self._arm = arm
+        self._object = target
+        self._step_s = step_s
+        self._effects = effects
+        self._speed_before_m_s: float | None = None
+
+    def update(self, time_s: float) -> None:
+        """Work out what holds at the arm's present state, reached at `time_s` [s] by a step."""
+        tip = self._arm.tip_state()
+        self.tip_position_m = tip.position_m
+        self._quaternion = tip.quaternion
+        speed, before = -tip.velocity_m_s[2], self._speed_before_m_s
+        self._speed_before_m_s = speed
+        self.rate_m_s = speed if before is None else 1.5 * speed - 0.5 * before
+        self.depth_m = self._object.surface_height_m - tip.position_m[2]
+        self._update_force(time_s)
+
+    def restart(self) -> None:
+        """Forget the speed of the step before, after the arm was put elsewhere."""
+        self._speed_before_m_s = None
+
+    def _update_force(self, time_s: float) -> None:
+        by_engine_n = self._engine_force_n()
+        force_n = by_engine_n
+        if self._object.box is None:
+            force_n = self._object.law.force_n(self.depth_m, self.rate_m_s)
+        if self._effects:
+            state = ContactState(time_s, self._step_s, self.depth_m, self.rate_m_s)
+            for effect in self._effects:
+                force_n = effect.contact_force_n(state, force_n)
+        self.force_n = force_n
+        self.push_n = force_n - by_engine_n
+
+    def _engine_force_n(self) -> float:
+        if self._object.box is None:
+            return 0.0
+        points = bullet.getContactPoints(self._arm.body, self._object.box, physicsClientId=self._client)
+        return float(sum(point[9] for point in points))
+
+    def compression_n(self, sensor_axis_tip: Sequence[float]) -> float:
+        """The part of the force that lies along the sensor axis, positive in compression [N].
+
+        A uniaxial sensor sees the force times the cosine of the tool's tilt.
+
+        Args:
+            sensor_axis_tip: unit vector in the tip frame along which the tool pushes.
+        """
+        x, y, z, w = self._quaternion
+        a, b, c = sensor_axis_tip
+        axis_up = 2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * c
+        return -axis_up * self.force_n

@@ -1,0 +1,52 @@
+"""What a contact law is: the force that an object returns at a depth and a rate of depth."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar
+
+from robot_io.errors import InputError
+from robot_io.file_model import FileModel, validate
+from robot_io.registry import Registry
+
+
+class ContactLaw(FileModel, ABC):
+    """A memoryless law F(depth, rate); its fields are its parameters, checked when it is made.
+
+    Memory (relaxation, plastic set ...) comes on top of a law, as a `ContactEffect`.
+
+    Attributes:
+        name: what a scenario calls it.
+    """
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def force_n(self, depth_m: float, rate_m_s: float) -> float:
+        """Force of the object on the tip along the outward surface normal [N].
+
+        Args:
+            depth_m: how far the tip is below the undeformed surface [m]; zero or less is no contact.
+            rate_m_s: d(depth)/dt, positive while pressing in [m/s].
+        """
+
+
+CONTACT_LAWS: Registry[ContactLaw] = Registry("contact law", ContactLaw, "sim_backend.contact_laws")  # type: ignore[type-abstract]
+
+
+def parse_contact_law(value: object) -> ContactLaw:
+    """Make a law from a scenario's `{name: ..., parameter: ...}`.
+
+    Raises:
+        InputError: no such law, no name given, or a parameter is unknown, missing or outside its range.
+    """
+    if isinstance(value, ContactLaw):
+        return value
+    if not isinstance(value, Mapping) or not isinstance(value.get("name"), str):
+        raise InputError(f"a law is a mapping with a name. Valid names: {', '.join(CONTACT_LAWS)}")
+    parameters = {key: entry for key, entry in value.items() if key != "name"}
+    return validate(CONTACT_LAWS[value["name"]], parameters)
+
+
+def describe_contact_law(law: ContactLaw) -> dict[str, object]:
+    """The inverse of `parse_contact_law`."""
+    return {"name": law.name, **law.model_dump()}

@@ -1,0 +1,32 @@
+"""The physics engine's own compliant contact."""
+
+from typing import ClassVar
+
+from pydantic import Field
+
+from robot_io.file_model import Number
+from sim_backend.contact_law import ContactLaw
+
+
+class EngineContact(ContactLaw):
+    """PyBullet's contactStiffness and contactDamping on a box, touched by a sphere at the tip.
+
+    The engine turns both into a softened velocity constraint and integrates it implicitly, so that
+    the force follows k x + c dx/dt closely at rest and only roughly while moving. The touching sphere rolls:
+    with a tilted tool, the deepest point is not the tip frame any more.
+
+    Attributes:
+        stiffness_n_m: contactStiffness [N/m].
+        damping_n_s_m: contactDamping [N s/m].
+    """
+
+    name: ClassVar[str] = "engine"
+
+    stiffness_n_m: Number = Field(gt=0, le=1e6)
+    damping_n_s_m: Number = Field(ge=0, le=1e4)
+
+    def force_n(self, depth_m: float, rate_m_s: float) -> float:
+        """The force that the engine aims at [N]; see `ContactLaw.force_n`."""
+        if depth_m <= 0.0:
+            return 0.0
+        return max(self.stiffness_n_m * depth_m + self.damping_n_s_m * rate_m_s, 0.0)

@@ -1,0 +1,142 @@
+"""The bus of the simulated robot: it owns the world, and brings samples from it and torques to it."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from robot_io.clock import SimulatedClock
+from robot_io.driver import DriverContext
+from robot_io.errors import InputError, LifecycleError
+from robot_io.file_model import FileModel
+from robot_io.interfaces import Bus
+from robot_io.types import FloatArray
+from sim_backend.scenario import Scenario, load_scenario
+from sim_backend.sensors import Sample
+from sim_backend.world import ArmDescription, World
+
+
+class PyBulletSettings(FileModel):
+    """What the robot file says about the world.
+
+    Attributes:
+        scenario: name of a shipped scenario, path of a scenario file, or the scenario itself.
+    """
+
+    scenario: str | dict[str, object] = "default"
+
+
+class PyBulletBus(Bus):
+    """A simulated world in place of a wire.
+
+    On a simulated clock the world moves whenever the clock does; on any other it catches up at each poll and
+    flush. Until it is activated for the first time the arm stands on its rest instead of falling.
+
+    Args:
+        settings: as `PyBulletSettings`.
+        context: clock and robot file.
+
+    Raises:
+        InputError: settings or scenario are not valid.
+
+    Attributes:
+        scenario: what the world will be; `use_scenario` changes it until the robot is configured.
+        encoder_sample: positions and velocities (2n) of the last poll, or None before the first has arrived.
+        torque_sample: torques (n) of the last poll, or None.
+        force_sample: force (1) of the last poll, or None.
+    """
+
+    name: ClassVar[str] = "pybullet"
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        own = context.settings_as(PyBulletSettings, settings)
+        self._clock = context.clock
+        self._robot_file = context.robot_file
+        self._world: World | None = None
+        self._staged_torque_nm: FloatArray | None = None
+        self.encoder_sample: Sample | None = None
+        self.torque_sample: Sample | None = None
+        self.force_sample: Sample | None = None
+        self.scenario = load_scenario(own.scenario, context.robot_file.path.parent)
+        if isinstance(self._clock, SimulatedClock):
+            self._clock.subscribe(self._advance_to)
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        """Take this scenario instead of the robot file's.
+
+        Raises:
+            LifecycleError: the world exists already.
+        """
+        if self._world is not None:
+            raise LifecycleError("a scenario can only be chosen before the robot is configured")
+        self.scenario = scenario
+
+    @property
+    def world(self) -> World:
+        """The world, for its object and its truth.
+
+        Raises:
+            LifecycleError: the robot is not configured, or closed.
+        """
+        if self._world is None:
+            raise LifecycleError("the simulated world exists from configure to close")
+        return self._world
+
+    def configure(self) -> None:
+        """Build the world, with the arm at home and at rest.
+
+        Raises:
+            InputError: PyBullet cannot load the URDF, or it does not fit the robot file.
+        """
+        robot_file = self._robot_file
+        try:
+            urdf_text = robot_file.urdf_path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"{robot_file.urdf_path}: cannot be read ({error})") from error
+        arm = ArmDescription(urdf_text, robot_file.tip_frame, robot_file.sensor_axis_tip, robot_file.home_rad)
+        self._world = World(arm, self.scenario, start_s=self._clock.now_s())
+        self._world.held = True
+
+    def activate(self) -> None:
+        """Let the arm off its rest."""
+        self.world.held = False
+
+    def deactivate(self) -> None:
+        """See `torque_off`."""
+        self.torque_off()
+
+    def close(self) -> None:
+        """End the world."""
+        if self._world is not None:
+            self._world.close()
+            self._world = None
+
+    def poll(self, deadline_s: float) -> None:
+        """See `Bus.poll`; a simulated world is never late."""
+        world, now_s = self.world, self._clock.now_s()
+        world.advance_to(now_s)
+        self.encoder_sample = world.encoder.read(now_s)
+        self.torque_sample = world.torque_sensor.read(now_s)
+        self.force_sample = world.force_sensor.read(now_s)
+
+    def stage(self, torque_nm: FloatArray) -> None:
+        """Keep torques (n) [N m] for the next flush."""
+        self._staged_torque_nm = torque_nm
+
+    def torque_off(self) -> None:
+        """Take the torque off all drives at once, and drop a command that is staged."""
+        self._staged_torque_nm = None
+        if self._world is not None:
+            self._world.advance_to(self._clock.now_s())
+            self._world.set_torque(np.zeros(self._world.joint_count))
+
+    def flush(self, deadline_s: float) -> None:
+        """See `Bus.flush`."""
+        if self._staged_torque_nm is not None:
+            self.world.advance_to(self._clock.now_s())
+            self.world.set_torque(self._staged_torque_nm)
+            self._staged_torque_nm = None
+
+    def _advance_to(self, time_s: float) -> None:
+        if self._world is not None:
+            self._world.advance_to(time_s)

@@ -1,0 +1,69 @@
+"""Drives of the simulated arm."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from robot_io.driver import DriverContext
+from robot_io.errors import LifecycleError
+from robot_io.file_model import FileModel
+from robot_io.interfaces import JointTorque
+from robot_io.types import FloatArray, Reading
+from sim_backend.drivers.pybullet_bus import PyBulletBus
+from sim_backend.drivers.readings import reading_of
+
+
+class SimTorque(JointTorque):
+    """Torque-controlled drives in the world of a `pybullet` bus.
+
+    Their range is the URDF's effort limit; their resolution and the quality of what they measure are the
+    scenario's.
+    """
+
+    name: ClassVar[str] = "sim_torque"
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        context.settings_as(FileModel, settings)
+        self._bus = context.bus_as(PyBulletBus)
+        self._joint_count = context.robot_file.joint_count
+        self._resolution_nm = 0.0
+        self._active = False
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return self._joint_count
+
+    def configure(self) -> None:
+        """See `Component.configure`."""
+        self._resolution_nm = self._bus.scenario.sensors.torque.command_resolution_nm
+
+    def activate(self) -> None:
+        """Torque on, at zero until the first command."""
+        self._active = True
+
+    def deactivate(self) -> None:
+        """Torque off."""
+        self._active = False
+        self._bus.torque_off()
+
+    def read_torque(self) -> Reading:
+        """See `JointTorque.read_torque`."""
+        return reading_of(self._bus.torque_sample, slice(None), self._joint_count)
+
+    def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
+        """See `JointTorque.stage_torque`.
+
+        Raises:
+            LifecycleError: the drives are off.
+        """
+        if not self._active:
+            raise LifecycleError("the drives are off: activate them before the first command")
+        sent = np.asarray(torque_nm, dtype=np.float64)
+        if self._resolution_nm:
+            sent = np.round(sent / self._resolution_nm) * self._resolution_nm
+        limit = np.asarray(self._bus.world.torque_limit_nm)
+        sent = np.clip(sent, -limit, limit)
+        self._bus.stage(sent)
+        return sent

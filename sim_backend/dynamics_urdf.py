@@ -1,0 +1,102 @@
+"""Turns a robot's URDF into what the physics needs: joints, masses, and one sphere at the tip."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from math import cos, sin
+
+import numpy as np
+
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+
+def dynamics_urdf(
+    urdf_text: str,
+    tip_frame: str,
+    *,
+    mass_scale: float = 1.0,
+    tip_radius_m: float = 0.0,
+    sensor_axis_tip: Sequence[float] = (1.0, 0.0, 0.0),
+) -> str:
+    """The same arm without pictures, meshes and collision shapes, but for one sphere behind the tip frame.
+
+    The sphere touches a surface with the tip frame's origin. It is a shape of the last moving link, because
+    PyBullet lets links behind a fixed joint pass through static bodies. A link without <inertial>, to which
+    PyBullet would give 1 kg, gets no mass, as URDF means it.
+
+    Args:
+        urdf_text: the robot's URDF.
+        tip_frame: link whose origin is the contact point.
+        mass_scale: factor on all masses and inertias [-].
+        tip_radius_m: radius of the sphere [m]; 0 is no sphere.
+        sensor_axis_tip: unit vector in the tip frame in which the tool pushes.
+
+    Raises:
+        InputError: not a URDF, or it has no link of that name.
+    """
+    try:
+        robot = ET.fromstring(urdf_text)  # noqa: S314 - expat refuses entity bombs; nothing external is read
+    except ET.ParseError as error:
+        raise InputError(f"URDF: not XML ({error})") from error
+    links = {link.get("name", ""): link for link in robot.findall("link")}
+    if tip_frame not in links:
+        raise InputError(f"URDF: no link '{tip_frame}' for tip_frame. Valid: {', '.join(sorted(links))}")
+    for link in links.values():
+        _keep_only_inertial(link, mass_scale)
+    if tip_radius_m:
+        behind_tip = -tip_radius_m * np.asarray(sensor_axis_tip)
+        carrier, centre = _in_last_moving_link(robot, tip_frame, behind_tip)
+        links[carrier].append(_sphere(tip_radius_m, centre))
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _keep_only_inertial(link: ET.Element, mass_scale: float) -> None:
+    for child in list(link):
+        if child.tag != "inertial":
+            link.remove(child)
+    inertial = link.find("inertial")
+    if inertial is None:
+        inertial = ET.SubElement(link, "inertial")
+        ET.SubElement(inertial, "mass", value="0")
+        ET.SubElement(inertial, "inertia", ixx="0", ixy="0", ixz="0", iyy="0", iyz="0", izz="0")
+    for element in (*inertial.iter("mass"), *inertial.iter("inertia")):
+        for key, value in element.attrib.items():
+            element.set(key, repr(float(value) * mass_scale))
+
+
+def _in_last_moving_link(robot: ET.Element, link: str, point: FloatArray) -> tuple[str, FloatArray]:
+    """The nearest ancestor of `link` that is moved by a joint, and `point` (3,) [m] in its frame."""
+    parent_joints = {_name(joint, "child"): joint for joint in robot.findall("joint")}
+    while link in parent_joints and parent_joints[link].get("type") == "fixed":
+        joint = parent_joints[link]
+        origin = joint.find("origin")
+        if origin is not None:
+            xyz, rpy = (
+                [float(number) for number in origin.get(key, "0 0 0").split()] for key in ("xyz", "rpy")
+            )
+            point = _rotation(*rpy) @ point + xyz
+        link = _name(joint, "parent")
+    return link, point
+
+
+def _name(joint: ET.Element, role: str) -> str:
+    element = joint.find(role)
+    if element is None:
+        raise InputError(f"URDF: joint '{joint.get('name')}' has no <{role}>")
+    return element.get("link", "")
+
+
+def _rotation(roll: float, pitch: float, yaw: float) -> FloatArray:
+    """URDF's fixed-axis roll, pitch, yaw as a rotation matrix (3, 3)."""
+    about_x = np.array([[1, 0, 0], [0, cos(roll), -sin(roll)], [0, sin(roll), cos(roll)]])
+    about_y = np.array([[cos(pitch), 0, sin(pitch)], [0, 1, 0], [-sin(pitch), 0, cos(pitch)]])
+    about_z = np.array([[cos(yaw), -sin(yaw), 0], [sin(yaw), cos(yaw), 0], [0, 0, 1]])
+    rotation: FloatArray = about_z @ about_y @ about_x
+    return rotation
+
+
+def _sphere(radius_m: float, centre_m: FloatArray) -> ET.Element:
+    collision = ET.Element("collision")
+    ET.SubElement(collision, "origin", xyz=" ".join(map(repr, centre_m.tolist())), rpy="0 0 0")
+    ET.SubElement(ET.SubElement(collision, "geometry"), "sphere", radius=repr(radius_m))
+    return collision

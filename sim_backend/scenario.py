@@ -1,0 +1,125 @@
+"""The scenario file: everything that the simulated world is and the robot does not know."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import yaml
+from pydantic import BeforeValidator, Field, PlainSerializer
+
+from robot_io.errors import InputError
+from robot_io.file_model import FileModel, Number, validate
+from robot_io.safe_yaml import load_yaml, parse_yaml
+from sim_backend.contact_law import ContactLaw, describe_contact_law, parse_contact_law
+from sim_backend.contact_laws import KelvinVoigt
+from sim_backend.sensors import SensorSettings
+
+SHIPPED_DIR = Path(__file__).parent / "scenarios"
+
+Law = Annotated[ContactLaw, BeforeValidator(parse_contact_law), PlainSerializer(describe_contact_law)]
+
+
+class ObjectSettings(FileModel):
+    """The compliance object: a flat surface, as wide as the arm reaches, pressed downwards.
+
+    Attributes:
+        surface_height_m: world height of the undeformed surface [m].
+        law: contact law with its parameters.
+    """
+
+    surface_height_m: Number = 0.05
+    law: Law = KelvinVoigt(stiffness_n_m=500.0, damping_n_s_m=20.0)
+
+
+class ArmSettings(FileModel):
+    """How the arm differs from its URDF, and what the URDF does not say.
+
+    Attributes:
+        mass_scale: factor on all masses and inertias [-].
+        tip_radius_m: radius of the sphere that touches the engine's own contact [m].
+    """
+
+    mass_scale: Number = Field(default=1.0, gt=0, le=100)
+    tip_radius_m: Number = Field(default=0.008, gt=0, le=0.5)
+
+
+class PhysicsSettings(FileModel):
+    """How the physics is integrated.
+
+    Attributes:
+        rate_hz: steps per second [Hz]; four in a tick of 1 kHz by default.
+        gravity_m_s2: fall acceleration, downwards [m/s^2].
+    """
+
+    rate_hz: Number = Field(default=4000.0, ge=100, le=1e6)
+    gravity_m_s2: Number = 9.81
+
+
+class Scenario(FileModel):
+    """One simulated world; what a file leaves out is as in `scenarios/default.yaml`.
+
+    Attributes:
+        description: one line for people.
+        seed: of all noise; equal seeds give equal measurements.
+        object: what is probed.
+        arm: the arm's deviations.
+        sensors: how the robot perceives it.
+        physics: how it is integrated.
+    """
+
+    description: str = ""
+    seed: int = Field(default=1, ge=0, strict=True)
+    object: ObjectSettings = ObjectSettings()
+    arm: ArmSettings = ArmSettings()
+    sensors: SensorSettings = SensorSettings()
+    physics: PhysicsSettings = PhysicsSettings()
+
+    def to_yaml(self) -> str:
+        """The whole scenario, defaults included, in the form that `parse_scenario` reads."""
+        text: str = yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
+        return text
+
+
+def shipped_scenarios() -> list[str]:
+    """Names of the scenarios that come with palpate."""
+    return sorted(path.stem for path in SHIPPED_DIR.glob("*.yaml"))
+
+
+def load_scenario(source: object, base_dir: str | Path = ".") -> Scenario:
+    """Make a scenario from the name of a shipped one, the path of a YAML file, or a mapping.
+
+    Args:
+        source: "stiff", "my_object.yaml" or `{object: {...}}`; a scenario is returned as it is.
+        base_dir: what a relative path starts from.
+
+    Raises:
+        InputError: the first thing that is wrong, with file, line, key and the valid choices.
+    """
+    if isinstance(source, Scenario):
+        return source
+    if isinstance(source, Mapping):
+        return validate(Scenario, dict(source))
+    if not isinstance(source, str | Path):
+        raise InputError(f"a scenario is a name, a path or a mapping (is {source!r:.60})")
+    document = load_yaml(_scenario_path(str(source), Path(base_dir)))
+    return validate(Scenario, document.data, document)
+
+
+def parse_scenario(text: str, origin: str) -> Scenario:
+    """Make a scenario from its text, for instance the copy in a session; `origin` names it in errors.
+
+    Raises:
+        InputError: as `load_scenario`.
+    """
+    document = parse_yaml(text, origin)
+    return validate(Scenario, document.data, document)
+
+
+def _scenario_path(source: str, base_dir: Path) -> Path:
+    if source in shipped_scenarios():
+        return SHIPPED_DIR / f"{source}.yaml"
+    path = base_dir / source
+    if not path.is_file():
+        shipped = ", ".join(shipped_scenarios())
+        raise InputError(f"no scenario '{source}': no such file ({path}), and those shipped are {shipped}")
+    return path

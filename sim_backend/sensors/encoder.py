@@ -1,0 +1,66 @@
+"""Joint encoders, and the velocity that a drive derives from them."""
+
+from collections.abc import Sequence
+from math import pi
+
+import numpy as np
+
+from sim_backend.hooks import SensorEffect
+from sim_backend.sensors.low_pass import LowPass
+from sim_backend.sensors.noise import GaussianNoise
+from sim_backend.sensors.quantise import quantise
+from sim_backend.sensors.sampling import Sample, SampledSensor
+from sim_backend.sensors.settings import EncoderSettings
+
+
+class SimulatedEncoder(SampledSensor):
+    """Samples positions and velocities of all joints.
+
+    The true signal is the n positions [rad] followed by the n velocities [rad/s], and so is a sample.
+
+    Args:
+        settings: the encoders.
+        generator: random numbers for the tachometer's noise.
+        start_s: time of the first sample [s].
+        step_s: length of a physics step [s]; sampling is not faster than that.
+        effects: what is hidden in them; the velocity by difference inherits it.
+    """
+
+    def __init__(
+        self,
+        settings: EncoderSettings,
+        generator: np.random.Generator,
+        start_s: float,
+        step_s: float,
+        effects: Sequence[SensorEffect] = (),
+    ) -> None:
+        super().__init__(settings.rate_hz, settings.delay_s, start_s)
+        self._count_rad = 2.0 * pi / settings.counts_per_revolution
+        self._by_difference = settings.velocity.source == "difference"
+        self._noise = GaussianNoise(settings.velocity.noise_std_rad_s, generator)
+        sample_period_s = max(1.0 / settings.rate_hz, step_s)
+        self._low_pass = LowPass(settings.velocity.bandwidth_hz, sample_period_s)
+        self._effects = effects
+        self._previous: tuple[float, list[float]] | None = None
+
+    def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
+        joint_count = len(signal) // 2
+        position = list(signal[:joint_count])
+        for effect in self._effects:
+            position = effect.measure(time_s, position)
+        position = [quantise(angle, self._count_rad) for angle in position]
+        if self._by_difference:
+            velocity = self._difference(time_s, position)
+        else:
+            velocity = [speed + self._noise.draw() for speed in signal[joint_count:]]
+        return Sample(position + velocity, time_s)
+
+    def _difference(self, time_s: float, position: list[float]) -> list[float]:
+        if self._previous is None:
+            raw = [0.0] * len(position)
+        else:
+            before_s, before = self._previous
+            elapsed_s = time_s - before_s
+            raw = [(now - then) / elapsed_s for now, then in zip(position, before, strict=True)]
+        self._previous = (time_s, position)
+        return self._low_pass.filter(raw)

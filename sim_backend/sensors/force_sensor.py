@@ -1,0 +1,52 @@
+"""A uniaxial load cell: band limit, noise, hidden effects, resolution, range."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robot_io.types import Status
+from sim_backend.hooks import SensorEffect
+from sim_backend.sensors.low_pass import LowPass
+from sim_backend.sensors.noise import GaussianNoise
+from sim_backend.sensors.quantise import quantise
+from sim_backend.sensors.sampling import Sample, SampledSensor
+from sim_backend.sensors.settings import ForceSettings
+
+
+class SimulatedForceSensor(SampledSensor):
+    """Samples the force along the sensor axis, positive in compression [N].
+
+    Args:
+        settings: the sensor.
+        generator: random numbers for its noise.
+        start_s: time of its first sample [s].
+        step_s: length of a physics step [s].
+        effects: what is hidden in it.
+    """
+
+    def __init__(
+        self,
+        settings: ForceSettings,
+        generator: np.random.Generator,
+        start_s: float,
+        step_s: float,
+        effects: Sequence[SensorEffect] = (),
+    ) -> None:
+        super().__init__(settings.rate_hz, settings.delay_s, start_s)
+        self._settings = settings
+        self._noise = GaussianNoise(settings.noise_std_n, generator)
+        self._low_pass = LowPass(settings.bandwidth_hz, step_s) if settings.bandwidth_hz else None
+        self._effects = effects
+
+    def observe(self, time_s: float, signal: Sequence[float]) -> None:
+        """See `SampledSensor.observe`; `signal` is the true force (1,) [N]."""
+        super().observe(time_s, self._low_pass.filter(signal) if self._low_pass else signal)
+
+    def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
+        value = [signal[0] + self._noise.draw()]
+        for effect in self._effects:
+            value = effect.measure(time_s, value)
+        force_n, range_n = quantise(value[0], self._settings.resolution_n), self._settings.range_n
+        if abs(force_n) < range_n:
+            return Sample([force_n], time_s)
+        return Sample([max(-range_n, min(range_n, force_n))], time_s, Status.SATURATED)

@@ -1,0 +1,27 @@
+"""White Gaussian noise, drawn in blocks because one draw at a time costs more than a physics step."""
+
+import numpy as np
+
+_BLOCK = 1024
+
+
+class GaussianNoise:
+    """An endless row of independent N(0, std^2) numbers.
+
+    Args:
+        std: standard deviation, in the unit of the signal; zero gives zeros.
+        generator: its own source of random numbers.
+    """
+
+    def __init__(self, std: float, generator: np.random.Generator) -> None:
+        self._std = std
+        self._generator = generator
+        self._block: list[float] = []
+
+    def draw(self) -> float:
+        """The next number."""
+        if not self._std:
+            return 0.0
+        if not self._block:
+            self._block = self._generator.normal(0.0, self._std, _BLOCK).tolist()
+        return self._block.pop()

@@ -1,0 +1,81 @@
+"""When a sensor samples, and when the sample can be read."""
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Sequence
+from math import floor
+from typing import NamedTuple
+
+from robot_io.types import Status
+
+_SAME_TIME_S = 1e-9  # physics times are multiples of the step; closer than this is the same instant
+
+
+class Sample(NamedTuple):
+    """One sample of a device.
+
+    Attributes:
+        value: in the unit of the sensor.
+        sampled_at_s: when the device sampled [s].
+        status: how far to trust it.
+    """
+
+    value: list[float]
+    sampled_at_s: float
+    status: Status = Status.OK
+
+
+class SampledSensor(ABC):
+    """A sensor that samples at its own rate and hands a sample out after its delay.
+
+    The world shows it the true signal at every physics step; it samples at the first step at or after each
+    of its sampling instants, so `sampled_at_s` is always the time of a state that existed. Above the physics
+    rate, every step is a sample.
+
+    Args:
+        rate_hz: sampling rate [Hz].
+        delay_s: from the sampling instant until the sample can be read [s].
+        start_s: start of the first sampling period; what is seen then is sampled whatever the phase [s].
+        phase: where in the period the sampling instants are, from 0 to 1.
+    """
+
+    def __init__(self, rate_hz: float, delay_s: float, start_s: float, phase: float = 0.0) -> None:
+        self._period_s = 1.0 / rate_hz
+        self._delay_s = delay_s
+        self._first_instant_s = start_s + phase / rate_hz
+        self._next_instant_s = start_s
+        self._arriving: deque[Sample] = deque()
+        self._shown_at_s: float | None = None
+
+    @abstractmethod
+    def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
+        """Make a sample of the true signal."""
+
+    def observe(self, time_s: float, signal: Sequence[float]) -> None:
+        """See the true signal at a physics step, and sample it if it is time to."""
+        if time_s < self._next_instant_s - _SAME_TIME_S:
+            return
+        periods = floor((time_s - self._first_instant_s + _SAME_TIME_S) / self._period_s) + 1
+        self._next_instant_s = self._first_instant_s + periods * self._period_s
+        self._arriving.append(self._measure(time_s, signal))
+        self._drop_superseded(time_s)
+
+    def _drop_superseded(self, time_s: float) -> None:
+        newest_readable_s = time_s - self._delay_s + _SAME_TIME_S
+        while len(self._arriving) > 1 and self._arriving[1].sampled_at_s <= newest_readable_s:
+            self._arriving.popleft()
+
+    def read(self, time_s: float) -> Sample | None:
+        """The newest sample that has arrived by `time_s`; it is stale if it was read before.
+
+        Returns:
+            the sample, or None before the first one has arrived.
+        """
+        self._drop_superseded(time_s)
+        if not self._arriving or self._arriving[0].sampled_at_s > time_s - self._delay_s + _SAME_TIME_S:
+            return None
+        sample = self._arriving[0]
+        if sample.sampled_at_s == self._shown_at_s:
+            return sample._replace(status=Status.STALE)
+        self._shown_at_s = sample.sampled_at_s
+        return sample

@@ -1,0 +1,89 @@
+"""What a scenario says about the sensors."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from robot_io.file_model import FileModel, NotNegative, Number, Positive
+
+Rate = Field(default=1000.0, gt=0, le=1e6)
+
+
+class ForceSettings(FileModel):
+    """A uniaxial load cell with its amplifier and converter.
+
+    Attributes:
+        noise_std_n: white noise of a sample [N].
+        resolution_n: one step of the converter [N]; 0 is none.
+        range_n: end of the range, push or pull [N]; a sample there is marked as saturated.
+        bandwidth_hz: first-order low-pass ahead of the converter [Hz]; None is none.
+        rate_hz: samples per second [Hz].
+        delay_s: from the sampling instant until a sample can be read [s].
+    """
+
+    noise_std_n: NotNegative = 0.02
+    resolution_n: NotNegative = 0.005
+    range_n: Positive = 100.0
+    bandwidth_hz: Positive | None = None
+    rate_hz: Positive = Rate
+    delay_s: NotNegative = 0.0
+
+
+class TorqueSettings(FileModel):
+    """The drives' own measurement of torque, from their current.
+
+    Attributes:
+        noise_std_nm: white noise of a sample [N m].
+        resolution_nm: one step of the measurement [N m]; 0 is none.
+        command_resolution_nm: one step of the torque that a drive can be told [N m]; 0 is none.
+        rate_hz: samples per second [Hz].
+        delay_s: from the sampling instant until a sample can be read [s].
+        phase: where in the sampling period a sample is taken, from 0 to 1. Half way is the middle of the
+            time for which a command of the same rate holds: torque and motion of that time go together.
+    """
+
+    noise_std_nm: NotNegative = 0.01
+    resolution_nm: NotNegative = 0.002
+    command_resolution_nm: NotNegative = 0.001
+    rate_hz: Positive = Rate
+    delay_s: NotNegative = 0.0
+    phase: Number = Field(default=0.5, ge=0, lt=1)
+
+
+class VelocitySettings(FileModel):
+    """Where the velocity comes from.
+
+    Attributes:
+        source: "difference" is what a drive derives from its own encoder: the difference of two samples,
+            low-passed; it lags by half a sample and the filter's time. "tachometer" measures it, with noise.
+        bandwidth_hz: first-order low-pass of the difference [Hz].
+        noise_std_rad_s: white noise of the tachometer [rad/s].
+    """
+
+    source: Literal["difference", "tachometer"] = "difference"
+    bandwidth_hz: Positive = 200.0
+    noise_std_rad_s: NotNegative = 0.002
+
+
+class EncoderSettings(FileModel):
+    """Encoders on the motor side of a gear, seen from the joint.
+
+    Attributes:
+        counts_per_revolution: steps in one revolution of the joint; 2^14 counts through a gear of 50:1.
+        velocity: where the velocity comes from.
+        rate_hz: samples per second inside the drive [Hz]; the robot reads the newest one.
+        delay_s: from the sampling instant until a sample can be read [s].
+    """
+
+    counts_per_revolution: Number = Field(default=819_200.0, gt=0, le=1e12)
+    velocity: VelocitySettings = VelocitySettings()
+    rate_hz: Number = Field(default=4000.0, gt=0, le=1e6)
+    delay_s: NotNegative = 0.0
+
+
+class SensorSettings(FileModel):
+    """All sensors of one arm."""
+
+    encoder: EncoderSettings = EncoderSettings()
+    torque: TorqueSettings = TorqueSettings()
+    force: ForceSettings = ForceSettings()

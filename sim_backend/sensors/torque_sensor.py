@@ -1,0 +1,40 @@
+"""What the drives say about their torque: noise, hidden effects, resolution."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim_backend.hooks import SensorEffect
+from sim_backend.sensors.noise import GaussianNoise
+from sim_backend.sensors.quantise import quantise
+from sim_backend.sensors.sampling import Sample, SampledSensor
+from sim_backend.sensors.settings import TorqueSettings
+
+
+class SimulatedTorqueSensor(SampledSensor):
+    """Samples the torques of all drives, positive along the joint axes (n) [N m].
+
+    Args:
+        settings: the sensors.
+        generator: random numbers for their noise.
+        start_s: start of the first sampling period [s].
+        effects: what is hidden in them.
+    """
+
+    def __init__(
+        self,
+        settings: TorqueSettings,
+        generator: np.random.Generator,
+        start_s: float,
+        effects: Sequence[SensorEffect] = (),
+    ) -> None:
+        super().__init__(settings.rate_hz, settings.delay_s, start_s, settings.phase)
+        self._settings = settings
+        self._noise = GaussianNoise(settings.noise_std_nm, generator)
+        self._effects = effects
+
+    def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
+        value = [torque_nm + self._noise.draw() for torque_nm in signal]
+        for effect in self._effects:
+            value = effect.measure(time_s, value)
+        return Sample([quantise(torque_nm, self._settings.resolution_nm) for torque_nm in value], time_s)

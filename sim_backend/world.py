@@ -1,0 +1,223 @@
+"""The simulated world: an arm, an object, sensors, and time that passes in physics steps."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import floor
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from robot_io.errors import InputError
+from robot_io.types import FloatArray, frozen_array
+from sim_backend.arm import SimulatedArm
+from sim_backend.bullet import bullet
+from sim_backend.compliance_object import ComplianceObject
+from sim_backend.contact import Contact
+from sim_backend.hooks import NO_EFFECTS, Effects, JointState
+from sim_backend.scenario import Scenario
+from sim_backend.sensors import SimulatedEncoder, SimulatedForceSensor, SimulatedTorqueSensor
+
+
+@dataclass(frozen=True)
+class ArmDescription:
+    """What the world must know of a robot.
+
+    Attributes:
+        urdf_text: the robot's URDF.
+        tip_frame: URDF link whose origin is the contact point.
+        sensor_axis_tip: unit vector in the tip frame along which the force sensor measures compression.
+        home_rad: where the joints are at the start (n) [rad].
+    """
+
+    urdf_text: str
+    tip_frame: str
+    sensor_axis_tip: Sequence[float]
+    home_rad: Sequence[float]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The state of a world, free of sensors; for tests and for tables that compare with the truth.
+
+    Attributes:
+        time_s: time of the state [s].
+        joint_position_rad: shape (n,) [rad].
+        joint_velocity_rad_s: shape (n,), of the middle of the last step [rad/s].
+        drive_torque_nm: what the drives exerted during the last step, shape (n,) [N m].
+        tip_position_world_m: shape (3,) [m].
+        depth_m: how far the tip is below the undeformed surface [m]; negative above it.
+        rate_m_s: d(depth)/dt [m/s].
+        force_n: force of the object on the tip, upwards [N].
+    """
+
+    time_s: float
+    joint_position_rad: FloatArray
+    joint_velocity_rad_s: FloatArray
+    drive_torque_nm: FloatArray
+    tip_position_world_m: FloatArray
+    depth_m: float
+    rate_m_s: float
+    force_n: float
+
+
+class World:
+    """A PyBullet world of its own under one scenario; other worlds in the process do not disturb it.
+
+    Args:
+        arm: the robot.
+        scenario: everything else.
+        effects: what is hidden in plant and sensors.
+        start_s: time of the initial state on the robot's clock [s].
+
+    Raises:
+        InputError: PyBullet cannot load the robot, or its parts do not fit each other.
+
+    Attributes:
+        object: what is probed; its law and height may be changed at any time.
+        encoder: joint encoders.
+        torque_sensor: the drives' torque sensors.
+        force_sensor: the force sensor.
+        held: while True the arm stands still, whatever pulls at it; time and sensors go on.
+    """
+
+    def __init__(
+        self, arm: ArmDescription, scenario: Scenario, effects: Effects = NO_EFFECTS, start_s: float = 0.0
+    ) -> None:
+        self.scenario = scenario
+        self._effects = effects
+        self._sensor_axis_tip = tuple(arm.sensor_axis_tip)
+        self._start_s = start_s
+        self._step_s = 1.0 / scenario.physics.rate_hz
+        self._steps = 0
+        self.held = False
+        self._client: int = bullet.connect(bullet.DIRECT)
+        try:
+            self._build_plant(arm)
+        except InputError:
+            self.close()
+            raise
+        self._build_sensors()
+        self._torque_nm = [0.0] * self.joint_count
+        self._observe()
+
+    def _build_plant(self, arm: ArmDescription) -> None:
+        client, scenario = self._client, self.scenario
+        bullet.setGravity(0.0, 0.0, -scenario.physics.gravity_m_s2, client)
+        bullet.setPhysicsEngineParameter(fixedTimeStep=self._step_s, contactSlop=0.0, physicsClientId=client)
+        self._arm = SimulatedArm(
+            client,
+            arm.urdf_text,
+            arm.tip_frame,
+            mass_scale=scenario.arm.mass_scale,
+            tip_radius_m=scenario.arm.tip_radius_m,
+            sensor_axis_tip=arm.sensor_axis_tip,
+        )
+        self._arm.place(arm.home_rad)
+        self.object = ComplianceObject(client, scenario.object.law, scenario.object.surface_height_m)
+        self._contact = Contact(client, self._arm, self.object, self._step_s, self._effects.contact)
+
+    def _build_sensors(self) -> None:
+        settings, effects = self.scenario.sensors, self._effects
+        start_s, step_s = self._start_s, self._step_s
+        self.encoder = SimulatedEncoder(
+            settings.encoder, self._noise_of("encoder"), start_s, step_s, effects.encoder
+        )
+        self.torque_sensor = SimulatedTorqueSensor(
+            settings.torque, self._noise_of("torque"), start_s, effects.torque
+        )
+        self.force_sensor = SimulatedForceSensor(
+            settings.force, self._noise_of("force"), start_s, step_s, effects.force
+        )
+
+    def _noise_of(self, sensor: str) -> np.random.Generator:
+        """A stream for each sensor, so that the settings of one do not change the noise of another."""
+        return np.random.default_rng([self.scenario.seed, crc32(sensor.encode())])
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return self._arm.joint_count
+
+    @property
+    def time_s(self) -> float:
+        """Time of the state on the robot's clock [s]."""
+        return self._start_s + self._steps * self._step_s
+
+    @property
+    def torque_limit_nm(self) -> list[float]:
+        """Largest torque of each drive (n) [N m]."""
+        return self._arm.torque_limit_nm
+
+    def place(self, position_rad: ArrayLike, velocity_rad_s: ArrayLike | None = None) -> None:
+        """Put the joints elsewhere (n) [rad], moving at `velocity_rad_s` (n) [rad/s] or at rest.
+
+        Raises:
+            InputError: wrong number of joints.
+        """
+        self._arm.place(position_rad, velocity_rad_s)
+        self._contact.restart()
+        self._observe()
+
+    def set_torque(self, torque_nm: ArrayLike) -> None:
+        """What the drives exert from now on (n) [N m], cut at their limits.
+
+        Raises:
+            InputError: wrong number of joints, or a torque that is not finite.
+        """
+        torque = frozen_array(torque_nm, (self.joint_count,), what="joint torque")
+        limit = self._arm.torque_limit_nm
+        self._torque_nm = np.clip(torque, np.negative(limit), limit).tolist()
+
+    def advance_to(self, time_s: float) -> None:
+        """Let physics pass up to the last whole step not after `time_s`; the past changes nothing."""
+        last_step = floor((time_s - self._start_s) / self._step_s + 1e-6)
+        while self._steps < last_step:
+            if not self.held:
+                self._arm.push(self._joint_torque_nm(), self._contact.push_n, self._contact.tip_position_m)
+                bullet.stepSimulation(self._client)
+            self._steps += 1
+            self._observe()
+
+    def _joint_torque_nm(self) -> list[float]:
+        torque = self._torque_nm
+        if self._effects.joint:
+            n = self.joint_count
+            state = JointState(self.time_s, self._step_s, self._joint_state[:n], self._joint_state[n:])
+            for effect in self._effects.joint:
+                torque = effect.joint_torque_nm(state, torque)
+        return torque
+
+    def _observe(self) -> None:
+        """Work out what holds at the state just reached, and show it to the sensors."""
+        time_s = self.time_s
+        self._joint_state = self._arm.joint_state()
+        self._contact.update(time_s)
+        self.encoder.observe(time_s, self._joint_state)
+        self.torque_sensor.observe(time_s, self._torque_nm)
+        self.force_sensor.observe(time_s, [self._contact.compression_n(self._sensor_axis_tip)])
+
+    def truth(self) -> Truth:
+        """The state as it is."""
+        n = self.joint_count
+        return Truth(
+            time_s=self.time_s,
+            joint_position_rad=np.array(self._joint_state[:n]),
+            joint_velocity_rad_s=np.array(self._joint_state[n:]),
+            drive_torque_nm=np.array(self._torque_nm),
+            tip_position_world_m=np.array(self._contact.tip_position_m),
+            depth_m=self._contact.depth_m,
+            rate_m_s=self._contact.rate_m_s,
+            force_n=self._contact.force_n,
+        )
+
+    def inverse_dynamics(
+        self, position_rad: ArrayLike, velocity_rad_s: ArrayLike, acceleration_rad_s2: ArrayLike
+    ) -> FloatArray:
+        """Joint torques (n) [N m] for a motion in free air; see `SimulatedArm.inverse_dynamics`."""
+        return self._arm.inverse_dynamics(position_rad, velocity_rad_s, acceleration_rad_s2)
+
+    def close(self) -> None:
+        """End the PyBullet client. Can be called again."""
+        if bullet.isConnected(self._client):
+            bullet.disconnect(self._client)
