@@ -61,6 +61,7 @@ def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
             "/etc/security/limits.conf",
             _locked_memory,
         ),
+        ("awake processor", "it may fall into a deep sleep that takes 100 us to leave", _awake_processor),
         ("frozen garbage", "a full garbage collection may delay a tick", _frozen_garbage),
     )
     granted, refused = [], []
@@ -116,6 +117,14 @@ def _fine_timer() -> Iterator[None]:
         yield
     finally:
         libc.prctl(_PR_SET_TIMERSLACK, former_ns, 0, 0, 0)
+
+
+@contextmanager
+def _awake_processor() -> Iterator[None]:
+    """Ask Linux for no wake-up latency; the request holds as long as the file is open."""
+    with open("/dev/cpu_dma_latency", "wb", buffering=0) as request:
+        request.write((0).to_bytes(4, sys.byteorder))
+        yield
 
 
 @contextmanager

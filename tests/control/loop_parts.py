@@ -1,4 +1,4 @@
-"""What the loop's tests put around it: an arm of three free masses with faults on demand, a log, tasks."""
+"""What the loop's tests put around it: the mock arm with hooks for trouble, a log in memory, a task."""
 
 from collections.abc import Callable
 
@@ -8,132 +8,46 @@ from control.phases import Phase
 from control.task import TaskEvent, TaskOutput
 from robot_io.clock import Clock, SimulatedClock
 from robot_io.guard import Guard
-from robot_io.interfaces import Bus, ForceSensor, JointEncoder, JointTorque
-from robot_io.limits import Limits, SafeState
-from robot_io.robot import Robot
-from robot_io.types import Command, Reading
+from robot_io.types import Command
+from tests.mock_robot import ROBOT_YAML, build_mock_robot, mock_bus, mock_robot_file
 
 JOINTS = 3
-INERTIA_KGM2 = 0.02
-AGE_LIMIT_S = 0.005
-STOP_TIME_S = 0.05
 RATE_HZ = 1000.0
-
-
-class FreeMasses(Bus):
-    """Three joints without gravity or friction, integrated at each poll; every part can be made to fail."""
-
-    def __init__(self, clock: Clock) -> None:
-        self.clock = clock
-        self.position_rad = np.zeros(JOINTS)
-        self.velocity_rad_s = np.zeros(JOINTS)
-        self.torque_nm = np.zeros(JOINTS)
-        self.staged_nm = np.zeros(JOINTS)
-        self.force_n = 0.0
-        self.time_s = clock.now_s()
-        self.force_at_s = self.time_s
-        self.sent_nm: list[np.ndarray] = []
-        self.deactivations = 0
-        self.active = False
-        self.frozen_force = False
-        self.poll_error: Exception | None = None
-        self.flush_error: Exception | None = None
-        self.deactivation_error: Exception | None = None
-        self.on_poll: Callable[[], None] = lambda: None
-
-    def activate(self) -> None:
-        self.active = True
-
-    def deactivate(self) -> None:
-        self.deactivations += 1
-        self.torque_nm = np.zeros(JOINTS)
-        if self.deactivation_error:
-            raise self.deactivation_error
-        self.active = False
-
-    def poll(self, deadline_s: float) -> None:
-        self.on_poll()
-        elapsed_s = self.clock.now_s() - self.time_s
-        self.velocity_rad_s = self.velocity_rad_s + self.torque_nm / INERTIA_KGM2 * elapsed_s
-        self.position_rad = self.position_rad + self.velocity_rad_s * elapsed_s
-        if self.poll_error:
-            raise self.poll_error
-        self.time_s += elapsed_s
-        if not self.frozen_force:
-            self.force_at_s = self.time_s
-
-    def flush(self, deadline_s: float) -> None:
-        if self.flush_error:
-            raise self.flush_error
-        self.torque_nm = self.staged_nm
-        self.sent_nm.append(self.staged_nm)
-
-
-class Encoder(JointEncoder):
-    def __init__(self, masses: FreeMasses) -> None:
-        self.masses = masses
-
-    joint_count = JOINTS
-
-    def read_position(self) -> Reading:
-        return Reading(self.masses.position_rad, self.masses.time_s)
-
-    def read_velocity(self) -> Reading:
-        return Reading(self.masses.velocity_rad_s, self.masses.time_s)
-
-
-class Drives(JointTorque):
-    def __init__(self, masses: FreeMasses) -> None:
-        self.masses = masses
-
-    joint_count = JOINTS
-
-    def read_torque(self) -> Reading:
-        return Reading(self.masses.torque_nm, self.masses.time_s)
-
-    def stage_torque(self, torque_nm):
-        self.masses.staged_nm = torque_nm
-        return torque_nm
-
-
-class Force(ForceSensor):
-    def __init__(self, masses: FreeMasses) -> None:
-        self.masses = masses
-
-    def read_force(self) -> Reading:
-        return Reading(np.array([self.masses.force_n]), self.masses.force_at_s)
+AGE_LIMIT_S = 0.005
+STOP_TIME_S = 0.2
 
 
 class Arm:
-    """A robot, its plant, its guard and its clock, configured."""
+    """The mock robot, configured, with its guard; what it was sent is kept, and its bus can be made to fail.
 
-    def __init__(self, clock: Clock | None = None, **limits) -> None:
+    Args:
+        clock: the robot's clock; simulated unless given.
+        age_limit_s: of all samples; long ones keep a busy machine from tripping the guard.
+    """
+
+    def __init__(self, clock: Clock | None = None, age_limit_s: float = AGE_LIMIT_S) -> None:
+        text = ROBOT_YAML.replace(f"_age_s: {AGE_LIMIT_S}", f"_age_s: {age_limit_s}")
+        robot_file = mock_robot_file(text)
         self.clock = clock or SimulatedClock()
-        self.masses = FreeMasses(self.clock)
-        self.robot = Robot(
-            Encoder(self.masses),
-            Drives(self.masses),
-            Force(self.masses),
-            {"line": self.masses},
-            self.clock,
-            "masses",
-        )
+        self.robot = build_mock_robot(self.clock, text)
+        self.guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
+        self.bus = mock_bus(self.robot)
+        self.plant, self.faults = self.bus.plant, self.bus.faults
+        self.sent_nm: list[np.ndarray] = []
+        self.on_poll: Callable[[], None] = lambda: None
+        self.on_flush: Callable[[], None] = lambda: None
+        self._poll, self._flush = self.bus.poll, self.bus.flush
+        self.bus.poll, self.bus.flush = self._hooked_poll, self._hooked_flush
         self.robot.configure()
-        per_joint = {
-            "torque_nm": 10.0,
-            "torque_rate_nm_s": 1e5,
-            "position_min_rad": -3.0,
-            "position_max_rad": 3.0,
-            "velocity_rad_s": 20.0,
-            "tracking_rad": 1.0,
-        }
-        values = {name: (value,) * JOINTS for name, value in per_joint.items()}
-        ages = dict.fromkeys(("encoder_age_s", "torque_age_s", "force_age_s"), AGE_LIMIT_S)
-        self.guard = Guard(
-            Limits(**{**values, **ages, "force_n": 30.0, **limits}),
-            SafeState(damping_nms_rad=(1.0,) * JOINTS, stop_time_s=STOP_TIME_S),
-            JOINTS,
-        )
+
+    def _hooked_poll(self, deadline_s: float) -> None:
+        self.on_poll()
+        self._poll(deadline_s)
+
+    def _hooked_flush(self, deadline_s: float) -> None:
+        self.on_flush()
+        self._flush(deadline_s)
+        self.sent_nm.append(self.plant.torque_nm)
 
 
 class MemoryLog:
