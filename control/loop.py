@@ -64,6 +64,7 @@ def run_loop(
         InputError: the rate is not positive.
         SafetyTripError: the guard is tripped already.
         DeviceError: a device failed before the first tick.
+        Exception: whatever the task raised at its start, such as `InputError` for a target out of reach.
     """
     if not (math.isfinite(rate_hz) and rate_hz > 0):
         raise InputError(f"control rate {rate_hz} Hz: must be positive")
@@ -134,11 +135,8 @@ class _Loop:
         if not self._guard.tripped:
             self._guard.rearm(measurement)  # the rate limit starts from here, not from an earlier run
         try:
-            self._task.start(measurement)
-        except Exception as error:
-            self._way_out.fail("starting the task", error)
-        try:
             if not self._guard.tripped:  # else the arm is never powered
+                self._task.start(measurement)
                 self._robot.activate()
                 self._spin()
         finally:

@@ -11,7 +11,7 @@ from control.loop import run_loop
 from control.loop_result import Outcome
 from control.phases import Phase
 from robot_io.clock import MonotonicClock
-from robot_io.errors import DeviceError, PalpateError, SafetyTripError
+from robot_io.errors import DeviceError, InputError, PalpateError, SafetyTripError
 from tests.control.loop_parts import AGE_LIMIT_S, RATE_HZ, STOP_TIME_S, Arm, MemoryLog, Swing
 
 PERIOD_S = 1.0 / RATE_HZ
@@ -52,15 +52,15 @@ def test_an_exception_in_the_task_brakes_the_arm_and_is_chained():
     assert isinstance(raised.value.__cause__, ZeroDivisionError)
 
 
-def test_an_exception_at_the_start_of_the_task_leaves_the_arm_without_power():
+def test_an_exception_at_the_start_of_the_task_is_passed_on_as_it_is_and_the_arm_not_powered():
     class BadStart(Swing):
         def start(self, measurement):
-            raise KeyError("target")
+            raise InputError("target 2 is out of reach")
 
     arm = Arm()
-    result, _ = run(arm, BadStart())
-    assert result.outcome is Outcome.TRIPPED
-    assert "starting the task: KeyError" in result.cause
+    with pytest.raises(InputError, match="out of reach"):
+        run(arm, BadStart())
+    assert ("torque", "activate") not in arm.bus.calls
     assert arm.sent_nm == []
 
 
