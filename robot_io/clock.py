@@ -56,7 +56,7 @@ class SimulatedClock(Clock):
 
     def sleep_until(self, time_s: float) -> None:
         """See `Clock.sleep_until`."""
-        if time_s <= self._time_s:
+        if not time_s > self._time_s:  # nor for NaN
             return
         if self._pace:
             self._pace.sleep_until(self._pace_start_s + time_s)

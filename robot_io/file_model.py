@@ -8,7 +8,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from pydantic_core import PydanticCustomError
 
 from robot_io.errors import InputError
-from robot_io.safe_yaml import KeyPath, YamlDocument
+from robot_io.safe_yaml import KeyPath, YamlDocument, one_line
 
 _MAX_SHOWN = 60  # characters of a value in an error
 
@@ -79,9 +79,19 @@ def input_error(
 ) -> InputError:
     """The error for what stands at `key_path`: file, line, key, problem, and the value if there is one."""
     place = f"{document.origin} line {document.line_of(key_path)}, " if document else ""
-    key = ".".join(map(str, key_path)) or "the file"
     shown = "" if value is None else f" (is {_shorten(repr(value))})"
-    return InputError(f"{place}{key[:200]}: {problem}{shown}".replace("\n", " "))
+    return InputError(one_line(f"{place}{_key_text(key_path)}: {problem}{shown}"))
+
+
+def _key_text(key_path: KeyPath) -> str:
+    """Such as `limits.torque_nm entry 3`; quotes around a key that is not a plain word."""
+    text = ""
+    for key in key_path:
+        if isinstance(key, int):
+            text += f" entry {key + 1}"
+        else:
+            text += ("." if text else "") + (key if key.isidentifier() else repr(key))
+    return text[:200] or "the file"
 
 
 def _describe(problem: Any, document: YamlDocument | None, at: KeyPath) -> str:  # noqa: ANN401 (pydantic's dict)

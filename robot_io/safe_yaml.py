@@ -81,9 +81,9 @@ def parse_yaml(text: str, origin: str, max_bytes: int = MAX_BYTES) -> YamlDocume
         data = _value(node, (), lines) if node is not None else {}
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise InputError(f"{origin} line {line}: {_one_line(error.problem)}") from error
+        raise InputError(f"{origin} line {line}: {one_line(error.problem)}") from error
     except yaml.YAMLError as error:
-        raise InputError(f"{origin}: {_one_line(str(error))}") from error
+        raise InputError(f"{origin}: {one_line(str(error))}") from error
     if not isinstance(data, dict):
         raise InputError(f"{origin}: holds {data!r:.60}, expected 'key: value' lines")
     return YamlDocument(origin, text, data, lines)
@@ -156,5 +156,6 @@ def _scalar(node: yaml.ScalarNode) -> object:
     return text
 
 
-def _one_line(text: object) -> str:
-    return " ".join(str(text).split())
+def one_line(text: object) -> str:
+    """Text from a stranger's file for a message: one line, nothing that a terminal would obey."""
+    return "".join(char if char.isprintable() else "?" for char in " ".join(str(text).split()))

@@ -1,0 +1,42 @@
+"""One bench per backend for every contract test."""
+
+import pytest
+
+from tests.contract.backends import BACKENDS
+
+
+@pytest.fixture(params=BACKENDS, ids=lambda backend: backend.name)
+def backend(request):
+    reason = request.param.missing()
+    if reason:
+        pytest.skip(reason)
+    return request.param
+
+
+@pytest.fixture
+def open_bench(backend):
+    """Makes fresh benches, and closes them all at the end."""
+    opened = []
+
+    def make():
+        opened.append(backend.open())
+        return opened[-1]
+
+    yield make
+    for bench in opened:
+        bench.robot.close()
+
+
+@pytest.fixture
+def bench(open_bench):
+    """A fresh robot in state NEW."""
+    return open_bench()
+
+
+@pytest.fixture
+def active(bench):
+    """An active robot whose devices have all sampled."""
+    bench.robot.configure()
+    bench.robot.activate()
+    bench.settle()
+    return bench

@@ -1,0 +1,42 @@
+"""What every joint encoder keeps."""
+
+import numpy as np
+import pytest
+
+from tests.contract import readings
+
+READ = {
+    "position": lambda robot: robot.encoder.read_position(),
+    "velocity": lambda robot: robot.encoder.read_velocity(),
+}
+
+
+@pytest.mark.parametrize("read", READ.values(), ids=READ.keys())
+def test_unknown_before_the_first_sample(bench, read):
+    readings.check_before_first_sample(bench, read, bench.robot.joint_count)
+
+
+@pytest.mark.parametrize("read", READ.values(), ids=READ.keys())
+def test_samples_are_fresh_and_honest(active, read):
+    readings.check_samples(active, read, active.robot.joint_count, active.robot_file.limits.encoder_age_s)
+
+
+@pytest.mark.parametrize("read", READ.values(), ids=READ.keys())
+def test_a_reading_is_a_snapshot(active, read):
+    readings.check_reading_is_a_snapshot(active, read)
+
+
+def test_it_knows_its_joints(bench):
+    assert bench.robot.encoder.joint_count == bench.robot_file.joint_count
+
+
+def test_the_velocity_is_the_rate_of_the_position(active):
+    """Over 50 ticks under a push, the integral of the velocity is the way that was gone."""
+    push_nm = 0.02 * np.array(active.robot_file.limits.torque_nm)
+    measurements = [active.tick(push_nm) for _ in range(50)]
+    position = np.array([m.joint_position_rad for m in measurements])
+    velocity = np.array([m.joint_velocity_rad_s for m in measurements])
+    times = np.array([m.encoder_at_s for m in measurements])
+    travelled = np.trapezoid(velocity, times, axis=0)
+    assert np.abs(position[-1] - position[0]).max() > 1e-3
+    np.testing.assert_allclose(travelled, position[-1] - position[0], rtol=0.1, atol=2e-3)

@@ -1,0 +1,103 @@
+"""What every robot keeps, whatever it is made of."""
+
+import numpy as np
+import pytest
+
+from robot_io.errors import InputError, LifecycleError
+from robot_io.robot import RobotState
+from robot_io.types import Command, Status
+
+
+def test_measurements_are_coherent_and_cannot_be_changed(active):
+    last_s = -np.inf
+    for _ in range(30):
+        m = active.tick()
+        assert m.time_s > last_s
+        last_s = m.time_s
+        assert m.joint_count == active.robot_file.joint_count
+        for array in (m.joint_position_rad, m.joint_velocity_rad_s, m.joint_torque_nm):
+            assert np.isfinite(array).all()
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 0.0
+        assert np.isfinite(m.force_n)
+        assert max(m.encoder_status, m.torque_status, m.force_status) <= Status.STALE
+
+
+def test_write_returns_what_was_sent(active):
+    wanted = 0.1 * np.array(active.robot_file.limits.torque_nm)
+    sent = active.robot.write(Command(wanted), active.clock.now_s() + active.period_s)
+    np.testing.assert_allclose(sent.joint_torque_nm, wanted, rtol=0.1, atol=0.02)
+    assert sent.joint_torque_nm is not wanted
+    assert not sent.joint_torque_nm.flags.writeable
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_command_that_is_not_finite_is_not_sent(active, bad):
+    torque = np.zeros(active.robot.joint_count)
+    torque[0] = bad
+    with pytest.raises(InputError, match="not finite"):
+        active.robot.write(Command(torque), active.clock.now_s())
+
+
+def test_it_starts_at_home(active):
+    np.testing.assert_allclose(active.tick().joint_position_rad, active.robot_file.home_rad, atol=0.1)
+
+
+def test_it_can_be_watched_before_it_is_powered(bench):
+    bench.robot.configure()
+    measurement = bench.settle()
+    assert np.isfinite(measurement.joint_position_rad).all()
+    with pytest.raises(LifecycleError, match="configured"):
+        bench.robot.write(Command(np.zeros(bench.robot.joint_count)), bench.clock.now_s())
+
+
+def test_its_life(bench):
+    robot = bench.robot
+    with pytest.raises(LifecycleError):
+        robot.read(bench.clock.now_s())
+    with pytest.raises(LifecycleError):
+        robot.activate()
+    robot.configure()
+    for _ in range(3):
+        robot.activate()
+        bench.tick()
+        robot.deactivate()
+        robot.deactivate()
+    robot.activate()
+    robot.close()
+    robot.close()
+    robot.deactivate()
+    assert robot.state is RobotState.CLOSED
+    for call in (robot.configure, robot.activate, lambda: robot.read(bench.clock.now_s())):
+        with pytest.raises(LifecycleError, match="closed"):
+            call()
+
+
+def test_a_with_block_closes_it(bench):
+    def fail_inside():
+        with bench.robot as robot:
+            robot.activate()
+            bench.tick()
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail_inside()
+    assert bench.robot.state is RobotState.CLOSED
+
+
+def test_two_of_them_do_not_disturb_each_other(open_bench):
+    benches = [open_bench(), open_bench()]
+    for bench in benches:
+        bench.robot.configure()
+        bench.robot.activate()
+        bench.settle()
+    push = 0.05 * np.array(benches[0].robot_file.limits.torque_nm)
+    alone = open_bench()
+    alone.robot.configure()
+    alone.robot.activate()
+    alone.settle()
+    for _ in range(30):
+        benches[0].tick(push)
+        with_a_neighbour = benches[1].tick()
+        by_itself = alone.tick()
+    np.testing.assert_allclose(with_a_neighbour.joint_position_rad, by_itself.joint_position_rad, atol=1e-3)

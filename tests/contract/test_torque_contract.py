@@ -1,0 +1,122 @@
+"""What all torque-controlled drives keep."""
+
+import numpy as np
+import pytest
+
+from tests.contract import readings
+
+SMALL = 0.02  # of the torque limit
+
+
+def read_torque(robot):
+    return robot.torque.read_torque()
+
+
+def small_torque(bench):
+    return SMALL * np.array(bench.robot_file.limits.torque_nm)
+
+
+def noise_nm(bench):
+    """What a torque sensor may show beside the torque [N m]."""
+    return 0.05 * np.array(bench.robot_file.limits.torque_nm)
+
+
+def test_unknown_before_the_first_sample(bench):
+    readings.check_before_first_sample(bench, read_torque, bench.robot.joint_count)
+
+
+def test_samples_are_fresh_and_honest(active):
+    readings.check_samples(
+        active, read_torque, active.robot.joint_count, active.robot_file.limits.torque_age_s
+    )
+
+
+def test_a_reading_is_a_snapshot(active):
+    readings.check_reading_is_a_snapshot(active, read_torque)
+
+
+def test_it_knows_its_joints(bench):
+    assert bench.robot.torque.joint_count == bench.robot_file.joint_count
+
+
+def test_staging_says_what_will_be_sent(active):
+    wanted = small_torque(active)
+    sent = active.robot.torque.stage_torque(wanted)
+    assert sent.shape == wanted.shape
+    np.testing.assert_allclose(sent, wanted, atol=noise_nm(active).max())
+
+
+def test_a_torque_out_of_range_is_reduced_and_said(active):
+    count = active.robot.joint_count
+    sent = active.robot.torque.stage_torque(np.full(count, 1e9))
+    assert (sent > 0).all()
+    assert (sent < 1e6).all()
+
+
+def test_what_is_staged_is_not_touched(active):
+    wanted = small_torque(active)
+    kept = wanted.copy()
+    sent = active.robot.torque.stage_torque(wanted)
+    sent *= 2.0
+    active.tick()
+    np.testing.assert_array_equal(wanted, kept)
+
+
+def test_nothing_is_sent_before_the_flush(active):
+    active.tick()
+    active.robot.torque.stage_torque(np.array(active.robot_file.limits.torque_nm))
+    for _ in range(5):
+        measurement = active.read()
+    assert (np.abs(measurement.joint_torque_nm) < noise_nm(active)).all()
+
+
+def test_the_measured_torque_follows_the_command(active):
+    wanted = 0.3 * np.array(active.robot_file.limits.torque_nm)
+    for _ in range(20):
+        measurement = active.tick(wanted)
+    np.testing.assert_allclose(measurement.joint_torque_nm, wanted, atol=noise_nm(active).max(), rtol=0.1)
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+def test_a_positive_torque_turns_the_joint_forwards(open_bench, joint):
+    """Against the same motion with the torque reversed, so that gravity does not matter."""
+    velocity = {}
+    for sign in (-1.0, 1.0):
+        bench = open_bench()
+        bench.robot.configure()
+        bench.robot.activate()
+        bench.settle()
+        torque = np.zeros(bench.robot.joint_count)
+        torque[joint] = sign * small_torque(bench)[joint]
+        for _ in range(20):
+            measurement = bench.tick(torque)
+        velocity[sign] = measurement.joint_velocity_rad_s[joint]
+    assert velocity[1.0] > velocity[-1.0]
+
+
+def test_deactivated_drives_are_limp(active):
+    for _ in range(5):
+        active.tick(small_torque(active))
+    active.robot.deactivate()
+    for _ in range(20):
+        measurement = active.read()
+    assert (np.abs(measurement.joint_torque_nm) < noise_nm(active)).all()
+
+
+def test_activated_again_drives_do_not_remember_a_torque(active):
+    for _ in range(5):
+        active.tick(0.3 * np.array(active.robot_file.limits.torque_nm))
+    active.robot.deactivate()
+    active.robot.activate()
+    for _ in range(5):
+        measurement = active.read()
+    assert (np.abs(measurement.joint_torque_nm) < noise_nm(active)).all()
+
+
+def test_drives_let_go_when_nobody_commands_them(active):
+    if active.watchdog_s is None:
+        pytest.skip("these drives have no watchdog")
+    active.tick(0.3 * np.array(active.robot_file.limits.torque_nm))
+    for _ in range(int(1.5 * active.watchdog_s / active.period_s)):
+        measurement = active.read()
+    assert (np.abs(measurement.joint_torque_nm) < noise_nm(active)).all()

@@ -1,0 +1,59 @@
+"""Clocks go forward, and simulated time takes its listeners along."""
+
+import pytest
+
+from robot_io.clock import Clock, MonotonicClock, SimulatedClock
+
+
+class WrittenClock(Clock):
+    """A real clock for tests: notes until when it was asked to wait."""
+
+    def __init__(self):
+        self.waited_until = []
+
+    def now_s(self):
+        return 100.0
+
+    def sleep_until(self, time_s):
+        self.waited_until.append(time_s)
+
+
+def test_simulated_time_passes_only_when_somebody_waits():
+    clock = SimulatedClock()
+    assert [clock.now_s(), clock.now_s()] == [0.0, 0.0]
+    clock.sleep_until(2.5)
+    assert clock.now_s() == 2.5
+
+
+@pytest.mark.parametrize("past_s", [1.0, 0.5, -3.0, float("nan"), float("-inf")])
+def test_simulated_time_never_goes_back(past_s):
+    clock = SimulatedClock()
+    clock.sleep_until(1.0)
+    clock.sleep_until(past_s)
+    assert clock.now_s() == 1.0
+
+
+def test_listeners_hear_of_every_advance_once_and_see_the_new_time():
+    clock, heard = SimulatedClock(), []
+    clock.subscribe(lambda time_s: heard.append((time_s, clock.now_s())))
+    for time_s in (0.5, 0.5, 0.2, 0.75):
+        clock.sleep_until(time_s)
+    assert heard == [(0.5, 0.5), (0.75, 0.75)]
+
+
+def test_simulated_time_keeps_step_with_a_real_clock():
+    pace = WrittenClock()
+    clock = SimulatedClock(pace)
+    clock.sleep_until(0.25)
+    clock.sleep_until(0.5)
+    assert pace.waited_until == [100.25, 100.5]
+
+
+def test_the_monotonic_clock_waits_and_does_not_wait_for_the_past():
+    clock = MonotonicClock()
+    start_s = clock.now_s()
+    clock.sleep_until(start_s + 0.01)
+    woken_s = clock.now_s()
+    assert woken_s >= start_s + 0.01
+    clock.sleep_until(start_s - 1e9)  # would take for ever if it were waited for
+    assert clock.now_s() >= woken_s

@@ -1,0 +1,208 @@
+"""The robot file: whatever is wrong, the user hears where, what, and what would be right."""
+
+import copy
+import re
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robot_io.errors import InputError
+from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
+from tests.mock_robot import ROBOT_YAML, mock_robot_file, write_mock_files
+
+VALID = yaml.safe_load(ROBOT_YAML)
+
+
+def changed(**changes):
+    """The valid file's text with some lines replaced; `key=None` drops a line."""
+    lines = ROBOT_YAML.splitlines()
+    for key, value in changes.items():
+        at = next(i for i, line in enumerate(lines) if line.strip().startswith(f"{key}:"))
+        indent = re.match(" *", lines[at])[0]
+        lines[at] = "" if value is None else f"{indent}{key}: {value}"
+    return "\n".join(lines)
+
+
+def test_it_says_what_the_file_says(tmp_path):
+    robot_file = load_robot_file(write_mock_files(tmp_path))
+    assert robot_file.name == "mock"
+    assert robot_file.joint_count == 3
+    assert robot_file.home_rad == (-1.275, 1.391, 1.455)
+    assert robot_file.limits.force_n == 30.0
+    assert robot_file.encoder.bus == "world"
+    assert robot_file.urdf_path == tmp_path / "mock.urdf"
+    assert robot_file.text == ROBOT_YAML
+
+
+def test_driver_settings_are_passed_on_unread():
+    robot_file = parse_robot_file(
+        changed(force="{driver: mock_force, bus: world, gain: 2, unit: N}"), "m.yaml"
+    )
+    assert robot_file.force.settings == {"gain": 2, "unit": "N"}
+
+
+def test_the_sensor_axis_is_made_a_unit_vector():
+    assert parse_robot_file(changed(sensor_axis_tip="[0, 3, -4]"), "m.yaml").sensor_axis_tip == (
+        0.0,
+        0.6,
+        -0.8,
+    )
+
+
+def test_it_cannot_be_changed():
+    with pytest.raises(ValueError, match="frozen"):
+        mock_robot_file().name = "other"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"name": None}, "m.yaml line 2, name: is missing"),
+        ({"name": "'two words'"}, "m.yaml line 1, name: string should match pattern"),
+        ({"tip_frame": "5"}, "m.yaml line 3, tip_frame: input should be a valid string (is 5)"),
+        ({"sensor_axis_tip": "[0, 0, 0]"}, "m.yaml line 4, sensor_axis_tip: has no direction"),
+        ({"control_rate_hz": "0"}, "m.yaml line 5, control_rate_hz: input should be greater than 0 (is 0)"),
+        ({"control_rate_hz": "true"}, "m.yaml line 5, control_rate_hz: expected a number (is True)"),
+        ({"control_rate_hz": "'1000'"}, "m.yaml line 5, control_rate_hz: expected a number (is '1000')"),
+        ({"encoder": "{driver: mock_encoder, bus: wrold}"}, "encoder.bus: is not in 'buses'. Valid: world"),
+        ({"encoder": "{bus: world}"}, "m.yaml line 8, encoder.driver: is missing"),
+        ({"home_rad": "[0, 0]"}, "limits.torque_nm: has 3 values, home_rad has 2"),
+        (
+            {"home_rad": "[-1, 1, 9]"},
+            "home_rad entry 3: joint 3 is outside its position limits -2.6 to 2.8 (is 9.0)",
+        ),
+        (
+            {"torque_nm": "[1, 2, .nan]"},
+            "m.yaml line 13, limits.torque_nm entry 3: input should be a finite number",
+        ),
+        (
+            {"torque_nm": "[1, 2, -3]"},
+            "m.yaml line 13, limits.torque_nm entry 3: input should be greater than 0",
+        ),
+        ({"torque_rate_nm_s": "[1, 2]"}, "limits: torque_rate_nm_s has 2 values, torque_nm has 3"),
+        ({"position_min_rad": "[1, 0, 0]"}, "limits: position_min_rad 1.0 is not below position_max_rad 0.4"),
+        ({"force_n": None}, "m.yaml line 12, limits.force_n: is missing"),
+        (
+            {"safe_state": "{damping_nms_rad: [1, 1], stop_time_s: 1}"},
+            "safe_state.damping_nms_rad: has 2 values",
+        ),
+        (
+            {"safe_state": "{damping_nms_rad: [1, 1, 1], stop_time_s: 60}"},
+            "safe_state.stop_time_s: input should be",
+        ),
+    ],
+)
+def test_what_is_wrong_and_where(changes, message):
+    with pytest.raises(InputError) as caught:
+        parse_robot_file(changed(**changes), "m.yaml")
+    assert message in str(caught.value)
+    assert str(caught.value).startswith("m.yaml line ")
+
+
+def test_an_unknown_key_gets_a_hint_and_its_line():
+    with pytest.raises(InputError) as caught:
+        parse_robot_file(ROBOT_YAML.replace("force_n: 30", "force_N: 30"), "m.yaml")
+    assert str(caught.value).startswith(
+        "m.yaml line 18, limits.force_N: is not known; did you mean 'force_n'? Valid: "
+    )
+
+
+def test_it_says_how_many_more_things_are_wrong():
+    with pytest.raises(InputError, match=r"\(and 2 more\)$"):
+        parse_robot_file(changed(name=None, tip_frame=None, urdf=None), "m.yaml")
+
+
+@pytest.mark.parametrize("key", ["urdf", "dh"])
+def test_files_it_names_must_be_there(tmp_path, key):
+    path = write_mock_files(tmp_path)
+    text = re.sub("^urdf:.*$", "", ROBOT_YAML, flags=re.MULTILINE) if key == "urdf" else ROBOT_YAML
+    path.write_text(text + f"\n{key}: absent.file\n")
+    with pytest.raises(InputError, match=rf"mock\.yaml line \d+, {key}: no such file: .*absent\.file"):
+        load_robot_file(path)
+
+
+def test_a_kept_copy_is_read_without_the_files_it_names():
+    assert parse_robot_file(ROBOT_YAML, "gone/mock.yaml").urdf_path.name == "mock.urdf"
+
+
+def key_paths(value, path=()):
+    """Every place in the valid file."""
+    yield path
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, inner in items:
+        yield from key_paths(inner, (*path, key))
+
+
+PLACES = [path for path in key_paths(VALID) if path]
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20)
+VALUES = st.recursive(
+    SCALARS,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+    max_leaves=8,
+)
+
+
+def put(place, change):
+    """A copy of the valid file's data with `change(container, key)` done at `place`."""
+    data = copy.deepcopy(VALID)
+    container = data
+    for key in place[:-1]:
+        container = container[key]
+    change(container, place[-1])
+    return data
+
+
+def check(text):
+    """The error of a robot file (one line that names the file and a place in it), or None if it is valid."""
+    try:
+        robot_file = parse_robot_file(text, "m.yaml")
+    except InputError as error:
+        message = str(error)
+    else:
+        assert isinstance(robot_file, RobotFile)
+        return None
+    assert "\n" not in message
+    assert re.match(r"m\.yaml( line \d+)?[,:] \S", message), message
+    return message
+
+
+@settings(max_examples=300)
+@given(st.sampled_from(PLACES), VALUES)
+def test_any_value_anywhere_gives_a_robot_or_an_input_error(place, value):
+    def replace(container, key):
+        container[key] = value
+
+    message = check(yaml.safe_dump(put(place, replace), allow_unicode=True))
+    if message:
+        assert re.match(r"m\.yaml( line \d+, \S+( entry \d+)*)?: \S", message), message
+
+
+@settings(max_examples=300)
+@given(st.sampled_from(PLACES))
+def test_a_missing_part_is_named(place):
+    def drop(container, key):
+        del container[key]
+
+    message = check(yaml.safe_dump(put(place, drop)))
+    if isinstance(place[-1], str) and message and "is missing" in message:
+        assert f"{'.'.join(map(str, place))}: is missing" in message
+
+
+@settings(max_examples=300)
+@given(st.sampled_from(PLACES), st.text(max_size=12), VALUES)
+def test_an_extra_key_gives_a_robot_or_an_input_error(place, key, value):
+    def add(container, _):
+        if isinstance(container, dict):
+            container[key] = value
+        else:
+            container.append(value)
+
+    check(yaml.safe_dump(put(place, add), allow_unicode=True))
+
+
+@settings(max_examples=300)
+@given(st.integers(0, len(ROBOT_YAML)), st.integers(0, 40), st.text(max_size=10))
+def test_a_damaged_text_gives_a_robot_or_an_input_error(start, length, inserted):
+    check(ROBOT_YAML[:start] + inserted + ROBOT_YAML[start + length :])
