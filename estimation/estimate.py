@@ -48,6 +48,7 @@ class Estimate:
         identifiability: see `Identifiability`.
         note: one sentence for the reader.
         history: for recursive estimators, gains after each sample, shape (n, p); else None.
+        covariance: of the parameters, shape (m, m); NaN where unknown.
         details: method-specific figures, such as trials or skipped subsets.
     """
 
@@ -59,6 +60,7 @@ class Estimate:
     identifiability: Identifiability
     note: str
     history: FloatArray | None = None
+    covariance: FloatArray | None = None
     details: dict[str, float] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> ParameterEstimate:

@@ -78,8 +78,12 @@ class Model:
         for sensor in self._sensors:
             sensed = sensor.sense(np.column_stack([columns, known]), data, _own(sensor, inner))
             columns, known = sensed[:, :-1], sensed[:, -1]
-        units = tuple(_unit(p, data) for p in self.gains.values())
+        units = self.units(data)[: len(self.gains)]
         return Regression(columns, data.effort - known, tuple(self.gains), units, sigma, data.run)
+
+    def units(self, data: ChannelData) -> tuple[str, ...]:
+        """Units of the gains, then of the inner parameters, in this channel."""
+        return tuple(_unit(p, data) for p in (*self.gains.values(), *self.inner.values()))
 
     def predict(self, data: ChannelData, parameters: Parameters) -> FloatArray:
         """The effort that the model expects, shape (n,).

@@ -18,8 +18,8 @@ class Regression:
         names: the p gains' names.
         units: the p gains' units.
         sigma: standard deviation of each sample's noise, shape (n,), up to a common factor; None for equal.
-        run: number of the run that each sample belongs to, shape (n,); the noise of samples of one run, in order
-            of time, may be correlated, that of different runs is not. None for one run.
+        run: number of the run of each sample, shape (n,); the noise of samples of one run, in order of time,
+            may be correlated, that of different runs is not. None for one run.
     """
 
     columns: FloatArray

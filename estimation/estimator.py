@@ -1,0 +1,56 @@
+"""What an estimator is: it turns a linear problem into parameters with their uncertainty."""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.estimate import Estimate
+from estimation.regression import Regression
+from robot_io.types import FloatArray
+
+
+class Estimator(ABC):
+    """A way to solve effort = columns @ gains + noise.
+
+    Class attributes:
+        name: as on the command line.
+        summary: one line of what it does and when to take it.
+        source: where it comes from.
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+    source: ClassVar[str]
+
+    @abstractmethod
+    def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
+        """Estimate the gains from all samples.
+
+        Args:
+            regression: the problem; samples of a run in order of time.
+            rng: source of every random choice; the same state gives the same estimate.
+
+        Raises:
+            InputError: the method cannot work on these samples.
+        """
+
+
+class OnlineEstimator(Estimator):
+    """An estimator that takes one sample at a time."""
+
+    @abstractmethod
+    def start(self, gain_count: int) -> None:
+        """Forget everything and make ready for rows of `gain_count` columns."""
+
+    @abstractmethod
+    def update(self, row: FloatArray, effort: float) -> FloatArray:
+        """Take in one sample.
+
+        Args:
+            row: shape (p,), one row of the columns.
+            effort: what was measured with it.
+
+        Returns:
+            The gains after it, shape (p,); the array is never written to again.
+        """

@@ -1,0 +1,5 @@
+"""Estimators, one per file."""
+
+from estimation.estimators.registry import ESTIMATORS
+
+__all__ = ["ESTIMATORS"]

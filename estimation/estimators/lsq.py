@@ -1,0 +1,33 @@
+"""Least squares, the paper's baseline."""
+
+import numpy as np
+
+from estimation.estimate import Estimate
+from estimation.estimator import Estimator
+from estimation.least_squares import solve
+from estimation.regression import Regression
+from estimation.uncertainty import assemble, sandwich
+
+
+class Lsq(Estimator):
+    """Minimise the sum of squared residuals, each over its noise where the regression knows it."""
+
+    name = "lsq"
+    summary = "least squares: the best there is while the noise is even and nothing lies far off"
+    source = "the paper, eq. (2), solved by the pseudo-inverse"
+
+    def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
+        """See `Estimator.fit`."""
+        gains = solve(regression.columns, regression.effort, regression.weights).gains
+        residuals = regression.effort - regression.columns @ gains
+        squared = regression.weights**2
+        return assemble(
+            self.name,
+            regression.names,
+            regression.units,
+            gains,
+            jacobian=regression.columns,
+            effort=regression.effort,
+            residuals=residuals,
+            covariance=sandwich(regression.columns, squared * residuals, squared, regression.run),
+        )

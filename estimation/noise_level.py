@@ -1,0 +1,59 @@
+"""How large each sample's noise is: a part that is always there, and one that grows with the effort."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import nnls
+
+from robot_io.types import FloatArray
+
+MAD_TO_SIGMA = 1.0 / stats.norm.ppf(0.75)  # median absolute deviation of Gaussian noise, in sigmas, inverted
+_BIN_COUNT = 20
+_LEAST_PER_BIN = 25
+_FLOOR_SHARE = 1e-3  # of the overall level: keeps weights finite where the model predicts no noise at all
+
+
+def robust_sigma(residuals: FloatArray) -> float:
+    """Standard deviation of the residuals' Gaussian core, whatever lies outside it."""
+    return float(MAD_TO_SIGMA * np.median(np.abs(residuals)))
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """sigma^2 = floor^2 + (share * effort)^2.
+
+    Attributes:
+        floor: standard deviation at no effort, in the effort's unit.
+        share: growth with the effort, such as 0.1 for 10 %.
+    """
+
+    floor: float
+    share: float
+
+    def sigma(self, effort: FloatArray) -> FloatArray:
+        """Standard deviation at each (predicted) effort, shape (n,)."""
+        return np.hypot(self.floor, self.share * effort)
+
+
+def fit_noise_level(residuals: FloatArray, predicted: FloatArray) -> NoiseLevel:
+    """Find floor and share from residuals, undisturbed by outliers.
+
+    The residuals' robust variance, in bins of equal count along |predicted|, is fitted by
+    floor^2 + share^2 effort^2.
+
+    Args:
+        residuals: shape (n,).
+        predicted: shape (n,), effort without noise as far as known.
+    """
+    overall = max(robust_sigma(residuals), float(np.finfo(float).tiny))
+    bins = min(_BIN_COUNT, len(residuals) // _LEAST_PER_BIN)
+    if bins < 2:
+        return NoiseLevel(overall, 0.0)
+    parts = np.array_split(np.argsort(np.abs(predicted)), bins)
+    variance = np.array([robust_sigma(residuals[part]) ** 2 for part in parts])
+    square = np.array([np.mean(predicted[part] ** 2) for part in parts])
+    trust = 1.0 / np.maximum(variance, (_FLOOR_SHARE * overall) ** 2)  # the error of a variance grows with it
+    design = np.column_stack([np.ones(bins), square])
+    (floor2, share2), _ = nnls(design * trust[:, None], variance * trust)
+    return NoiseLevel(max(float(np.sqrt(floor2)), _FLOOR_SHARE * overall), float(np.sqrt(share2)))
