@@ -95,5 +95,25 @@ def ticks(speeds_m_s=(0.15, 0.09, 0.06), seed=0):
         "stiffness_n_m": np.where(learnt, STIFFNESS * settled + rng.normal(0, 2, n), nan),
         "damping_n_s_m": np.where(learnt, DAMPING * settled + rng.normal(0, 0.3, n), nan),
         "surface_m": np.where(learnt, -SURFACE_M, nan),
-        **dict.fromkeys(("read_s", "control_s", "guard_s", "write_s", "log_s", "lateness_s"), zeros + 2e-05),
+        **dict.fromkeys(
+            ("read_s", "control_s", "guard_s", "write_s", "observer_s", "log_s", "lateness_s"), zeros + 2e-05
+        ),
     }
+
+
+def urdf():
+    """The arm's URDF."""
+    links = '<link name="base"/>'
+    joints = ""
+    parent, origin = "base", f"0 0 {SHOULDER_M}"
+    for i, length in enumerate(LINKS_M, 1):
+        shape = f'<geometry><cylinder radius="0.02" length="{length}"/></geometry>'
+        placed = f'<origin xyz="{length / 2} 0 0" rpy="0 1.5708 0"/>'
+        links += f'<link name="link_{i}"><visual>{placed}{shape}</visual></link>'
+        joints += (
+            f'<joint name="joint_{i}" type="revolute"><parent link="{parent}"/><child link="link_{i}"/>'
+            f'<origin xyz="{origin}"/><axis xyz="0 1 0"/>'
+            '<limit lower="-3.2" upper="3.2" effort="50" velocity="10"/></joint>'
+        )
+        parent, origin = f"link_{i}", f"{length} 0 0"
+    return f'<robot name="synthetic">{links}{joints}</robot>'

@@ -28,6 +28,7 @@ from robot_io.types import FloatArray
 
 EYE_DIRECTION = np.array([0.35, -1.0, 0.42])  # from the side: the arm moves in the x-z plane
 EYE_DISTANCE = 1.75  # in sizes of the scene
+ABOVE, BELOW = 1.0, 1.1  # range of displacement shown, in greatest depths
 LEFT_TOP, RIGHT_BOTTOM = rrb.Corner2D.LeftTop, rrb.Corner2D.RightBottom
 
 # Rerun draws a URDF's cylinders and boxes as wire frames unless it is told otherwise.
@@ -39,7 +40,7 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     joints = scene.ticks["joint_position_rad"].shape[1]
     return rrb.Blueprint(
         rrb.Tabs(
-            rrb.Horizontal(_left(scene), _curves(joints), column_shares=[5, 6], name="Probing"),
+            rrb.Horizontal(_left(scene), _curves(scene), column_shares=[5, 6], name="Probing"),
             rrb.Vertical(
                 *(
                     _plot(f"{POSITION}/joint_{j + 1}", f"Joint {j + 1} [°]", legend=LEFT_TOP)
@@ -73,7 +74,11 @@ def _left(scene: Scene) -> rrb.Vertical:
     )
 
 
-def _curves(joints: int) -> rrb.Vertical:
+def _curves(scene: Scene) -> rrb.Vertical:
+    joints = scene.ticks["joint_position_rad"].shape[1]
+    depth_m = scene.depth_m
+    deepest_mm = 1e3 * float(np.nanmax(depth_m)) if depth_m is not None else 0.0
+    depth_span = (-ABOVE * deepest_mm, BELOW * deepest_mm) if deepest_mm > 0 else None
     torques = [
         _plot(f"{TORQUE}/joint_{j + 1}", f"Joint {j + 1} torque [N m]", legend=LEFT_TOP if j == 0 else None)
         for j in range(joints)
@@ -81,7 +86,7 @@ def _curves(joints: int) -> rrb.Vertical:
     return rrb.Vertical(
         _plot(FORCE, "Contact force [N]", legend=LEFT_TOP),
         rrb.StateTimelineView(origin=PHASE, name="Phase"),
-        _plot(DEPTH, "Displacement [mm]"),
+        _plot(DEPTH, "Displacement [mm]", depth_span),
         *torques,
         row_shares=[4, 1.6, 3] + [2.6] * joints,
     )

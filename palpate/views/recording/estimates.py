@@ -10,6 +10,8 @@ from robot_io.types import FloatArray
 
 PARAMETERS = {STIFFNESS: ("stiffness", "stiffness_n_m"), DAMPING: ("damping", "damping_n_s_m")}
 
+LOWEST, HIGHEST = 0.7, 1.3  # of the levels: the range that is shown
+
 
 def log(recording: rr.RecordingStream, scene: Scene) -> None:
     """Log the online estimates as curves, the others as level lines over the whole session."""
@@ -38,7 +40,7 @@ def shown_range(scene: Scene, entity: str) -> tuple[float, float] | None:
     levels += [scene.estimate[name].value] if scene.estimate is not None else []
     online = scene.ticks[column][np.isfinite(scene.ticks[column])]
     levels += [float(np.median(online))] if len(online) else []
-    return (0.0, 1.6 * max(levels)) if levels and max(levels) > 0 else None
+    return (LOWEST * min(levels), HIGHEST * max(levels)) if levels and min(levels) > 0 else None
 
 
 def _level(value: float) -> FloatArray:

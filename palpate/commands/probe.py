@@ -1,0 +1,155 @@
+"""`palpate probe`: touch an object at several speeds and log every tick."""
+
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from control.loop_result import Outcome
+from control.probing_plan import ProbingPlan, load_probing_plan
+from palpate import console
+from palpate.failures import INTERRUPTED
+from palpate.files import existing_file, output_file
+from palpate.probing_run import ProbingJob, ProbingOutcome, is_simulated, online_estimators, run_probing
+from palpate.progress import probing_progress
+from palpate.robots import DEFAULT, find_robot, shipped_robots
+from palpate.words import count, duration, shown
+from robot_io.errors import InputError
+from robot_io.file_model import validate
+from robot_io.robot_file import RobotFile
+from sim_backend.scenario import load_scenario, shipped_scenarios
+
+MILLI = 1e-3
+NO_ESTIMATOR = "none"
+SESSIONS = Path("sessions")
+
+
+def command(  # noqa: PLR0917, one parameter an option
+    robot: Annotated[
+        str, typer.Option(help=f"Robot file, or a shipped arm: {', '.join(shipped_robots())}.")
+    ] = DEFAULT,
+    scenario: Annotated[
+        str | None,
+        typer.Option(help=f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}."),
+    ] = None,
+    experiment: Annotated[Path | None, typer.Option(help="Probing plan (YAML) to start from.")] = None,
+    speed_mm_s: Annotated[
+        str | None, typer.Option(help="Approach speeds, such as 150,90,60.", metavar="MM/S,...")
+    ] = None,
+    force_limit_n: Annotated[float | None, typer.Option(help="Load up to this force.", metavar="N")] = None,
+    hold_s: Annotated[float | None, typer.Option(help="Hold the force for so long.", metavar="S")] = None,
+    repeats: Annotated[int | None, typer.Option(help="How often all speeds are run.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of all simulated noise.", min=0)] = None,
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="Simulate no faster than time passes.")
+    ] = False,
+    online: Annotated[
+        str, typer.Option(help=f"Estimator that runs along: {', '.join(online_estimators())}, or none.")
+    ] = "rls",
+    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+) -> None:
+    """Probe an object: approach at several speeds, touch, load to a force, hold, retract.
+
+    Without a robot file of your own this runs in simulation. The session file holds every tick.
+    """
+    robot_file = find_robot(robot)
+    speeds_m_s = _speeds(speed_mm_s) if speed_mm_s is not None else None
+    changes: dict[str, Any] = {
+        "speeds_m_s": speeds_m_s,
+        "force_limit_n": force_limit_n,
+        "hold_s": hold_s,
+        "repeats": repeats,
+    }
+    plan = _plan(experiment, {key: value for key, value in changes.items() if value is not None})
+    if online not in (NO_ESTIMATOR, *online_estimators()):
+        raise InputError(f"--online {online}: valid are {', '.join(online_estimators())}, {NO_ESTIMATOR}")
+    job = ProbingJob(
+        robot_file=robot_file,
+        plan=plan,
+        session=output_file(out or _default_session(robot_file)),
+        scenario=load_scenario(scenario) if scenario is not None else None,
+        seed=seed,
+        paced=realtime,
+        online=None if online == NO_ESTIMATOR else online,
+        command_line=" ".join(["palpate", *sys.argv[1:]]),
+    )
+    with probing_progress(plan, live=is_simulated(robot_file)) as on_tick:
+        outcome = run_probing(job.with_callback(on_tick))
+    _report(outcome, plan, as_json)
+
+
+def _speeds(text: str) -> list[float]:
+    """Speeds in m/s from comma-separated mm/s."""
+    try:
+        speeds = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(
+            f"--speed-mm-s {text!r}: give numbers with commas between them, such as 150,90,60"
+        ) from None
+    if not all(0 < speed <= 1000 for speed in speeds):
+        raise InputError(f"--speed-mm-s {text!r}: each speed must be above 0 and at most 1000 mm/s")
+    return [MILLI * speed for speed in speeds]
+
+
+def _plan(experiment: Path | None, changes: dict[str, Any]) -> ProbingPlan:
+    plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else ProbingPlan()
+    return validate(ProbingPlan, plan.model_dump() | changes)
+
+
+def _default_session(robot_file: RobotFile) -> Path:
+    """A name that nobody has used yet."""
+    stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+    return SESSIONS / f"{stamp}-{robot_file.name}.mcap"
+
+
+def _report(outcome: ProbingOutcome, plan: ProbingPlan, as_json: bool) -> None:
+    loop = outcome.loop
+    if as_json:
+        console.print_json(_as_data(outcome))
+    else:
+        _print(outcome, len(list(plan.runs())))
+    if loop.outcome is Outcome.STOPPED:
+        raise typer.Exit(INTERRUPTED)
+    loop.raise_for_trip()
+
+
+def _as_data(outcome: ProbingOutcome) -> dict[str, Any]:
+    loop = outcome.loop
+    return {
+        "session": str(outcome.session),
+        "outcome": str(loop.outcome),
+        "cause": loop.cause,
+        "failed_runs": list(outcome.failures),
+        "ticks": loop.ticks,
+        "overruns": loop.overruns,
+        "dropped": loop.dropped,
+        "duration_s": loop.duration_s,
+        "wall_s": loop.wall_s,
+    }
+
+
+def _print(outcome: ProbingOutcome, planned: int) -> None:
+    loop, out = outcome.loop, console.stdout()
+    faster = (
+        f", {loop.duration_s / loop.wall_s:.0f} times real time"
+        if loop.wall_s < 0.9 * loop.duration_s
+        else ""
+    )
+    done = "done" if loop.outcome is Outcome.FINISHED else f"[red]{loop.outcome}[/red]: {loop.cause}"
+    out.print(
+        f"{count(planned, 'run')} {done}: {duration(loop.duration_s)} in {duration(loop.wall_s)}{faster}"
+    )
+    for failure in outcome.failures:
+        out.print(f"  [yellow]{failure}[/yellow]")
+    if loop.dropped or loop.overruns:
+        out.print(f"  [yellow]{loop.one_line()}[/yellow]")
+    session = shown(outcome.session)
+    out.print(f"written: [bold]{session}[/bold]")
+    console.next_steps(
+        (f"palpate estimate {session}", "stiffness and damping with their intervals"),
+        (f"palpate inspect {session}", "see it in Rerun"),
+        (f"palpate info {session}", "what is in the file"),
+    )

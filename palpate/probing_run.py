@@ -1,0 +1,185 @@
+"""Puts a probing run together: robot, clock, guard, task, loop, session log, online estimation."""
+
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from control.journal import Observer
+from control.loop import run_loop
+from control.loop_result import LoopResult
+from control.probing import ProbingTask
+from control.probing_plan import ProbingPlan
+from control.realtime import realtime
+from control.tick_record import tick_stream
+from estimation.estimator import OnlineEstimator
+from estimation.estimators import ESTIMATORS
+from palpate.online import OnlineObserver
+from robot_io.clock import Clock, MonotonicClock, SimulatedClock
+from robot_io.driver import DriverCatalogue
+from robot_io.errors import InputError
+from robot_io.guard import Guard
+from robot_io.robot import Robot, build_robot
+from robot_io.robot_file import RobotFile
+from robot_io.session import SessionMetadata, SessionWriter
+from sim_backend.drivers.pybullet_bus import PyBulletBus
+from sim_backend.scenario import Scenario
+
+SIMULATED_DRIVERS = "sim_backend.drivers"
+PLAN = "plan"  # key of the plan's text in the session's metadata
+
+OnTick = Callable[[np.void], None]
+
+
+@dataclass(frozen=True)
+class ProbingJob:
+    """What is to be probed, how, and where to.
+
+    Attributes:
+        robot_file: the arm.
+        plan: speeds, forces, repeats.
+        session: the new session file.
+        scenario: simulated world instead of the one that the robot file names; None leaves that.
+        seed: of all simulated noise instead of the scenario's; None leaves that.
+        paced: let simulated time pass as fast as real time, not as fast as possible.
+        online: name of the online estimator, or None for none.
+        command_line: how the program was started.
+        extra: further texts for the session's metadata.
+        on_tick: called in each tick with its record, which is valid during the call only.
+    """
+
+    robot_file: RobotFile
+    plan: ProbingPlan
+    session: Path
+    scenario: Scenario | None = None
+    seed: int | None = None
+    paced: bool = False
+    online: str | None = "rls"
+    command_line: str = ""
+    extra: dict[str, str] = field(default_factory=dict)
+    on_tick: OnTick | None = None
+
+    def with_callback(self, on_tick: OnTick | None) -> "ProbingJob":
+        """The same job, calling `on_tick` in each tick."""
+        return replace(self, on_tick=on_tick)
+
+
+@dataclass(frozen=True)
+class ProbingOutcome:
+    """How a probing run ended.
+
+    Attributes:
+        session: the session file; it holds what happened until the end, also after a trip.
+        loop: how the loop ended.
+        failures: one line for each run that failed, such as one that touched nothing.
+    """
+
+    session: Path
+    loop: LoopResult
+    failures: tuple[str, ...]
+
+
+def run_probing(job: ProbingJob) -> ProbingOutcome:
+    """Probe, and write the session file; it is complete when this returns.
+
+    Raises:
+        InputError: robot file, plan and scenario do not fit each other, or the session cannot be written.
+        DeviceError: a device could not be started.
+    """
+    simulated = is_simulated(job.robot_file)
+    clock = _clock(simulated, job.paced)
+    observer = _observer(job)
+    task = ProbingTask.from_robot_file(job.robot_file, job.plan)
+    robot = build_robot(job.robot_file, DriverCatalogue(SIMULATED_DRIVERS), clock)
+    scenario = _use_scenario(robot, job)
+    guard = Guard(job.robot_file.limits, job.robot_file.safe_state, robot.joint_count)
+    with ExitStack() as stack:
+        stack.enter_context(robot)
+        log = stack.enter_context(
+            SessionWriter(
+                job.session,
+                [tick_stream(robot.joint_count)],
+                _metadata(job, scenario),
+                wait_for_room=simulated and not job.paced,
+            )
+        )
+        if not simulated:
+            stack.enter_context(realtime())
+        rate_hz = job.robot_file.control_rate_hz
+        result = run_loop(robot, guard, task, clock, log, rate_hz=rate_hz, observer=observer)
+    return ProbingOutcome(job.session, result, task.failures)
+
+
+def is_simulated(robot_file: RobotFile) -> bool:
+    """Whether any of the robot's buses is a simulated world."""
+    return any(bus.driver == PyBulletBus.name for bus in robot_file.buses.values())
+
+
+def online_estimators() -> list[str]:
+    """Names of the estimators that can run while the arm is probing."""
+    return [name for name, estimator in ESTIMATORS.items() if issubclass(estimator, OnlineEstimator)]
+
+
+def _clock(simulated: bool, paced: bool) -> Clock:
+    if not simulated:
+        return MonotonicClock()
+    return SimulatedClock(MonotonicClock() if paced else None)
+
+
+def _observer(job: ProbingJob) -> Observer:
+    estimate = _online_observer(job.online)
+    on_tick = job.on_tick
+    if on_tick is None:
+        return estimate
+
+    def observe(record: np.void) -> tuple[float, float, float]:
+        on_tick(record)
+        return estimate(record)
+
+    return observe
+
+
+def _online_observer(name: str | None) -> Observer:
+    if name is None:
+        return lambda _record: (np.nan, np.nan, np.nan)
+    estimator = ESTIMATORS[name]()
+    if not isinstance(estimator, OnlineEstimator):
+        valid = ", ".join(online_estimators())
+        raise InputError(f"estimator '{name}' needs all samples at once. Online: {valid}")
+    return OnlineObserver(estimator)
+
+
+def _use_scenario(robot: Robot, job: ProbingJob) -> Scenario | None:
+    """Hand the scenario to the simulated world; the one that will be simulated, or None with hardware."""
+    worlds = [bus for bus in robot.buses.values() if isinstance(bus, PyBulletBus)]
+    if not worlds:
+        if job.scenario is not None or job.seed is not None:
+            raise InputError(f"robot '{robot.name}' is not simulated: scenario and seed mean nothing to it")
+        return None
+    world = worlds[0]
+    scenario = job.scenario or world.scenario
+    if job.seed is not None:
+        scenario = scenario.model_copy(update={"seed": job.seed})
+    world.use_scenario(scenario)
+    return scenario
+
+
+def _metadata(job: ProbingJob, scenario: Scenario | None) -> SessionMetadata:
+    plan = yaml.safe_dump(job.plan.model_dump(mode="json"), sort_keys=False)
+    python = ".".join(str(part) for part in sys.version_info[:3])
+    return SessionMetadata(
+        robot_file=job.robot_file.text,
+        urdf=job.robot_file.urdf_path.read_text(encoding="utf-8"),
+        scenario=scenario.to_yaml() if scenario else "",
+        software_version=version("palpate"),
+        seed=scenario.seed if scenario else None,
+        created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
+        command_line=job.command_line,
+        extra={"source": "simulated" if scenario else "measured", PLAN: plan, "python": python} | job.extra,
+    )

@@ -1,0 +1,73 @@
+"""Progress of a probing run, for the person who waits."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from rich.progress import BarColumn, Progress, TextColumn
+
+from control.phases import Phase
+from control.probing_plan import ProbingPlan
+from palpate import console
+from palpate.probing_run import OnTick
+from palpate.words import count
+
+REFRESH_S = 0.1
+SHARE_DONE = {  # of a run, when a phase begins
+    Phase.FREE_AIR: 0.1,
+    Phase.APPROACH: 0.25,
+    Phase.LOADING: 0.4,
+    Phase.HOLD: 0.5,
+    Phase.UNLOADING: 0.75,
+    Phase.RETRACT: 0.9,
+}
+MILLI = 1e3
+
+
+@contextmanager
+def probing_progress(plan: ProbingPlan, *, live: bool) -> Iterator[OnTick | None]:
+    """Show how far the runs have come, on stderr.
+
+    Args:
+        plan: what is going to be done.
+        live: draw a bar that moves. Never with a real arm: drawing would take time from its control loop.
+
+    Yields:
+        What is to be called in each tick, or None.
+    """
+    runs = list(plan.runs())
+    shown = console.stderr()
+    if not live:
+        shown.print(f"probing, {count(len(runs), 'run')}; Ctrl-C brings the arm to rest")
+        yield None
+        return
+    bar = BarColumn(bar_width=32)
+    words = TextColumn("{task.description}")
+    with Progress(bar, words, console=shown, transient=True, auto_refresh=False) as progress:
+        task = progress.add_task("starting", total=len(runs))
+        yield _Ticker(progress, task, [run.speed_m_s for run in runs])
+
+
+class _Ticker:
+    """Moves the bar at most every `REFRESH_S`."""
+
+    def __init__(self, progress: Progress, task: object, speeds_m_s: list[float]) -> None:
+        self._progress, self._task, self._speeds_m_s = progress, task, speeds_m_s
+        self._next_s = 0.0
+        self._run = 0
+
+    def __call__(self, record: np.void) -> None:
+        now_s = time.monotonic()
+        if now_s < self._next_s:
+            return
+        self._next_s = now_s + REFRESH_S
+        self._run = max(self._run, int(record["run"]))
+        share = SHARE_DONE.get(Phase(int(record["phase"])), 0.0)
+        speed_mm_s = MILLI * self._speeds_m_s[self._run]
+        words = (
+            f"run {self._run + 1} of {len(self._speeds_m_s)} at {speed_mm_s:.0f} mm/s, "
+            f"{record['time_s']:.1f} s simulated"
+        )
+        self._progress.update(self._task, completed=self._run + share, description=words)  # type: ignore[arg-type]
+        self._progress.refresh()

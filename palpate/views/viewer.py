@@ -1,0 +1,126 @@
+"""Starts the Rerun viewer: in a window for a person, or without one to take a picture."""
+
+import os
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import rerun_cli  # type: ignore[import-untyped]
+from rerun.experimental import ViewerClient
+
+from palpate.views.recording.entities import TIMELINE
+from robot_io.errors import PalpateError
+
+HOST = "127.0.0.1"  # Rerun's own default is every address of the machine
+START_LIMIT_S = 30.0
+POLL_S = 0.1
+SETTLE_S = 2.0  # curves and meshes are loaded bit by bit
+TOAST_S = 4.0  # the viewer greets with a note over its upper right corner
+
+
+def open_window(recording: Path) -> None:
+    """Show a recording in a window that stays when this program ends.
+
+    Raises:
+        PalpateError: the viewer's program cannot be started.
+    """
+    _start("--port", "auto", str(recording.absolute()), detached=True)
+
+
+def take_picture(recording: Path, picture: Path, time_s: float, size: tuple[int, int]) -> None:
+    """Save what the viewer shows at a moment as PNG; needs a Vulkan driver, but no display.
+
+    Args:
+        recording: .rrd file.
+        picture: .png file, replaced if it is there.
+        time_s: moment on the session's timeline [s].
+        size: width and height in pixels.
+
+    Raises:
+        PalpateError: the viewer could not be started or did not answer.
+    """
+    started_s = time.monotonic()
+    with _headless_viewer(size) as viewer:
+        try:
+            viewer.open(str(recording.absolute()))
+            _wait_until_loaded(viewer)
+            viewer.set_time(TIMELINE, duration=time_s, play_state="paused")
+            time.sleep(max(SETTLE_S, TOAST_S - (time.monotonic() - started_s)))
+            viewer.save_screenshot(str(picture.absolute()))
+        except (OSError, RuntimeError, ValueError) as error:
+            raise PalpateError(f"the viewer did not give a picture: {_first_line(error)}") from error
+    if not picture.is_file():
+        raise PalpateError(f"the viewer did not write {picture}")
+
+
+@contextmanager
+def _headless_viewer(size: tuple[int, int]) -> Iterator[ViewerClient]:
+    port = _free_port()
+    window = f"{size[0]}x{size[1]}"
+    process = _start("--headless", "--hide-welcome-screen", "--port", str(port), "--window-size", window)
+    try:
+        yield _connect(process, f"rerun+http://{HOST}:{port}/proxy")
+    finally:
+        process.terminate()
+        try:
+            process.wait(timeout=5.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _start(*arguments: str, detached: bool = False) -> "subprocess.Popen[bytes]":
+    program = Path(rerun_cli.__file__).parent / "rerun"
+    environment = os.environ | {
+        "RERUN_APP_ONLY": "true"
+    }  # an application's viewer: no questions at the start
+    try:
+        return subprocess.Popen(  # noqa: S603, our own program with our own arguments
+            [str(program), "--bind", HOST, *arguments],
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=detached,
+        )
+    except OSError as error:
+        raise PalpateError(f"the Rerun viewer cannot be started: {error.strerror}: {program}") from error
+
+
+def _connect(process: "subprocess.Popen[bytes]", url: str) -> ViewerClient:
+    give_up_s = time.monotonic() + START_LIMIT_S
+    while process.poll() is None and time.monotonic() < give_up_s:
+        try:
+            client = ViewerClient.connect(url)
+            client.get_state()
+        except (OSError, RuntimeError):
+            time.sleep(POLL_S)
+        else:
+            return client
+    raise PalpateError(
+        "the Rerun viewer did not start without a display (try: apt install mesa-vulkan-drivers)"
+    )
+
+
+def _wait_until_loaded(viewer: ViewerClient) -> None:
+    give_up_s = time.monotonic() + START_LIMIT_S
+    while time.monotonic() < give_up_s:
+        state = viewer.get_state()
+        if state.active_recording and not state.loading:
+            return
+        time.sleep(POLL_S)
+    raise PalpateError("the Rerun viewer did not load the recording")
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -1,0 +1,36 @@
+"""Runs the command line in this process, and as a user starts it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from typer.testing import CliRunner, Result
+
+from palpate.app import app
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(*arguments) -> Result:
+    """The command line in this process."""
+    return CliRunner().invoke(app, [str(argument) for argument in arguments], prog_name="palpate")
+
+
+def run_process(*arguments, **options) -> "subprocess.CompletedProcess[str]":
+    """The command line as a process of its own."""
+    command = [sys.executable, "-m", "palpate.main", *map(str, arguments)]
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, cwd=options.pop("cwd", ROOT), **options
+    )
+
+
+def assert_refused(result, *words: str, code: int = 2) -> None:
+    """One clear line on stderr that holds the words, nothing on stdout, and the exit code."""
+    status = result.exit_code if isinstance(result, Result) else result.returncode
+    assert status == code, result.stderr
+    assert result.stdout == ""
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1, result.stderr
+    assert lines[0].startswith("palpate: ")
+    for word in words:
+        assert word in lines[0]

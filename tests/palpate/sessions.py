@@ -1,0 +1,25 @@
+"""Session files for tests."""
+
+from control.tick_record import tick_stream
+from robot_io.session import Event, SessionMetadata, write_session
+from tests.palpate import synthetic
+
+EVENTS = (
+    Event(0.333, "touch", "touched the object", {"run": 0}),
+    Event(1.0, "note", "[bold]not markup\x1b[2J"),
+)
+
+
+def synthetic_session(path, **metadata):
+    """A session of the synthetic arm."""
+    stream = tick_stream(3)
+    columns = synthetic.ticks()
+    known = {column.name: columns[column.name] for column in stream.columns}
+    defaults = {
+        "urdf": synthetic.urdf(),
+        "software_version": "0.1.0",
+        "seed": 7,
+        "created_utc": "2026-01-02T03:04:05+00:00",
+        "command_line": "palpate probe",
+    }
+    return write_session(path, [(stream, known)], SessionMetadata(**(defaults | metadata)), EVENTS)

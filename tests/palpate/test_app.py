@@ -1,0 +1,75 @@
+"""The command line itself: help, unknown things, failures of every kind."""
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from palpate.failures import OneLineGroup
+from robot_io.errors import DeviceError, InputError
+from tests.palpate.cli import assert_refused, run, run_process
+
+
+def app_that_raises(error):
+    app = typer.Typer(cls=OneLineGroup, pretty_exceptions_enable=False)
+
+    @app.callback()
+    def root():
+        """Root."""
+
+    @app.command()
+    def fail():
+        raise error
+
+    return app
+
+
+def test_without_a_command_the_help_is_shown():
+    result = run()
+    assert result.exit_code == 0
+    for command in ("demo", "probe", "estimate", "inspect", "import", "info", "doctor"):
+        assert command in result.stdout
+
+
+@pytest.mark.parametrize("command", ["demo", "probe", "estimate", "inspect", "import", "info", "doctor"])
+def test_every_command_explains_itself(command):
+    result = run(command, "--help")
+    assert result.exit_code == 0
+    assert "Usage" in result.stdout
+
+
+def test_an_unknown_command_is_refused_with_the_nearest_one():
+    assert_refused(run("estimat"), "estimat", "estimate")
+
+
+def test_an_unknown_option_is_refused():
+    assert_refused(run("info", "--colour"), "--colour", "palpate info --help")
+
+
+def test_a_missing_argument_is_refused():
+    assert_refused(run("info"), "SESSION")
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (InputError("value 3 is wrong"), 2, ("value 3 is wrong",)),
+        (InputError("spread\nover\nlines"), 2, ("spread over lines",)),
+        (DeviceError("the cable is out"), 1, ("the cable is out",)),
+        (PermissionError(13, "Permission denied", "/some/file"), 2, ("/some/file", "Permission denied")),
+        (ZeroDivisionError("a bug"), 1, ("ZeroDivisionError", "a bug", "PALPATE_DEBUG")),
+        (KeyboardInterrupt(), 130, ("interrupted",)),
+    ],
+)
+def test_a_failure_is_one_line_with_its_own_exit_code(error, code, words):
+    result = CliRunner().invoke(app_that_raises(error), ["fail"])
+    assert_refused(result, *words, code=code)
+
+
+def test_as_a_process_bad_input_gives_one_line_and_2(tmp_path):
+    assert_refused(run_process("info", tmp_path / "none.mcap"), "none.mcap", "no such file")
+
+
+def test_the_version_is_told():
+    result = run("--version")
+    assert result.exit_code == 0
+    assert result.stdout.startswith("palpate ")

@@ -1,0 +1,71 @@
+"""The doctor finds what is broken, and survives it."""
+
+import json
+
+import pytest
+
+from palpate.doctor import Level, environment, examine_all, hardware, subjects, viewer
+from tests.palpate.cli import run
+
+
+def test_this_machine_can_run_palpate():
+    broken = [finding for finding in examine_all() if finding.level is Level.FAIL]
+    assert not broken
+
+
+def test_json_has_a_remedy_for_everything_that_is_not_ok():
+    result = run("doctor", "--json")
+    findings = json.loads(result.stdout)["findings"]
+    assert {"python", "control package", "packages", "pybullet", "real time"} <= {
+        f["subject"] for f in findings
+    }
+    assert all(finding["remedy"] for finding in findings if finding["level"] != "ok")
+
+
+def test_a_check_that_breaks_is_a_finding_and_the_exit_code_is_1(monkeypatch):
+    def broken_check():
+        raise RuntimeError("engine gone")
+        yield
+
+    monkeypatch.setattr(subjects, "CHECKS", (broken_check, hardware.memory_lock))
+    result = run("doctor")
+    assert result.exit_code == 1
+    assert "engine gone" in result.stdout
+    assert "memory lock" in result.stdout
+
+
+def test_a_missing_package_is_a_failure(monkeypatch):
+    monkeypatch.setattr(environment, "_dependencies", lambda: ["numpy", "surely-not-installed"])
+    (finding,) = environment.packages()
+    assert finding.level is Level.FAIL
+    assert "surely-not-installed" in finding.text
+    assert "numpy" not in finding.text
+
+
+def test_an_untested_version_is_a_warning(monkeypatch):
+    monkeypatch.setattr(environment, "_pinned_versions", lambda: {"numpy": "0.0.1"})
+    (finding,) = environment.packages()
+    assert finding.level is Level.WARN
+    assert "0.0.1" in finding.text
+
+
+def test_a_port_in_use_is_a_warning(monkeypatch):
+    import socket
+
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        monkeypatch.setattr(viewer, "PORT", taken.getsockname()[1])
+        (finding,) = viewer.viewer_port()
+    assert finding.level is Level.WARN
+
+
+@pytest.mark.parametrize(
+    ("display", "driver", "level"), [("", True, "ok"), ("", False, "warn"), (":0", False, "ok")]
+)
+def test_pictures_need_a_display_or_a_driver(monkeypatch, display, driver, level):
+    monkeypatch.setenv("DISPLAY", display)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr(viewer, "has_vulkan_driver", lambda: driver)
+    (finding,) = viewer.rerun()
+    assert finding.level.value == level

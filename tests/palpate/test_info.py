@@ -1,0 +1,54 @@
+"""What `palpate info` says about a session."""
+
+import json
+
+import pytest
+
+from tests.palpate import synthetic
+from tests.palpate.cli import assert_refused, run
+from tests.palpate.sessions import synthetic_session
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    return synthetic_session(tmp_path_factory.mktemp("info") / "touch.mcap")
+
+
+def test_json_states_the_facts(session):
+    data = json.loads(run("info", session, "--json").stdout)
+    (stream,) = data["streams"]
+    samples = len(synthetic.ticks()["time_s"])
+    assert (stream["name"], stream["samples"], stream["runs"]) == ("tick", samples, 3)
+    assert stream["rate_hz"] == pytest.approx(1000)
+    assert data["duration_s"] == pytest.approx((samples - 1) * 0.001)
+    assert (data["seed"], data["truncated"], data["dropped"]) == (7, False, 0)
+    assert data["events"][0] == {
+        "time_s": 0.333,
+        "kind": "touch",
+        "text": "touched the object",
+        "data": {"run": 0},
+    }
+
+
+def test_text_of_a_file_cannot_command_the_terminal(session):
+    shown = run("info", session).stdout
+    assert "\x1b[2J" not in shown
+    assert "[bold]not markup" in shown
+
+
+def test_a_session_cut_short_is_said_to_be(session, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(session.read_bytes()[:-20_000])
+    assert json.loads(run("info", cut, "--json").stdout)["truncated"] is True
+    assert "the end is missing" in run("info", cut).stdout
+
+
+@pytest.mark.parametrize("content", [b"", b"time_s,force_N\n0,1\n", bytes(range(256)) * 50])
+def test_what_is_no_session_is_refused(tmp_path, content):
+    path = tmp_path / "other.mcap"
+    path.write_bytes(content)
+    assert_refused(run("info", path), "other.mcap")
+
+
+def test_a_directory_is_refused(tmp_path):
+    assert_refused(run("info", tmp_path), "is a directory")
