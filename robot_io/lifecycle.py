@@ -27,7 +27,7 @@ def start_all(
         try:
             getattr(component, step)()
         except BaseException as error:
-            problem = f"{label} does not {step}: {error}"
+            problem = f"{label}: {step} failed: {error}"
             try:
                 undo_all(components[: index + 1], undo)
             except DeviceError as second:
@@ -58,7 +58,7 @@ def undo_all(components: Sequence[Labelled], step: Literal["close", "deactivate"
     if interrupts:
         raise interrupts[0]
     if failures:
-        text = "; ".join(f"{label} does not {step}: {error}" for label, error in failures)
+        text = "; ".join(f"{label}: {step} failed: {error}" for label, error in failures)
         raise DeviceError(text) from failures[0][1]
 
 

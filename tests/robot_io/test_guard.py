@@ -1,0 +1,433 @@
+"""The guard: what it stops, what it lets through, how it comes to rest, and what it takes to start again."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_io.clock import SimulatedClock
+from robot_io.errors import InputError, SafetyTripError
+from robot_io.guard import Guard
+from robot_io.limits import Limits, SafeState
+from robot_io.types import Command, Measurement, Status
+from tests.mock_robot import build_mock_robot, mock_bus, mock_robot_file
+
+DT = 1e-3
+LIMITS = Limits(
+    torque_nm=(10.0, 5.0),
+    torque_rate_nm_s=(1000.0, 500.0),
+    position_min_rad=(-1.0, -2.0),
+    position_max_rad=(1.0, 2.0),
+    velocity_rad_s=(3.0, 4.0),
+    force_n=20.0,
+    tracking_rad=(0.1, 0.2),
+    encoder_age_s=0.005,
+    torque_age_s=0.010,
+    force_age_s=0.020,
+)
+SAFE_STATE = SafeState(damping_nms_rad=(2.0, 1.0), stop_time_s=0.05)
+nan, inf = math.nan, math.inf
+
+
+def measured(time_s=0.0, **changes):
+    """A measurement in which all is well, two joints, but for `changes`."""
+    values = {
+        "time_s": time_s,
+        "joint_position_rad": [0.0, 0.0],
+        "joint_velocity_rad_s": [0.0, 0.0],
+        "joint_torque_nm": [0.0, 0.0],
+        "force_n": 0.0,
+        "encoder_at_s": time_s,
+        "torque_at_s": time_s,
+        "force_at_s": time_s,
+    } | changes
+    for key in ("joint_position_rad", "joint_velocity_rad_s", "joint_torque_nm"):
+        values[key] = np.array(values[key], dtype=float)
+    return Measurement(**values)
+
+
+def torque(*values):
+    return Command(np.array(values, dtype=float))
+
+
+def limited(guard, command, measurement, dt_s=DT):
+    return guard.limit(command, measurement, dt_s).joint_torque_nm.tolist()
+
+
+@pytest.fixture
+def guard():
+    return Guard(LIMITS, SAFE_STATE, 2)
+
+
+WRONG = [
+    ({"joint_position_rad": [1.01, 0]}, "joint 1 is at 1.01 rad, limits -1 to 1 rad"),
+    ({"joint_position_rad": [0, -2.01]}, "joint 2 is at -2.01 rad"),
+    ({"joint_position_rad": [0, nan]}, "joint 2 is at nan rad"),
+    ({"joint_velocity_rad_s": [0, 4.01]}, "joint 2 moves at 4.01 rad/s, limit 4 rad/s"),
+    ({"joint_velocity_rad_s": [-3.01, 0]}, "joint 1 moves at -3.01 rad/s"),
+    ({"joint_velocity_rad_s": [nan, 0]}, "joint 1 moves at nan rad/s"),
+    ({"joint_torque_nm": [0, inf]}, "measured torque is inf"),
+    ({"force_n": 20.1}, "contact force is 20.1 N, limit 20 N"),
+    ({"force_n": -20.1}, "contact force is -20.1 N"),
+    ({"force_n": nan}, "contact force is nan N"),
+    ({"encoder_at_s": 0.994}, "encoder: newest sample is 0.006 s old, limit 0.005 s"),
+    ({"torque_at_s": 0.989}, "drives: newest sample is 0.011 s old"),
+    ({"force_at_s": 0.979}, "force sensor: newest sample is 0.021 s old"),
+    ({"encoder_at_s": -inf}, "encoder: no sample yet"),
+    ({"force_at_s": nan}, "force sensor: newest sample is nan s old"),
+    ({"encoder_at_s": 1.1}, "encoder: sample from the future"),
+    ({"encoder_status": Status.FAULT}, "encoder: reports a fault"),
+    ({"torque_status": Status.FAULT}, "drives: reports a fault"),
+    ({"force_status": Status.FAULT}, "force sensor: reports a fault"),
+    ({"force_status": Status.SATURATED}, "force sensor: at the end of its range"),
+    ({"encoder_status": Status.SATURATED}, "encoder: at the end of its range"),
+    ({"time_s": nan}, "time went from"),
+]
+
+
+@pytest.mark.parametrize(("changes", "cause"), WRONG, ids=[cause for _, cause in WRONG])
+def test_whatever_is_wrong_trips_with_its_cause_even_in_the_first_measurement(guard, changes, cause):
+    guard.watch(
+        measured(**({"time_s": 1.0, "encoder_at_s": 1.0, "torque_at_s": 1.0, "force_at_s": 1.0} | changes))
+    )
+    assert cause in guard.tripped.cause
+    assert guard.tripped.tick == 0
+
+
+def test_what_is_right_does_not_trip(guard):
+    guard.watch(measured(1.0))
+    edge = {"joint_position_rad": [1.0, -2.0], "joint_velocity_rad_s": [3.0, -4.0], "force_n": 20.0}
+    guard.watch(measured(1.001, **edge))
+    # Old but not too old; sampled while the tick was being read; a drive at the end of its range.
+    stale = {"encoder_status": Status.STALE, "encoder_at_s": 0.998, "torque_status": Status.SATURATED}
+    guard.watch(measured(1.002, **stale))
+    guard.watch(measured(1.003, encoder_at_s=1.0035))
+    assert guard.tripped is None
+    assert not guard.finished
+
+
+def test_time_must_not_go_backwards(guard):
+    guard.watch(measured(1.0))
+    guard.watch(measured(1.0))  # standing still is no harm by itself: ages tell
+    assert guard.tripped is None
+    guard.watch(measured(0.999))
+    assert "time went from 1.000000 s to 0.999000 s" in guard.tripped.cause
+
+
+@pytest.mark.parametrize(
+    ("reference", "trips"),
+    [([0.1, -0.2], False), ([0.11, 0], True), ([0, -0.21], True), ([0, nan], True), (None, False)],
+)
+def test_tracking(guard, reference, trips):
+    guard.watch(measured(), None if reference is None else np.array(reference))
+    assert bool(guard.tripped) == trips
+    assert not trips or "from its reference" in guard.tripped.cause
+
+
+def test_the_reference_may_come_later_in_the_tick(guard):
+    measurement = measured()
+    guard.watch(measurement)
+    guard.watch(measurement, np.array([0.5, 0.0]))
+    assert guard.tripped.tick == 0
+
+
+def test_the_first_cause_stays(guard):
+    guard.watch(measured(0.0))
+    guard.watch(measured(0.001, force_n=25.0))
+    trip = guard.tripped
+    guard.watch(measured(0.002, joint_position_rad=[9, 9]))
+    assert guard.trip("Ctrl-C") is trip
+    assert guard.tripped is trip
+    assert (trip.time_s, trip.tick) == (0.001, 1)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        trip.cause = "other"
+
+
+def test_a_trip_from_outside(guard):
+    guard.watch(measured(0.5))
+    trip = guard.trip("Ctrl-C")
+    assert (trip.cause, trip.time_s, trip.tick) == ("Ctrl-C", 0.5, 0)
+
+
+def test_a_measurement_that_nobody_watched_is_watched(guard):
+    assert limited(guard, torque(1, 1), measured(force_n=99.0)) == [0.0, 0.0]
+    assert "99 N" in guard.tripped.cause
+
+
+def test_limits_for_another_arm_are_refused():
+    with pytest.raises(InputError, match="the arm has 3 joints, its limits 2"):
+        Guard(LIMITS, SAFE_STATE, 3)
+
+
+class TestLimiting:
+    def test_within_limits_a_command_passes_unchanged(self, guard):
+        assert limited(guard, torque(0.9, -0.4), measured(0.0)) == [0.9, -0.4]
+        assert (guard.torque_clips, guard.rate_clips) == (0, 0)
+
+    def test_torque_is_clipped_and_counted(self, guard):
+        at = {"joint_torque_nm": [9.9, -4.9]}
+        assert limited(guard, torque(10.5, -99.0), measured(0.0, **at)) == [10.0, -5.0]
+        assert limited(guard, torque(-1e300, -5.0), measured(0.001, **at)) == [9.0, -5.0]
+        assert guard.torque_clips == 2
+        assert guard.tripped is None
+
+    def test_the_rate_is_clipped_from_what_was_sent(self, guard):
+        sent = [limited(guard, torque(9.0, -9.0), measured(0.001 * tick))[0] for tick in range(12)]
+        np.testing.assert_allclose(sent, [1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 9])
+        assert guard.rate_clips == 9  # joint 2 goes half as fast and arrives at its limit, -5, in the tenth
+
+    def test_the_rate_starts_from_the_measured_torque(self, guard):
+        assert limited(guard, torque(0, 0), measured(joint_torque_nm=[8.0, -2.0])) == [7.0, -1.5]
+
+    def test_a_measured_torque_beyond_the_limit_starts_at_the_limit(self, guard):
+        assert limited(guard, torque(10, 5), measured(joint_torque_nm=[99.0, 99.0])) == [10.0, 5.0]
+
+    def test_after_a_pause_the_rate_starts_from_the_measured_torque_again(self, guard):
+        """An arm that was deactivated for a while carries nothing of what was sent before."""
+        for tick in range(9):
+            limited(guard, torque(9, 0), measured(0.001 * tick))
+        assert limited(guard, torque(9, 0), measured(1.0)) == [1.0, 0.0]
+
+    def test_no_time_means_no_change(self, guard):
+        assert limited(guard, torque(5, 5), measured(), dt_s=0.0) == [0.0, 0.0]
+
+    @pytest.mark.parametrize("dt_s", [-1e-3, nan, inf])
+    def test_a_time_step_that_cannot_be_trips(self, guard, dt_s):
+        assert limited(guard, torque(1, 1), measured(), dt_s=dt_s) == [0.0, 0.0]
+        assert "time step" in guard.tripped.cause
+
+    @pytest.mark.parametrize("bad", [nan, inf, -inf])
+    def test_a_command_that_is_not_finite_trips_and_is_not_sent(self, guard, bad):
+        limited(guard, torque(1, 1), measured(0.0))
+        assert limited(guard, torque(0, bad), measured(0.001, joint_velocity_rad_s=[1.0, 0.0])) == [-2.0, 0.0]
+        assert f"the controller's torque for joint 2 is {bad}" in guard.tripped.cause
+
+    def test_a_command_for_another_arm_trips(self, guard):
+        assert limited(guard, torque(1, 1, 1), measured()) == [0.0, 0.0]
+        assert "shape (3,), expected (2,)" in guard.tripped.cause
+
+    def test_what_comes_out_cannot_be_changed(self, guard):
+        for command in (
+            guard.limit(torque(0, 0), measured(), DT),
+            guard.limit(torque(nan, 0), measured(), DT),
+        ):
+            with pytest.raises(ValueError, match="read-only"):
+                command.joint_torque_nm[0] = 1.0
+
+    @given(
+        st.lists(st.tuples(st.floats(-100, 100), st.floats(-100, 100)), min_size=1, max_size=30),
+        st.floats(0, 0.01),
+    )
+    def test_no_command_gets_past_the_limits(self, wanted, dt_s):
+        guard, before = Guard(LIMITS, SAFE_STATE, 2), np.zeros(2)
+        for tick, pair in enumerate(wanted):
+            sent = np.array(limited(guard, torque(*pair), measured(1e-3 * tick), dt_s))
+            assert (np.abs(sent) <= LIMITS.torque_nm).all()
+            assert (np.abs(sent - before) <= np.array(LIMITS.torque_rate_nm_s) * dt_s + 1e-12).all()
+            before = sent
+        assert guard.tripped is None
+
+
+class TestStop:
+    """After a trip at 0 s; the torque goes off after 0.05 s."""
+
+    @pytest.fixture
+    def tripped(self, guard):
+        guard.watch(measured(0.0))
+        guard.trip("test")
+        return guard
+
+    def stopping(self, guard, time_s, velocity, dt_s=DT, **changes):
+        changes = {"joint_velocity_rad_s": velocity} | changes
+        return limited(guard, torque(7, 7), measured(time_s, **changes), dt_s)
+
+    def test_it_brakes_against_the_velocity_whatever_the_controller_wants(self, tripped):
+        assert self.stopping(tripped, 0.001, [1.0, -0.5]) == [-2.0, 0.5]
+
+    def test_it_brakes_at_once_not_at_the_rate_limit(self, guard):
+        limited(guard, torque(0, 0), measured(0.0, joint_torque_nm=[10.0, 0.0]))
+        guard.trip("test")
+        assert self.stopping(guard, 0.001, [2.0, 0.0], dt_s=1e-6) == [-4.0, 0.0]
+
+    def test_braking_keeps_to_the_torque_limit(self):
+        guard = Guard(LIMITS, SafeState(damping_nms_rad=(100.0, 0.0), stop_time_s=0.05), 2)
+        guard.watch(measured(0.0))
+        guard.trip("test")
+        assert self.stopping(guard, 0.001, [2.0, 2.0]) == [-10.0, 0.0]
+
+    def test_a_mad_velocity_is_braked_as_the_fastest_allowed(self, tripped):
+        assert self.stopping(tripped, 0.001, [-1e9, 4.5]) == [6.0, -4.0]
+
+    def test_the_torque_goes_off_in_time_and_stays_off(self, tripped):
+        sent = [self.stopping(tripped, 0.001 * tick, [1.0, 1.0]) for tick in range(1, 61)]
+        braked = [any(command) for command in sent]
+        assert braked[:49] == [True] * 49
+        assert not any(braked[49:])
+        assert tripped.finished
+        assert self.stopping(tripped, 0.001, [1.0, 1.0]) == [0.0, 0.0]
+
+    @pytest.mark.parametrize(
+        "unknown",
+        [
+            {"encoder_status": Status.FAULT},
+            {"encoder_status": Status.SATURATED},
+            {"encoder_at_s": -0.01},
+            {"encoder_at_s": nan},
+            {"velocity": [nan, 1.0]},
+            {"velocity": [1.0, inf]},
+        ],
+        ids=str,
+    )
+    def test_without_a_velocity_to_trust_the_torque_is_zero(self, tripped, unknown):
+        velocity = unknown.get("velocity", [1.0, 1.0])
+        changes = {key: value for key, value in unknown.items() if key != "velocity"}
+        assert self.stopping(tripped, 0.001, velocity, **changes) == [0.0, 0.0]
+        assert not tripped.finished
+        assert self.stopping(tripped, 0.002, [1.0, 1.0]) == [-2.0, -1.0]  # the velocity is back
+
+    def test_it_ends_when_the_clock_stands_still(self, tripped):
+        sent = [self.stopping(tripped, 0.0, [1.0, 1.0]) for _ in range(60)]
+        assert any(sent[0])
+        assert tripped.finished
+        assert not any(sent[-1])
+
+    def test_it_ends_when_the_clock_goes_backwards(self, tripped):
+        for tick in range(1, 60):
+            self.stopping(tripped, -0.001 * tick, [1.0, 1.0])
+        assert tripped.finished
+
+    @pytest.mark.parametrize(("time_s", "dt_s"), [(nan, DT), (0.001, nan), (0.001, -1.0), (0.001, 0.0)])
+    def test_it_ends_at_once_when_time_makes_no_sense(self, tripped, time_s, dt_s):
+        assert self.stopping(tripped, time_s, [1.0, 1.0], dt_s=dt_s) == [0.0, 0.0]
+        assert tripped.finished
+
+    def test_tripped_before_anything_was_measured_it_never_gives_torque(self, guard):
+        guard.trip("no")
+        assert self.stopping(guard, 0.0, [1.0, 1.0]) == [0.0, 0.0]
+        assert guard.finished
+        assert math.isnan(guard.tripped.time_s)
+        assert guard.tripped.tick == -1
+
+
+class TestRearm:
+    @pytest.fixture
+    def stopped(self, guard):
+        """Tripped by a force of 25 N at 0 s, torque off since 0.05 s."""
+        guard.watch(measured(0.0, force_n=25.0))
+        for tick in range(60):
+            limited(guard, torque(5, 5), measured(0.001 * tick, force_n=25.0))
+        assert guard.finished
+        return guard
+
+    def test_it_is_refused_while_the_cause_persists(self, stopped):
+        with pytest.raises(SafetyTripError, match="not re-armed: the contact force is 25 N"):
+            stopped.rearm(measured(1.0, force_n=25.0))
+        assert stopped.tripped
+        assert limited(stopped, torque(5, 5), measured(1.001)) == [0.0, 0.0]
+
+    @pytest.mark.parametrize(("changes", "cause"), WRONG[:-1], ids=[cause for _, cause in WRONG[:-1]])
+    def test_it_is_refused_while_anything_else_is_wrong(self, stopped, changes, cause):
+        with pytest.raises(SafetyTripError, match="not re-armed"):
+            stopped.rearm(
+                measured(
+                    **({"time_s": 1.0, "encoder_at_s": 1.0, "torque_at_s": 1.0, "force_at_s": 1.0} | changes)
+                )
+            )
+        assert "25 N" in stopped.tripped.cause
+
+    def test_it_is_refused_while_the_arm_is_being_stopped(self, guard):
+        guard.watch(measured(0.0))
+        guard.trip("Ctrl-C")
+        with pytest.raises(SafetyTripError, match=r"still being stopped \(Ctrl-C\)"):
+            guard.rearm(measured(0.02))
+        guard.rearm(measured(0.06))  # nobody went on commanding; the time is over all the same
+        assert guard.tripped is None
+
+    def test_an_old_measurement_does_not_do(self, stopped):
+        with pytest.raises(SafetyTripError, match="time went from"):
+            stopped.rearm(measured(0.03))
+
+    def test_afterwards_it_starts_from_the_measured_state(self, stopped):
+        stopped.rearm(measured(1.0, joint_torque_nm=[2.0, 0.0]))
+        assert stopped.tripped is None
+        assert not stopped.finished
+        assert limited(stopped, torque(9, 0), measured(1.001, joint_torque_nm=[2.0, 0.0])) == [3.0, 0.0]
+
+    def test_it_trips_again(self, stopped):
+        stopped.rearm(measured(1.0))
+        stopped.watch(measured(1.001, force_n=30.0))
+        assert "30 N" in stopped.tripped.cause
+        assert not stopped.finished
+        assert limited(stopped, torque(9, 0), measured(1.002, joint_velocity_rad_s=[1.0, 0.0])) == [-2.0, 0.0]
+
+
+class TestOnTheMockArm:
+    """A whole arm: thrown against its limits, it must come to rest by itself."""
+
+    def run(self, ticks, want, before_tick=lambda tick, bus: None):
+        robot_file, clock = mock_robot_file(), SimulatedClock()
+        robot = build_mock_robot(clock)
+        guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
+        robot.configure()
+        robot.activate()
+        history = []
+        for tick in range(1, ticks):
+            clock.sleep_until(tick * DT)
+            before_tick(tick, mock_bus(robot))
+            measurement = robot.read(tick * DT + 0.5 * DT)
+            guard.watch(measurement)
+            robot.write(guard.limit(want, measurement, DT), clock.now_s() + DT)
+            history.append(measurement)
+        return guard, history, mock_bus(robot).plant
+
+    def test_a_runaway_is_caught_and_brought_to_rest(self):
+        guard, history, plant = self.run(600, torque(4.0, 0.0, 0.0))
+        assert "joint 1" in guard.tripped.cause
+        assert guard.finished
+        fastest = max(np.abs(m.joint_velocity_rad_s).max() for m in history)
+        assert fastest < 8.5
+        assert np.abs(plant.velocity_rad_s).max() < 0.05 * fastest
+        assert not plant.torque_nm.any()
+
+    @pytest.mark.parametrize(
+        ("device", "cause"),
+        [
+            ("encoder", "encoder: newest sample"),
+            ("force", "force sensor: newest"),
+            ("torque", "drives: newest"),
+        ],
+    )
+    def test_a_silent_device_stops_the_arm_at_its_age_limit(self, device, cause):
+        def fall_silent(tick, bus):
+            if tick == 50:
+                bus.faults.silent.add(device)
+
+        guard, _, plant = self.run(400, torque(0.1, 0.0, 0.0), fall_silent)
+        assert cause in guard.tripped.cause
+        assert 0.049 + 0.005 <= guard.tripped.time_s <= 0.049 + 0.0065
+        assert not plant.torque_nm.any()
+
+    def test_a_bus_that_is_too_slow_stops_the_arm(self):
+        def slow_down(tick, bus):
+            bus.faults.poll_takes_s = 2e-3 if tick >= 50 else 0.0
+
+        guard, history, plant = self.run(400, torque(0.1, 0.0, 0.0), slow_down)
+        assert "newest sample" in guard.tripped.cause
+        assert history[-1].encoder_status is Status.STALE
+        assert not plant.torque_nm.any()
+
+    @pytest.mark.parametrize("device", ["encoder", "force", "torque"])
+    @pytest.mark.parametrize("fault", ["nan", Status.FAULT])
+    def test_nonsense_stops_the_arm_in_the_same_tick(self, device, fault):
+        def break_down(tick, bus):
+            if tick == 50 and fault == "nan":
+                bus.faults.not_a_number.add(device)
+            elif tick == 50:
+                bus.faults.status[device] = fault
+
+        guard, _, plant = self.run(400, torque(0.1, 0.0, 0.0), break_down)
+        assert guard.tripped.tick == 49
+        assert not plant.torque_nm.any()
