@@ -1,0 +1,23 @@
+"""What a controller follows: a motion of the joints, or a motion along the press line."""
+
+from dataclasses import dataclass
+
+from robot_io.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class LineState:
+    """Motion along the line: travel [m], speed [m/s] and acceleration [m/s^2], positive into the object."""
+
+    travel_m: float
+    speed_m_s: float = 0.0
+    acceleration_m_s2: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class JointMotion:
+    """Joint positions [rad], velocities [rad/s] and accelerations [rad/s^2], shape (n,) each."""
+
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    acceleration_rad_s2: FloatArray

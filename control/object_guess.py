@@ -1,0 +1,78 @@
+"""A running guess of the object's stiffness and damping, for the force law to scale itself by.
+
+It is quick rather than right: it is there within milliseconds of touch, forgets within a tenth of a second,
+and is kept in bounds. What the object is really like is for the package `estimation` to say.
+"""
+
+import math
+from typing import NamedTuple
+
+_STIFFNESS_BOUNDS_N_M = (50.0, 30_000.0)
+_DAMPING_BOUNDS_N_S_M = (0.0, 400.0)
+_STIFFNESS_SPREAD_N_M = 3000.0  # what is likely before anything is known
+_DAMPING_SPREAD_N_S_M = 100.0
+_FORCE_NOISE_N = 0.05
+_MEMORY_S = 0.1
+_STILL_M_S = 0.002  # below this speed nothing new is learnt
+
+
+class Compliance(NamedTuple):
+    """Stiffness [N/m] and damping [N s/m] of an object, F = k x + c dx/dt."""
+
+    stiffness_n_m: float
+    damping_n_s_m: float
+
+    def impedance_n_m(self, frequency_hz: float) -> float:
+        """Force over displacement, |k + j w c|, at a frequency [Hz]."""
+        return math.hypot(self.stiffness_n_m, math.tau * frequency_hz * self.damping_n_s_m)
+
+
+class ObjectGuess:
+    """Recursive least squares of force = k depth + c speed, with forgetting, in plain floats.
+
+    Ljung and Soderstrom, "Theory and Practice of Recursive Identification", MIT Press 1983, section 2.2.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the object."""
+        self._k = 0.0
+        self._c = 0.0
+        self._p_kk = _STIFFNESS_SPREAD_N_M**2
+        self._p_kc = 0.0
+        self._p_cc = _DAMPING_SPREAD_N_S_M**2
+
+    @property
+    def compliance(self) -> Compliance:
+        """The guess, within bounds."""
+        return Compliance(_within(self._k, _STIFFNESS_BOUNDS_N_M), _within(self._c, _DAMPING_BOUNDS_N_S_M))
+
+    def update(self, depth_m: float, speed_m_s: float, force_n: float, dt_s: float) -> None:
+        """Learn from one sample, `dt_s` [s] after the last.
+
+        Args:
+            depth_m: way since the touch [m].
+            speed_m_s: into the object [m/s].
+            force_n: compression [N].
+            dt_s: time since the last sample [s].
+        """
+        if abs(speed_m_s) < _STILL_M_S:
+            return
+        gain_k = self._p_kk * depth_m + self._p_kc * speed_m_s
+        gain_c = self._p_kc * depth_m + self._p_cc * speed_m_s
+        forget = math.exp(-dt_s / _MEMORY_S)
+        spread = forget * _FORCE_NOISE_N**2 + depth_m * gain_k + speed_m_s * gain_c
+        error_n = force_n - self._k * depth_m - self._c * speed_m_s
+        self._k += gain_k * error_n / spread
+        self._c += gain_c * error_n / spread
+        # The spread is kept below what was likely at first, or forgetting would inflate it without end.
+        self._p_kk = min((self._p_kk - gain_k**2 / spread) / forget, _STIFFNESS_SPREAD_N_M**2)
+        self._p_cc = min((self._p_cc - gain_c**2 / spread) / forget, _DAMPING_SPREAD_N_S_M**2)
+        most = math.sqrt(max(self._p_kk * self._p_cc, 0.0))
+        self._p_kc = _within((self._p_kc - gain_k * gain_c / spread) / forget, (-most, most))
+
+
+def _within(value: float, bounds: tuple[float, float]) -> float:
+    return min(max(value, bounds[0]), bounds[1])

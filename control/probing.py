@@ -1,0 +1,160 @@
+"""The probing task: several speeds, repeats and targets, one run after the other.
+
+MOVE -> FREE_AIR -> APPROACH -> LOADING -> HOLD -> UNLOADING -> RETRACT -> MOVE -> ... -> IDLE
+"""
+
+import math
+from collections import deque
+
+import numpy as np
+
+from control.gains import Gains, gains_of
+from control.hybrid import ControlOutput, HybridController
+from control.inverse_kinematics import PlanarArm
+from control.phases import Phase
+from control.probing_plan import ProbingPlan
+from control.probing_run import ProbingRun
+from control.probing_sites import probing_sites
+from control.rigid_body import RigidBody
+from control.task import NO_RUN, TaskEvent, TaskOutput
+from control.trajectory import JointMove
+from robot_io.robot_file import RobotFile
+from robot_io.types import FloatArray, Measurement, frozen_array
+
+_OBSTACLE_SHARE = 0.5  # of the force limit: while moving to a target, something is in the way
+_OBSTACLE_TICKS = 3
+
+
+class ProbingTask:
+    """Works through a `ProbingPlan`; see `control.task.Task`.
+
+    Args:
+        body: the arm.
+        sensor_axis_tip: direction in the tip frame in which the tool pushes, shape (3,).
+        gains: of all controllers.
+        plan: what to do.
+        position_limits_rad: lowest and highest joint positions to use, (n,) each [rad]; default: the URDF's.
+
+    Attributes:
+        failures: one line for every run that gave no data.
+
+    Raises:
+        InputError: the arm is not planar, or the tool does not lie in its plane.
+    """
+
+    def __init__(
+        self,
+        body: RigidBody,
+        sensor_axis_tip: FloatArray,
+        gains: Gains,
+        plan: ProbingPlan,
+        position_limits_rad: tuple[FloatArray, FloatArray] | None = None,
+    ) -> None:
+        self._body = body
+        self._arm = PlanarArm(body, sensor_axis_tip)
+        self._control = HybridController(body, frozen_array(sensor_axis_tip, (3,)), gains)
+        self._gains = gains
+        self._plan = plan
+        self._limits_rad = position_limits_rad or body.position_limits_rad
+        self._direction = frozen_array(plan.press_direction_world)
+        self._phase = Phase.IDLE
+        self.failures: tuple[str, ...] = ()
+
+    @classmethod
+    def from_robot_file(cls, robot_file: RobotFile, plan: ProbingPlan) -> "ProbingTask":
+        """The task for the arm of a robot file.
+
+        Raises:
+            InputError: URDF or gains are not valid, or the arm is not planar.
+        """
+        body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
+        limits = robot_file.limits
+        position_limits = (np.array(limits.position_min_rad), np.array(limits.position_max_rad))
+        return cls(body, np.array(robot_file.sensor_axis_tip), gains_of(robot_file), plan, position_limits)
+
+    def start(self, measurement: Measurement) -> None:
+        """Begin from the measured posture, at rest and clear of everything.
+
+        Raises:
+            InputError: a target cannot be probed from here.
+        """
+        position_rad = measurement.joint_position_rad
+        tip, _ = self._body.tip_pose(position_rad)
+        self._sites = probing_sites(self._arm, self._plan, tip, position_rad, self._limits_rad)
+        self._control.start(measurement)
+        self._specs = deque(self._plan.runs())
+        self._run: ProbingRun | None = None
+        self._events: list[TaskEvent] = []
+        self.failures = ()
+        self._begin_move()
+
+    def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        """See `control.task.Task.step`."""
+        self._events = []
+        phase, run = self._phase, self._run
+        if run is not None:
+            output = run.step(measurement, dt_s)
+            phase = run.phase
+            self._after(run)
+        elif phase is Phase.MOVE:
+            output = self._move(measurement, dt_s)
+        else:
+            output = self._control.step_joints(measurement, self._joint_move.at(math.inf), dt_s)
+        return TaskOutput(
+            command=output.command,
+            reference_position_rad=output.motion.position_rad,
+            reference_velocity_rad_s=output.motion.velocity_rad_s,
+            tip_position_world_m=output.tip.position_world_m,
+            tip_velocity_world_m_s=output.tip.velocity_world_m_s,
+            press_direction_world=self._direction,
+            desired_force_n=run.desired_force_n if run else math.nan,
+            phase=phase,
+            run=run.spec.run if run else NO_RUN,
+            done=phase is Phase.IDLE,
+            events=tuple(self._events),
+        )
+
+    def _after(self, run: ProbingRun) -> None:
+        """Collect what a run said; when it is over, go on to the next. A target that is not there is left."""
+        self._events.extend(run.events)
+        if not run.finished:
+            return
+        if run.failure:
+            self.failures += (run.failure,)
+            self._specs = deque(spec for spec in self._specs if spec.target != run.spec.target)
+        self._run = None
+        self._begin_move()
+
+    def _begin_move(self) -> None:
+        """To the next run's approach start, or to the end."""
+        plan, here_rad = self._plan, self._control.reference_rad
+        goal_rad = here_rad
+        self._phase = Phase.IDLE
+        if self._specs:
+            goal_rad = self._sites[self._specs[0].target].joint_position_rad(here_rad)
+            self._phase = Phase.MOVE
+        self._move_s = 0.0
+        self._blocked_ticks = 0
+        self._joint_move = JointMove(
+            here_rad, goal_rad, plan.joint_speed_rad_s, plan.joint_acceleration_rad_s2
+        )
+
+    def _move(self, measurement: Measurement, dt_s: float) -> ControlOutput:
+        self._move_s += dt_s
+        output = self._control.step_joints(measurement, self._joint_move.at(self._move_s), dt_s)
+        is_blocked = abs(output.force_n) > _OBSTACLE_SHARE * self._plan.force_limit_n
+        self._blocked_ticks = self._blocked_ticks + 1 if is_blocked else 0
+        if self._blocked_ticks >= _OBSTACLE_TICKS:
+            self._give_up(f"{output.force_n:.1f} N on the way to a target: something is in the way")
+        elif self._move_s >= self._joint_move.duration_s + self._plan.settle_s:
+            spec = self._specs.popleft()
+            site = self._sites[spec.target]
+            self._control.set_line(site.line, site.approach_travel_m)
+            self._run = ProbingRun(self._control, site, spec, self._plan, self._gains)
+        return output
+
+    def _give_up(self, text: str) -> None:
+        self.failures += (text,)
+        self._events.append(TaskEvent("obstacle", text))
+        self._specs.clear()
+        self._begin_move()

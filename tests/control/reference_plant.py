@@ -1,0 +1,100 @@
+"""A plant of the tests' own: Pinocchio's forward dynamics and a Kelvin-Voigt object, in short steps.
+
+It shares no code with the simulator, so that a controller that works on both did not learn one by heart.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from control.dh import DhRow, DhTable
+from control.dh_urdf import LinkInertia, dh_to_urdf
+from control.rigid_body import RigidBody
+from robot_io.types import Measurement
+
+SUBSTEP_S = 0.00025
+TABLE = DhTable(
+    name="test_arm",
+    rows=(
+        DhRow(name="base", type="fixed", alpha_rad=-np.pi / 2),
+        DhRow(name="joint_1", type="revolute", a_m=0.32),
+        DhRow(name="joint_2", type="revolute", a_m=0.28),
+        DhRow(name="joint_3", type="revolute", a_m=0.12),
+    ),
+)
+
+
+def slender(mass_kg: float, length_m: float) -> LinkInertia:
+    """A rod along x from the joint on."""
+    across = mass_kg * length_m**2 / 12
+    return LinkInertia(mass_kg, (length_m / 2, 0.0, 0.0), (2e-4, across, across, 0.0, 0.0, 0.0))
+
+
+URDF = dh_to_urdf(TABLE, (slender(1.8, 0.32), slender(1.2, 0.28), slender(0.5, 0.12)))
+TOOL_AXIS_TIP = np.array([1.0, 0.0, 0.0])
+TORQUE_LIMIT_NM = np.array([60.0, 40.0, 20.0])
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def test_arm() -> RigidBody:
+    return RigidBody.from_urdf(URDF, "tip")
+
+
+test_arm.__test__ = False
+
+
+@dataclass
+class Plant:
+    """An arm above a Kelvin-Voigt object with a horizontal surface; pressing down is positive."""
+
+    position_rad: np.ndarray
+    stiffness_n_m: float = 500.0
+    damping_n_s_m: float = 20.0
+    surface_height_m: float = 0.05
+    force_noise_n: float = 0.0
+    force_bias_n: float = 0.0
+    velocity_noise_rad_s: float = 0.0
+    force_delay_ticks: int = 0
+    body: RigidBody = field(default_factory=test_arm)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        self.velocity_rad_s = np.zeros(3)
+        self.torque_nm = np.zeros(3)
+        self.time_s = 0.0
+        self.generator = np.random.default_rng(self.seed)
+        self.force_history = [0.0]
+
+    def contact_force_n(self) -> float:
+        tip = self.body.tip_motion(self.position_rad, self.velocity_rad_s)
+        depth_m = self.surface_height_m - tip.position_world_m[2]
+        if depth_m <= 0.0:
+            return 0.0
+        return max(self.stiffness_n_m * depth_m - self.damping_n_s_m * tip.velocity_world_m_s[2], 0.0)
+
+    def measure(self) -> Measurement:
+        self.force_history.append(self.contact_force_n())
+        delayed = self.force_history[max(len(self.force_history) - 1 - self.force_delay_ticks, 0)]
+        return Measurement(
+            time_s=self.time_s,
+            joint_position_rad=self.position_rad.copy(),
+            joint_velocity_rad_s=self.velocity_rad_s
+            + self.generator.normal(0.0, self.velocity_noise_rad_s or 1e-300, 3),
+            joint_torque_nm=self.torque_nm.copy(),
+            force_n=delayed + self.force_bias_n + self.generator.normal(0.0, self.force_noise_n or 1e-300),
+            encoder_at_s=self.time_s,
+            torque_at_s=self.time_s,
+            force_at_s=self.time_s,
+        )
+
+    def advance(self, torque_nm: np.ndarray, duration_s: float) -> None:
+        self.torque_nm = np.clip(torque_nm, -TORQUE_LIMIT_NM, TORQUE_LIMIT_NM)
+        for _ in range(round(duration_s / SUBSTEP_S)):
+            force_n = self.contact_force_n()
+            push = self.body.tip_jacobian(self.position_rad)[:3].T @ (-force_n * DOWN)
+            acceleration = self.body.forward_dynamics(
+                self.position_rad, self.velocity_rad_s, self.torque_nm + push
+            )
+            self.velocity_rad_s = self.velocity_rad_s + acceleration * SUBSTEP_S
+            self.position_rad = self.position_rad + self.velocity_rad_s * SUBSTEP_S
+        self.time_s += duration_s
