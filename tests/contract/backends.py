@@ -80,7 +80,15 @@ SIM_ROBOT_FILE = ROOT / "sim_backend" / "arms" / "follower" / "follower.yaml"
 def open_simulation() -> Bench:
     robot_file, clock = load_robot_file(SIM_ROBOT_FILE), SimulatedClock()
     robot = build_robot(robot_file, DriverCatalogue("sim_backend.drivers"), clock)
-    return Bench(robot, robot_file, clock)
+
+    def press(force_n: float) -> None:
+        """Hold the arm where it is, tool down, and bring the surface up to it."""
+        world = robot.buses["world"].world
+        world.held = True
+        depth_m = force_n / world.object.law.stiffness_n_m if force_n else -0.05
+        world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
+
+    return Bench(robot, robot_file, clock, press)
 
 
 BACKENDS = [

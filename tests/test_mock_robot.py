@@ -1,0 +1,66 @@
+"""The mock arm moves as its URDF says, so that what a controller does on it means something."""
+
+import numpy as np
+import pytest
+
+from control.rigid_body import RigidBody
+from tests.mock_robot import URDF, MockPlant, build_mock_robot, mock_bus
+
+POSE = np.array([-0.9, 1.2, 0.7])
+
+
+@pytest.fixture
+def body():
+    return RigidBody.from_urdf(URDF, "tip")
+
+
+def test_it_accelerates_as_the_urdf_says(body):
+    torque = np.array([0.7, -0.4, 0.2])
+    plant = MockPlant(POSE, 1000.0, 20.0)
+    plant.surface_height_m, plant.torque_nm = -9.0, torque
+    plant.advance(1e-3)
+    expected = body.forward_dynamics(POSE, np.zeros(3), torque)
+    np.testing.assert_allclose(plant.velocity_rad_s / 1e-3, expected, rtol=1e-3)
+
+
+def test_its_tip_is_where_the_urdf_says(body):
+    assert MockPlant(POSE, 1000.0, 20.0).tip_height_m == pytest.approx(body.tip_pose(POSE)[0][2], abs=1e-9)
+
+
+def test_a_lifted_tip_moves_the_joints_as_the_urdf_says(body):
+    plant = MockPlant(POSE, 1000.0, 20.0)
+    plant.surface_height_m, plant.hand_force_n = -9.0, 2.0
+    plant.advance(1e-3)
+    torque = body.tip_jacobian(POSE)[:3].T @ np.array([0.0, 0.0, 2.0])
+    expected = body.forward_dynamics(POSE, np.zeros(3), torque)
+    np.testing.assert_allclose(plant.velocity_rad_s / 1e-3, expected, rtol=1e-3)
+
+
+def test_it_comes_to_rest_on_the_surface_where_spring_and_push_agree(body):
+    """Pressed down with J^T F and damped joints, the depth at rest is F / k, and the sensor feels F."""
+    plant = MockPlant(np.array([-1.275, 1.391, 1.455]), 2000.0, 50.0)
+    plant.surface_height_m = plant.tip_height_m - 0.002
+    for tick in range(1, 4001):
+        jacobian = body.tip_jacobian(plant.position_rad)[:3]
+        plant.torque_nm = (
+            jacobian.T @ np.array([0.0, 0.0, -8.0]) - np.array([6.0, 3.0, 0.6]) * plant.velocity_rad_s
+        )
+        plant.advance(tick * 1e-3)
+    depth_m = plant.surface_height_m - plant.tip_height_m
+    assert depth_m == pytest.approx(8.0 / 2000.0, rel=0.02)
+    assert plant.compression_n == pytest.approx(8.0 * np.sin(plant.angle_rad[2]), rel=0.02)
+
+
+def test_the_surface_never_pulls():
+    plant = MockPlant(np.array([-1.275, 1.391, 1.455]), 10.0, 200.0)
+    plant.surface_height_m = plant.tip_height_m + 0.01
+    plant.rate_rad_s = np.array([-5.0, 0.0, 0.0])  # leaves fast
+    assert plant.lift_n == 0.0
+
+
+def test_its_bus_lets_physics_pass_with_the_clock():
+    robot = build_mock_robot()
+    robot.configure()
+    robot.clock.sleep_until(0.25)
+    robot.read(0.25)
+    assert mock_bus(robot).plant.time_s == 0.25
