@@ -9,7 +9,7 @@ from control.phases import Phase
 from estimation.estimate import Estimate
 from palpate.views.columns import Columns
 from robot_io.session import Event
-from robot_io.types import FloatArray
+from robot_io.types import BoolArray, FloatArray
 
 IN_CONTACT = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 
@@ -61,13 +61,26 @@ class Scene:
         return direction
 
     @property
+    def main_press_direction_world(self) -> FloatArray:
+        """Mean direction into the object, shape (3,), NaN where it was never known."""
+        known = np.isfinite(self.press_direction_world).all(axis=1)
+        mean: FloatArray = self.press_direction_world[known].sum(axis=0)
+        return mean / np.linalg.norm(mean) if known.any() else np.full(3, np.nan)
+
+    @property
+    def known_tip(self) -> BoolArray:
+        """Ticks at which place and direction of the tip are known: not while the guard stops the arm."""
+        places = np.hstack([self.ticks["tip_position_world_m"], self.press_direction_world])
+        known: BoolArray = np.isfinite(places).all(axis=1)
+        return known
+
+    @property
     def touch_point_world_m(self) -> FloatArray | None:
         """Middle of the touched places on the surface, shape (3,) [m]; None where nothing was touched."""
         touching = np.isin(self.ticks["phase"], IN_CONTACT)
         if self.surface_m is None or not touching.any():
             return None
-        press = self.press_direction_world[touching].mean(axis=0)
-        press = press / np.linalg.norm(press)
+        press = self.main_press_direction_world
         point = np.asarray(self.ticks["tip_position_world_m"])[touching].mean(axis=0)
         on_surface: FloatArray = point + (self.surface_m - point @ press) * press
         return on_surface

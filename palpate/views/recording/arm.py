@@ -10,6 +10,7 @@ from rerun.urdf import UrdfJoint, UrdfTree
 
 from palpate.views.recording.entities import ARM, ROOT_FRAME, time_column
 from palpate.views.scene import Scene
+from robot_io.types import IntArray
 
 RATE_HZ = 60.0  # of the pictures; the curves keep every tick
 
@@ -50,7 +51,7 @@ def moving_joints(tree: UrdfTree) -> list[UrdfJoint]:
     return sorted(moving, key=distance)
 
 
-def picture_rows(scene: Scene) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+def picture_rows(scene: Scene) -> IntArray:
     """Indices of the ticks that are drawn in 3D, about `RATE_HZ` of them a second, and the last."""
     time_s = scene.time_s
     grid = np.arange(0.0, time_s[-1], 1.0 / RATE_HZ)

@@ -18,6 +18,7 @@ from palpate.views.recording.entities import (
     time_column,
 )
 from palpate.views.scene import Scene
+from robot_io.types import IntArray
 
 ARROW_M_PER_N = 0.012
 ARROW_RADIUS_M = 0.004
@@ -57,7 +58,7 @@ def _log_phases(recording: rr.RecordingStream, scene: Scene) -> None:
 
 def _log_arrow(recording: rr.RecordingStream, scene: Scene) -> None:
     """The force with which the object pushes back, beside the tip."""
-    rows = picture_rows(scene)
+    rows = _rows_with_tip(scene)
     force = np.nan_to_num(scene.ticks["force_n"][rows])
     press = scene.press_direction_world[rows]
     vectors = -ARROW_M_PER_N * force[:, None] * press
@@ -72,14 +73,19 @@ def _log_arrow(recording: rr.RecordingStream, scene: Scene) -> None:
     recording.send_columns(TIP, time_column(scene.time_s[rows]), arrows)
 
 
+def _rows_with_tip(scene: Scene) -> IntArray:
+    rows = picture_rows(scene)
+    return rows[scene.known_tip[rows]]
+
+
 def _log_object(recording: rr.RecordingStream, scene: Scene) -> None:
     point, depth_m = scene.touch_point_world_m, scene.depth_m
     if point is None or depth_m is None:
         return
-    block = Block(point, scene.press_direction_world[-1])
+    block = Block(point, scene.main_press_direction_world)
     for entity, mesh in (("sides", block.sides()), ("top", block.top())):
         recording.log(f"{OBJECT}/{entity}", rr.CoordinateFrame(ROOT_FRAME), mesh, static=True)
-    rows = block.rows_that_differ(picture_rows(scene), depth_m)
+    rows = block.rows_that_differ(_rows_with_tip(scene), depth_m)
     tips = scene.ticks["tip_position_world_m"][rows]
     vertices, normals = block.pressed(tips, depth_m[rows])
     columns = rr.Mesh3D.columns(
