@@ -3,14 +3,14 @@
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, frozen_array
-from sim_backend.bullet import bullet
+from sim_backend.bullet import STDOUT, bullet, captured
 from sim_backend.dynamics_urdf import dynamics_urdf
 
 _NO_SPEED_LIMIT = 1e6  # the engine would cut joint speeds at 100 rad/s
@@ -58,9 +58,9 @@ class SimulatedArm:
         urdf_text: str,
         tip_frame: str,
         *,
-        mass_scale: float = 1.0,
-        tip_radius_m: float = 0.0,
-        sensor_axis_tip: Sequence[float] = (1.0, 0.0, 0.0),
+        mass_scale: float,
+        tip_radius_m: float,
+        sensor_axis_tip: Sequence[float],
     ) -> None:
         self._client = client
         text = dynamics_urdf(
@@ -76,7 +76,7 @@ class SimulatedArm:
         ]
         movable = [info for info in infos if info[2] != bullet.JOINT_FIXED]
         self._joints = [info[0] for info in movable]
-        self._tip = next(info[0] for info in infos if info[12].decode() == tip_frame)
+        self._tip = next((info[0] for info in infos if info[12].decode() == tip_frame), -1)
         _check_serial(infos, self._tip, self._joints)
         self.torque_limit_nm = [info[10] or np.inf for info in movable]
         self._remove_losses()
@@ -160,7 +160,7 @@ class SimulatedArm:
         motion = (position_rad, velocity_rad_s, acceleration_rad_s2)
         # PyBullet crashes on arrays here; it takes lists.
         lists = [frozen_array(values, shape, what="joint motion").tolist() for values in motion]
-        return np.array(bullet.calculateInverseDynamics(self.body, *lists, self._client))
+        return np.array(bullet.calculateInverseDynamics(self.body, *lists, physicsClientId=self._client))
 
 
 def _load(client: int, text: str) -> int:
@@ -168,19 +168,23 @@ def _load(client: int, text: str) -> int:
         path = Path(folder) / "arm.urdf"  # PyBullet reads URDF from files only
         path.write_text(text, encoding="utf-8")
         flags = bullet.URDF_USE_INERTIA_FROM_FILE
+        said: list[str] = []
         try:
-            body: int = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
+            with captured(STDOUT, said):
+                body: int = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
         except bullet.error as error:
-            raise InputError(f"URDF: PyBullet cannot load it ({error})") from error
+            reason = " ".join(line for line in said if not line.startswith("b3")) or str(error)
+            raise InputError(f"URDF: PyBullet cannot load it ({reason})") from error
     return body
 
 
-def _check_serial(infos: Sequence[Sequence[object]], tip: int, joints: Sequence[int]) -> None:
+def _check_serial(infos: Sequence[Sequence[Any]], tip: int, joints: Sequence[int]) -> None:
     on_the_way = set()
-    link: object = tip
-    while isinstance(link, int) and link >= 0:
+    link = tip
+    while link >= 0:
         on_the_way.add(link)
         link = infos[link][16]
-    aside = [infos[joint][1] for joint in joints if joint not in on_the_way]
+    aside = [str(infos[joint][1], "utf-8") for joint in joints if joint not in on_the_way]
     if aside or not joints:
-        raise InputError(f"URDF: not a serial arm; joints that do not move the tip: {aside or 'all'}")
+        names = ", ".join(aside) or "(the arm has none)"
+        raise InputError(f"URDF: not a serial arm; joints that do not move the tip: {names}")

@@ -1,28 +1,44 @@
-"""The one place that imports PyBullet, whose extension module greets on stderr at import.
+"""The one place that imports PyBullet, and keeps what its C code prints out of the user's output.
 
-A program whose bad input ends in one clear line cannot have a banner above it, and the banner comes from C,
-so it is caught at the file descriptor.
+It greets on stderr when it is imported and explains a bad URDF on stdout, past Python's own streams. A
+program whose bad input ends in one clear line, and whose JSON others read, must catch both.
 """
 
+import ctypes
 import os
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+STDOUT, STDERR = 1, 2
 
 
-def _import_quietly() -> None:
+@contextmanager
+def captured(descriptor: int, lines: list[str]) -> Iterator[None]:
+    """Append to `lines` what is written to the file descriptor, in place of writing it."""
+    _flush()
+    kept = os.dup(descriptor)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), descriptor)
+        try:
+            yield
+        finally:
+            _flush()
+            os.dup2(kept, descriptor)
+            os.close(kept)
+            file.seek(0)
+            lines += file.read().decode("utf-8", "replace").splitlines()
+
+
+def _flush() -> None:
+    """Write out what Python and C still hold back, so that it goes where it was meant to go."""
+    sys.stdout.flush()
     sys.stderr.flush()
-    kept = os.dup(2)
-    null = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(null, 2)
-        import pybullet  # noqa: F401, PLC0415 - imported here for its banner alone
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(null)
+    ctypes.CDLL(None).fflush(None)
 
 
-_import_quietly()
+with captured(STDERR, []):
+    import pybullet as bullet
 
-import pybullet as bullet  # noqa: E402
-
-__all__ = ["bullet"]
+__all__ = ["STDERR", "STDOUT", "bullet", "captured"]

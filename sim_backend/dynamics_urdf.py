@@ -15,8 +15,8 @@ def dynamics_urdf(
     tip_frame: str,
     *,
     mass_scale: float = 1.0,
-    tip_radius_m: float = 0.0,
-    sensor_axis_tip: Sequence[float] = (1.0, 0.0, 0.0),
+    tip_radius_m: float,
+    sensor_axis_tip: Sequence[float],
 ) -> str:
     """The same arm without pictures, meshes and collision shapes, but for one sphere behind the tip frame.
 
@@ -28,26 +28,32 @@ def dynamics_urdf(
         urdf_text: the robot's URDF.
         tip_frame: link whose origin is the contact point.
         mass_scale: factor on all masses and inertias [-].
-        tip_radius_m: radius of the sphere [m]; 0 is no sphere.
+        tip_radius_m: radius of the sphere [m].
         sensor_axis_tip: unit vector in the tip frame in which the tool pushes.
 
     Raises:
-        InputError: not a URDF, or it has no link of that name.
+        InputError: not a URDF, a number in it is not one, or it has no link of that name.
     """
     try:
         robot = ET.fromstring(urdf_text)  # noqa: S314 - expat refuses entity bombs; nothing external is read
+        _reduce(robot, tip_frame, mass_scale, -tip_radius_m * np.asarray(sensor_axis_tip))
+    except InputError:
+        raise
     except ET.ParseError as error:
         raise InputError(f"URDF: not XML ({error})") from error
+    except ValueError as error:
+        raise InputError(f"URDF: a number is not one: {error}") from error
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _reduce(robot: ET.Element, tip_frame: str, mass_scale: float, behind_tip_m: FloatArray) -> None:
     links = {link.get("name", ""): link for link in robot.findall("link")}
     if tip_frame not in links:
         raise InputError(f"URDF: no link '{tip_frame}' for tip_frame. Valid: {', '.join(sorted(links))}")
     for link in links.values():
         _keep_only_inertial(link, mass_scale)
-    if tip_radius_m:
-        behind_tip = -tip_radius_m * np.asarray(sensor_axis_tip)
-        carrier, centre = _in_last_moving_link(robot, tip_frame, behind_tip)
-        links[carrier].append(_sphere(tip_radius_m, centre))
-    return ET.tostring(robot, encoding="unicode")
+    carrier, centre = _in_last_moving_link(robot, tip_frame, behind_tip_m)
+    links[carrier].append(_sphere(float(np.linalg.norm(behind_tip_m)), centre))
 
 
 def _keep_only_inertial(link: ET.Element, mass_scale: float) -> None:

@@ -88,13 +88,16 @@ class PyBulletBus(Bus):
         Raises:
             InputError: PyBullet cannot load the URDF, or it does not fit the robot file.
         """
-        robot_file = self._robot_file
+        robot = self._robot_file
         try:
-            urdf_text = robot_file.urdf_path.read_text(encoding="utf-8")
+            urdf_text = robot.urdf_path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{robot_file.urdf_path}: cannot be read ({error})") from error
-        arm = ArmDescription(urdf_text, robot_file.tip_frame, robot_file.sensor_axis_tip, robot_file.home_rad)
-        self._world = World(arm, self.scenario, start_s=self._clock.now_s())
+            raise InputError(f"{robot.urdf_path}: cannot be read ({error})") from error
+        arm = ArmDescription(urdf_text, robot.tip_frame, robot.sensor_axis_tip, robot.home_rad)
+        try:
+            self._world = World(arm, self.scenario, start_s=self._clock.now_s())
+        except InputError as error:
+            raise InputError(f"{robot.path} with {robot.urdf}: {error}") from error
         self._world.held = True
 
     def activate(self) -> None:

@@ -8,7 +8,6 @@ import numpy as np
 from sim_backend.hooks import SensorEffect
 from sim_backend.sensors.low_pass import LowPass
 from sim_backend.sensors.noise import GaussianNoise
-from sim_backend.sensors.quantise import quantise
 from sim_backend.sensors.sampling import Sample, SampledSensor
 from sim_backend.sensors.settings import EncoderSettings
 
@@ -48,7 +47,8 @@ class SimulatedEncoder(SampledSensor):
         position = list(signal[:joint_count])
         for effect in self._effects:
             position = effect.measure(time_s, position)
-        position = [quantise(angle, self._count_rad) for angle in position]
+        count_rad = self._count_rad
+        position = [round(angle / count_rad) * count_rad for angle in position]
         if self._by_difference:
             velocity = self._difference(time_s, position)
         else:

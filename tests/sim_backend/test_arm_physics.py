@@ -1,0 +1,188 @@
+"""PyBullet's arm against Pinocchio's: the same masses, no hidden losses, forces where they should be."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from control.dh import load_dh_table
+from robot_io.errors import InputError
+from sim_backend import ArmDescription
+from sim_backend.contact_laws import KelvinVoigt
+from tests.sim_backend.parts import (
+    ARM_NAMES,
+    ARMS_DIR,
+    SLIDER_URDF,
+    column,
+    make_world,
+    scenario,
+    shipped_arm,
+    watch,
+)
+
+FAR_BELOW_M = -5.0
+
+
+def reference(name):
+    model = pin.buildModelFromUrdf(str(ARMS_DIR / name / f"{name}.urdf"))
+    return model, model.createData()
+
+
+@pytest.mark.parametrize("name", ARM_NAMES)
+def test_pybullet_and_pinocchio_agree_on_inverse_dynamics(name):
+    model, data = reference(name)
+    world = make_world(shipped_arm(name))
+    generator = np.random.default_rng(3)
+    for _ in range(200):
+        q, qd, qdd = generator.uniform(-1, 1, (3, 3)) * [[np.pi], [8.0], [100.0]]
+        ours = world.inverse_dynamics(q, qd, qdd)
+        assert np.allclose(ours, pin.rnea(model, data, q, qd, qdd), rtol=0, atol=1e-9)
+    world.close()
+
+
+@pytest.mark.parametrize("name", ARM_NAMES)
+def test_the_dh_table_and_the_urdf_place_the_tip_alike(name):
+    table = load_dh_table(ARMS_DIR / name / f"{name}.dh.yaml")
+    model, data = reference(name)
+    tip = model.getFrameId("tip")
+    for q in np.random.default_rng(4).uniform(-3, 3, (20, 3)):
+        pin.framesForwardKinematics(model, data, q)
+        assert np.allclose(table.tip_frame(q), data.oMf[tip].homogeneous, atol=1e-12)
+
+
+def test_the_two_arms_differ_in_lengths_and_masses():
+    follower, leader = (reference(name)[0] for name in ARM_NAMES)
+    lengths = [
+        [np.linalg.norm(m.jointPlacements[i].translation) for i in (1, 2, 3)] for m in (follower, leader)
+    ]
+    masses = [[inertia.mass for inertia in m.inertias[1:]] for m in (follower, leader)]
+    assert (np.abs(np.subtract(*lengths)) > 0.005).all()
+    assert (np.abs(np.subtract(*masses)) > 0.05).all()
+
+
+@pytest.mark.parametrize("name", ARM_NAMES)
+def test_a_falling_arm_keeps_its_energy(name):
+    model, data = reference(name)
+    world = make_world(shipped_arm(name), scenario(surface_m=FAR_BELOW_M))
+    world.place([0.3, -0.4, 0.2])
+    truths = watch(world, 0.3)  # before a joint meets its stop
+    world.close()
+    q, qd = column(truths, "joint_position_rad"), column(truths, "joint_velocity_rad_s")
+    kinetic = np.array([pin.computeKineticEnergy(model, data, *state) for state in zip(q, qd, strict=True)])
+    potential = np.array([pin.computePotentialEnergy(model, data, angles) for angles in q])
+    total = kinetic + potential
+    assert kinetic.max() > 3.0
+    assert np.abs(total - total[0]).max() < 1e-3 * kinetic.max()
+
+
+def test_a_driven_arm_moves_as_pinocchio_integrates_it():
+    model, data = reference("follower")
+    world = make_world(shipped_arm("follower"), scenario(surface_m=FAR_BELOW_M, rate_hz=16_000.0))
+    torque, steps = np.array([9.0, 1.0, -0.05]), 200
+    q, qd, step_s = world.truth().joint_position_rad, np.zeros(3), 1e-3
+
+    def slope(state):
+        return np.concatenate([state[3:], pin.aba(model, data, state[:3], state[3:], torque)])
+
+    state = np.concatenate([q, qd])
+    for _ in range(steps):  # classical Runge-Kutta
+        a = slope(state)
+        b = slope(state + a * step_s / 2)
+        c = slope(state + b * step_s / 2)
+        d = slope(state + c * step_s)
+        state = state + step_s / 6 * (a + 2 * b + 2 * c + d)
+    world.set_torque(torque)
+    world.advance_to(steps * step_s)
+    assert np.abs(state[:3] - q).max() > 0.2
+    assert np.allclose(world.truth().joint_position_rad, state[:3], atol=1e-3)
+    world.close()
+
+
+@pytest.mark.parametrize("name", ARM_NAMES)
+def test_gravity_and_contact_force_are_held_by_the_torques_that_statics_says(name):
+    model, data = reference(name)
+    arm = shipped_arm(name)
+    q = np.array(arm.home_rad)
+    world = make_world(arm)
+    force_n = 10.0
+    world.object.move_surface(world.truth().tip_position_world_m[2] + force_n / 500.0)
+    world.place(q)
+    assert world.truth().force_n == pytest.approx(force_n)
+    jacobian = pin.computeFrameJacobian(model, data, q, model.getFrameId("tip"), pin.LOCAL_WORLD_ALIGNED)
+    holding = pin.computeGeneralizedGravity(model, data, q) - force_n * jacobian[2]
+    world.set_torque(holding)
+    world.advance_to(0.05)
+    assert np.abs(world.truth().joint_position_rad - q).max() < 1e-6
+    world.set_torque(holding + jacobian[2])  # 1 N less of pressing
+    world.advance_to(0.1)
+    assert world.truth().tip_position_world_m[2] > 0.1805
+    world.close()
+
+
+def test_a_tilted_uniaxial_sensor_sees_the_cosine():
+    arm = shipped_arm("follower")
+    quiet = {"noise_std_n": 0.0, "resolution_n": 0.0}
+    tilt = 0.3
+    readings = []
+    for angle in (0.0, tilt):
+        world = make_world(arm, scenario(surface_m=0.2, force=quiet))
+        q = np.add(arm.home_rad, [0.0, 0.0, angle])
+        world.place(q)
+        world.held = True
+        world.advance_to(0.002)
+        readings.append(world.force_sensor.read(world.time_s).value[0] / world.truth().force_n)
+        world.close()
+    assert readings == pytest.approx([1.0, np.cos(tilt)], abs=1e-3)
+
+
+def test_a_scaled_arm_needs_scaled_torques():
+    arm = shipped_arm("leader")
+    plain, heavy = make_world(arm), make_world(arm, scenario(mass_scale=1.5))
+    motion = ([0.2, 0.3, 0.4], [1.0, -2.0, 0.5], [3.0, 2.0, -1.0])
+    assert np.allclose(heavy.inverse_dynamics(*motion), 1.5 * plain.inverse_dynamics(*motion))
+    plain.close()
+    heavy.close()
+
+
+def test_a_drive_gives_no_more_than_its_effort_limit():
+    world = make_world(shipped_arm("follower"))
+    world.set_torque([1000.0, -1000.0, 1.0])
+    world.advance_to(0.001)
+    assert world.truth().drive_torque_nm.tolist() == [40.0, -40.0, 1.0]
+    world.close()
+
+
+def test_the_pole_of_a_long_fall_is_not_the_engine_s_speed_limit():
+    world = make_world(
+        ArmDescription(SLIDER_URDF.format(mass_kg=1.0), "probe", (0, 0, -1), (9.9,)),
+        scenario(KelvinVoigt(stiffness_n_m=1.0, damping_n_s_m=0.0), surface_m=-50.0, gravity=3000.0),
+    )
+    world.advance_to(0.08)
+    assert world.truth().joint_velocity_rad_s[0] == pytest.approx(-240.0, rel=1e-6)
+    world.close()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"tip_frame": "hand_tip"}, "no link 'hand_tip' for tip_frame. Valid: carriage, probe, rail"),
+        ({"urdf_text": "not xml"}, "not XML"),
+        ({"urdf_text": "<robot name='r'><link name='probe'/></robot>"}, "not a serial arm"),
+        (
+            {"urdf_text": "<robot><link name='probe'/></robot>"},
+            "PyBullet cannot load it .Expected a name for robot",
+        ),
+        ({"urdf_text": SLIDER_URDF.replace('{mass_kg}"', 'heavy"')}, "a number is not one: .*'heavy'"),
+        ({"tip_frame": "rail"}, "joints that do not move the tip: lift"),
+        ({"home_rad": (0.0, 0.0)}, r"shape \(2,\), expected \(1,\)"),
+    ],
+)
+def test_a_robot_that_does_not_fit_is_refused_in_words(change, words, capfd):
+    parts = {
+        "urdf_text": SLIDER_URDF.format(mass_kg=1.0),
+        "tip_frame": "probe",
+        "sensor_axis_tip": (0, 0, -1),
+        "home_rad": (0.0,),
+    }
+    with pytest.raises(InputError, match=words):
+        make_world(ArmDescription(**(parts | change)))
+    assert capfd.readouterr() == ("", "")  # PyBullet's own words stay out of the user's output

@@ -1,0 +1,191 @@
+"""The simulated robot behind robot_io's interfaces: the shipped robot files, its clock, its lifecycle."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from robot_io.clock import Clock, SimulatedClock
+from robot_io.driver import DriverCatalogue
+from robot_io.errors import InputError, LifecycleError
+from robot_io.robot import build_robot
+from robot_io.robot_file import load_robot_file
+from robot_io.types import Command, Status
+from sim_backend import load_scenario
+from tests.sim_backend.parts import ARM_NAMES, ARMS_DIR
+
+TICK_S = 1e-3
+
+
+def build(name="follower", clock=None, path=None):
+    robot_file = load_robot_file(path or ARMS_DIR / name / f"{name}.yaml")
+    return build_robot(robot_file, DriverCatalogue("sim_backend.drivers"), clock or SimulatedClock())
+
+
+def world_of(robot):
+    return robot.buses["world"].world
+
+
+def holding_torque(robot):
+    truth = world_of(robot).truth()
+    return world_of(robot).inverse_dynamics(truth.joint_position_rad, np.zeros(3), np.zeros(3))
+
+
+@pytest.mark.parametrize("name", ARM_NAMES)
+def test_a_shipped_arm_is_read_and_driven_tick_by_tick(name):
+    with build(name) as robot:
+        robot.activate()
+        home = robot.read(0.0)
+        torque = holding_torque(robot)
+        for tick in range(1, 51):
+            sent = robot.write(Command(torque), tick * TICK_S)
+            robot.clock.sleep_until(tick * TICK_S)
+            measured = robot.read(tick * TICK_S)
+            assert measured.encoder_at_s == measured.force_at_s == pytest.approx(tick * TICK_S)
+            assert measured.torque_at_s == pytest.approx((tick - 0.5) * TICK_S)
+            assert (measured.encoder_status, measured.torque_status, measured.force_status) == (
+                Status.OK,
+            ) * 3
+        assert np.allclose(measured.joint_position_rad, home.joint_position_rad, atol=1e-3)
+        assert np.allclose(measured.joint_torque_nm, sent.joint_torque_nm, atol=0.06)
+        assert abs(measured.force_n) < 0.1
+
+
+def test_home_is_with_the_tool_down_above_every_shipped_object():
+    for name in ARM_NAMES:
+        with build(name) as robot:
+            truth = world_of(robot).truth()
+            assert sum(truth.joint_position_rad) == pytest.approx(-np.pi / 2, abs=1e-3)
+            assert truth.tip_position_world_m == pytest.approx([0.40, 0.0, 0.18], abs=1e-3)
+
+
+def test_what_was_sent_has_the_drive_s_resolution_and_range():
+    with build() as robot:
+        robot.activate()
+        sent = robot.write(Command(np.array([0.12345, -1000.0, 0.0])), 0.0).joint_torque_nm
+        assert sent == pytest.approx([0.123, -40.0, 0.0], abs=1e-12)
+        robot.clock.sleep_until(TICK_S)
+        assert world_of(robot).truth().drive_torque_nm == pytest.approx(sent)
+
+
+def test_a_second_read_in_the_same_tick_is_stale_and_keeps_the_sample():
+    with build() as robot:
+        first, second = robot.read(0.0), robot.read(0.0)
+    assert (first.force_status, second.force_status) == (Status.OK, Status.STALE)
+    assert second.force_n == first.force_n
+    assert second.force_at_s == first.force_at_s
+
+
+def test_a_device_without_a_sample_yet_reads_nan_and_not_zero():
+    robot = build()
+    robot.buses["world"].use_scenario(load_scenario({"sensors": {"force": {"delay_s": 0.01}}}))
+    with robot:
+        measured = robot.read(0.0)
+        assert np.isnan(measured.force_n)
+        assert (measured.force_at_s, measured.force_status) == (-np.inf, Status.STALE)
+
+
+def test_the_arm_stands_until_it_is_activated_and_hangs_when_it_is_switched_off():
+    with build() as robot:
+        world, clock = world_of(robot), robot.clock
+        clock.sleep_until(0.2)
+        assert world.truth().tip_position_world_m[2] == pytest.approx(0.18, abs=1e-4)
+        robot.activate()
+        robot.write(Command(holding_torque(robot)), 0.2)
+        clock.sleep_until(0.21)
+        assert world.truth().drive_torque_nm.any()
+        robot.deactivate()
+        assert not world.truth().drive_torque_nm.any()
+        clock.sleep_until(0.41)
+        assert world.truth().tip_position_world_m[2] < 0.10
+        with pytest.raises(LifecycleError):
+            robot.torque.stage_torque(np.zeros(3))
+
+
+def test_the_object_under_a_robot_can_change_and_be_chosen():
+    robot = build()
+    robot.buses["world"].use_scenario(load_scenario("stiff"))
+    with robot:
+        assert world_of(robot).object.law.stiffness_n_m == 7100.0
+        world_of(robot).object.set_law(load_scenario("paper").object.law)
+        assert world_of(robot).object.law.damping_n_s_m == 100.0
+        with pytest.raises(LifecycleError, match="before the robot is configured"):
+            robot.buses["world"].use_scenario(load_scenario("soft"))
+
+
+def test_the_world_is_there_from_configure_to_close():
+    robot = build()
+    with pytest.raises(LifecycleError, match="from configure to close"):
+        world_of(robot)
+    with robot:
+        assert world_of(robot).time_s == 0.0
+    with pytest.raises(LifecycleError, match="from configure to close"):
+        world_of(robot)
+    robot.clock.sleep_until(1.0)  # a world that has ended does not mind
+
+
+class StepClock(Clock):
+    """A clock that is no SimulatedClock and goes forward when told, as a machine's does by itself."""
+
+    def __init__(self):
+        self.time_s = 50.0
+
+    def now_s(self):
+        return self.time_s
+
+    def sleep_until(self, time_s):
+        self.time_s = max(self.time_s, time_s)
+
+
+def test_on_any_other_clock_the_world_catches_up_when_it_is_read_or_written():
+    clock = StepClock()
+    with build(clock=clock) as robot:
+        robot.activate()
+        clock.time_s += 0.01
+        assert robot.read(clock.time_s).encoder_at_s == pytest.approx(50.01)
+        clock.time_s += 0.005
+        robot.write(Command(np.array([1.0, 0.0, 0.0])), clock.time_s)
+        assert world_of(robot).time_s == pytest.approx(50.015)
+        # The time before the write passed under the old torque.
+        assert robot.read(clock.time_s).joint_torque_nm[0] == pytest.approx(0.0, abs=0.06)
+        clock.time_s += 0.005
+        assert robot.read(clock.time_s).joint_torque_nm[0] == pytest.approx(1.0, abs=0.06)
+
+
+def changed_robot_file(tmp_path, old, new):
+    folder = shutil.copytree(ARMS_DIR / "follower", tmp_path / "arm")
+    path = folder / "follower.yaml"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("scenario: default", "scenario: defaul", "no scenario 'defaul'"),
+        (
+            "scenario: default",
+            "scenery: default",
+            "buses.world.scenery: is not known; did you mean 'scenario'",
+        ),
+        ("scenario: default", "scenario: {seed: -1}", "seed: "),
+        (
+            "{driver: sim_force, bus: world}",
+            "{driver: sim_force, noise: 1, bus: world}",
+            "force.noise: is not",
+        ),
+        ("{driver: sim_force, bus: world}", "{driver: sim_force}", "bus whose driver is 'pybullet'"),
+    ],
+)
+def test_a_wrong_setting_is_refused_before_anything_is_built(tmp_path, old, new, words):
+    with pytest.raises(InputError, match=words):
+        build(path=changed_robot_file(tmp_path, old, new))
+
+
+def test_a_urdf_that_does_not_fit_is_refused_with_both_files(tmp_path):
+    path = changed_robot_file(tmp_path, "tip_frame: tip", "tip_frame: nose")
+    robot = build(path=path)
+    with pytest.raises(InputError, match=r"follower.yaml with follower.urdf: .*no link 'nose'"):
+        robot.configure()

@@ -1,0 +1,151 @@
+"""Scenario files say what they mean, and what is wrong with them; every contact law keeps the same form."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robot_io.errors import InputError
+from robot_io.file_model import FileModel
+from sim_backend import Scenario, load_scenario, parse_scenario, shipped_scenarios
+from sim_backend.contact_law import CONTACT_LAWS, describe_contact_law, parse_contact_law
+
+SHIPPED = ["default", "engine", "hunt_crossley", "paper", "soft", "stiff"]
+LAWS = {
+    "engine": {"stiffness_n_m": 500.0, "damping_n_s_m": 20.0},
+    "hunt_crossley": {"stiffness": 7000.0, "damping": 4000.0, "exponent": 1.5},
+    "kelvin_voigt": {"stiffness_n_m": 500.0, "damping_n_s_m": 20.0},
+}
+
+
+def test_the_scenarios_of_the_documentation_are_shipped():
+    assert shipped_scenarios() == SHIPPED
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_shipped_scenario_survives_being_written_and_read(name):
+    scenario = load_scenario(name)
+    assert scenario.description
+    assert parse_scenario(scenario.to_yaml(), "copy") == scenario
+    assert load_scenario(scenario) is scenario
+
+
+def test_the_default_file_states_every_default_and_nothing_else():
+    default = load_scenario("default")
+    assert default.model_copy(update={"description": ""}) == Scenario()
+    stated = load_scenario("default").model_dump(exclude_unset=True)
+    assert stated.keys() == default.model_dump().keys()
+    assert {key: part.keys() for key, part in stated["sensors"].items()} == {
+        key: part.keys() for key, part in default.model_dump()["sensors"].items()
+    }
+
+
+def test_the_paper_s_and_the_stiff_object_are_what_they_are_called():
+    assert load_scenario("paper").object.law.model_dump() == {
+        "stiffness_n_m": 500.0,
+        "damping_n_s_m": 100.0,
+        "sticky": False,
+    }
+    assert load_scenario("stiff").object.law.stiffness_n_m == 7100.0
+
+
+def test_a_scenario_file_is_found_beside_the_robot_file(tmp_path):
+    (tmp_path / "mine.yaml").write_text("seed: 5\nsensors: {force: {noise_std_n: 0.5}}\n")
+    scenario = load_scenario("mine.yaml", tmp_path)
+    assert (scenario.seed, scenario.sensors.force.noise_std_n) == (5, 0.5)
+    assert scenario.object == Scenario().object
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("object: {law: {name: kelvin_voight}}", "did you mean 'kelvin_voigt'. Valid: engine, hunt_cr"),
+        (
+            "seed: 1\nobject:\n  law: {name: kelvin_voigt, stiffness_n_m: -1, damping_n_s_m: 0}",
+            "line 3, object",
+        ),
+        ("object: {law: {name: kelvin_voigt, damping_n_s_m: 0}}", "stiffness_n_m: is missing"),
+        ("object: {law: {stiffness_n_m: 3}}", "Valid names: engine, hunt_crossley, kelvin_voigt"),
+        ("sensors:\n  forse: {}", "line 2, sensors.forse: is not known; did you mean 'force'"),
+        ("sensors: {force: {noise_std_n: -0.1}}", "sensors.force.noise_std_n: .*greater than or equal to 0"),
+        ("sensors: {encoder: {velocity: {source: gps}}}", "'difference' or 'tachometer'"),
+        ("sensors: {force: {rate_hz: 0}}", "sensors.force.rate_hz: .*greater than 0"),
+        ("sensors: {torque: {phase: 1}}", "less than 1"),
+        ("physics: {rate_hz: true}", "physics.rate_hz: expected a number"),
+        ("physics: {rate_hz: .nan}", "physics.rate_hz"),
+        ("seed: true", "seed: "),
+        ("seed: 1.5", "seed: "),
+    ],
+)
+def test_a_wrong_scenario_is_refused_with_its_place_and_the_choices(text, words, tmp_path):
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words) as caught:
+        load_scenario(str(path))
+    assert str(caught.value).startswith(f"{path} line ")
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_scenario_is_refused_with_the_shipped_ones():
+    with pytest.raises(InputError, match=r"no scenario 'defualt'.*default, engine, hunt_crossley"):
+        load_scenario("defualt")
+
+
+@pytest.mark.parametrize("source", [3, None, ["default"]])
+def test_what_is_no_scenario_at_all_is_refused(source):
+    with pytest.raises(InputError, match="a name, a path or a mapping"):
+        load_scenario(source)
+
+
+JSON_LIKE = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=8),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from([*LAWS, "name", "law"]), inner, max_size=3)
+    ),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.dictionaries(st.sampled_from([*Scenario.model_fields, "x"]), JSON_LIKE, max_size=4))
+def test_a_mapping_of_anything_makes_a_scenario_or_one_clear_line(mapping):
+    try:
+        said = load_scenario(mapping).to_yaml()
+    except InputError as error:
+        said = f"error: {error}"
+    assert said.startswith("error: ") == ("\n" not in said)
+
+
+def test_every_law_has_an_example_here():
+    assert sorted(CONTACT_LAWS) == sorted(LAWS)
+
+
+@pytest.mark.parametrize("name", sorted(LAWS))
+class TestEveryLaw:
+    def test_says_what_it_is(self, name):
+        law_type = CONTACT_LAWS[name]
+        assert issubclass(law_type, FileModel)
+        text = law_type.__doc__
+        assert "Attributes:" in text
+        assert all(f"        {field}: " in text for field in law_type.model_fields)
+
+    def test_is_described_and_parsed_alike(self, name):
+        law = parse_contact_law({"name": name, **LAWS[name]})
+        assert parse_contact_law(describe_contact_law(law)) == law
+
+    def test_does_nothing_above_the_surface(self, name):
+        law = parse_contact_law({"name": name, **LAWS[name]})
+        assert [law.force_n(depth, rate) for depth in (-0.01, 0.0) for rate in (-1.0, 1.0)] == [0.0] * 4
+
+    @settings(max_examples=60, deadline=None)
+    @given(st.floats(1e-6, 0.1), st.floats(-1.0, 1.0), st.floats(1e-6, 0.1), st.floats(0.0, 1.0))
+    def test_pushes_more_the_deeper_and_the_faster_and_never_pulls(self, name, depth, rate, deeper, faster):
+        law = parse_contact_law({"name": name, **LAWS[name]})
+        force = law.force_n(depth, rate)
+        assert force >= 0.0
+        assert math.isfinite(force)
+        assert law.force_n(depth, rate + faster) >= force
+        if rate >= 0:
+            assert law.force_n(depth + deeper, rate) > force

@@ -1,0 +1,192 @@
+"""The world as a whole: objects that change, the engine's contact, worlds side by side, hidden effects."""
+
+import numpy as np
+import pytest
+
+from robot_io.errors import InputError
+from sim_backend import ContactEffect, Effects, JointEffect, SensorEffect
+from sim_backend.contact_laws import EngineContact, HuntCrossley, KelvinVoigt
+from tests.sim_backend.parts import GRAVITY_M_S2, column, make_world, scenario, shipped_arm, slider, watch
+
+WEIGHT_N = GRAVITY_M_S2  # of the slider's 1 kg
+
+
+def settled_depth(world, duration_s=3.0):
+    world.advance_to(world.time_s + duration_s)
+    assert abs(world.truth().rate_m_s) < 1e-4
+    return world.truth().depth_m
+
+
+def test_an_object_can_change_while_it_is_touched():
+    world = make_world(slider(-0.01), scenario(KelvinVoigt(stiffness_n_m=500, damping_n_s_m=40)))
+    assert settled_depth(world) == pytest.approx(WEIGHT_N / 500, rel=1e-3)
+    world.object.set_law(KelvinVoigt(stiffness_n_m=2000, damping_n_s_m=80))
+    assert settled_depth(world) == pytest.approx(WEIGHT_N / 2000, rel=1e-3)
+    world.object.set_law(HuntCrossley(stiffness=5000, damping=8000, exponent=1.3))
+    assert settled_depth(world) == pytest.approx((WEIGHT_N / 5000) ** (1 / 1.3), rel=1e-3)
+    before = world.truth().tip_position_world_m[2]
+    world.object.move_surface(0.05)
+    settled_depth(world)
+    assert world.truth().tip_position_world_m[2] - before == pytest.approx(0.05, rel=1e-3)
+    world.close()
+
+
+@pytest.mark.parametrize("stiffness", [200.0, 500.0, 7000.0])
+def test_the_engine_s_contact_carries_a_weight_at_the_depth_of_its_spring(stiffness):
+    damping = np.sqrt(stiffness)
+    world = make_world(slider(0.002), scenario(EngineContact(stiffness_n_m=stiffness, damping_n_s_m=damping)))
+    depth = settled_depth(world)
+    assert depth == pytest.approx(WEIGHT_N / stiffness, rel=0.01)
+    assert world.truth().force_n == pytest.approx(WEIGHT_N, rel=0.01)
+    world.close()
+
+
+def test_the_engine_s_contact_pushes_the_arm_s_probe_at_the_tip_frame():
+    arm = shipped_arm("follower")
+    world = make_world(arm, scenario(EngineContact(stiffness_n_m=1000, damping_n_s_m=60)))
+    tip_m = world.truth().tip_position_world_m
+    world.object.move_surface(tip_m[2] + 0.004)
+    lever_m = [tip_m[0] - x for x in (0.0, 0.3 * np.cos(arm.home_rad[0]), tip_m[0])]
+    world.set_torque(world.inverse_dynamics(arm.home_rad, [0.0] * 3, [0.0] * 3) - 4.0 * np.array(lever_m))
+    world.advance_to(0.1)
+    assert world.truth().force_n == pytest.approx(4.0, rel=0.02)
+    assert world.truth().depth_m == pytest.approx(0.004, rel=0.02)
+    world.close()
+
+
+def test_law_and_engine_contact_replace_each_other():
+    world = make_world(slider(0.001), scenario(EngineContact(stiffness_n_m=500, damping_n_s_m=40)))
+    engine = settled_depth(world)
+    world.object.set_law(KelvinVoigt(stiffness_n_m=500, damping_n_s_m=40))
+    assert settled_depth(world) == pytest.approx(engine, rel=0.01)
+    world.object.set_law(EngineContact(stiffness_n_m=1000, damping_n_s_m=40))
+    assert settled_depth(world) == pytest.approx(WEIGHT_N / 1000, rel=0.01)
+    world.close()
+
+
+def test_worlds_side_by_side_do_not_disturb_each_other():
+    def build(stiffness):
+        return make_world(slider(0.01), scenario(KelvinVoigt(stiffness_n_m=stiffness, damping_n_s_m=5)))
+
+    alone = build(500)
+    expected = column(watch(alone, 0.3), "depth_m")
+    alone.close()
+    first, second = build(500), build(3000)
+    depths = []
+    for tick in range(301):
+        first.advance_to(tick * 1e-3)
+        second.advance_to(tick * 1e-3 * 0.7)
+        depths.append(first.truth().depth_m)
+        if tick == 150:
+            second.object.set_law(EngineContact(stiffness_n_m=100, damping_n_s_m=1))
+    second.close()
+    first.advance_to(0.4)
+    first.close()
+    assert np.array_equal(depths, expected)
+
+
+def test_time_advances_in_whole_steps_and_never_back():
+    world = make_world(slider(), start_s=100.0)
+    assert world.time_s == 100.0
+    for target, reached in ((100.0004, 100.00025), (99.0, 100.00025), (100.001, 100.001)):
+        world.advance_to(target)
+        assert world.time_s == pytest.approx(reached, abs=1e-12)
+    world.advance_to(110.0)
+    assert world.time_s == pytest.approx(110.0, abs=1e-9)
+    world.close()
+
+
+def test_a_held_arm_stands_still_while_time_and_sensors_go_on():
+    world = make_world(shipped_arm("leader"))
+    world.held = True
+    world.advance_to(0.1)
+    assert np.array_equal(world.truth().joint_position_rad, shipped_arm("leader").home_rad)
+    assert world.encoder.read(world.time_s).sampled_at_s == pytest.approx(0.1)
+    world.held = False
+    world.advance_to(0.2)
+    assert not np.allclose(world.truth().joint_position_rad, shipped_arm("leader").home_rad, atol=1e-2)
+    world.close()
+
+
+@pytest.mark.parametrize("torque", [[np.nan, 0, 0], [1.0, 2.0], [np.inf, 0, 0]])
+def test_a_torque_that_means_nothing_is_refused(torque):
+    world = make_world(shipped_arm("leader"))
+    with pytest.raises(InputError, match="joint torque"):
+        world.set_torque(torque)
+    world.close()
+
+
+def test_closing_twice_is_fine():
+    world = make_world(slider())
+    world.close()
+    world.close()
+
+
+class Glue(ContactEffect):
+    """Pulls with 2 N within a millimetre above the surface, and remembers when."""
+
+    def __init__(self):
+        self.times_s = []
+
+    def contact_force_n(self, state, force_n):
+        self.times_s.append(state.time_s)
+        return force_n - 2.0 if -1e-3 < state.depth_m <= 0 else force_n
+
+
+class Drag(JointEffect):
+    def joint_torque_nm(self, state, torque_nm):
+        return [t - 3.0 * v for t, v in zip(torque_nm, state.velocity_rad_s, strict=True)]
+
+
+class Offset(SensorEffect):
+    def __init__(self, amount):
+        self.amount = amount
+
+    def measure(self, time_s, value):
+        return [entry + self.amount for entry in value]
+
+
+def test_a_contact_effect_acts_on_the_tip_once_a_step():
+    glue = Glue()
+    world = make_world(slider(0.0005), scenario(gravity=0.0), Effects(contact=(glue,)))
+    assert world.truth().force_n == -2.0
+    world.advance_to(0.01)
+    assert world.truth().tip_position_world_m[2] < 0.00045
+    assert np.diff(glue.times_s) == pytest.approx(0.25e-3)
+    world.close()
+
+
+def test_a_contact_effect_adds_to_the_engine_s_contact_too():
+    class Doubled(ContactEffect):
+        def contact_force_n(self, state, force_n):
+            return 2 * force_n
+
+    law = EngineContact(stiffness_n_m=500, damping_n_s_m=40)
+    world = make_world(slider(0.001), scenario(law), Effects(contact=(Doubled(),)))
+    assert settled_depth(world) == pytest.approx(WEIGHT_N / 1000, rel=0.02)
+    world.close()
+
+
+def test_a_joint_effect_acts_on_the_links_and_the_drives_do_not_see_it():
+    world = make_world(
+        slider(5.0), scenario(surface_m=-9.0, torque={"noise_std_nm": 0.0}), Effects(joint=(Drag(),))
+    )
+    world.advance_to(2.0)
+    assert world.truth().joint_velocity_rad_s[0] == pytest.approx(-GRAVITY_M_S2 / 3.0, rel=0.01)
+    assert world.torque_sensor.read(world.time_s).value == [0.0]
+    world.close()
+
+
+def test_sensor_effects_act_on_their_own_sensor():
+    hidden = Effects(force=(Offset(1.0), Offset(0.5)), torque=(Offset(2.0),), encoder=(Offset(0.25),))
+    quiet = {
+        "force": {"noise_std_n": 0.0},
+        "torque": {"noise_std_nm": 0.0},
+        "encoder": {"counts_per_revolution": 1e9},
+    }
+    world = make_world(slider(0.1), scenario(**quiet), hidden)
+    assert world.force_sensor.read(0.0).value == [1.5]
+    assert world.torque_sensor.read(0.0).value == [2.0]
+    assert world.encoder.read(0.0).value == pytest.approx([0.35, 0.0], abs=1e-8)
+    assert world.truth().joint_position_rad[0] == 0.1
+    world.close()
