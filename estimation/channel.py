@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from estimation.surface import Surface
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -46,6 +47,7 @@ class ChannelData:
         context: other signals that an effect may need, by name, each of shape (n,) or (n, k); the face shows
             which are there. `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints) for an arm;
             `load` (n,), the effort a joint carries apart from friction.
+        surface: where the surface was found from which position counts; None where displacement was given.
     """
 
     name: str
@@ -58,6 +60,7 @@ class ChannelData:
     run: IntArray
     phase: IntArray
     context: Mapping[str, FloatArray] = field(default_factory=dict)
+    surface: Surface | None = None
 
     def __post_init__(self) -> None:
         """Check lengths and finiteness.

@@ -2,6 +2,7 @@
 
 from estimation.base_model import BaseModel, ModelContext
 from estimation.channel import ChannelKind
+from estimation.effects.contact_offset import ContactOffset
 from estimation.effects.hunt_crossley import HuntCrossley
 from estimation.model import Model
 
@@ -16,4 +17,5 @@ class HuntCrossleyModel(BaseModel):
 
     def build(self, context: ModelContext) -> Model:
         """See `BaseModel.build`."""
-        return Model(self.name, (HuntCrossley(),))
+        surface = (ContactOffset(),) if context.surface_found else ()
+        return Model(self.name, (HuntCrossley(), *surface))

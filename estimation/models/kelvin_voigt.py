@@ -2,6 +2,7 @@
 
 from estimation.base_model import BaseModel, ModelContext
 from estimation.channel import ChannelKind
+from estimation.effects.contact_offset import ContactOffset
 from estimation.effects.damping import Damping
 from estimation.effects.stiffness import Stiffness
 from estimation.model import Model
@@ -17,4 +18,5 @@ class KelvinVoigt(BaseModel):
 
     def build(self, context: ModelContext) -> Model:
         """See `BaseModel.build`."""
-        return Model(self.name, (Stiffness(), Damping()))
+        surface = (ContactOffset(),) if context.surface_found else ()
+        return Model(self.name, (Stiffness(), Damping(), *surface))

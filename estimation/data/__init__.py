@@ -1,0 +1,1 @@
+"""Channels from sessions and from data files."""

@@ -1,0 +1,84 @@
+"""Which samples of a probing run are in contact, found from the force alone.
+
+The rows are chosen by time, not by force: from the first lasting rise above the free-air noise to the last. Taking
+every sample with F > 0 instead would keep the positive half of the noise near the surface and bias the stiffness.
+The samples at either end, which were chosen for their noise, are left out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from control.phases import Phase
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+_NOISE_FACTOR = 6.0  # standard deviations of the free-air force that are no noise any more
+_LASTING = 3  # samples in a row
+_FREE = (Phase.FREE_AIR, Phase.APPROACH)  # the first of these that a run has tells its noise
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One run's contact.
+
+    Attributes:
+        run: its number.
+        rows: indices of the samples that are surely in contact, in order of time; may be empty.
+        baseline_n: force in free air [N].
+        noise_n: standard deviation of the force in free air [N].
+    """
+
+    run: int
+    rows: IntArray
+    baseline_n: float
+    noise_n: float
+
+
+def find_contacts(force_n: FloatArray, run: IntArray, phase: IntArray) -> tuple[Contact, ...]:
+    """The contact of each run, in order of run number.
+
+    Args:
+        force_n: shape (n,), positive in compression [N].
+        run: shape (n,).
+        phase: shape (n,), numbers of `control.phases.Phase`.
+    """
+    return tuple(
+        _contact_of(int(number), np.flatnonzero(run == number), force_n, phase) for number in np.unique(run)
+    )
+
+
+def contact_rows(force_n: FloatArray, run: IntArray, phase: IntArray) -> BoolArray:
+    """Mask of all samples that are surely in contact, shape (n,)."""
+    mask = np.zeros(len(force_n), dtype=np.bool_)
+    for contact in find_contacts(force_n, run, phase):
+        mask[contact.rows] = True
+    return mask
+
+
+def _contact_of(number: int, rows: IntArray, force_n: FloatArray, phase: IntArray) -> Contact:
+    free = _free_air(force_n[rows], phase[rows])
+    baseline_n, noise_n = float(np.mean(free)), float(np.std(free))
+    touching = _lasting(force_n[rows] > baseline_n + _NOISE_FACTOR * noise_n)
+    inside = np.flatnonzero(touching)[1:-1]
+    if len(inside):  # a bounce is no contact, a single low sample within it is noise
+        lifted = _lasting(~touching[inside[0] : inside[-1] + 1])
+        inside = inside[0] + np.flatnonzero(~lifted)
+    return Contact(number, rows[inside], baseline_n, noise_n)
+
+
+def _free_air(force_n: FloatArray, phase: IntArray) -> FloatArray:
+    """Force before contact; the first half of the approach, if nothing better is there."""
+    for free in _FREE:
+        samples = force_n[phase == free]
+        if len(samples) > 2 * _LASTING:
+            return samples if free is Phase.FREE_AIR else samples[: len(samples) // 2]
+    return force_n[:_LASTING]
+
+
+def _lasting(mask: BoolArray) -> BoolArray:
+    """Only those true samples that stand in a row of at least `_LASTING`."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    lasting = np.zeros_like(mask)
+    for start, stop in edges.reshape(-1, 2):
+        lasting[start:stop] = stop - start >= _LASTING
+    return lasting

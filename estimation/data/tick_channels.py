@@ -1,0 +1,155 @@
+"""Channels out of the ticks of a probing session."""
+
+import numpy as np
+
+from control.phases import Phase
+from control.task import NO_RUN
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.contact import Contact, find_contacts
+from estimation.data.derivatives import differentiate
+from estimation.data.pieces import number_pieces
+from estimation.data.surface import find_surface
+from robot_io.session import Samples
+from robot_io.types import BoolArray, FloatArray, IntArray, Status
+
+_SAME_PLACE_M = 0.005  # touches nearer to each other than this, across the press direction, probe one place
+_USELESS = (Phase.IDLE, Phase.STOPPED)
+_FEWEST = 20  # samples in contact without which there is nothing to estimate
+
+
+def contact_channels(ticks: Samples) -> tuple[ChannelData, ...]:
+    """The contact force at each place that was probed.
+
+    Position is the depth below the surface as `find_surface` has it, along the press direction, at the time
+    when the force was sampled.
+
+    Args:
+        ticks: the stream "tick".
+
+    Returns:
+        One channel called "contact", or "contact_1", "contact_2" ... in the order in which the places were
+        probed; none if nothing was touched.
+    """
+    chosen = ticks.select(_good(ticks, "encoder_status", "force_status") & (ticks["run"] != NO_RUN))
+    contacts = find_contacts(chosen["force_n"], chosen["run"], chosen["phase"])
+    places = _places(chosen, [contact for contact in contacts if len(contact.rows) >= _FEWEST])
+    names = ["contact"] if len(places) == 1 else [f"contact_{number}" for number in range(1, len(places) + 1)]
+    return tuple(_contact_channel(name, chosen, place) for name, place in zip(names, places, strict=True))
+
+
+def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
+    """The torque of each joint, called "joint_1", "joint_2" ...
+
+    A move between two runs belongs to the run after it. The context holds the whole arm's motion as
+    `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints), and what its tip does:
+    `contact_force` (n,), positive in compression, and `press_direction_world` (n, 3).
+
+    Args:
+        ticks: the stream "tick".
+    """
+    useful = ~np.isin(ticks["phase"], _USELESS)
+    chosen = ticks.select(_good(ticks, "encoder_status", "torque_status") & useful)
+    if len(chosen) == 0:
+        return ()
+    time_s, run = chosen["torque_at_s"], _with_moves(chosen["run"])
+    touching = np.zeros(len(chosen), dtype=np.bool_)
+    for contact in find_contacts(chosen["force_n"], run, chosen["phase"]):
+        touching[contact.rows] = True
+    piece = number_pieces(time_s, run, touching)
+    measured = chosen.vector("joint_position_rad")
+    position = np.column_stack([_at(time_s, chosen["encoder_at_s"], joint) for joint in measured.T])
+    motions = [differentiate(time_s, joint, piece) for joint in position.T]
+    context = {
+        "joint_position": position,
+        "joint_velocity": np.column_stack([motion.velocity for motion in motions]),
+        "joint_acceleration": np.column_stack([motion.acceleration for motion in motions]),
+        "contact_force": np.nan_to_num(chosen["force_n"]),
+        "press_direction_world": chosen["press_direction_world"],
+    }
+    torque = chosen.vector("torque_measured_nm")
+    return tuple(
+        ChannelData(
+            f"joint_{joint + 1}",
+            ChannelKind.REVOLUTE,
+            time_s,
+            position[:, joint],
+            motion.velocity,
+            motion.acceleration,
+            torque[:, joint],
+            run,
+            chosen["phase"].astype(np.int64),
+            context,
+        )
+        for joint, motion in enumerate(motions)
+    )
+
+
+def _good(ticks: Samples, *status_columns: str) -> BoolArray:
+    """Ticks in which all these devices brought a new and trustworthy sample."""
+    return np.all([ticks[name] == Status.OK for name in status_columns], axis=0)
+
+
+def _at(time_s: FloatArray, sampled_at_s: FloatArray, values: FloatArray) -> FloatArray:
+    """Values that were sampled at other times than those wanted; as they are where the times agree."""
+    if np.array_equal(time_s, sampled_at_s):
+        return values
+    return np.asarray(np.interp(time_s, sampled_at_s, values))
+
+
+def _with_moves(run: IntArray) -> IntArray:
+    """Run numbers in which the samples between two runs belong to the later one, and the last to the last."""
+    runs, filled = run.astype(np.int64), run.astype(np.int64)
+    numbered = np.flatnonzero(runs != NO_RUN)
+    if not len(numbered):
+        return np.zeros_like(runs)
+    following = np.minimum(np.searchsorted(numbered, np.arange(len(runs))), len(numbered) - 1)
+    filled[:] = runs[numbered[following]]
+    return filled
+
+
+def _places(ticks: Samples, contacts: list[Contact]) -> list[list[Contact]]:
+    """The contacts, grouped by where they touched."""
+    places: list[list[Contact]] = []
+    centres: list[FloatArray] = []
+    for contact in contacts:
+        first = contact.rows[0]
+        direction, tip = ticks["press_direction_world"][first], ticks["tip_position_world_m"][first]
+        centre = np.concatenate([tip - (tip @ direction) * direction, _SAME_PLACE_M * 10 * direction])
+        near = [number for number, other in enumerate(centres) if _distance(centre, other) < _SAME_PLACE_M]
+        if near:
+            places[near[0]].append(contact)
+        else:
+            places.append([contact])
+            centres.append(centre)
+    return places
+
+
+def _distance(one: FloatArray, other: FloatArray) -> float:
+    return float(np.linalg.norm(one - other))
+
+
+def _contact_channel(name: str, ticks: Samples, contacts: list[Contact]) -> ChannelData:
+    rows = np.isin(ticks["run"], [contact.run for contact in contacts])
+    touching = np.zeros(len(ticks), dtype=np.bool_)
+    for contact in contacts:
+        touching[contact.rows] = True
+    chosen, touching = ticks.select(rows), touching[rows]
+    time_s, run = chosen["force_at_s"], chosen["run"].astype(np.int64)
+    travel_m = np.einsum("ij,ij->i", chosen["tip_position_world_m"], chosen["press_direction_world"])
+    along_m = _at(time_s, chosen["encoder_at_s"], travel_m)
+    motion = differentiate(time_s, along_m, number_pieces(time_s, run, touching))
+    baseline_n = np.array([contact.baseline_n for contact in contacts])
+    above_n = chosen["force_n"] - baseline_n[np.searchsorted([contact.run for contact in contacts], run)]
+    surface = find_surface(along_m[touching], motion.velocity[touching], above_n[touching], run[touching])
+    return ChannelData(
+        name,
+        ChannelKind.CONTACT,
+        time_s,
+        along_m - surface.position_m,
+        motion.velocity,
+        motion.acceleration,
+        chosen["force_n"],
+        run,
+        chosen["phase"].astype(np.int64),
+        surface=surface,
+    )
