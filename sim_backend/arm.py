@@ -3,7 +3,7 @@
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,18 +17,8 @@ _NO_SPEED_LIMIT = 1e6  # the engine would cut joint speeds at 100 rad/s
 _RIGID_N_M = 1e18  # the engine puts the stiffness of both bodies in series, and adds their damping
 
 
-class TipState(NamedTuple):
-    """Where the tip is and how it moves.
-
-    Attributes:
-        position_m: of the tip frame in the world [m].
-        velocity_m_s: of the tip frame in the world [m/s].
-        quaternion: orientation of the tip frame in the world, (x, y, z, w).
-    """
-
-    position_m: tuple[float, float, float]
-    velocity_m_s: tuple[float, float, float]
-    quaternion: tuple[float, float, float, float]
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]  # (x, y, z, w)
 
 
 class SimulatedArm:
@@ -127,10 +117,13 @@ class SimulatedArm:
         states = bullet.getJointStates(self.body, self._joints, self._client)
         return [state[0] for state in states] + [state[1] for state in states]
 
-    def tip_state(self) -> TipState:
-        """The tip frame now; the engine's own cache would be one step old."""
+    def tip_state(self) -> tuple[Vector, Vector, Quaternion]:
+        """Position [m], velocity [m/s] and orientation of the tip frame in the world.
+
+        It is of the present state; without recomputing it the engine would show the one a step before.
+        """
         state = bullet.getLinkState(self.body, self._tip, 1, 1, self._client)
-        return TipState(state[4], state[6], state[5])
+        return state[4], state[6], state[5]
 
     def push(self, torque_nm: Sequence[float], tip_force_z_n: float, tip_position_m: Sequence[float]) -> None:
         """Apply torques (n) along the joint axes and an upward force at the tip for the next step only."""

@@ -49,13 +49,11 @@ class Contact:
 
     def update(self, time_s: float) -> None:
         """Work out what holds at the arm's present state, reached at `time_s` [s] by a step."""
-        tip = self._arm.tip_state()
-        self.tip_position_m = tip.position_m
-        self._quaternion = tip.quaternion
-        speed, before = -tip.velocity_m_s[2], self._speed_before_m_s
+        self.tip_position_m, velocity, self._quaternion = self._arm.tip_state()
+        speed, before = -velocity[2], self._speed_before_m_s
         self._speed_before_m_s = speed
         self.rate_m_s = speed if before is None else 1.5 * speed - 0.5 * before
-        self.depth_m = self._object.surface_height_m - tip.position_m[2]
+        self.depth_m = self._object.surface_height_m - self.tip_position_m[2]
         self._update_force(time_s)
 
     def restart(self) -> None:
@@ -63,10 +61,11 @@ class Contact:
         self._speed_before_m_s = None
 
     def _update_force(self, time_s: float) -> None:
-        by_engine_n = self._engine_force_n()
-        force_n = by_engine_n
+        by_engine_n = 0.0
         if self._object.box is None:
             force_n = self._object.law.force_n(self.depth_m, self.rate_m_s)
+        else:
+            force_n = by_engine_n = self._engine_force_n(self._object.box)
         if self._effects:
             state = ContactState(time_s, self._step_s, self.depth_m, self.rate_m_s)
             for effect in self._effects:
@@ -74,10 +73,8 @@ class Contact:
         self.force_n = force_n
         self.push_n = force_n - by_engine_n
 
-    def _engine_force_n(self) -> float:
-        if self._object.box is None:
-            return 0.0
-        points = bullet.getContactPoints(self._arm.body, self._object.box, physicsClientId=self._client)
+    def _engine_force_n(self, box: int) -> float:
+        points = bullet.getContactPoints(self._arm.body, box, physicsClientId=self._client)
         return float(sum(point[9] for point in points))
 
     def compression_n(self, sensor_axis_tip: Sequence[float]) -> float:

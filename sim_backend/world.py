@@ -183,7 +183,8 @@ class World:
         torque = self._torque_nm
         if self._effects.joint:
             n = self.joint_count
-            state = JointState(self.time_s, self._step_s, self._joint_state[:n], self._joint_state[n:])
+            joints = self._arm.joint_state()
+            state = JointState(self.time_s, self._step_s, joints[:n], joints[n:])
             for effect in self._effects.joint:
                 torque = effect.joint_torque_nm(state, torque)
         return torque
@@ -191,19 +192,21 @@ class World:
     def _observe(self) -> None:
         """Work out what holds at the state just reached, and show it to the sensors."""
         time_s = self.time_s
-        self._joint_state = self._arm.joint_state()
         self._contact.update(time_s)
-        self.encoder.observe(time_s, self._joint_state)
-        self.torque_sensor.observe(time_s, self._torque_nm)
-        self.force_sensor.observe(time_s, [self._contact.compression_n(self._sensor_axis_tip)])
+        if time_s >= self.encoder.look_s:
+            self.encoder.observe(time_s, self._arm.joint_state())
+        if time_s >= self.torque_sensor.look_s:
+            self.torque_sensor.observe(time_s, self._torque_nm)
+        if time_s >= self.force_sensor.look_s:
+            self.force_sensor.observe(time_s, [self._contact.compression_n(self._sensor_axis_tip)])
 
     def truth(self) -> Truth:
         """The state as it is."""
-        n = self.joint_count
+        joints = np.array(self._arm.joint_state())
         return Truth(
             time_s=self.time_s,
-            joint_position_rad=np.array(self._joint_state[:n]),
-            joint_velocity_rad_s=np.array(self._joint_state[n:]),
+            joint_position_rad=joints[: self.joint_count],
+            joint_velocity_rad_s=joints[self.joint_count :],
             drive_torque_nm=np.array(self._torque_nm),
             tip_position_world_m=np.array(self._contact.tip_position_m),
             depth_m=self._contact.depth_m,

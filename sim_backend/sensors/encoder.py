@@ -1,7 +1,7 @@
 """Joint encoders, and the velocity that a drive derives from them."""
 
 from collections.abc import Sequence
-from math import pi
+from math import inf, pi
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class SimulatedEncoder(SampledSensor):
         self._by_difference = settings.velocity.source == "difference"
         self._noise = GaussianNoise(settings.velocity.noise_std_rad_s, generator)
         sample_period_s = max(1.0 / settings.rate_hz, step_s)
-        self._low_pass = LowPass(settings.velocity.bandwidth_hz, sample_period_s)
+        self._velocity_low_pass = LowPass(settings.velocity.bandwidth_hz, sample_period_s)
         self._effects = effects
         self._previous: tuple[float, list[float]] | None = None
 
@@ -56,11 +56,9 @@ class SimulatedEncoder(SampledSensor):
         return Sample(position + velocity, time_s)
 
     def _difference(self, time_s: float, position: list[float]) -> list[float]:
-        if self._previous is None:
-            raw = [0.0] * len(position)
-        else:
-            before_s, before = self._previous
-            elapsed_s = time_s - before_s
-            raw = [(now - then) / elapsed_s for now, then in zip(position, before, strict=True)]
+        before_s, before = self._previous or (-inf, position)
         self._previous = (time_s, position)
-        return self._low_pass.filter(raw)
+        elapsed_s = time_s - before_s
+        return self._velocity_low_pass.filter(
+            [(now - then) / elapsed_s for now, then in zip(position, before, strict=True)]
+        )

@@ -14,7 +14,7 @@ from sim_backend.sensors.settings import ForceSettings
 
 
 class SimulatedForceSensor(SampledSensor):
-    """Samples the force along the sensor axis, positive in compression [N].
+    """Samples the force along the sensor axis (1,), positive in compression [N].
 
     Args:
         settings: the sensor.
@@ -32,15 +32,11 @@ class SimulatedForceSensor(SampledSensor):
         step_s: float,
         effects: Sequence[SensorEffect] = (),
     ) -> None:
-        super().__init__(settings.rate_hz, settings.delay_s, start_s)
+        low_pass = LowPass(settings.bandwidth_hz, step_s) if settings.bandwidth_hz else None
+        super().__init__(settings.rate_hz, settings.delay_s, start_s, low_pass=low_pass)
         self._settings = settings
         self._noise = GaussianNoise(settings.noise_std_n, generator)
-        self._low_pass = LowPass(settings.bandwidth_hz, step_s) if settings.bandwidth_hz else None
         self._effects = effects
-
-    def observe(self, time_s: float, signal: Sequence[float]) -> None:
-        """See `SampledSensor.observe`; `signal` is the true force (1,) [N]."""
-        super().observe(time_s, self._low_pass.filter(signal) if self._low_pass else signal)
 
     def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
         value = [signal[0] + self._noise.draw()]

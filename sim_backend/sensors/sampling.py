@@ -3,10 +3,11 @@
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
-from math import floor
+from math import floor, inf
 from typing import NamedTuple
 
 from robot_io.types import Status
+from sim_backend.sensors.low_pass import LowPass
 
 _SAME_TIME_S = 1e-9  # physics times are multiples of the step; closer than this is the same instant
 
@@ -37,13 +38,26 @@ class SampledSensor(ABC):
         delay_s: from the sampling instant until the sample can be read [s].
         start_s: start of the first sampling period; what is seen then is sampled whatever the phase [s].
         phase: where in the period the sampling instants are, from 0 to 1.
+        low_pass: analogue filter ahead of the sampling, or None.
+
+    Attributes:
+        look_s: before this time `observe` does nothing and need not be called [s].
     """
 
-    def __init__(self, rate_hz: float, delay_s: float, start_s: float, phase: float = 0.0) -> None:
+    def __init__(
+        self,
+        rate_hz: float,
+        delay_s: float,
+        start_s: float,
+        phase: float = 0.0,
+        low_pass: LowPass | None = None,
+    ) -> None:
         self._period_s = 1.0 / rate_hz
         self._delay_s = delay_s
         self._first_instant_s = start_s + phase / rate_hz
-        self._next_instant_s = start_s
+        self._sample_s = start_s - _SAME_TIME_S
+        self._low_pass = low_pass
+        self.look_s = -inf if low_pass else self._sample_s
         self._arriving: deque[Sample] = deque()
         self._shown_at_s: float | None = None
 
@@ -53,12 +67,19 @@ class SampledSensor(ABC):
 
     def observe(self, time_s: float, signal: Sequence[float]) -> None:
         """See the true signal at a physics step, and sample it if it is time to."""
-        if time_s < self._next_instant_s - _SAME_TIME_S:
+        if self._low_pass:
+            signal = self._low_pass.filter(signal)
+        if time_s < self._sample_s:
             return
-        periods = floor((time_s - self._first_instant_s + _SAME_TIME_S) / self._period_s) + 1
-        self._next_instant_s = self._first_instant_s + periods * self._period_s
+        self._sample_s = self._instant_after(time_s)
+        if not self._low_pass:
+            self.look_s = self._sample_s
         self._arriving.append(self._measure(time_s, signal))
         self._drop_superseded(time_s)
+
+    def _instant_after(self, time_s: float) -> float:
+        periods = floor((time_s - self._first_instant_s + _SAME_TIME_S) / self._period_s) + 1
+        return self._first_instant_s + periods * self._period_s - _SAME_TIME_S
 
     def _drop_superseded(self, time_s: float) -> None:
         newest_readable_s = time_s - self._delay_s + _SAME_TIME_S

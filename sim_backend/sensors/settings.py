@@ -77,7 +77,7 @@ class EncoderSettings(FileModel):
 
     counts_per_revolution: Number = Field(default=819_200.0, gt=0, le=1e12)
     velocity: VelocitySettings = VelocitySettings()
-    rate_hz: Number = Field(default=4000.0, gt=0, le=1e6)
+    rate_hz: Number = Field(default=2000.0, gt=0, le=1e6)
     delay_s: NotNegative = 0.0
 
 
