@@ -63,7 +63,7 @@ def encode_event(event: Event) -> bytes:
 
     Numpy's numbers and arrays are kept as numbers and lists; what else JSON does not know, as its text.
     """
-    data_json = "" if event.data is None else json.dumps(event.data, default=_plain)
+    data_json = "" if event.data is None else json.dumps(_text_keys(event.data), default=_plain)
     encoded = _serialised(event, event.text, data_json)
     if len(encoded) <= MAX_EVENT_BYTES:
         return encoded
@@ -76,6 +76,10 @@ def _serialised(event: Event, text: str, data_json: str) -> bytes:
     message = _EventMessage(time_s=event.time_s, kind=kind, text=text, data_json=data_json)
     data: bytes = message.SerializeToString()
     return data
+
+
+def _text_keys(data: Mapping[str, Any]) -> dict[str, Any]:
+    return {str(key): value for key, value in data.items()}
 
 
 def _plain(value: object) -> object:

@@ -94,6 +94,8 @@ class Session:
 def _read(path: Path) -> bytes:
     try:
         size = path.stat().st_size
+        if not path.is_file():
+            raise SessionError("no session: it is not a file")
         if size > MAX_FILE_BYTES:
             raise SessionError(f"{size} bytes; at most {MAX_FILE_BYTES}")
         return path.read_bytes()

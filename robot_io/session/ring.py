@@ -19,6 +19,8 @@ class RingBuffer:
     is in place, and the consumer alone moves the tail, after it has copied. A record that finds the ring full
     is counted, and uses up a sequence number: a gap in the numbers shows where records are missing.
 
+    Each side has an object of its own on the same memory, and uses it from one thread at a time.
+
     Args:
         memory: writable shared memory of `size_bytes(dtype, slots)`, zero at first.
         dtype: type of a record.

@@ -11,11 +11,12 @@ from robot_io.errors import InputError, SessionError, UnknownNameError
 from robot_io.session.event import EVENT_STREAM, Event, encode_event
 from robot_io.session.job import Job
 from robot_io.session.metadata import SessionMetadata
+from robot_io.session.ring import RingBuffer
 from robot_io.session.shared_log import FINISHED, STARTING, SharedLog, check_streams, open_memory
 from robot_io.session.stream import Record, Stream, streams_to_json
 
 START_LIMIT_S = 60.0
-STALL_LIMIT_S = 10.0  # at close, without a single record reaching the disk
+STALL_LIMIT_S = 30.0  # at close, without a single record reaching the disk
 _POLL_S = 0.002
 
 
@@ -84,9 +85,8 @@ class SessionWriter:
         ring = self._rings.get(stream_name)
         if ring is None:
             raise self._no_ring(stream_name)
-        if self._wait_for_room:
-            while ring.full and self._process.poll() is None:
-                time.sleep(_POLL_S)
+        if self._wait_for_room and ring.full:
+            self._wait_for(ring)
         ring.push(record)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, Any] | None = None) -> None:
@@ -97,12 +97,16 @@ class SessionWriter:
             kind: a short word to filter by.
             text: one line for people; with the data at most 4000 bytes, else cut.
             data: values for programs, as JSON can hold them.
+
+        Raises:
+            InputError: the session is closed.
         """
         message = encode_event(Event(time_s, kind, text, data))
-        ring = self._rings.get(EVENT_STREAM)
-        if ring is None:
-            raise self._no_ring(EVENT_STREAM)
-        ring.push((time_s, len(message), message))
+        self.append(EVENT_STREAM, (time_s, len(message), message))
+
+    def _wait_for(self, ring: RingBuffer) -> None:
+        while ring.full and self._process.poll() is None:
+            time.sleep(_POLL_S)
 
     def _no_ring(self, stream_name: str) -> InputError:
         if self._closed:
@@ -190,10 +194,10 @@ def new_session_path(path: str | os.PathLike[str]) -> Path:
         SessionError: a file is there, or the folder cannot be made.
     """
     new = Path(path)
-    if new.exists():
-        raise SessionError(f"{new} exists already; a session is never changed")
     try:
+        if new.exists():
+            raise SessionError(f"{new} exists already; a session is never changed")
         new.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SessionError(f"{new}: its folder cannot be made: {error.strerror}") from error
+        raise SessionError(f"{new} cannot be written: {error.strerror}") from error
     return new

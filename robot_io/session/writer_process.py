@@ -16,18 +16,16 @@ from robot_io.session.metadata import SessionMetadata
 from robot_io.session.shared_log import FINISHED, READY, SharedLog
 from robot_io.session.stream import TIME_COLUMN, Stream, streams_from_json
 
-IDLE_S = 0.005
+IDLE_S = 0.01
 CHUNK_PERIOD_S = 1.0  # a slow stream's chunk is ended after this time, full or not
 BATCH = 512  # records taken at once
 
 
 def main() -> None:
     """Do the job that comes on standard input."""
-    for number in (
-        signal.SIGINT,
-        signal.SIGTERM,
-    ):  # both reach the program as well, which then ends the session
-        signal.signal(number, signal.SIG_IGN)
+    # The program gets these signals as well; it is the one to end the session.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     _leave_real_time()
     job = Job.receive(sys.stdin)
     streams = streams_from_json(job.streams)
@@ -37,7 +35,7 @@ def main() -> None:
         _write_session(job, streams, log)
         log.state = FINISHED
     except Exception as error:  # whatever it is, the program hears of it
-        log.fail(str(error) or repr(error))
+        log.fail((error.strerror if isinstance(error, OSError) else None) or str(error) or repr(error))
 
 
 def _leave_real_time() -> None:

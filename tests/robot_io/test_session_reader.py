@@ -1,0 +1,281 @@
+import os
+import stat
+import zipfile
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from robot_io.errors import InputError, SessionError, UnknownNameError
+from robot_io.session import Column, Event, Session, SessionMetadata, Stream, scan, write_session
+from robot_io.session.mcap_file import CHUNK_BYTES, EXTRA_RECORD, HEADER_RECORD, McapFile
+from robot_io.session.stream import streams_to_json
+from robot_io.session.wire import WireFormat
+from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, streams_with_columns, ticks
+
+SLOW = Stream("slow", (Column("time_s", "s"), Column("x", "m", 1, "into the object")))
+EVENTS = (Event(0.5, "mark", "hello", {"a": [1, None]}), Event(0.6, "trip", "", None))
+
+within_one_folder = settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+def columns_of(records):
+    return {name: records[name] for name in records.dtype.names}
+
+
+def written(path, count=1500):
+    slow = {"time_s": np.array([0.1, 0.2]), "x": np.array([np.nan, -np.inf])}
+    return write_session(path, [(TICK, columns_of(ticks(range(count)))), (SLOW, slow)], METADATA, EVENTS)
+
+
+def opened(path):
+    """The session, or None if it was refused in one line that names the file."""
+    error_text = None
+    try:
+        return Session.open(path)
+    except SessionError as error:
+        error_text = str(error)
+    assert error_text.startswith(f"{path}: ")
+    assert "\n" not in error_text
+    return None
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return written(tmp_path_factory.mktemp("session") / "s.mcap").read_bytes()
+
+
+def test_a_session_written_at_once_is_read_back(tmp_path):
+    path = written(tmp_path / "new" / "s.mcap")
+    session = Session.open(str(path))
+    assert session.metadata == METADATA
+    assert session.events == EVENTS
+    assert (session.truncated, session.dropped, session.stream_names) == (False, 0, ("tick", "slow"))
+    assert_ticks(session.samples("tick"), range(1500))
+    np.testing.assert_array_equal(session.samples("slow")["x"], [np.nan, -np.inf])
+    assert session.samples("slow").stream == SLOW
+    assert session.samples("slow").units == {"time_s": "s", "x": "m"}
+    assert session.derived_dir == tmp_path / "new" / "s"
+
+
+@within_one_folder
+@given(streams_with_columns("one"), streams_with_columns("two"))
+def test_any_streams_come_back_bit_by_bit(tmp_path, one, two):
+    path = tmp_path / "s.mcap"
+    path.unlink(missing_ok=True)
+    session = Session.open(write_session(path, [one, two], SessionMetadata()))
+    for stream, columns in (one, two):
+        samples = session.samples(stream.name)
+        for name, values in columns.items():
+            assert samples[name].dtype == values.dtype
+            assert samples[name].shape == values.shape
+            assert samples[name].tobytes() == values.tobytes()
+
+
+def test_other_programs_can_read_it(tmp_path):
+    with written(tmp_path / "s.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert {c.topic for c in summary.channels.values()} == {"events", "tick", "slow"}
+        assert {s.name for s in summary.schemas.values()} == {
+            "palpate.events",
+            "palpate.tick",
+            "palpate.slow",
+        }
+        assert max(index.uncompressed_size for index in summary.chunk_indexes) <= CHUNK_BYTES
+        assert len(summary.chunk_indexes) > 5
+        times = [message.log_time for _, _, message in reader.iter_messages("tick", starting_at=10**9)]
+        assert times == [n * 10**6 for n in range(1000, 1500)]
+
+
+@within_one_folder
+@given(st.data())
+def test_a_file_cut_off_anywhere_gives_what_came_before(tmp_path, whole, data):
+    length = data.draw(st.integers(0, len(whole) - 1))
+    path = tmp_path / "s.mcap"
+    path.write_bytes(whole[:length])
+    session = opened(path)
+    if session is None:
+        assert length < 3000, "the header is there already"
+        return
+    assert session.truncated
+    assert session.metadata == METADATA
+    assert session.dropped == 0
+    samples = session.samples("tick")
+    assert_ticks(samples, range(len(samples)))
+    lost = 1500 - len(samples)
+    assert lost <= 1500 * (len(whole) - length) / len(whole) + 2 * CHUNK_BYTES / TICK.dtype.itemsize
+
+
+@within_one_folder
+@given(st.data())
+def test_a_damaged_file_is_refused_or_not_changed_in_what_is_read(tmp_path, whole, data):
+    place = data.draw(st.integers(0, len(whole) - 1))
+    flipped = bytearray(whole)
+    flipped[place] ^= data.draw(st.integers(1, 255))
+    path = tmp_path / "s.mcap"
+    path.write_bytes(flipped)
+    session = opened(path)
+    if session is None:
+        return
+    if session.truncated:  # its very end was hit, so that it looks like one that was cut off
+        assert place >= len(whole) - 8
+    assert session.metadata == METADATA
+    assert_ticks(session.samples("tick"), range(1500))
+
+
+@within_one_folder
+@given(junk=st.binary(max_size=2000), keep=st.integers(8, 3000), close=st.booleans())
+def test_junk_after_a_good_beginning_never_breaks_the_reader(tmp_path, whole, junk, keep, close):
+    path = tmp_path / "s.mcap"
+    path.write_bytes(whole[:keep] + junk + (whole[:8] if close else b""))
+    session = opened(path)
+    assert session is None or session.truncated
+
+
+def foreign(path, header, messages=(), compression=CompressionType.LZ4, stream=SLOW, chunk_size=10**6):
+    """An MCAP file by somebody else."""
+    with path.open("wb") as file:
+        mcap = Writer(file, compression=compression, chunk_size=chunk_size)
+        mcap.start()
+        if header is not None:
+            good = {"format_version": "1", "streams": streams_to_json((stream,))}
+            mcap.add_metadata(HEADER_RECORD, good | header)
+        schema = mcap.register_schema("x", "protobuf", b"")
+        channel = mcap.register_channel("slow", "protobuf", schema)
+        events = mcap.register_channel("events", "protobuf", schema)
+        for topic, data in messages:
+            mcap.add_message({"slow": channel, "events": events}[topic], 0, data, 0)
+        mcap.finish()
+    return path
+
+
+MESSAGE = WireFormat(SLOW).encode(SLOW.records({"time_s": [0.0], "x": [1.0]}))[0]
+
+
+def test_a_session_made_by_others_is_read(tmp_path):
+    for compression in (CompressionType.NONE, CompressionType.LZ4):
+        session = Session.open(foreign(tmp_path / "s", {}, [("slow", MESSAGE)], compression))
+        assert session.samples("slow")["x"].tolist() == [1.0]
+        assert not session.truncated
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ({"header": None}, "no session of palpate"),
+        ({"header": {"format_version": "2"}}, "format version '2'"),
+        ({"header": {"streams": "nonsense"}}, "streams"),
+        ({"header": {"streams": streams_to_json((SLOW, SLOW))}}, "slow is there twice"),
+        ({"header": {"streams": "[" * 50_000}}, "streams"),
+        ({"header": {"seed": "many"}}, "many"),
+        ({"header": {"created_utc": "yesterday"}}, "yesterday"),
+        ({"header": {}, "messages": [("slow", MESSAGE[:-1])]}, "slow"),
+        ({"header": {}, "messages": [("slow", b"\0" * len(MESSAGE))]}, "slow"),
+        ({"header": {}, "messages": [("events", b"\xff\xff")]}, "event"),
+        ({"header": {}, "messages": [("events", b"\x22\x02[]")]}, "not a JSON object"),
+        ({"header": {}, "messages": [("events", b"\x22\x01{")]}, "event"),
+        ({"header": {}, "messages": [("slow", MESSAGE)], "compression": CompressionType.ZSTD}, "zstd"),
+        ({"header": {}, "messages": [("events", bytes(5_000_000))]}, "chunk of 5"),
+    ],
+)
+def test_a_file_that_is_not_as_it_should_be_is_refused_in_one_line(tmp_path, arguments, word):
+    path = foreign(tmp_path / "s.mcap", **arguments)
+    with pytest.raises(SessionError, match=word):
+        Session.open(path)
+    assert opened(path) is None
+
+
+def test_more_data_than_there_is_memory_for_is_refused(tmp_path, monkeypatch):
+    path = written(tmp_path / "s.mcap")
+    monkeypatch.setattr(scan, "MAX_DATA_BYTES", 100_000)
+    with pytest.raises(SessionError, match="more than 100000 bytes"):
+        Session.open(path)
+
+
+def other_file(folder, kind):
+    path = folder / "s.mcap"
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "zip":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("a", "b")
+    elif kind == "fifo":
+        os.mkfifo(path)
+    elif kind != "missing":
+        path.write_bytes({"empty": b"", "text": b"time_s,force_N\n0,1\n", "magic": b"\x89MCAP0\r\n"}[kind])
+    return path
+
+
+@pytest.mark.parametrize("kind", ["missing", "folder", "empty", "text", "zip", "magic", "fifo"])
+def test_what_is_no_session_is_refused_in_one_line(tmp_path, kind):
+    path = other_file(tmp_path, kind)
+    assert opened(path) is None
+
+
+def test_samples_are_read_only_and_can_be_selected(tmp_path):
+    samples = Session.open(written(tmp_path / "s.mcap")).samples("tick")
+    late = samples.select(samples["time_s"] >= 1.499)
+    assert_ticks(late, [1499])
+    assert_ticks(samples.select([3, 1]), [3, 1])
+    for one in (samples, late):
+        with pytest.raises(ValueError, match="read-only"):
+            one["time_s"][0] = 3.0
+        with pytest.raises(TypeError):
+            one.columns["time_s"] = np.zeros(3)
+    assert samples.vector("joint_0").shape == (1500, 3)
+    assert samples.vector("value_0").shape == (1500, 1)
+    assert "joint_0" in samples
+    assert list(samples) == [column.name for column in TICK.columns]
+
+
+def test_unknown_names_say_what_there_is(tmp_path):
+    session = Session.open(written(tmp_path / "s.mcap"))
+    with pytest.raises(UnknownNameError, match=r"'tock'\. Valid: tick, slow"):
+        session.samples("tock")
+    with pytest.raises(UnknownNameError, match="did you mean 'tripped'"):
+        session.samples("tick")["triped"]
+
+
+def test_nothing_is_left_when_writing_fails(tmp_path, monkeypatch):
+    good = {"time_s": [0.0], "x": [1.0]}
+    with pytest.raises(InputError, match="expected"):
+        write_session(tmp_path / "s", [(SLOW, good | {"x": [1.0, 2.0]})], METADATA)
+    with pytest.raises(SessionError, match="File name too long"):
+        write_session(tmp_path / ("x" * 250), [(SLOW, good)], METADATA)
+    monkeypatch.setattr(McapFile, "finish", lambda *_: os.write(os.open("/dev/full", os.O_WRONLY), b"x"))
+    with pytest.raises(SessionError, match="No space left"):
+        write_session(tmp_path / "s", [(SLOW, good)], METADATA)
+    assert os.listdir(tmp_path) == []
+
+
+def test_writing_at_once_overwrites_nothing_and_heeds_the_umask(tmp_path):
+    path = written(tmp_path / "s.mcap")
+    assert os.listdir(tmp_path) == ["s.mcap"]
+    (tmp_path / "plain").touch()
+    assert stat.S_IMODE(path.stat().st_mode) == stat.S_IMODE((tmp_path / "plain").stat().st_mode)
+    before = path.read_bytes()
+    with pytest.raises(SessionError, match="exists already"):
+        written(path, 3)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"seed": "3"}, {"urdf": None}, {"created_utc": "today"}, {"extra": {"a": 1}}, {"extra": {1: "a"}}],
+)
+def test_metadata_is_checked_before_anything_is_written(wrong):
+    with pytest.raises(InputError, match="metadata"):
+        SessionMetadata(**wrong)
+
+
+def test_the_extra_metadata_cannot_take_the_place_of_the_header(tmp_path):
+    metadata = SessionMetadata(urdf="true", extra={"urdf": "false", "format_version": "9"})
+    path = write_session(tmp_path / "s", [], metadata)
+    assert Session.open(path).metadata == metadata
+    assert EXTRA_RECORD.encode() in path.read_bytes()

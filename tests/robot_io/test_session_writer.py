@@ -1,0 +1,313 @@
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robot_io.errors import InputError, SessionError, UnknownNameError
+from robot_io.session import Column, Session, SessionWriter, Stream, writer
+from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, tick
+
+SLOW = Stream("slow", (Column("time_s", "s"), Column("x", "m")))
+ROOT = Path(__file__).resolve().parents[2]
+
+linux_only = pytest.mark.skipif(sys.platform != "linux", reason="looks into Linux's /proc or sets its limits")
+
+
+def wait_until(condition, limit_s=30.0):
+    give_up_s = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < give_up_s, "it did not happen"
+        time.sleep(0.02)
+
+
+def samples_on_disk(path, stream="tick"):
+    """Samples that can be read while the file is being written; none before its header is there."""
+    try:
+        return len(Session.open(path).samples(stream))
+    except SessionError:
+        return 0
+
+
+def pid(log):
+    return log._process.pid
+
+
+def stop(log):
+    os.kill(pid(log), signal.SIGSTOP)
+    os.waitpid(pid(log), os.WUNTRACED)  # the signal is asynchronous; wait until it has stopped
+
+
+def test_what_was_logged_is_read_back(tmp_path):
+    path = tmp_path / "new" / "s.mcap"
+    with SessionWriter(path, [TICK, SLOW], METADATA) as log:
+        for number in range(3000):
+            log.append("tick", tick(number))
+        log.append("slow", np.array((2.5, -1.0), SLOW.dtype)[()])
+        log.event(
+            1.25,
+            "trip",
+            "force over 30 N",
+            {"force_n": np.float64(31.0), "joints": np.arange(2), 3: Path("x")},
+        )
+        log.event(-1.0, "mark", "")
+
+    session = Session.open(path)
+    assert session.metadata == METADATA
+    assert session.stream_names == ("tick", "slow")
+    assert_ticks(session.samples("tick"), range(3000))
+    assert session.samples("slow")["x"].tolist() == [-1.0]
+    trip, mark = session.events
+    assert (trip.time_s, trip.kind, trip.text) == (1.25, "trip", "force over 30 N")
+    assert trip.data == {"force_n": 31.0, "joints": [0, 1], "3": "x"}
+    assert (mark.time_s, mark.kind, mark.text, mark.data) == (-1.0, "mark", "", None)
+    assert not session.truncated
+    assert session.dropped == log.dropped == 0
+    assert log.failure is None
+
+
+def test_a_stopped_writer_never_holds_up_the_loop_and_the_drops_are_seen(tmp_path):
+    path = tmp_path / "s.mcap"
+    log = SessionWriter(path, [TICK], METADATA, ring_slots=100)
+    log.append("tick", tick(0))
+    wait_until(lambda: log._log.rings["tick"].taken == 1)
+    stop(log)
+    for number in range(1, 500):
+        log.append("tick", tick(number))
+    for _ in range(600):
+        log.event(0.0, "mark", "one of too many")
+    assert log.dropped == 399 + 600 - 512
+    os.kill(pid(log), signal.SIGCONT)
+    wait_until(lambda: not log._log.rings["tick"].full)
+    log.append("tick", tick(500))
+    log.close()
+
+    session = Session.open(path)
+    assert session.dropped == log.dropped
+    assert_ticks(session.samples("tick"), [*range(101), 500])
+
+
+def test_drops_at_the_very_end_are_counted_too(tmp_path):
+    path = tmp_path / "s.mcap"
+    log = SessionWriter(path, [TICK], METADATA, ring_slots=10)
+    stop(log)
+    for number in range(25):
+        log.append("tick", tick(number))
+    os.kill(pid(log), signal.SIGCONT)
+    log.close()
+    session = Session.open(path)
+    assert session.dropped == 15
+    assert_ticks(session.samples("tick"), range(10))
+
+
+def test_simulated_time_waits_instead_of_dropping(tmp_path):
+    with SessionWriter(tmp_path / "s.mcap", [TICK], METADATA, ring_slots=4, wait_for_room=True) as log:
+        for number in range(300):
+            log.append("tick", tick(number))
+    session = Session.open(tmp_path / "s.mcap")
+    assert session.dropped == 0
+    assert_ticks(session.samples("tick"), range(300))
+
+
+def test_a_slow_stream_reaches_the_disk_while_the_session_goes_on(tmp_path):
+    with SessionWriter(tmp_path / "s.mcap", [SLOW], METADATA) as log:
+        for number in range(3):
+            log.append("slow", (float(number), 0.0))
+        wait_until(lambda: samples_on_disk(tmp_path / "s.mcap", "slow") == 3)
+        assert Session.open(tmp_path / "s.mcap").truncated
+
+
+def test_a_killed_writer_leaves_all_but_the_last_chunk(tmp_path):
+    path, count = tmp_path / "s.mcap", 20_000
+    log = SessionWriter(path, [TICK], METADATA, wait_for_room=True)
+    for number in range(count):
+        log.append("tick", tick(number))
+    wait_until(lambda: samples_on_disk(path) >= 0.99 * count)
+    os.kill(pid(log), signal.SIGKILL)
+    wait_until(lambda: log.failure is not None)
+    log.append("tick", tick(count))  # the loop goes on
+    with pytest.raises(SessionError, match="-9"):
+        log.close()
+
+    session = Session.open(path)
+    assert session.truncated
+    samples = session.samples("tick")
+    assert len(samples) >= 0.99 * count
+    assert_ticks(samples, range(len(samples)))
+
+
+PROGRAM = """
+import os, signal, sys
+from robot_io.session import SessionWriter
+from tests.robot_io.session_parts import METADATA, TICK, tick
+
+log = SessionWriter(sys.argv[1], [TICK], METADATA)
+for number in range(5000):
+    log.append("tick", tick(number))
+if sys.argv[2] == "kill":
+    os.kill(os.getpid(), signal.SIGKILL)
+if sys.argv[2] == "close":
+    log.close()
+"""
+
+
+def run_program(path, end):
+    """A program of its own, without the guard of `__main__` that a forked or pickled process would need."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
+    command = [sys.executable, "-c", PROGRAM, str(path), end]
+    return subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
+
+
+@pytest.mark.parametrize("end", ["kill", "forget"])
+def test_the_file_is_finished_when_the_program_dies(tmp_path, end):
+    path = tmp_path / "s.mcap"
+    run_program(path, end)
+    wait_until(lambda: samples_on_disk(path) and not Session.open(path).truncated)
+    session = Session.open(path)
+    assert_ticks(session.samples("tick"), range(5000))
+    assert session.dropped == 0
+    (event,) = session.events
+    assert event.kind == "log"
+    assert event.time_s == 4999 * 1e-3
+
+
+@linux_only
+def test_nothing_is_left_in_shared_memory_and_nothing_is_said(tmp_path):
+    before = set(os.listdir("/dev/shm"))
+    for end, code in (("close", 0), ("kill", -signal.SIGKILL)):
+        done = run_program(tmp_path / end, end)
+        assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
+        wait_until(
+            lambda end=end: samples_on_disk(tmp_path / end) and not Session.open(tmp_path / end).truncated
+        )
+    assert (
+        not {name for name in os.listdir("/dev/shm") if "palpate" in name or name.startswith("psm_")} - before
+    )
+
+
+def test_ctrl_c_and_termination_leave_the_writer_at_work(tmp_path):
+    with SessionWriter(tmp_path / "s.mcap", [TICK], METADATA) as log:
+        for number in (0, 1):
+            log.append("tick", tick(number))
+            os.kill(pid(log), signal.SIGINT)
+            os.kill(pid(log), signal.SIGTERM)
+        # A terminal's Ctrl-C goes to its foreground process group, in which the writer is not.
+        assert os.getpgid(pid(log)) != os.getpgid(0)
+    assert_ticks(Session.open(tmp_path / "s.mcap").samples("tick"), range(2))
+
+
+@linux_only
+def test_a_full_disk_is_seen_during_the_run_and_said_at_the_end(tmp_path):
+    path = tmp_path / "s.mcap"
+    log = SessionWriter(path, [TICK], METADATA, ring_slots=1000)
+    resource.prlimit(pid(log), resource.RLIMIT_FSIZE, (400_000, 400_000))
+    number = 0
+    give_up_s = time.monotonic() + 30
+    while log.failure is None and time.monotonic() < give_up_s:
+        log.append("tick", tick(number))
+        number += 1
+        time.sleep(1e-5)
+    assert log.failure == "File too large"
+    dropped = log.dropped
+    for _ in range(2000):
+        log.append("tick", tick(0))
+    assert log.dropped >= dropped + 1000
+    with pytest.raises(SessionError, match=r"s\.mcap is not complete: File too large"):
+        log.close()
+
+    session = Session.open(path)
+    assert session.truncated
+    samples = session.samples("tick")
+    assert len(samples) > 500
+    assert_ticks(samples.select(np.arange(100)), range(100))
+
+
+@linux_only
+def test_a_disk_that_is_full_from_the_start_is_said_at_once(tmp_path):
+    with pytest.raises(SessionError, match="exists already"):
+        SessionWriter("/dev/full", [TICK], METADATA)
+    (tmp_path / "file").touch()
+    with pytest.raises(SessionError, match="cannot be written"):
+        SessionWriter(tmp_path / "file" / "s.mcap", [TICK], METADATA)
+    with pytest.raises(SessionError, match="File name too long"):
+        SessionWriter(tmp_path / ("x" * 300), [TICK], METADATA)
+
+
+def test_a_disk_that_hangs_at_the_end_does_not_hang_the_program(tmp_path, monkeypatch):
+    monkeypatch.setattr(writer, "STALL_LIMIT_S", 0.2)
+    log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
+    log.append("tick", tick(0))
+    stop(log)
+    with pytest.raises(SessionError, match="the disk took nothing"):
+        log.close()
+    assert log._process.returncode == -signal.SIGKILL
+
+
+def test_the_first_error_is_the_one_that_is_raised(tmp_path):
+    def fail_in_session():
+        with SessionWriter(tmp_path / "s", [TICK], METADATA) as log:
+            log._process.kill()
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError) as caught:
+        fail_in_session()
+    assert "is not complete" in caught.value.__notes__[0]
+
+
+def test_a_session_is_never_overwritten(tmp_path):
+    path = tmp_path / "s.mcap"
+    path.write_text("precious")
+    with pytest.raises(SessionError, match="exists already"):
+        SessionWriter(path, [TICK], METADATA)
+    assert path.read_text() == "precious"
+
+
+def test_mistakes_in_the_program_are_named(tmp_path):
+    with pytest.raises(InputError, match="tick is there twice"):
+        SessionWriter(tmp_path / "s", [TICK, TICK], METADATA)
+    with pytest.raises(InputError, match="'events'"):
+        SessionWriter(tmp_path / "s", [Stream("events", TICK.columns)], METADATA)
+    with pytest.raises(InputError, match="ring_slots 0"):
+        SessionWriter(tmp_path / "s", [TICK], METADATA, ring_slots=0)
+    log = SessionWriter(tmp_path / "s", [TICK], METADATA)
+    with pytest.raises(UnknownNameError, match=r"'tock'\. Valid: tick"):
+        log.append("tock", tick(0))
+    with pytest.raises((TypeError, ValueError)):
+        log.append("tick", (1, 2))
+    log.close()
+    log.close()
+    for late in (lambda: log.append("tick", tick(0)), lambda: log.event(0.0, "late", "")):
+        with pytest.raises(InputError, match="is closed"):
+            late()
+    assert len(Session.open(tmp_path / "s").samples("tick")) == 0
+
+
+def test_events_that_are_too_long_are_cut_and_say_so(tmp_path):
+    with SessionWriter(tmp_path / "s", [SLOW], METADATA) as log:
+        log.event(0.0, "k" * 100, "ü" * 5000, {"a": 1})
+        log.event(0.0, "long", "short", {"a": "x" * 5000})
+        log.event(0.0, "odd", "not \udcff text", {"nan": float("nan")})
+    long, data, odd = Session.open(tmp_path / "s").events
+    assert long.kind == "k" * 64
+    assert long.text == "ü" * 1000 + " [cut]"
+    assert (data.text, data.data) == ("short [cut]", None)
+    assert odd.text == "not ? text"
+    assert json.dumps(odd.data) == '{"nan": NaN}'
+
+
+@linux_only
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="needs two cores to leave one")
+def test_the_writer_leaves_the_core_of_the_loop(tmp_path):
+    everywhere = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {min(everywhere)})
+        with SessionWriter(tmp_path / "s", [SLOW], METADATA) as log:
+            assert os.sched_getaffinity(pid(log)) == everywhere
+    finally:
+        os.sched_setaffinity(0, everywhere)
