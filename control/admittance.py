@@ -18,6 +18,7 @@ from control.gains import ContactGains
 from control.object_guess import Compliance
 
 _FOLLOW_S = 0.004  # how fast the speed follows the braking curve
+_BRAKING_RESERVE = 2.0  # times the planned braking; more only against force above the limit
 _BACK_OUT = 0.1  # of the speed limit: the fastest way back out while loading
 
 
@@ -68,5 +69,7 @@ def loading_acceleration(
             goal_m_s = room_n / damping_n_s_m
     else:
         goal_m_s = max(room_n / (stiffness_n_m * _FOLLOW_S), -_BACK_OUT * speed_limit_m_s)
+    excess_n = max(damping_n_s_m * speed_m_s - room_n, 0.0)
+    hardest = min(_BRAKING_RESERVE * gains.braking_m_s2 + excess_n / gains.mass_kg, gains.yielding_m_s2)
     change = (goal_m_s - speed_m_s) / _FOLLOW_S
-    return min(max(change, -gains.yielding_m_s2), gains.braking_m_s2)
+    return min(max(change, -hardest), gains.braking_m_s2)

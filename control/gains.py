@@ -61,6 +61,7 @@ class ContactGains(FileModel):
         reaction_rad_s: fastest reaction on a damped object; delays of sensor and drives limit it.
         braking_m_s2: deceleration planned for when loading comes to the force limit [m/s^2].
         yielding_m_s2: largest change of speed in contact, when the force is above the limit [m/s^2].
+        loading_aim: share of the force limit that loading comes to; the rest is margin, and the hold's.
         latency_s: time from a force to a motion in answer: sensor, tick, drives [s].
         force_feedforward: share of the measured force that the joints compensate.
     """
@@ -71,6 +72,7 @@ class ContactGains(FileModel):
     reaction_rad_s: Positive = 200.0
     braking_m_s2: Positive = 4.0
     yielding_m_s2: Positive = 30.0
+    loading_aim: Annotated[Share, Field(ge=0.96)] = 0.98
     latency_s: Annotated[NotNegative, Field(le=0.1)] = 0.003
     force_feedforward: Share = 1.0
 

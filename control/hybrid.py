@@ -201,7 +201,10 @@ class HybridController:
             wanted = admittance.acceleration(goal.force_n - force_n, speed_m_s, dt_s)
             wanted = min(wanted, (goal.speed_limit_m_s - speed_m_s) / dt_s)
             return min(max(wanted, -gains.yielding_m_s2), gains.yielding_m_s2)
-        room_n = goal.force_n - (force_n - compliance.damping_n_s_m * measured_m_s)
+        # The measured speed would be right for the spring's share; the reference's own speed in its place
+        # integrates the force error. Half of each follows the limit closely and stays clear of oscillation.
+        spring_n = force_n - compliance.damping_n_s_m * 0.5 * (measured_m_s + speed_m_s)
+        room_n = gains.loading_aim * goal.force_n - spring_n
         return loading_acceleration(speed_m_s, goal.speed_limit_m_s, room_n, compliance, gains)
 
     def _follow(
