@@ -1,6 +1,7 @@
 import os
 import stat
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -248,7 +249,7 @@ def test_nothing_is_left_when_writing_fails(tmp_path, monkeypatch):
         write_session(tmp_path / "s", [(SLOW, good | {"x": [1.0, 2.0]})], METADATA)
     with pytest.raises(SessionError, match="File name too long"):
         write_session(tmp_path / ("x" * 250), [(SLOW, good)], METADATA)
-    monkeypatch.setattr(McapFile, "finish", lambda *_: os.write(os.open("/dev/full", os.O_WRONLY), b"x"))
+    monkeypatch.setattr(McapFile, "finish", lambda *_: Path("/dev/full").write_bytes(b"x"))
     with pytest.raises(SessionError, match="No space left"):
         write_session(tmp_path / "s", [(SLOW, good)], METADATA)
     assert os.listdir(tmp_path) == []

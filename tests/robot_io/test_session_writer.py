@@ -311,3 +311,10 @@ def test_the_writer_leaves_the_core_of_the_loop(tmp_path):
             assert os.sched_getaffinity(pid(log)) == everywhere
     finally:
         os.sched_setaffinity(0, everywhere)
+
+
+def test_it_works_where_there_is_no_memfd(tmp_path, monkeypatch):
+    monkeypatch.delattr(os, "memfd_create", raising=False)
+    with SessionWriter(tmp_path / "s", [TICK], METADATA) as log:
+        log.append("tick", tick(0))
+    assert_ticks(Session.open(tmp_path / "s").samples("tick"), [0])
