@@ -16,7 +16,7 @@ class ModelContext:
         joint: number of the joint from 0 that the channel belongs to; None for a contact.
         urdf: text of the arm's URDF; empty if there is none.
         tip_frame: name of the tip's frame in that URDF.
-        surface_found: whether a contact's surface was found from the data, so that it has an error of its own.
+        surface_found: whether a contact's surface was found from the data and so has an error of its own.
     """
 
     joint: int | None = None

@@ -56,9 +56,7 @@ class Model:
         """Whether, with the inner parameters fixed, the effort is linear in the gains."""
         return all(effect.linear for effect in self._sensors)
 
-    def regression(
-        self, data: ChannelData, inner: Parameters, sigma: FloatArray | None = None
-    ) -> Regression:
+    def regression(self, data: ChannelData, inner: Parameters, sigma: FloatArray | None = None) -> Regression:
         """The linear problem left when the inner parameters are fixed.
 
         Args:

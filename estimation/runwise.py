@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from itertools import pairwise
+from math import exp
 
 import numpy as np
 from scipy.signal import lfilter, savgol_filter
@@ -76,27 +77,45 @@ def play(signal: FloatArray, run: IntArray, half_width: float) -> FloatArray:
 
     def one_run(values: FloatArray) -> FloatArray:
         flat = values.reshape(len(values), -1)
-        columns = [_play(flat[:, column].tolist(), half_width) for column in range(flat.shape[1])]
+        columns = [_play(flat[:, column], half_width) for column in range(flat.shape[1])]
         return np.array(columns).T.reshape(values.shape)
 
     return per_run(one_run, signal, run)
 
 
-def _play(values: list[float], half_width: float) -> list[float]:
-    position = values[0] if values else 0.0
-    followed = []
-    for value in values:
-        if value - position > half_width:
-            position = value - half_width
-        elif position - value > half_width:
-            position = value + half_width
-        followed.append(position)
-    return followed
+def _play(values: FloatArray, half_width: float) -> FloatArray:
+    """Play of one signal (n,): only where it turns does the past matter, between turns it goes one way."""
+    steps = np.diff(values)
+    moving = np.flatnonzero(steps)
+    turns = moving[1:][np.diff(np.sign(steps[moving])) != 0]
+    starts = np.concatenate([[0], turns]).astype(np.int64)
+    rising = values[np.append(turns, len(values) - 1)] >= values[starts]
+    state, states = float(values[0]), []
+    for is_rising, end in zip(
+        rising.tolist(), values[np.append(turns, len(values) - 1)].tolist(), strict=True
+    ):
+        states.append(state)
+        state = max(state, end - half_width) if is_rising else min(state, end + half_width)
+    piece = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(values))))
+    before = np.array(states)[piece]
+    return np.where(
+        rising[piece], np.maximum(before, values - half_width), np.minimum(before, values + half_width)
+    )
 
 
-def direction(position: FloatArray, run: IntArray, presliding: float) -> FloatArray:
-    """Direction of motion in [-1, 1] that takes a path of `presliding` to build up and stays at rest."""
-    return (position - play(position, run, presliding)) / presliding
+def direction(velocity: FloatArray, time_s: FloatArray, run: IntArray, presliding: float) -> FloatArray:
+    """Direction of motion in [-1, 1], (n,): it turns round over a path of `presliding`, and stays at rest."""
+    share = np.abs(velocity) * (sample_time(time_s, run) / presliding)
+
+    def one_run(signed: FloatArray) -> FloatArray:
+        state, states = 0.0, []
+        for step in signed.tolist():
+            kept = exp(-abs(step))
+            state = kept * state + (1.0 - kept if step > 0.0 else kept - 1.0)
+            states.append(state)
+        return np.array(states)
+
+    return per_run(one_run, np.copysign(share, velocity), run)
 
 
 def running_max(signal: FloatArray, run: IntArray) -> FloatArray:

@@ -25,7 +25,7 @@ class SearchScale:
         """Shape (q,), within the bounds."""
         raw = [_forth(p, _inside(p, values[name])) for name, p in self.parameters.items()]
         lower, upper = self.bounds
-        return np.clip(np.array(raw), lower, upper)
+        return np.asarray(np.clip(np.array(raw), lower, upper))
 
     def values(self, vector: FloatArray) -> dict[str, float]:
         """Parameters by name."""

@@ -58,7 +58,7 @@ def _ar1(pieces: list[FloatArray]) -> FloatArray:
     product = sum(np.einsum("ij,ij->j", piece[1:], piece[:-1]) for piece in pieces)
     power = sum(np.einsum("ij,ij->j", piece, piece) for piece in pieces)
     ar1 = np.divide(product, power, out=np.zeros_like(power), where=power > 0)
-    return np.clip(ar1, -_MAX_AR1, _MAX_AR1)
+    return np.asarray(np.clip(ar1, -_MAX_AR1, _MAX_AR1))
 
 
 def _whiten(piece: FloatArray, ar1: FloatArray) -> FloatArray:

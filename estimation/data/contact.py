@@ -1,8 +1,8 @@
 """Which samples of a probing run are in contact, found from the force alone.
 
-The rows are chosen by time, not by force: from the first lasting rise above the free-air noise to the last. Taking
-every sample with F > 0 instead would keep the positive half of the noise near the surface and bias the stiffness.
-The samples at either end, which were chosen for their noise, are left out.
+The rows are chosen by time, not by force: from the first lasting rise above the free-air noise to the last.
+Taking every sample with F > 0 instead would keep the positive half of the noise near the surface and bias the
+stiffness. The samples at either end, which were chosen for their noise, are left out.
 """
 
 from dataclasses import dataclass
@@ -69,7 +69,7 @@ def _contact_of(number: int, rows: IntArray, force_n: FloatArray, phase: IntArra
 def _free_air(force_n: FloatArray, phase: IntArray) -> FloatArray:
     """Force before contact; the first half of the approach, if nothing better is there."""
     for free in _FREE:
-        samples = force_n[phase == free]
+        samples: FloatArray = force_n[phase == free]
         if len(samples) > 2 * _LASTING:
             return samples if free is Phase.FREE_AIR else samples[: len(samples) // 2]
     return force_n[:_LASTING]

@@ -1,10 +1,10 @@
 """Velocity and acceleration from positions, without phase error.
 
 A cubic is fitted to the samples around each sample (local polynomial regression; A. Savitzky, M. J. E. Golay,
-Analytical Chemistry 36 (1964) for even sampling, W. S. Cleveland, JASA 74 (1979) in general). Each piece of the
-motion is taken by itself, so that nothing is smoothed across a touch or from one run into the next. How many
-samples go into a fit is found by cross-validation: as many as predict a left-out position nearly as well as the
-best number does.
+Analytical Chemistry 36 (1964) for even sampling, W. S. Cleveland, JASA 74 (1979) in general). Each piece of
+the motion is taken by itself, so that nothing is smoothed across a touch or from one run into the next. How
+many samples go into a fit is found by cross-validation: as many as predict a left-out position nearly as well
+as the best number does.
 """
 
 from collections.abc import Iterator
@@ -132,7 +132,7 @@ def _uneven_fit(
                 products[order] += power * value
             power = power * away
     matrix = moments[np.add.outer(np.arange(terms), np.arange(terms))].transpose(2, 0, 1)
-    inverse: FloatArray = np.linalg.inv(matrix)
+    inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
     fitted = np.zeros((len(centres), 3))
     fitted[:, : min(3, terms)] = np.einsum("nij,jn->ni", inverse, products)[:, :3]
     moved = position[centres] + fitted[:, 0]

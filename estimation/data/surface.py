@@ -9,7 +9,7 @@ from robot_io.types import FloatArray, IntArray
 
 
 def find_surface(along_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, run: IntArray) -> Surface:
-    """The surface that all runs at one place share: where a spring and damper through the samples would begin.
+    """The surface that the runs at one place share: where a spring and damper through them would begin.
 
     It does not lie deeper than the shallowest sample in contact, which is what counts for an object that does
     not begin like a spring.

@@ -86,7 +86,7 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
 
 def _good(ticks: Samples, *status_columns: str) -> BoolArray:
     """Ticks in which all these devices brought a new and trustworthy sample."""
-    return np.all([ticks[name] == Status.OK for name in status_columns], axis=0)
+    return np.asarray(np.all([ticks[name] == Status.OK for name in status_columns], axis=0))
 
 
 def _at(time_s: FloatArray, sampled_at_s: FloatArray, values: FloatArray) -> FloatArray:

@@ -3,6 +3,8 @@
 from dataclasses import replace
 from typing import ClassVar
 
+import numpy as np
+
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
 
@@ -25,3 +27,9 @@ class ContactOffset(MotionEffect):
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
         """See `MotionEffect.move`."""
         return replace(data, position=data.position - inner["offset"])
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: shares of the deepest indentation, either way."""
+        deepest = max(float(np.max(data.position, initial=0.0)), 1e-9)
+        shares = (-0.5, -0.2, -0.08, -0.03, -0.01, 0.01, 0.03, 0.08, 0.2, 0.5)
+        return tuple({"offset": share * deepest} for share in shares)

@@ -32,6 +32,6 @@ class Delay(SensorEffect):
         return shift(effort, data.time_s, data.run, inner["time"])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a quarter of a sample to forty samples."""
+        """See `Effect.starts`: from a quarter of a sample to 150 samples."""
         step = sample_time(data.time_s, data.run)
-        return tuple({"time": float(step * n)} for n in np.geomspace(0.25, 40.0, 11))
+        return tuple({"time": float(step * n)} for n in np.geomspace(0.25, 150.0, 13))

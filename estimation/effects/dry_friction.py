@@ -15,7 +15,7 @@ class DryFriction(AdditiveEffect):
 
     name = "dry_friction"
     physics = "Tool and object, or the layers of the object, rub with a force that does not depend on speed."
-    equation = "F = f s, s = (x - play(x))/presliding in [-1, 1], while pressed"
+    equation = "F = f s, ds/dx = (1 - s sign(v))/presliding, while pressed"
     source = "P. R. Dahl, A Solid Friction Model, Aerospace Corp. TOR-158 (1968)"
     signature = (
         "force is higher by a constant while moving in than while moving out at the same depth, at any speed"
@@ -31,10 +31,10 @@ class DryFriction(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `AdditiveEffect.columns`; shape (n, 1)."""
-        s = direction(data.position, data.run, inner["presliding"])
+        s = direction(data.velocity, data.time_s, data.run, inner["presliding"])
         return np.where(data.engaged, s, 0.0)[:, None]
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a thousandth to a tenth of the depth."""
+        """See `Effect.starts`: from a ten-thousandth to a tenth of the depth."""
         depth = max(float(np.max(data.position, initial=0.0)), 1e-9)
         return tuple({"presliding": float(part * depth)} for part in np.geomspace(1e-3, 1e-1, 5))

@@ -32,6 +32,6 @@ class Lag(SensorEffect):
         return low_pass(effort, data.time_s, data.run, inner["tau"])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a fraction of a sample to a hundred samples."""
+        """See `Effect.starts`: from a fraction of a sample to 400 samples."""
         step = sample_time(data.time_s, data.run)
-        return tuple({"tau": float(step * n)} for n in np.geomspace(0.2, 80.0, 11))
+        return tuple({"tau": float(step * n)} for n in np.geomspace(0.2, 400.0, 14))

@@ -25,7 +25,10 @@ class StribeckFriction(AdditiveEffect):
         Parameter("coulomb", "{effort}", 0.0, 10000.0, (0.001, 50.0)),
         Parameter("rise", "{effort}", -10000.0, 10000.0, (0.001, 50.0)),
     )
-    inner = (Parameter("speed", "{position}/s", 1e-09, 10.0, (0.001, 1.0), log=True),)
+    inner = (
+        Parameter("speed", "{position}/s", 1e-09, 10.0, (0.001, 1.0), log=True),
+        Parameter("transition", "{position}/s", 1e-09, 1.0, (0.0001, 0.05), log=True),
+    )
     confused_with: ClassVar[dict[str, str]] = {
         "coulomb_friction": "move very slowly, and at several speeds",
         "viscous_friction": "move very slowly, and at several speeds",
@@ -34,10 +37,14 @@ class StribeckFriction(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `AdditiveEffect.columns`; shape (n, 2)."""
-        sliding = np.tanh(data.velocity / (0.1 * inner["speed"]))
+        sliding = np.tanh(data.velocity / inner["transition"])
         return np.column_stack([sliding, sliding * np.exp(-((data.velocity / inner["speed"]) ** 2))])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a hundredth to all of the usual speed."""
+        """See `Effect.starts`: shares of the usual speed."""
         usual = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
-        return tuple({"speed": float(part * usual)} for part in np.geomspace(0.02, 1.0, 8))
+        return tuple(
+            {"speed": float(part * usual), "transition": float(share * usual)}
+            for part in np.geomspace(0.04, 1.2, 6)
+            for share in (0.003, 0.01, 0.03)
+        )

@@ -1,0 +1,149 @@
+"""Decides which column holds which quantity, and in which unit."""
+
+from dataclasses import dataclass
+
+from estimation.data.import_options import ImportOptions
+from estimation.data.quantities import (
+    PHASE,
+    QUANTITIES,
+    RUN,
+    Role,
+    parse_role,
+    role_of_option,
+    si_unit,
+    unit_in_name,
+)
+from estimation.data.table import Table
+from estimation.data.units import SI, dimension_of, factor_to_si, normalise
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+Key = tuple[str, int]  # quantity and number of the joint, 0 where there is none
+
+
+@dataclass(frozen=True)
+class Assigned:
+    """One quantity's column.
+
+    Attributes:
+        column: its name in the file.
+        dimension: what it measures.
+        factor: turns its numbers into SI.
+        note: what the reader should know, or empty.
+    """
+
+    column: str
+    dimension: str
+    factor: float
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """A table with the meaning of its columns.
+
+    Attributes:
+        table: the rows.
+        assigned: the columns in use.
+        run: column with the run of each row, or None.
+        phase: column with the phase of each row, or None.
+    """
+
+    table: Table
+    assigned: dict[Key, Assigned]
+    run: str | None
+    phase: str | None
+
+    def __contains__(self, key: object) -> bool:
+        return key in self.assigned
+
+    def values(self, key: Key) -> FloatArray:
+        """A quantity in SI, shape (n,)."""
+        found = self.assigned[key]
+        return found.factor * self.table.numbers(found.column)
+
+    def name(self, key: Key) -> str:
+        """A quantity's column in the file."""
+        return self.assigned[key].column
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader should know about the columns."""
+        return tuple(found.note for found in self.assigned.values() if found.note)
+
+
+def assign_columns(table: Table, options: ImportOptions) -> Columns:
+    """Match a table's columns to quantities: by the user's word first, then by name.
+
+    Raises:
+        InputError: a column is missing or ambiguous, or a unit is unknown or does not fit.
+    """
+    chosen = _by_option(table, options) | {}
+    for name in table.names:
+        role = parse_role(name)
+        if role and name not in options.columns.values():
+            if role.key in chosen and chosen[role.key][1] not in options.columns.values():
+                raise InputError(
+                    f"{table.path}: columns '{chosen[role.key][1]}' and '{name}' both hold {role.quantity}; "
+                    f"choose with --column {name}=COLUMN"
+                )
+            chosen.setdefault(role.key, (role, name))
+    assigned = {key: _assign(table, options, role, name) for key, (role, name) in chosen.items()}
+    _check_units(options, chosen)
+    return Columns(table, assigned, _special(table, options, RUN), _special(table, options, PHASE))
+
+
+def _by_option(table: Table, options: ImportOptions) -> dict[Key, tuple[Role, str]]:
+    chosen = {}
+    for name, column in options.columns.items():
+        if column not in table.names:
+            raise InputError(f"--column {name}={column}: {table.path} has only {', '.join(table.names)}")
+        if name not in (RUN, PHASE):
+            role = role_of_option(name, "--column")
+            chosen[role.key] = (role, column)
+    return chosen
+
+
+def _special(table: Table, options: ImportOptions, name: str) -> str | None:
+    return options.columns.get(name, name if name in table.names else None)
+
+
+def _assign(table: Table, options: ImportOptions, role: Role, column: str) -> Assigned:
+    """Find the unit: the user's word, the column's own name, the user's name for it, in this order."""
+    dimensions = QUANTITIES[role.quantity]
+    said = _said_unit(options, role, column)
+    own = unit_in_name(column)
+    unit = said or (own if dimension_of(own) in dimensions else "") or role.unit
+    if not unit:
+        example = si_unit(dimensions[0])
+        raise InputError(
+            f"{table.path}: column '{column}' does not say its unit; "
+            f"say it, as in --unit {role.quantity}={example}"
+        )
+    dimension = dimension_of(unit)
+    if dimension not in dimensions:
+        valid = ", ".join(unit for name in dimensions for unit in SI[name])
+        raise InputError(
+            f"{table.path}: column '{column}': '{unit}' measures no {role.quantity}. Valid: {valid}"
+        )
+    note = ""
+    if not said and own and dimension_of(own) not in dimensions:
+        note = f"column '{column}' is taken as {role.quantity} in {unit}, whatever its name says"
+    return Assigned(column, dimension, factor_to_si(unit, dimension, f"column '{column}'"), note)
+
+
+def _said_unit(options: ImportOptions, role: Role, column: str) -> str:
+    numbered = f"{role.quantity}_{role.joint}" if role.joint else role.quantity
+    for name, unit in options.units.items():
+        if name in (column, role.quantity, numbered) or getattr(parse_role(name), "key", None) == role.key:
+            return normalise(unit)
+    return ""
+
+
+def _check_units(options: ImportOptions, chosen: dict[Key, tuple[Role, str]]) -> None:
+    """Refuse a unit for something that is not there: it would be lost without a word."""
+    for name in options.units:
+        used = any(_said_unit(ImportOptions(units={name: "m"}), role, c) for role, c in chosen.values())
+        if not used:
+            there = ", ".join(column for _, column in chosen.values()) or "none"
+            raise InputError(f"--unit {name}: no such quantity or column is in use. In use: {there}")

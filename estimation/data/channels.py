@@ -1,0 +1,57 @@
+"""The channels of anything that a user may point at: a session or a data file."""
+
+import os
+from pathlib import Path
+
+from control.tick_record import STREAM_NAME
+from estimation.channel import ChannelData
+from estimation.data.import_file import import_file
+from estimation.data.import_options import ImportOptions
+from estimation.data.session_streams import imported_channels
+from estimation.data.tick_channels import contact_channels, joint_channels
+from robot_io.errors import InputError
+from robot_io.session import Session
+
+_MCAP_MAGIC = b"\x89MCAP"
+_DEFAULT = ImportOptions()
+
+
+def is_session(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a session, by its first bytes; by its ending if there is no such file."""
+    place = Path(path)
+    if not place.is_file():
+        return place.suffix == ".mcap"
+    with place.open("rb") as file:
+        return file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC
+
+
+def session_channels(session: Session) -> tuple[ChannelData, ...]:
+    """The channels of a session: contact first, then the joints.
+
+    Raises:
+        InputError: the session has none.
+    """
+    channels = imported_channels(session)
+    if STREAM_NAME in session.stream_names:
+        ticks = session.samples(STREAM_NAME)
+        channels = (*contact_channels(ticks), *joint_channels(ticks))
+    if not channels:
+        raise InputError(
+            f"{session.path}: no channel with samples of a run; its streams: "
+            f"{', '.join(session.stream_names) or 'none'}"
+        )
+    return channels
+
+
+def load_channels(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT) -> tuple[ChannelData, ...]:
+    """The channels of a session or of a data file.
+
+    Args:
+        path: either.
+        options: for a data file.
+
+    Raises:
+        InputError: it is neither, or has no channel.
+        SessionError: the session cannot be read.
+    """
+    return session_channels(Session.open(path)) if is_session(path) else import_file(path, options).channels

@@ -1,0 +1,162 @@
+"""Makes channels from anybody's measurements."""
+
+import os
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.arm_context import with_arm
+from estimation.data.assign_columns import Columns, Key, assign_columns
+from estimation.data.derivatives import differentiate
+from estimation.data.import_options import ImportOptions
+from estimation.data.import_rows import Rows, arrange_rows
+from estimation.data.pieces import number_pieces
+from estimation.data.table import Table, read_table
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+_WRONG_SCALE = 4.0  # ratio of a given velocity to the derived one beyond which their units cannot be right
+_RELATED = 0.5  # correlation of the two above which that ratio means anything
+_DEFAULT = ImportOptions()
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A data file as channels.
+
+    Attributes:
+        channels: "contact", and "joint_1" ...
+        run_labels: what the file calls each run, by its number.
+        notes: sentences that the reader should see.
+    """
+
+    channels: tuple[ChannelData, ...]
+    run_labels: dict[int, str]
+    notes: tuple[str, ...]
+
+
+def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT) -> Imported:
+    """Read a CSV (also .gz), Parquet or NPZ file.
+
+    Contact: `time_s, displacement_m` (positive into the object), `force_N` (positive in compression). Joint:
+    `time_s, position_rad, torque_Nm`, or `position_m, force_N` for a prismatic one; several joints number
+    them, `position_1_rad, torque_1_Nm` ... Optional: velocity and acceleration (else derived run by run
+    without phase error), `run`, `phase`.
+
+    Args:
+        path: the file.
+        options: what its columns are called, their units, which rows.
+
+    Raises:
+        InputError: the file cannot be used; one line with row, column and remedy.
+    """
+    columns = assign_columns(_filter(read_table(path), options), options)
+    sources = _sources(columns)
+    rows = arrange_rows(columns)
+    channels = [_channel(source, columns, rows) for source in sources]
+    signals = {re.sub(r"\W+", "_", name): columns.table.numbers(name) for name in options.context}
+    context = {name: values[rows.order] for name, values in signals.items()}
+    channels = [replace(channel, context=context) for channel in channels]
+    return Imported(with_arm(channels), rows.labels, columns.notes)
+
+
+def _filter(table: Table, options: ImportOptions) -> Table:
+    for name, wanted in options.where.items():
+        chosen = table.labels(name) == wanted
+        if not chosen.any():
+            there = np.unique(table.labels(name))
+            some = ", ".join(there[:8].tolist()) + (" ..." if len(there) > 8 else "")
+            raise InputError(f"--where {name}={wanted}: {table.path} has no such row. There are: {some}")
+        table = table.select(chosen)
+    return table
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Where a channel comes from: its name, kind, and the columns of position and effort."""
+
+    name: str
+    kind: ChannelKind
+    position: Key
+    effort: Key
+
+
+def _sources(columns: Columns) -> list[_Source]:
+    """The channels that a file's columns allow."""
+    sources = []
+    if ("displacement", 0) in columns and ("force", 0) in columns:
+        sources.append(_Source("contact", ChannelKind.CONTACT, ("displacement", 0), ("force", 0)))
+    taken = {source.effort for source in sources}
+    for quantity, joint in sorted(columns.assigned):
+        if quantity == "position":
+            source = _joint_source(columns, joint)
+            if source and source.effort not in taken:
+                sources.append(source)
+    if not sources:
+        raise InputError(
+            f"{columns.table.path}: no channel can be made of columns {', '.join(columns.table.names)}; "
+            "a contact needs time_s, displacement_m, force_N, a joint time_s, position_rad, torque_Nm "
+            "(or position_m, force_N); say which is which with --column NAME=COLUMN"
+        )
+    return sources
+
+
+def _joint_source(columns: Columns, joint: int) -> _Source | None:
+    position = ("position", joint)
+    revolute = columns.assigned[position].dimension == "angle"
+    kind, effort = (ChannelKind.REVOLUTE, "torque") if revolute else (ChannelKind.PRISMATIC, "force")
+    if (effort, joint) not in columns:
+        return None
+    return _Source(f"joint_{max(joint, 1)}", kind, position, (effort, joint))
+
+
+def _channel(source: _Source, columns: Columns, rows: Rows) -> ChannelData:
+    joint = source.position[1]
+    position = columns.values(source.position)[rows.order]
+    piece = number_pieces(rows.time_s, rows.run)
+    derived = differentiate(rows.time_s, position, piece)
+    velocity, acceleration = derived.velocity, derived.acceleration
+    if ("velocity", joint) in columns:
+        velocity = _given(columns, ("velocity", joint), source, rows)
+        _check_scale(columns, ("velocity", joint), source, velocity, derived.velocity)
+        acceleration = differentiate(rows.time_s, velocity, piece).velocity
+    if ("acceleration", joint) in columns:
+        acceleration = _given(columns, ("acceleration", joint), source, rows)
+    effort = columns.values(source.effort)[rows.order]
+    return ChannelData(
+        source.name,
+        source.kind,
+        rows.time_s,
+        position,
+        velocity,
+        acceleration,
+        effort,
+        rows.run,
+        rows.phase,
+    )
+
+
+def _given(columns: Columns, key: Key, source: _Source, rows: Rows) -> FloatArray:
+    """A derivative that the file brings along, in the unit that goes with its position."""
+    of_position, own = columns.assigned[source.position].dimension, columns.assigned[key].dimension
+    if not own.startswith(of_position):
+        raise InputError(
+            f"{columns.table.path}: columns '{columns.name(key)}' and '{columns.name(source.position)}' have "
+            "units that do not go together; correct one with --unit"
+        )
+    return columns.values(key)[rows.order]
+
+
+def _check_scale(columns: Columns, key: Key, source: _Source, given: FloatArray, derived: FloatArray) -> None:
+    """Refuse a velocity that is many times what the position says."""
+    product, power = float(given @ derived), float(derived @ derived)
+    if product < _RELATED * np.sqrt(power * float(given @ given)) or power == 0.0:
+        return
+    ratio = product / power
+    if not 1 / _WRONG_SCALE < ratio < _WRONG_SCALE:
+        raise InputError(
+            f"{columns.table.path}: column '{columns.name(key)}' is {ratio:.3g} times the rate of change of "
+            f"'{columns.name(source.position)}'; one of the units is wrong: correct it with --unit"
+        )

@@ -1,0 +1,41 @@
+"""What a user says about a data file."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from robot_io.errors import InputError
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """How to read a data file.
+
+    Attributes:
+        columns: column for each quantity that is called something else, such as {"force_N": "load"}.
+        units: unit of a quantity or of a column where the name does not say it, such as {"force": "mN"}.
+        where: only rows in which a column has this text, such as {"specimen": "P002"}.
+        context: further columns of numbers to keep beside the channels.
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    where: Mapping[str, str] = field(default_factory=dict)
+    context: tuple[str, ...] = ()
+
+
+def parse_pairs(texts: Iterable[str], option: str) -> dict[str, str]:
+    """Read options of the form NAME=VALUE.
+
+    Raises:
+        InputError: one of them has another form, or a name comes twice.
+    """
+    pairs: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        name, value = name.strip(), value.strip()
+        if not (equals and name and value):
+            raise InputError(f"{option} '{text}': write it as NAME=VALUE")
+        if name in pairs:
+            raise InputError(f"{option} '{name}' is given twice: '{pairs[name]}' and '{value}'")
+        pairs[name] = value
+    return pairs

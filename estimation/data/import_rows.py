@@ -1,0 +1,108 @@
+"""Which run and phase each row of a data file belongs to, and in which order the rows come."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from control.phases import Phase
+from estimation.data.assign_columns import Columns
+from estimation.data.table import Table
+from robot_io.errors import InputError
+from robot_io.types import FloatArray, IntArray
+
+UNKNOWN_PHASE = -1
+_FEWEST = 5  # samples of a run: fewer have no acceleration that means anything
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of a table, one block for each run.
+
+    Attributes:
+        order: index in the table of each row, shape (n,).
+        time_s: shape (n,), strictly increasing within a run [s].
+        run: shape (n,).
+        phase: shape (n,), numbers of `control.phases.Phase`, or -1 where unknown.
+        labels: what the file calls each run.
+    """
+
+    order: IntArray
+    time_s: FloatArray
+    run: IntArray
+    phase: IntArray
+    labels: dict[int, str]
+
+
+def arrange_rows(columns: Columns) -> Rows:
+    """Group the rows by run.
+
+    Raises:
+        InputError: no time, times that do not increase in a run, a run too short, an unknown phase.
+    """
+    table = columns.table
+    if ("time", 0) not in columns:
+        raise InputError(
+            f"{table.path}: no time; name it time_s or add --column time_s=COLUMN. "
+            f"Columns: {', '.join(table.names)}"
+        )
+    run, labels = _runs(table, columns.run)
+    order = np.argsort(run, kind="stable")
+    time_s = columns.values(("time", 0))[order]
+    rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels)
+    _check_times(columns, rows)
+    _check_lengths(table, rows)
+    return rows
+
+
+def _runs(table: Table, column: str | None) -> tuple[IntArray, dict[int, str]]:
+    """Number of each row's run: the file's own if they are whole numbers, else in order of appearance."""
+    if column is None:
+        return np.zeros(len(table), dtype=np.int64), {0: "0"}
+    texts = table.labels(column)
+    names, first, index = np.unique(texts, return_index=True, return_inverse=True)
+    if all(name.isdecimal() for name in names.tolist()):
+        numbers = names.astype(np.int64)
+    else:
+        numbers = np.argsort(np.argsort(first))
+    labels = {int(number): str(name) for number, name in zip(numbers, names, strict=True)}
+    return numbers[index].astype(np.int64), labels
+
+
+def _phases(table: Table, column: str | None) -> IntArray:
+    if column is None:
+        return np.full(len(table), UNKNOWN_PHASE, dtype=np.int64)
+    known = {phase.name.lower(): phase.value for phase in Phase}
+    known |= {str(value): value for value in (UNKNOWN_PHASE, *known.values())}
+    texts = np.char.lower(table.labels(column))
+    strange = np.flatnonzero(~np.isin(texts, list(known)))
+    if len(strange):
+        raise InputError(
+            f"{table.path}: row {table.rows[strange[0]]}, column '{column}': no phase is called "
+            f"'{texts[strange[0]]}'. Valid: {', '.join(known)}"
+        )
+    return np.array([known[text] for text in texts.tolist()], dtype=np.int64)
+
+
+def _check_times(columns: Columns, rows: Rows) -> None:
+    late = np.flatnonzero((np.diff(rows.time_s) <= 0) & (np.diff(rows.run) == 0))
+    if not len(late):
+        return
+    before, after = (columns.table.rows[rows.order[late[0] + step]] for step in (0, 1))
+    name, in_run = columns.name(("time", 0)), ""
+    if len(rows.labels) > 1:
+        in_run = f" of run '{rows.labels[int(rows.run[late[0]])]}'"
+    raise InputError(
+        f"{columns.table.path}: row {after}, column '{name}': {rows.time_s[late[0] + 1]:.9g} s does not come "
+        f"after {rows.time_s[late[0]]:.9g} s in row {before}{in_run}; times must increase within a run: "
+        "sort the rows, or say with --column run=COLUMN where a new run begins"
+    )
+
+
+def _check_lengths(table: Table, rows: Rows) -> None:
+    runs, counts = np.unique(rows.run, return_counts=True)
+    if counts.min() < _FEWEST:
+        run = int(runs[np.argmin(counts)])
+        raise InputError(
+            f"{table.path}: run '{rows.labels[run]}' has {counts.min()} rows, at least {_FEWEST} are needed; "
+            "leave it out with --where, or check the column that names the runs"
+        )

@@ -1,0 +1,88 @@
+"""What the columns of a data file are called, and what they hold."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from estimation.data.units import SI, dimension_of, normalise
+from robot_io.errors import InputError
+
+RUN, PHASE = "run", "phase"
+
+QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "time": ("time",),
+        "displacement": ("length",),
+        "position": ("angle", "length"),
+        "velocity": ("length_rate", "angle_rate"),
+        "acceleration": ("length_rate_2", "angle_rate_2"),
+        "force": ("force",),
+        "torque": ("torque",),
+    }
+)
+"""Dimensions that each quantity may have."""
+
+_NAME = re.compile(rf"({'|'.join(QUANTITIES)})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Role:
+    """What a column is for.
+
+    Attributes:
+        quantity: key of `QUANTITIES`.
+        joint: number of the joint from 1, or 0 where the name has none.
+        unit: as in the name, normalised; empty where it has none.
+    """
+
+    quantity: str
+    joint: int
+    unit: str
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Quantity and joint, which only one column may have."""
+        return self.quantity, self.joint
+
+
+def parse_role(name: str) -> Role | None:
+    """Read a name such as `position_2_rad`, `force_N` or `time`; None if it is no such name."""
+    match = _NAME.fullmatch(name.strip())
+    if not match:
+        return None
+    quantity, joint, ending = match.group(1).lower(), int(match.group(2) or 0), match.group(3) or ""
+    unit = normalise(ending)
+    if unit and dimension_of(unit) not in QUANTITIES[quantity]:
+        return None
+    return Role(quantity, joint, unit)
+
+
+def role_of_option(name: str, option: str) -> Role:
+    """The role that a user names in an option.
+
+    Raises:
+        InputError: it is none.
+    """
+    role = parse_role(name)
+    if role is None:
+        valid = ", ".join([*QUANTITIES, RUN, PHASE])
+        raise InputError(
+            f"{option}: '{name}' is no quantity with its unit. Quantities: {valid}; such as force_N"
+        )
+    return role
+
+
+def unit_in_name(name: str) -> str:
+    """The unit that any column's name ends with, normalised; empty if it ends with none that is known."""
+    parts = name.strip().split("_")
+    for count in (2, 1):
+        ending = normalise("_".join(parts[-count:]))
+        if len(parts) > count and dimension_of(ending):
+            return ending
+    return ""
+
+
+def si_unit(dimension: str) -> str:
+    """The SI unit of a dimension, as names spell it."""
+    return next(unit for unit, factor in SI[dimension].items() if factor == 1.0)

@@ -1,0 +1,93 @@
+"""The streams of an imported session: a channel's arrays go in, and the same arrays come out."""
+
+import json
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.arm_context import with_arm
+from estimation.data.import_file import Imported
+from robot_io.errors import SessionError
+from robot_io.session import Column, Samples, Session, Stream
+
+RUN_LABELS = "run_labels"  # key in the session's metadata of what the data file called its runs, as JSON
+_CONTEXT = "context_"  # begins the name of a further signal
+
+_COLUMNS = {
+    ChannelKind.CONTACT: ("displacement_m", "velocity_m_s", "acceleration_m_s2", "force_n"),
+    ChannelKind.REVOLUTE: ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "torque_nm"),
+    ChannelKind.PRISMATIC: ("position_m", "velocity_m_s", "acceleration_m_s2", "force_n"),
+}
+_DOCS = {
+    "displacement_m": "into the object",
+    "force_n": "positive in compression, or along the joint",
+    "torque_nm": "positive along the joint axis",
+}
+
+
+def import_streams(imported: Imported) -> list[tuple[Stream, Mapping[str, ArrayLike]]]:
+    """One stream for each channel, called as the channel, with its columns; for `write_session`."""
+    return [(_stream(channel), _arrays(channel)) for channel in imported.channels]
+
+
+def import_extra(imported: Imported) -> dict[str, str]:
+    """What the session's metadata must keep beside the streams."""
+    return {RUN_LABELS: json.dumps(imported.run_labels)}
+
+
+def imported_channels(session: Session) -> tuple[ChannelData, ...]:
+    """The channels of an imported session, as they were imported; none if it was not imported."""
+    names = [name for name in session.stream_names if name == "contact" or name.startswith("joint_")]
+    return with_arm([_channel(name, session.samples(name)) for name in names])
+
+
+def _stream(channel: ChannelData) -> Stream:
+    names = _COLUMNS[channel.kind]
+    position, rate = channel.kind.position_unit, f"{channel.kind.position_unit}/s"
+    units = (position, rate, f"{rate}^2", channel.kind.effort_unit)
+    columns = [
+        Column("time_s", "s", 1, "increasing within a run"),
+        Column("run", "1", 1, "number of the run", "int64"),
+        Column("phase", "1", 1, "as in the stream of ticks; -1 where unknown", "int32"),
+    ]
+    columns += [Column(n, u, 1, _DOCS.get(n, "")) for n, u in zip(names, units, strict=True)]
+    columns += [Column(_CONTEXT + name, "1", 1, "as in the data file") for name in _own_context(channel)]
+    return Stream(channel.name, tuple(columns))
+
+
+def _arrays(channel: ChannelData) -> dict[str, ArrayLike]:
+    motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
+    arrays: dict[str, ArrayLike] = {
+        "time_s": channel.time_s,
+        "run": channel.run,
+        "phase": channel.phase.astype(np.int32),
+    }
+    arrays.update(zip(_COLUMNS[channel.kind], motion, strict=True))
+    arrays.update({_CONTEXT + name: channel.context[name] for name in _own_context(channel)})
+    return arrays
+
+
+def _own_context(channel: ChannelData) -> list[str]:
+    """Signals of the file; the arm's motion is in the joints' own streams."""
+    return [name for name in channel.context if not name.startswith("joint_")]
+
+
+def _channel(name: str, samples: Samples) -> ChannelData:
+    kinds = [kind for kind, columns in _COLUMNS.items() if all(column in samples for column in columns)]
+    if not kinds:
+        raise SessionError(f"stream '{name}' is no channel: it has columns {', '.join(samples)}")
+    position, velocity, acceleration, effort = (samples[column] for column in _COLUMNS[kinds[0]])
+    return ChannelData(
+        name,
+        kinds[0],
+        samples["time_s"],
+        position,
+        velocity,
+        acceleration,
+        effort,
+        samples["run"],
+        samples["phase"].astype(np.int64),
+        {column.removeprefix(_CONTEXT): samples[column] for column in samples if column.startswith(_CONTEXT)},
+    )
