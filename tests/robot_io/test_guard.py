@@ -179,6 +179,11 @@ class TestLimiting:
         np.testing.assert_allclose(sent, [1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 9])
         assert guard.rate_clips == 9  # joint 2 goes half as fast and arrives at its limit, -5, in the tenth
 
+    @pytest.mark.parametrize("clipped", [(99.0, 0.0), (0.0, 99.0)])
+    def test_one_joint_is_enough_to_count(self, guard, clipped):
+        limited(guard, torque(*clipped), measured())
+        assert (guard.torque_clips, guard.rate_clips) == (1, 1)
+
     def test_the_rate_starts_from_the_measured_torque(self, guard):
         assert limited(guard, torque(0, 0), measured(joint_torque_nm=[8.0, -2.0])) == [7.0, -1.5]
 

@@ -1,5 +1,7 @@
 """A robot: honest samples, commands as sent, and a way back from every failure."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -95,6 +97,12 @@ class TestReading:
         measurement = tick(active)
         assert measurement.encoder_at_s == velocity.sampled_at_s
         assert measurement.encoder_status is Status.STALE
+
+    @pytest.mark.parametrize("part", ["read_position", "read_velocity"])
+    def test_the_worse_of_position_and_velocity_counts(self, active, monkeypatch, part):
+        read = getattr(active.encoder, part)
+        monkeypatch.setattr(active.encoder, part, lambda: replace(read(), status=Status.FAULT))
+        assert tick(active).encoder_status is Status.FAULT
 
     def test_before_the_first_sample_nothing_looks_measured(self, robot, bus):
         bus.faults.silent |= {"encoder", "torque", "force"}

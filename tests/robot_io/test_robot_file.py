@@ -83,6 +83,7 @@ def test_it_cannot_be_changed():
         ),
         ({"torque_rate_nm_s": "[1, 2]"}, "limits: torque_rate_nm_s has 2 values, torque_nm has 3"),
         ({"position_min_rad": "[1, 0, 0]"}, "limits: position_min_rad 1.0 is not below position_max_rad 0.4"),
+        ({"position_min_rad": "[-2.6, 2.6, -2.6]"}, "limits: position_min_rad 2.6 is not below"),
         ({"force_n": None}, "m.yaml line 12, limits.force_n: is missing"),
         (
             {"safe_state": "{damping_nms_rad: [1, 1], stop_time_s: 1}"},
@@ -99,6 +100,12 @@ def test_what_is_wrong_and_where(changes, message):
         parse_robot_file(changed(**changes), "m.yaml")
     assert message in str(caught.value)
     assert str(caught.value).startswith("m.yaml line ")
+    assert "more)" not in str(caught.value)
+
+
+def test_the_arm_may_rest_at_its_limits():
+    robot_file = parse_robot_file(changed(home_rad="[-2.6, 2.6, 0]"), "m.yaml")
+    assert robot_file.home_rad == (-2.6, 2.6, 0.0)
 
 
 def test_an_unknown_key_gets_a_hint_and_its_line():
