@@ -18,7 +18,8 @@ from control.gains import ContactGains
 from control.object_guess import Compliance
 
 _FOLLOW_S = 0.004  # how fast the speed follows the braking curve
-_BRAKING_RESERVE = 2.0  # times the planned braking; more only against force above the limit
+_BRAKING_RESERVE = 2.0  # times the planned or needed braking; more only against force above the limit
+_LEAST_ROOM_N = 0.1
 _BACK_OUT = 0.1  # of the speed limit: the fastest way back out while loading
 
 
@@ -70,6 +71,8 @@ def loading_acceleration(
     else:
         goal_m_s = max(room_n / (stiffness_n_m * _FOLLOW_S), -_BACK_OUT * speed_limit_m_s)
     excess_n = max(damping_n_s_m * speed_m_s - room_n, 0.0)
-    hardest = min(_BRAKING_RESERVE * gains.braking_m_s2 + excess_n / gains.mass_kg, gains.yielding_m_s2)
+    stopping = stiffness_n_m * speed_m_s**2 / (2.0 * max(room_n, _LEAST_ROOM_N))
+    hardest = _BRAKING_RESERVE * max(gains.braking_m_s2, stopping) + excess_n / gains.mass_kg
+    hardest = min(hardest, gains.yielding_m_s2)
     change = (goal_m_s - speed_m_s) / _FOLLOW_S
     return min(max(change, -hardest), gains.braking_m_s2)

@@ -1,7 +1,7 @@
 """Persistent excitation: a profile that rides on the hold and separates stiffness from damping.
 
 At one frequency w, force over displacement is k + j w c, so several frequencies show both. The profile only
-takes force away: it lies between 0 and -2 amplitudes, so that the force limit stays the limit.
+takes force away, so that the force limit stays the limit.
 """
 
 import math
@@ -11,10 +11,12 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from control.object_guess import Compliance
 from robot_io.file_model import FileModel, Positive
 from robot_io.types import FloatArray
 
-_RAMP_SHARE = 0.15  # of the duration, for fading in and out
+_RAMP_SHARE = 0.2  # of the duration, for fading in
+_FADE_PEAK = 15.0 / 8.0  # fastest part of the fade, over its mean
 _PEAK_SAMPLES_PER_PERIOD = 50
 
 
@@ -31,11 +33,16 @@ class Excitation(FileModel):
     """
 
     shape: Literal["multisine", "chirp"] = "multisine"
-    quantity: Literal["force", "position"] = "position"
+    quantity: Literal["force", "position"] = "force"
     amplitude_n: Positive = 1.5
     low_hz: Annotated[Positive, Field(le=100.0)] = 0.5
     high_hz: Annotated[Positive, Field(le=100.0)] = 8.0
     duration_s: Annotated[Positive, Field(le=600.0)] = 4.0
+
+    @property
+    def ramp_s(self) -> float:
+        """Time in which it is faded in [s]."""
+        return _RAMP_SHARE * self.duration_s
 
     @model_validator(mode="after")
     def _check_frequencies(self) -> "Excitation":
@@ -50,7 +57,7 @@ class Excitation(FileModel):
 
 @dataclass(frozen=True, slots=True)
 class ProfilePoint:
-    """Profile value between -2 and 0 [-], its rate [1/s] and acceleration [1/s^2]."""
+    """Profile value [-], not positive, its rate [1/s] and acceleration [1/s^2]."""
 
     value: float
     rate_1_s: float
@@ -58,15 +65,19 @@ class ProfilePoint:
 
 
 class Profile:
-    """The profile over time: faded in and out, so that value and rate begin and end at zero.
+    """A wave between -1 and 1 less an offset, faded in so that value, rate and acceleration begin at zero.
+
+    It ends in full swing: the arm moves out of the object next.
 
     Args:
         excitation: shape, frequencies and duration.
+        offset: at least 1, so that the profile is never positive.
     """
 
-    def __init__(self, excitation: Excitation) -> None:
+    def __init__(self, excitation: Excitation, offset: float = 1.0) -> None:
+        self._offset = offset
         self.duration_s = excitation.duration_s
-        self._ramp_s = _RAMP_SHARE * excitation.duration_s
+        self._ramp_s = excitation.ramp_s
         self._chirp = excitation.shape == "chirp"
         if self._chirp:
             self._rates = np.array([math.tau * excitation.low_hz])
@@ -79,12 +90,10 @@ class Profile:
             self._scale = 1.0 / self._peak(excitation)
 
     def at(self, time_s: float) -> ProfilePoint:
-        """The profile `time_s` [s] after its start; zero before and afterwards."""
-        if not 0.0 < time_s < self.duration_s:
-            return ProfilePoint(0.0, 0.0, 0.0)
+        """The profile `time_s` [s] after its start."""
         wave, wave_rate, wave_acceleration = self._wave(time_s)
         fade, fade_rate, fade_acceleration = self._fade(time_s)
-        below = wave - 1.0
+        below = wave - self._offset
         return ProfilePoint(
             fade * below,
             fade_rate * below + fade * wave_rate,
@@ -103,15 +112,14 @@ class Profile:
         )
 
     def _fade(self, time_s: float) -> tuple[float, float, float]:
-        """From 0 to 1 at the start and back at the end, with its derivatives."""
+        """From 0 to 1, with its derivatives."""
         ramp_s = self._ramp_s
-        s = min(time_s, self.duration_s - time_s) / ramp_s
+        s = max(time_s, 0.0) / ramp_s
         if s >= 1.0:
             return 1.0, 0.0, 0.0
-        sign = 1.0 if time_s < 0.5 * self.duration_s else -1.0
         return (
             s**3 * (10.0 + s * (-15.0 + 6.0 * s)),
-            sign * 30.0 * s**2 * (1.0 - s) ** 2 / ramp_s,
+            30.0 * s**2 * (1.0 - s) ** 2 / ramp_s,
             60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / ramp_s**2,
         )
 
@@ -120,6 +128,23 @@ class Profile:
         count = math.ceil(_PEAK_SAMPLES_PER_PERIOD * excitation.high_hz * excitation.duration_s)
         times = np.linspace(0.0, excitation.duration_s, count)[:, None]
         return float(np.abs(np.cos(self._phases + times * self._rates).sum(axis=1)).max())
+
+
+def position_amplitude_m(
+    excitation: Excitation, compliance: Compliance, force_limit_n: float, speed_limit_m_s: float
+) -> tuple[float, float]:
+    """Amplitude [m] and offset [-] of a position profile on an object of about this compliance.
+
+    The highest frequency makes the force's amplitude; the offset takes as much off the spring's force, so
+    that the sum stays below the limit. Neither the wave nor fading in may be faster than the speed limit, nor
+    fading in faster than what a third of the force moves the object's damper.
+    """
+    rate = math.tau * excitation.high_hz
+    impedance_n_m = math.hypot(compliance.stiffness_n_m, rate * compliance.damping_n_s_m)
+    offset = impedance_n_m / compliance.stiffness_n_m
+    fade_m_s = min(speed_limit_m_s, 0.3 * force_limit_n / max(compliance.damping_n_s_m, 1e-9))
+    slowest_m = min(speed_limit_m_s / rate, fade_m_s * excitation.ramp_s / (_FADE_PEAK * offset))
+    return min(excitation.amplitude_n / impedance_n_m, slowest_m), offset
 
 
 def _multisine(excitation: Excitation, count: int = 8) -> tuple[FloatArray, FloatArray]:

@@ -1,7 +1,7 @@
 """A running guess of the object's stiffness and damping, for the force law to scale itself by.
 
-It is quick rather than right: it is there within milliseconds of touch, forgets within a tenth of a second,
-and is kept in bounds. What the object is really like is for the package `estimation` to say.
+It is quick rather than right: it is there within milliseconds of touch, and it forgets along the way into the
+object, so that it follows a stiffening one. What the object is really like is for the package `estimation`.
 """
 
 import math
@@ -12,7 +12,7 @@ _DAMPING_BOUNDS_N_S_M = (0.0, 400.0)
 _STIFFNESS_SPREAD_N_M = 3000.0  # what is likely before anything is known
 _DAMPING_SPREAD_N_S_M = 100.0
 _FORCE_NOISE_N = 0.05
-_MEMORY_S = 0.1
+_MEMORY_N = 3.0  # the past fades as the spring's force changes by this much
 _STILL_M_S = 0.002  # below this speed nothing new is learnt
 
 
@@ -21,10 +21,6 @@ class Compliance(NamedTuple):
 
     stiffness_n_m: float
     damping_n_s_m: float
-
-    def impedance_n_m(self, frequency_hz: float) -> float:
-        """Force over displacement, |k + j w c|, at a frequency [Hz]."""
-        return math.hypot(self.stiffness_n_m, math.tau * frequency_hz * self.damping_n_s_m)
 
 
 class ObjectGuess:
@@ -50,7 +46,7 @@ class ObjectGuess:
         return Compliance(_within(self._k, _STIFFNESS_BOUNDS_N_M), _within(self._c, _DAMPING_BOUNDS_N_S_M))
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float, dt_s: float) -> None:
-        """Learn from one sample, `dt_s` [s] after the last.
+        """Learn from one sample.
 
         Args:
             depth_m: way since the touch [m].
@@ -62,7 +58,7 @@ class ObjectGuess:
             return
         gain_k = self._p_kk * depth_m + self._p_kc * speed_m_s
         gain_c = self._p_kc * depth_m + self._p_cc * speed_m_s
-        forget = math.exp(-dt_s / _MEMORY_S)
+        forget = math.exp(-self.compliance.stiffness_n_m * abs(speed_m_s) * dt_s / _MEMORY_N)
         spread = forget * _FORCE_NOISE_N**2 + depth_m * gain_k + speed_m_s * gain_c
         error_n = force_n - self._k * depth_m - self._c * speed_m_s
         self._k += gain_k * error_n / spread

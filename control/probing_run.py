@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from control.excitation import Profile
+from control.excitation import Profile, position_amplitude_m
 from control.gains import Gains
 from control.hybrid import ControlOutput, ForceGoal, HybridController, HybridReference
 from control.motion import LineState
@@ -23,6 +23,7 @@ _NOISE_FACTOR = 6.0  # the touch counts from at least this many standard deviati
 _LOADED_SHARE = 0.95  # of the force limit, and
 _SLOW_SHARE = 0.1  # of the set speed, but at least
 _SLOW_M_S = 0.002  # this, end the loading
+_TOO_STRONG = 1.1  # times the force limit ends an excitation by position
 
 
 class ProbingRun:
@@ -177,14 +178,18 @@ class ProbingRun:
         if excitation is None:
             self._leave()
             return
-        by_force = excitation.quantity == "force"
         self._event("excitation", f"{excitation.shape} of the {excitation.quantity} rides on the hold")
-        self._profile = Profile(excitation)
-        self._amplitude = excitation.amplitude_n
-        if not by_force:
-            self._amplitude /= self._control.guess.compliance.impedance_n_m(excitation.high_hz)
         self._rest_travel_m = self._control.state.travel_m
-        self._enter(Phase.HOLD, self._excite_force if by_force else self._excite_position)
+        if excitation.quantity == "force":
+            self._profile, self._amplitude = Profile(excitation), excitation.amplitude_n
+            self._enter(Phase.HOLD, self._excite_force)
+        else:
+            plan, compliance = self._plan, self._control.guess.compliance
+            self._amplitude, offset = position_amplitude_m(
+                excitation, compliance, plan.force_limit_n, plan.travel_speed_m_s
+            )
+            self._profile = Profile(excitation, offset)
+            self._enter(Phase.HOLD, self._excite_position)
 
     def _excite_force(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         desired_n = self._plan.force_limit_n + self._amplitude * self._profile.at(self._time_s).value
@@ -201,7 +206,11 @@ class ProbingRun:
             size_m * point.acceleration_1_s2,
         )
         output = self._control.step(measurement, HybridReference(free=free), dt_s)
-        if self._time_s >= self._profile.duration_s:
+        if output.force_n > _TOO_STRONG * self._plan.force_limit_n:
+            text = f"excitation ended early: {output.force_n:.2f} N is above the force limit"
+            self._event("excitation_too_strong", text, force_n=output.force_n)
+            self._leave()
+        elif self._time_s >= self._profile.duration_s:
             self._leave()
         return output
 
