@@ -1,0 +1,105 @@
+"""What goes wrong on an emulated wire: which fault, of which device, when, for how long and how often."""
+
+from collections.abc import Iterable
+from enum import StrEnum
+from math import inf
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from robot_io.file_model import FileModel, NotNegative, Number, Positive
+
+
+class FaultKind(StrEnum):
+    """What goes wrong. An emulator knows those that its wire and its devices can have."""
+
+    DROP = "drop"  # a frame of the device is not sent
+    DELAY = "delay"  # it is sent `delay_s` late
+    CORRUPT = "corrupt"  # one of its bits is flipped after its checksum was made
+    DUPLICATE = "duplicate"  # it is sent twice
+    REORDER = "reorder"  # it changes places with the one after it
+    WRONG_ID = "wrong_id"  # it carries the id of somebody else
+    ALERT = "alert"  # the device reports an error of its own
+    REBOOT = "reboot"  # the device restarts with its power-up settings, silent for `delay_s`
+    UNPLUG = "unplug"  # the port or interface is gone
+    STUCK = "stuck"  # the sensor's value stays as it is
+    NOT_A_NUMBER = "not_a_number"  # the sensor sends something that is no number
+    SATURATED = "saturated"  # the sensor sends the end of its range
+    REVERSED = "reversed"  # the sensor's sign is wrong
+
+
+class Fault(FileModel):
+    """One fault; a scenario for a test bench is a list of them.
+
+    Attributes:
+        kind: what goes wrong.
+        device: which device, by the name or number that its emulator has for it; None is every device.
+        from_s: when it begins, after the start of the emulator [s].
+        for_s: how long it lasts [s]; None is for ever.
+        times: how often it strikes at most; None is at every opportunity.
+        probability: how likely it strikes at an opportunity, from 0 to 1.
+        delay_s: how late, or how long away, for the kinds that need it [s].
+    """
+
+    kind: FaultKind
+    device: str | int | None = None
+    from_s: NotNegative = 0.0
+    for_s: Positive | None = None
+    times: Annotated[int, Field(gt=0, strict=True)] | None = None
+    probability: Annotated[Number, Field(gt=0, le=1)] = 1.0
+    delay_s: NotNegative = 0.0
+
+    def lasts_at(self, elapsed_s: float) -> bool:
+        """Whether it can strike `elapsed_s` after the start of the emulator [s]."""
+        return 0.0 <= elapsed_s - self.from_s < (inf if self.for_s is None else self.for_s)
+
+
+class Faults:
+    """Says at each opportunity whether something goes wrong now. Equal seeds give equal misfortunes.
+
+    Args:
+        faults: what is planned.
+        seed: of the draws for faults that strike by chance.
+        start_s: when the emulator started, on its own clock [s].
+
+    Attributes:
+        generator: random numbers for the details, such as which bit is flipped.
+    """
+
+    def __init__(self, faults: Iterable[Fault] = (), *, seed: int = 0, start_s: float = 0.0) -> None:
+        self._planned = tuple(faults)
+        self._struck: dict[int, int] = {}  # by place in the plan
+        self._start_s = start_s
+        self.generator = np.random.default_rng(seed)
+
+    def add(self, *faults: Fault) -> None:
+        """Plan more of them, also while the emulator runs."""
+        self._planned = (*self._planned, *faults)
+
+    def clear(self) -> None:
+        """Forget all of them."""
+        self._planned = ()
+        self._struck = {}
+
+    def strikes(self, kind: FaultKind, device: str | int, now_s: float) -> Fault | None:
+        """The fault of this kind that strikes `device` at `now_s` [s], or None. Each call is a chance."""
+        elapsed_s = now_s - self._start_s
+        for place, fault in enumerate(self._planned):
+            if fault.kind is not kind or fault.device not in (None, device) or not fault.lasts_at(elapsed_s):
+                continue
+            struck = self._struck.get(place, 0)
+            if fault.times is not None and struck >= fault.times:
+                continue
+            if fault.probability < 1.0 and self.generator.random() >= fault.probability:
+                continue
+            self._struck[place] = struck + 1
+            return fault
+        return None
+
+    def flip_a_bit(self, frame: bytes, first: int = 0) -> bytes:
+        """The frame with one bit changed, at or after byte `first`."""
+        changed = bytearray(frame)
+        place = int(self.generator.integers(first, len(frame)))
+        changed[place] ^= 1 << int(self.generator.integers(8))
+        return bytes(changed)
