@@ -47,8 +47,8 @@ class Estimate:
         condition_number: of the scaled columns.
         identifiability: see `Identifiability`.
         note: one sentence for the reader.
-        history: for recursive estimators, gains after each sample, shape (n, p); else None.
         covariance: of the parameters, shape (m, m); NaN where unknown.
+        history: for recursive estimators, gains after each sample, shape (n, p); else None.
         details: method-specific figures, such as trials or skipped subsets.
     """
 
@@ -59,8 +59,8 @@ class Estimate:
     condition_number: float
     identifiability: Identifiability
     note: str
+    covariance: FloatArray
     history: FloatArray | None = None
-    covariance: FloatArray | None = None
     details: dict[str, float] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> ParameterEstimate:

@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from estimation.estimate import Estimate
+from estimation.loss import Loss
 from estimation.regression import Regression
 from robot_io.types import FloatArray
 
@@ -17,11 +18,13 @@ class Estimator(ABC):
         name: as on the command line.
         summary: one line of what it does and when to take it.
         source: where it comes from.
+        loss: in the search for parameters that the effort is not linear in, which comes before.
     """
 
     name: ClassVar[str]
     summary: ClassVar[str]
     source: ClassVar[str]
+    loss: ClassVar[Loss] = Loss.LINEAR
 
     @abstractmethod
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:

@@ -25,6 +25,7 @@ class Fit:
         covariance: of the parameters in that order; NaN for an inner parameter that ended at its bound.
         residuals: effort minus prediction, shape (n,), also of samples that were not fitted.
         rows: samples that were fitted, shape (n,).
+        jacobian: slopes of the prediction in those samples, one column for each parameter.
         estimate: the same with intervals and a judgement; its arrays hold the fitted samples only.
     """
 
@@ -33,6 +34,7 @@ class Fit:
     covariance: Covariance
     residuals: FloatArray
     rows: BoolArray
+    jacobian: FloatArray
     estimate: Estimate
 
     @property
@@ -94,7 +96,7 @@ def describe(problem: Problem, solution: Solution, loss: Loss) -> Fit:
         covariance=covariance,
         details={"noise": solution.noise},
     )
-    return Fit(problem.model, parameters, covariance, residuals, rows, estimate)
+    return Fit(problem.model, parameters, covariance, residuals, rows, jacobian, estimate)
 
 
 def _influence(

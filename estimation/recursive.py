@@ -13,6 +13,9 @@ from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
 INITIAL_VARIANCE = 1e8  # of a gain before any sample: a stiffness of 10 000 N/m is no surprise
+_INITIAL_EFFORT = (
+    1e3  # what any one gain may contribute to the effort, where all samples are known beforehand
+)
 _FORGOTTEN = 1e-9  # share of a sample's pull below which those before it need not be followed up
 
 
@@ -24,7 +27,8 @@ class RecursiveEstimator(OnlineEstimator):
         error = y - h g;  K = P h / (forgetting + h P h);  g += K error;  P = next(P - K h P)
 
     Args:
-        variance: of each gain at the start, in units of gain^2 per effort^2.
+        variance: of each gain at the start, relative to that of the noise; `fit`, which knows all samples,
+            begins with more where a gain of that size would hardly show in the effort.
     """
 
     forgetting = 1.0
@@ -41,9 +45,13 @@ class RecursiveEstimator(OnlineEstimator):
 
     def start(self, gain_count: int) -> None:
         """See `OnlineEstimator.start`."""
-        self._gains = np.zeros(gain_count)
-        self._pull = np.zeros(gain_count)
-        self._covariance = self.variance * np.eye(gain_count)
+        self._begin(np.full(gain_count, self.variance))
+
+    def _begin(self, variance: FloatArray) -> None:
+        self._gains = np.zeros(len(variance))
+        self._pull = np.zeros(len(variance))
+        self._initial_variance = variance
+        self._covariance = np.diag(variance)
 
     def update(self, row: FloatArray, effort: float) -> FloatArray:
         """See `OnlineEstimator.update`."""
@@ -60,7 +68,8 @@ class RecursiveEstimator(OnlineEstimator):
         weights = regression.weights
         rows, efforts = regression.columns * weights[:, None], (regression.effort * weights).tolist()
         count, gain_count = rows.shape
-        self.start(gain_count)
+        level = np.sqrt(np.mean(rows**2, axis=0))
+        self._begin(np.maximum(self.variance, (_INITIAL_EFFORT / np.where(level > 0, level, 1.0)) ** 2))
         history, pulls = np.empty((count, gain_count)), np.empty((count, gain_count))
         for index in range(count):
             history[index] = self.update(rows[index], efforts[index])

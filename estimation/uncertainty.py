@@ -12,10 +12,9 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 
 CONFIDENCE = 0.95
 _SINGULAR = 1e8  # condition number beyond which double precision leaves no digit that could be trusted
-_LOST_SHARE = 1.0  # uncertainty, as a share of the effort, at which a parameter could be anything
-_WEAK_SHARE = 0.1  # ... at which it is known only roughly
-_ROUGH = 0.25  # relative standard error at which a parameter that matters is known only roughly
-_MATTERS = 0.01  # uncertainty, as a share of the effort, above which a rough parameter is worth a word
+_LOST_SHARE = 1.0  # uncertainty, as a share of the effort, at which a parameter of no certain sign is lost
+_ROUGH = 0.25  # relative standard error above which a parameter is known only roughly
+_MATTERS = 0.01  # uncertainty, as a share of the effort, above which that is worth a word
 
 
 @dataclass(frozen=True)
@@ -103,21 +102,25 @@ def judge(
     if not level.all():
         silent = ", ".join(name for name, rms in zip(names, level, strict=True) if rms == 0)
         return Judgement(Identifiability.NONE, f"{silent}: the motion does not excite it at all")
-    if condition_of_gram(correlation) > _SINGULAR or not np.isfinite(covariance.matrix).all():
+    fixed = np.isnan(covariance.std_err)
+    if fixed.any() and not fixed.all():
+        ended = ", ".join(name for name, is_fixed in zip(names, fixed, strict=True) if is_fixed)
+        return Judgement(Identifiability.WEAK, f"{ended}: the search ended at the bound of what is physical")
+    if condition_of_gram(correlation) > _SINGULAR or fixed.all():
         return Judgement(
             Identifiability.NONE,
             f"{', '.join(names)} cannot be told apart: the motion excites them in a fixed ratio",
         )
     share = covariance.std_err * level / max(np.sqrt(np.mean(effort**2)), np.finfo(float).tiny)
-    rough = (covariance.std_err > _ROUGH * np.abs(values)) & (share > _MATTERS)
-    worst = int(np.argmax(share))
-    if share[worst] > _LOST_SHARE:
-        return Judgement(
-            Identifiability.NONE, f"{_doubt(names, values, covariance, worst)}: it could be anything"
-        )
-    if share[worst] > _WEAK_SHARE or rough.any():
-        worst = worst if share[worst] > _WEAK_SHARE else int(np.argmax(rough * share))
-        return Judgement(Identifiability.WEAK, _advice(names, values, covariance, correlation, worst))
+    relative = covariance.std_err / np.maximum(np.abs(values), np.finfo(float).tiny)
+    lost = share * ((relative > 1.0) & (share > _LOST_SHARE))
+    if lost.any():
+        doubt = _doubt(names, values, covariance, int(np.argmax(lost)))
+        return Judgement(Identifiability.NONE, f"{doubt}: it could be anything")
+    rough = share * (relative > _ROUGH) * (share > _MATTERS)
+    if rough.any():
+        advice = _advice(names, values, covariance, correlation, int(np.argmax(rough)))
+        return Judgement(Identifiability.WEAK, advice)
     return Judgement(Identifiability.GOOD, "the data determine every parameter")
 
 
@@ -184,7 +187,7 @@ def assemble(
         condition_of_gram(scaled.T @ scaled),
         judgement.identifiability,
         judgement.note,
-        history,
         covariance.matrix,
+        history,
         details or {},
     )

@@ -63,6 +63,12 @@ def differentiate(
     return Motion(velocity, acceleration, half)
 
 
+def centre_slope(half_window: int) -> FloatArray:
+    """What turns 2 h + 1 evenly spaced samples into the slope per step in their middle, shape (2 h + 1,)."""
+    slope: FloatArray = _even_coefficients(2 * half_window + 1, half_window)[1]
+    return slope
+
+
 def _blocks(piece: IntArray) -> Iterator[slice]:
     borders = [0, *(np.flatnonzero(np.diff(piece)) + 1).tolist(), len(piece)]
     for start, stop in pairwise(borders):

@@ -14,7 +14,7 @@ class Ewrls(RecursiveEstimator):
     stops growing at its starting size.
 
     Args:
-        forgetting: weight kept by each sample per step, in (0, 1].
+        forgetting: weight kept by each sample per step, in (0, 1]; 0.999 at 1 kHz remembers about a second.
         variance: of each gain at the start.
     """
 
@@ -24,7 +24,7 @@ class Ewrls(RecursiveEstimator):
         "A. Haddadi, K. Hashtrudi-Zaad, Real-Time Identification of Hunt-Crossley Models, IEEE T-RO 28 (2012)"
     )
 
-    def __init__(self, forgetting: float = 0.995, variance: float = INITIAL_VARIANCE) -> None:
+    def __init__(self, forgetting: float = 0.999, variance: float = INITIAL_VARIANCE) -> None:
         if not 0.0 < forgetting <= 1.0:
             raise InputError(f"ewrls: forgetting {forgetting} must be above 0 and at most 1")
         super().__init__(variance)
@@ -32,4 +32,4 @@ class Ewrls(RecursiveEstimator):
 
     def _next_covariance(self, reduced: FloatArray, error: float) -> FloatArray:
         grown: FloatArray = reduced / self.forgetting
-        return grown if np.trace(grown) <= self.variance * len(grown) else reduced
+        return grown if np.all(np.diag(grown) <= self._initial_variance) else reduced

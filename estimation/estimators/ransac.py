@@ -8,6 +8,7 @@ from scipy import stats
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
 from estimation.least_squares import solve
+from estimation.loss import Loss
 from estimation.noise_level import robust_sigma
 from estimation.regression import Regression
 from estimation.subsets import solve_subsets
@@ -44,6 +45,7 @@ class Ransac(Estimator):
         "M. A. Fischler, R. C. Bolles, Random Sample Consensus, Comm. ACM 24 (1981); settings of the paper, "
         "sec. VI-B; refinement: O. Chum, J. Matas, J. Kittler, Locally Optimized RANSAC (2003)"
     )
+    loss = Loss.CAUCHY
 
     def __post_init__(self) -> None:
         """Check the settings.

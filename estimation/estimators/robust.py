@@ -5,6 +5,7 @@ import numpy as np
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
 from estimation.least_squares import solve
+from estimation.loss import Loss
 from estimation.noise_level import NoiseLevel, fit_noise_level
 from estimation.regression import Regression
 from estimation.subsets import solve_subsets
@@ -34,6 +35,7 @@ class Robust(Estimator):
         "V. J. Yohai, High Breakdown-Point and High Efficiency Robust Estimates for Regression, "
         "Ann. Stat. 15 (1987)"
     )
+    loss = Loss.CAUCHY
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         """See `Estimator.fit`."""

@@ -1,0 +1,116 @@
+"""From a channel to its parameters: the steps that every estimator shares."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.contact import contact_rows
+from estimation.estimate import Estimate
+from estimation.estimator import Estimator
+from estimation.fit import Fit, fit
+from estimation.least_squares import solve
+from estimation.model import Model
+from estimation.problem import Problem
+from estimation.uncertainty import Covariance, assemble
+from robot_io.errors import InputError
+from robot_io.types import BoolArray
+
+
+def fitting_rows(data: ChannelData) -> BoolArray:
+    """Samples that tell about the model, shape (n,).
+
+    Of a contact: those surely in contact where the phases are known, else those below the surface; of a
+    joint: all.
+    """
+    if data.kind is not ChannelKind.CONTACT:
+        return np.ones(len(data), dtype=np.bool_)
+    if (data.phase >= 0).all():
+        return contact_rows(data.effort, data.run, data.phase)
+    return data.engaged
+
+
+def estimate_channel(
+    data: ChannelData,
+    model: Model,
+    estimator: Estimator,
+    *,
+    rng: np.random.Generator,
+    rows: BoolArray | None = None,
+) -> Estimate:
+    """Estimate all parameters of a model that is linear in its gains.
+
+    Inner parameters (where the surface lies, an exponent) are found by `fit`, with the estimator's own loss;
+    then the estimator finds the gains, and their errors take in what the inner parameters leave open.
+
+    Args:
+        data: whole runs of a channel.
+        model: what to estimate.
+        estimator: how.
+        rng: see `Estimator.fit`.
+        rows: samples to use, shape (n,); None for `fitting_rows`.
+
+    Returns:
+        Gains, then inner parameters, called "effect.parameter"; its arrays hold the samples used.
+
+    Raises:
+        InputError: too few samples, or the estimator cannot work on them.
+    """
+    used = fitting_rows(data) if rows is None else rows
+    count = len(model.gains) + len(model.inner)
+    if np.count_nonzero(used) <= count:
+        raise InputError(
+            f"channel '{data.name}': {np.count_nonzero(used)} samples in use cannot determine {count} "
+            f"parameters of '{model.name}'; was the object touched?"
+        )
+    problem = Problem(model, data, used)
+    if model.inner:
+        searched = fit(model, data, rows=used, loss=estimator.loss)
+        vector = problem.scale.vector(searched.parameters)
+        found = _combine(problem, searched, estimator.fit(problem.regression(vector), rng=rng))
+    else:
+        found = estimator.fit(problem.regression(np.zeros(0)), rng=rng)
+    return _mark_unphysical(found, model)
+
+
+def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:
+    """Gains as the estimator has them, inner parameters as the search has them, errors of both together.
+
+    Given the inner parameters p, the gains g have the estimator's covariance; p is uncertain by C, and the
+    gains follow it by G = dg/dp = -(X'X)^-1 X' df/dp. Together: cov(g) + G C G' for g, G C between g and p.
+    """
+    gain_count = len(given.parameters)
+    values = np.array(list(searched.parameters.values()))
+    values[:gain_count] = [parameter.value for parameter in given.parameters]
+    columns, slopes = searched.jacobian[:, :gain_count], searched.jacobian[:, gain_count:]
+    follow = np.column_stack([-solve(columns, slope).gains for slope in slopes.T])
+    matrix = searched.covariance.matrix.copy()
+    spread = np.nan_to_num(matrix[gain_count:, gain_count:])
+    matrix[:gain_count, :gain_count] = given.covariance + follow @ spread @ follow.T
+    matrix[:gain_count, gain_count:] = follow @ spread
+    matrix[gain_count:, :gain_count] = (follow @ spread).T
+    return assemble(
+        given.estimator,
+        tuple(searched.parameters),
+        problem.model.units(problem.data),
+        values,
+        jacobian=searched.jacobian,
+        effort=problem.data.effort[problem.rows],
+        residuals=given.residuals,
+        covariance=Covariance(matrix, searched.covariance.degrees_of_freedom),
+        inliers=given.inliers,
+        history=given.history,
+        details=given.details,
+    )
+
+
+def _mark_unphysical(found: Estimate, model: Model) -> Estimate:
+    """Say so where a gain lies outside what is physical with its whole interval."""
+    beyond = [
+        f"{estimated.name} = {estimated.value:.4g} is {'below' if low else 'above'} what is physical"
+        for estimated, parameter in zip(found.parameters, model.gains.values(), strict=False)
+        if (low := estimated.interval[1] < parameter.lower) or estimated.interval[0] > parameter.upper
+    ]
+    if not beyond:
+        return found
+    return replace(found, note=f"{found.note}; but {', '.join(beyond)}: the model lacks something")

@@ -1,0 +1,112 @@
+"""Stiffness, damping and surface while the arm is probing."""
+
+import math
+from collections import deque
+
+import numpy as np
+
+from control.running_mean import RunningMean
+from estimation.data.derivatives import centre_slope
+from estimation.estimator import OnlineEstimator
+from robot_io.types import Status
+
+Estimates = tuple[float, float, float]  # stiffness [N/m], damping [N s/m], surface along the press axis [m]
+
+NONE_YET: Estimates = (math.nan, math.nan, math.nan)
+_GAINS = 3
+_ENOUGH = 30  # samples before which three gains are hardly determined
+_NOISE_FACTOR = 6.0  # standard deviations of the free-air force that are no noise any more
+_RELEASE_SHARE = 0.5  # of the touch force
+_GAP = 1.5  # steps that are a gap
+
+
+class OnlineContactEstimator:
+    """Kelvin-Voigt with an unknown surface, as three gains in which the force is linear.
+
+        F = k (s - s0) + c ds/dt = k d + c dd/dt - k (s0 - s1),   d = s - s1
+
+    with s the tip's coordinate along the press direction, s0 the surface, and s1 where the first touch was
+    felt.
+
+    Touch is a force above what free air shows. The velocity comes from a polynomial through the samples around
+    each sample, so that it has no phase error (which would pass stiffness off as damping); estimates therefore
+    lag `half_window` samples behind. Nothing is smoothed across a touch.
+
+    Args:
+        estimator: takes one sample at a time.
+        touch_force_n: force above that in free air that is a touch; or 6 standard deviations, if more [N].
+        half_window: samples on either side that go into a velocity.
+    """
+
+    def __init__(self, estimator: OnlineEstimator, touch_force_n: float = 0.3, half_window: int = 5) -> None:
+        self._estimator = estimator
+        self._estimator.start(_GAINS)
+        self._touch_force_n = touch_force_n
+        self._slope = centre_slope(half_window)
+        self._half = half_window
+        self._window: deque[tuple[float, float, float]] = deque(maxlen=2 * half_window + 1)
+        self._air = RunningMean()
+        self._first_touch_m = math.nan
+        self._samples = 0
+        self._estimates = NONE_YET
+        self.in_contact = False
+
+    def observe(self, record: np.void) -> Estimates:
+        """Take in one record of the stream "tick"; see `control.journal.Observer`.
+
+        Returns:
+            The newest estimates, NaN before there are any.
+        """
+        if record["force_status"] != Status.OK or record["encoder_status"] != Status.OK:
+            return self._estimates
+        along_m = float(record["tip_position_world_m"] @ record["press_direction_world"])
+        return self.update(float(record["force_at_s"]), along_m, float(record["force_n"]))
+
+    def update(self, time_s: float, along_m: float, force_n: float) -> Estimates:
+        """Take in one sample.
+
+        Args:
+            time_s: of the sample [s].
+            along_m: tip along the press direction [m].
+            force_n: positive in compression [N].
+
+        Returns:
+            See `observe`.
+        """
+        above_n = force_n - self._air.mean
+        if self.in_contact:
+            self._follow(time_s, along_m, above_n)
+        elif above_n > max(self._touch_force_n, _NOISE_FACTOR * self._air.standard_deviation):
+            self._touch(along_m)
+        else:
+            self._air.add(force_n)
+        return self._estimates
+
+    def _touch(self, along_m: float) -> None:
+        """The first sample is left out: it was chosen for its force."""
+        self.in_contact = True
+        self._window.clear()
+        if math.isnan(self._first_touch_m):
+            self._first_touch_m = along_m
+
+    def _follow(self, time_s: float, along_m: float, above_n: float) -> None:
+        if above_n < _RELEASE_SHARE * self._touch_force_n:
+            self.in_contact = False
+            return
+        window = self._window
+        if len(window) > 1 and time_s - window[-1][0] > _GAP * (window[-1][0] - window[-2][0]):
+            window.clear()
+        window.append((time_s, along_m - self._first_touch_m, above_n))
+        if len(window) == window.maxlen:
+            self._learn()
+
+    def _learn(self) -> None:
+        window = self._window
+        step_s = (window[-1][0] - window[0][0]) / (len(window) - 1)
+        _, depth_m, force_n = window[self._half]
+        depths_m = np.fromiter((sample[1] for sample in window), np.float64, len(window))
+        row = np.array([depth_m, float(self._slope @ depths_m) / step_s, 1.0])
+        stiffness, damping, offset_n = self._estimator.update(row, force_n).tolist()
+        self._samples += 1
+        if self._samples >= _ENOUGH and stiffness > 0.0:
+            self._estimates = (stiffness, damping, self._first_touch_m - offset_n / stiffness)
