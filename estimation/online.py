@@ -28,9 +28,9 @@ class OnlineContactEstimator:
     with s the tip's coordinate along the press direction, s0 the surface, and s1 where the first touch was
     felt.
 
-    Touch is a force above what free air shows. The velocity comes from a polynomial through the samples around
-    each sample, so that it has no phase error (which would pass stiffness off as damping); estimates therefore
-    lag `half_window` samples behind. Nothing is smoothed across a touch.
+    Touch is a force above what free air shows. The velocity comes from a polynomial through the samples
+    around each sample, so that it has no phase error (which would pass stiffness off as damping); estimates
+    therefore lag `half_window` samples behind. Nothing is smoothed across a touch.
 
     Args:
         estimator: takes one sample at a time.
