@@ -23,6 +23,10 @@ class DeviceTimeoutError(DeviceError, TimeoutError):
     """A device did not answer before its deadline."""
 
 
+class ProtocolError(DeviceError):
+    """What came over a wire is not what its protocol allows; nothing of it was believed."""
+
+
 class LifecycleError(PalpateError):
     """A call came in the wrong state, such as a command to a robot that is not active."""
 

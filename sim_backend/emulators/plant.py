@@ -1,0 +1,91 @@
+"""What stands behind all emulated wires of one arm: the simulated world, one motor at a time."""
+
+from dataclasses import dataclass
+from math import nan
+
+from robot_io.robot_file import RobotFile
+from robot_io.types import Status
+from sim_backend.hooks import NO_EFFECTS, Effects
+from sim_backend.scenario import Scenario
+from sim_backend.world import ArmDescription, World
+
+
+@dataclass(frozen=True, slots=True)
+class JointState:
+    """What a motor's own sensors show of its joint, NaN before their first sample.
+
+    Attributes:
+        position_rad: joint angle [rad].
+        velocity_rad_s: its rate [rad/s].
+        torque_nm: torque at the joint [N m].
+    """
+
+    position_rad: float
+    velocity_rad_s: float
+    torque_nm: float
+
+
+class Plant:
+    """An arm in a simulated world, as its motors and its force sensor see it.
+
+    It stands on its rest until a motor first exerts a torque. Not safe for threads: one bench owns it.
+
+    Args:
+        robot_file: the arm.
+        scenario: object and quality of the sensors, which are those of the direct simulation.
+        start_s: time of the initial state on the bench's clock [s].
+        effects: what is hidden in plant and sensors.
+
+    Attributes:
+        world: the world, for its truth and its object.
+    """
+
+    def __init__(
+        self, robot_file: RobotFile, scenario: Scenario, start_s: float, effects: Effects = NO_EFFECTS
+    ) -> None:
+        arm = ArmDescription(
+            robot_file.urdf_path.read_text(encoding="utf-8"),
+            robot_file.tip_frame,
+            robot_file.sensor_axis_tip,
+            robot_file.home_rad,
+        )
+        self.world = World(arm, scenario, effects, start_s=start_s)
+        self.world.held = True
+        self._torque_nm = [0.0] * self.world.joint_count
+        self._joints = [JointState(nan, nan, nan)] * self.world.joint_count
+        self._force: tuple[float, Status] | None = None
+
+    def set_torque(self, joint: int, torque_nm: float) -> None:
+        """What the motor of `joint` (from 0) exerts from now on [N m]."""
+        if torque_nm == self._torque_nm[joint]:
+            return
+        self.world.held = False
+        self._torque_nm[joint] = torque_nm
+        self.world.set_torque(self._torque_nm)
+
+    def advance_to(self, time_s: float) -> None:
+        """Let physics pass up to `time_s` [s] on the bench's clock, and sample all sensors."""
+        world = self.world
+        world.advance_to(time_s)
+        motion, torque = world.encoder.read(time_s), world.torque_sensor.read(time_s)
+        if motion is not None and torque is not None:
+            n = world.joint_count
+            self._joints = [
+                JointState(motion.value[i], motion.value[n + i], torque.value[i]) for i in range(n)
+            ]
+        force = world.force_sensor.read(time_s)
+        if force is not None:
+            self._force = (force.value[0], force.status)
+
+    def joint(self, joint: int) -> JointState:
+        """The newest sample of `joint` (from 0)."""
+        return self._joints[joint]
+
+    @property
+    def force(self) -> tuple[float, Status] | None:
+        """The newest force, positive in compression [N], and how far to trust it; None before the first."""
+        return self._force
+
+    def close(self) -> None:
+        """End the world. Can be called again."""
+        self.world.close()
