@@ -57,6 +57,7 @@ class Effect(ABC):
         signature: what one sees in the data, in words.
         channels: kinds of channel it can occur in.
         gains: parameters in which the effort is linear, one per column.
+        essential: gains without which it would be another, simpler effect.
         inner: the few others (exponent, speed, time), searched within their bounds.
         needs: signals of `ChannelData.context` without which the effect cannot be tried.
         confused_with: effects that data often cannot tell from this one, with the experiment that can.
@@ -70,6 +71,7 @@ class Effect(ABC):
     channels: ClassVar[frozenset[ChannelKind]]
     gains: ClassVar[tuple[Parameter, ...]] = ()
     inner: ClassVar[tuple[Parameter, ...]] = ()
+    essential: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
     confused_with: ClassVar[Mapping[str, str]] = {}
 

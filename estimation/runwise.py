@@ -98,9 +98,10 @@ def _play(values: FloatArray, half_width: float) -> FloatArray:
         state = max(state, end - half_width) if is_rising else min(state, end + half_width)
     piece = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(values))))
     before = np.array(states)[piece]
-    return np.where(
+    played: FloatArray = np.where(
         rising[piece], np.maximum(before, values - half_width), np.minimum(before, values + half_width)
     )
+    return played
 
 
 def direction(velocity: FloatArray, time_s: FloatArray, run: IntArray, presliding: float) -> FloatArray:

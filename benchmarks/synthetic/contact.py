@@ -61,7 +61,7 @@ def _one_press(
     if "adhesion" in hidden:
         reach = depth * (0.05 + 0.15 * shape.get("adhesion", 0.5))
         stuck = np.maximum.accumulate(pressed) * np.exp(np.minimum(x, 0.0) / reach)
-        return np.where(pressed, total, 0.0) - 10.0 * hidden["adhesion"] * stuck
+        return np.maximum(np.where(pressed, total, 0.0), 0.0) - 10.0 * hidden["adhesion"] * stuck
     return np.maximum(np.where(pressed, total, 0.0), 0.0)
 
 

@@ -6,7 +6,6 @@
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from synthetic.motion import RATE_HZ, Motion
 
@@ -40,14 +39,9 @@ def _one_run(
     dt = 1.0 / RATE_HZ
     if "backlash" in hidden:
         q, v, a = _through_gap(q, v, a, 0.2 * hidden["backlash"])
-    if "joint_elasticity" in hidden:
-        link = q.copy()
-        for _ in range(4):
-            carried = INERTIA * np.gradient(np.gradient(link, dt), dt) + GRAVITY * np.sin(link)
-            link = q - hidden["joint_elasticity"] / 20.0 * gaussian_filter1d(carried, 3.0)
-        q, v = link, np.gradient(link, dt)
-        a = np.gradient(v, dt)
     load = INERTIA * a + GRAVITY * np.sin(q)
+    if "joint_elasticity" in hidden:
+        load = _wound_up(q, v, 20.0 / hidden["joint_elasticity"])
     total = load + VISCOUS * v
     turn = np.clip(v / 0.005, -1.0, 1.0)
     total = total + hidden.get("coulomb_friction", 0.0) * turn
@@ -77,3 +71,17 @@ def _through_gap(
             link, driven[i] = motor + gap / 2, True
         out[i] = link
     return out, v * driven, a * driven
+
+
+def _wound_up(q: np.ndarray, v: np.ndarray, k: float) -> np.ndarray:
+    """Torque in the spring between the motor at q and a link that swings behind it, a little damped."""
+    steps, damping = 8, 0.4 * np.sqrt(k * INERTIA)
+    dt = 1.0 / RATE_HZ / steps
+    link, speed, out = q[0] - GRAVITY * np.sin(q[0]) / k, v[0], np.empty_like(q)
+    for i in range(len(q)):
+        for _ in range(steps):
+            spring = k * (q[i] - link) + damping * (v[i] - speed)
+            speed += dt * (spring - GRAVITY * np.sin(link)) / INERTIA
+            link += dt * speed
+        out[i] = k * (q[i] - link) + damping * (v[i] - speed)
+    return out

@@ -34,15 +34,16 @@ class Motion:
 
 
 def assemble(paths: list[np.ndarray], pause_s: float = 2.0) -> Motion:
-    """One session out of each run's path, sampled at `RATE_HZ`."""
+    """One session out of each run's path, sampled at `RATE_HZ`, its ends cut where derivatives are one-sided."""
     dt, times, xs, vs, accs, runs, start = 1.0 / RATE_HZ, [], [], [], [], [], 0.0
     for number, path in enumerate(paths):
         v = np.gradient(path, dt)
-        times.append(start + dt * np.arange(len(path)))
-        xs.append(path)
-        vs.append(v)
-        accs.append(np.gradient(v, dt))
-        runs.append(np.full(len(path), number))
+        a = np.gradient(v, dt)[5:-5]
+        times.append(start + dt * np.arange(len(a)))
+        xs.append(path[5:-5])
+        vs.append(v[5:-5])
+        accs.append(a)
+        runs.append(np.full(len(a), number))
         start = times[-1][-1] + pause_s
     return Motion(*(np.concatenate(parts) for parts in (times, xs, vs, accs, runs)))
 
@@ -59,9 +60,7 @@ def presses(rng: np.random.Generator, depth_m: float, repeats: int = 2) -> Motio
         path = gaussian_filter1d(np.cumsum(velocity) * dt - gap, 12.0, mode="nearest")
         held = np.convolve(path > 0.97 * deepest, np.ones(80) / 80.0, mode="same")
         t = dt * np.arange(len(path))
-        shaking = sum(
-            np.sin(2 * np.pi * f * t + rng.uniform(0, 6.28)) for f in (2.3, 5.1, 9.7)
-        )
+        shaking = sum(np.sin(2 * np.pi * f * t + rng.uniform(0, 6.28)) for f in (2.3, 5.1, 9.7))
         path = path + 0.01 * deepest * held * shaking + 0.01 * deepest * held * np.cumsum(held) * dt
         paths.append(gaussian_filter1d(path, 4.0, mode="nearest"))
     return assemble(paths)

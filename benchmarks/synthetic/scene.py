@@ -55,14 +55,14 @@ def make(scene: Scene) -> Made | None:
     shape = {name: float(rng.uniform()) for name in names(scene.kind)}
     base = _columns(motion, touching)
 
-    def effort(sizes: Mapping[str, float]) -> np.ndarray:
+    def effort(sizes: Mapping[str, float], alone: bool = True) -> np.ndarray:
         if touching:
             clean = contact.force(motion, k, c, sizes, shape)
         else:
             clean = joint.torque(motion, sizes, shape)
         scale = float(np.sqrt(np.mean(clean**2)))
         for name in sizes:
-            if name in FAULTS:
+            if name in FAULTS and (name != "quantisation" or alone):
                 clean = FAULTS[name](clean, motion, sizes[name], scale, shape[name])
         return clean
 
@@ -72,8 +72,8 @@ def make(scene: Scene) -> Made | None:
         if size is None:
             return None
         sizes[name] = size
-    clean = effort(sizes)
-    return Made(_channel(scene, motion, clean, rng), sizes, clean)
+    clean = effort(sizes, alone=False)
+    return Made(_channel(scene, motion, clean, sizes, rng), sizes, clean)
 
 
 def _columns(motion: Motion, touching: bool) -> np.ndarray:
@@ -86,14 +86,13 @@ def _columns(motion: Motion, touching: bool) -> np.ndarray:
 def _size(deviation, base: np.ndarray, wanted: float) -> float | None:  # noqa: ANN001
     """Size at which the deviation, less what the base model mimics, has the wanted RMS."""
     basis = np.linalg.qr(base)[0]
-    low, high = 1e-5, 1.0
-    while True:
-        if _left(deviation(high), basis) > wanted:
-            break
-        high *= 3.0
-        if high > 300.0:
-            return None
-    for _ in range(18):
+    sizes = np.geomspace(1e-4, 30.0, 30)
+    reached = (i for i, size in enumerate(sizes) if _left(deviation(size), basis) > wanted)
+    first = next(reached, 0)
+    if first == 0:
+        return None
+    low, high = sizes[first - 1], sizes[first]
+    for _ in range(12):
         middle = np.sqrt(low * high)
         low, high = (middle, high) if _left(deviation(middle), basis) < wanted else (low, middle)
     return float(high)
@@ -103,8 +102,13 @@ def _left(deviation: np.ndarray, basis: np.ndarray) -> float:
     return float(np.sqrt(np.mean((deviation - basis @ (basis.T @ deviation)) ** 2)))
 
 
-def _channel(scene: Scene, motion: Motion, clean: np.ndarray, rng: np.random.Generator) -> ChannelData:
+def _channel(
+    scene: Scene, motion: Motion, clean: np.ndarray, sizes: Mapping[str, float], rng: np.random.Generator
+) -> ChannelData:
     noise = coloured(rng, len(clean), FLOOR[scene.kind], scene.correlation)
+    reading = clean + noise
+    if "quantisation" in sizes:
+        reading = np.round(reading / sizes["quantisation"]) * sizes["quantisation"]
     seen = measured(motion, rng, *ENCODER[scene.kind])
     return ChannelData(
         name="contact" if scene.kind is ChannelKind.CONTACT else "joint_1",
@@ -113,7 +117,7 @@ def _channel(scene: Scene, motion: Motion, clean: np.ndarray, rng: np.random.Gen
         position=seen.x,
         velocity=seen.v,
         acceleration=seen.a,
-        effort=clean + noise,
+        effort=reading,
         run=seen.run,
         phase=np.full(len(clean), -1),
     )

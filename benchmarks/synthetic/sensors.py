@@ -62,7 +62,7 @@ def hysteresis(effort: np.ndarray, motion: Motion, size: float, scale: float, sh
 
 def quantisation(effort: np.ndarray, motion: Motion, size: float, scale: float, shape: float) -> np.ndarray:
     """Whole steps."""
-    step = 4.0 * size * scale
+    step = size
     return np.floor(effort / step + 0.5) * step
 
 

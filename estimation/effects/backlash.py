@@ -32,12 +32,13 @@ class Backlash(MotionEffect):
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
         """See `MotionEffect.move`."""
         followed = play(data.position, data.run, 0.5 * inner["gap"])
-        off = np.abs(data.position - followed) < 0.499 * inner["gap"]
+        behind = data.position - followed
+        pushed = (np.abs(behind) > 0.498 * inner["gap"]) & (behind * data.velocity > 0.0)
         return moved(
             data,
-            position=followed - data.position,
-            velocity=np.where(off, -data.velocity, 0.0),
-            acceleration=np.where(off, -data.acceleration, 0.0),
+            position=-behind,
+            velocity=np.where(pushed, 0.0, -data.velocity),
+            acceleration=np.where(pushed, 0.0, -data.acceleration),
         )
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:

@@ -23,6 +23,7 @@ class Drift(AdditiveEffect):
         Parameter("rate", "{effort}/s", -1000.0, 1000.0, (-0.01, 0.01)),
         Parameter("offset", "{effort}", -10000.0, 10000.0, (-1.0, 1.0)),
     )
+    essential = ("rate",)
     confused_with: ClassVar[dict[str, str]] = {
         "stress_relaxation": "free air: drift goes on there, relaxation does not",
         "bias": "wait: a bias stays",

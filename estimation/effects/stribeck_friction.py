@@ -25,6 +25,7 @@ class StribeckFriction(AdditiveEffect):
         Parameter("coulomb", "{effort}", 0.0, 10000.0, (0.001, 50.0)),
         Parameter("rise", "{effort}", -10000.0, 10000.0, (0.001, 50.0)),
     )
+    essential = ("rise",)
     inner = (
         Parameter("speed", "{position}/s", 1e-09, 10.0, (0.001, 1.0), log=True),
         Parameter("transition", "{position}/s", 1e-09, 1.0, (0.0001, 0.05), log=True),

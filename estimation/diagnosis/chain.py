@@ -1,0 +1,142 @@
+"""Adds one effect after the other, and looks back at each step whether another would serve better."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.diagnosis.library import candidates
+from estimation.diagnosis.selection import LEAST_GAIN, TIE, Candidate, Evidence, choose, evidence, screen
+from estimation.diagnosis.standing import Standing, stand
+from estimation.effect import Effect
+from estimation.model import Model
+from robot_io.types import BoolArray
+
+MOST_EFFECTS = 4
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect accepted.
+
+    Attributes:
+        effect: its name.
+        evidence: what spoke for it.
+        standing: where things stood with it.
+    """
+
+    effect: str
+    evidence: Evidence
+    standing: Standing
+
+
+@dataclass(frozen=True)
+class Chain:
+    """All that was accepted, in order.
+
+    Attributes:
+        start: the base model alone.
+        steps: one for each effect accepted.
+        ranking: all candidates beside the base model, best first.
+        refused: the candidate that came next, and why it was not taken; None if there was none left.
+    """
+
+    start: Standing
+    steps: tuple[Step, ...]
+    ranking: tuple[Candidate, ...]
+    refused: tuple[Candidate, Evidence] | None
+
+    @property
+    def end(self) -> Standing:
+        """Where things stand with all that was accepted."""
+        return self.steps[-1].standing if self.steps else self.start
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a search for effects works on.
+
+    Attributes:
+        data: the channel.
+        model: the base model.
+        good: samples that are fit for use, shape (n,).
+        effects: the library.
+        rng: for surrogates.
+        progress: told what is being done, and the share of it that is done.
+    """
+
+    data: ChannelData
+    model: Model
+    good: BoolArray
+    effects: tuple[Effect, ...]
+    rng: np.random.Generator
+    progress: Progress
+
+    def screen(self, standing: Standing) -> list[Candidate]:
+        """All candidates beside the model of `standing`."""
+        model = standing.trial.model
+        tried = candidates(standing.data, model, self.effects)
+        what = f"{self.data.name}: beside {', '.join(e.name for e in model.effects)}"
+        return screen(standing, model, tried, lambda share, name: self.progress(f"{what}: {name}", share))
+
+    def stand(self, names: Sequence[str], parameters: Mapping[str, float]) -> Standing:
+        """The base model with these effects, fitted from these parameters on."""
+        by_name = {effect.name: effect for effect in self.effects}
+        model = replace(self.model, effects=(*self.model.effects, *(by_name[name] for name in names)))
+        return stand(self.data, model, parameters, self.good)
+
+
+def build(search: Search) -> Chain:
+    """Accept effects until no further one is worth it."""
+    start = search.stand([], {})
+    ranking: tuple[Candidate, ...] = ()
+    steps: tuple[Step, ...] = ()
+    refused = None
+    while len(steps) < MOST_EFFECTS:
+        before = steps[-1].standing if steps else start
+        found = search.screen(before)
+        ranking = ranking or tuple(found)
+        if not found:
+            break
+        chosen = choose(found)
+        names = [*(step.effect for step in steps), chosen.effect.name]
+        after = search.stand(names, chosen.search.best.parameters)
+        weighed = evidence(before, after, found, chosen, search.rng)
+        if not weighed.enough:
+            refused = (chosen, weighed)
+            break
+        steps = (*steps, Step(chosen.effect.name, weighed, after))
+        steps = _reconsider(search, start, steps)
+    return Chain(start, steps, ranking, refused)
+
+
+def _reconsider(search: Search, start: Standing, steps: tuple[Step, ...]) -> tuple[Step, ...]:
+    """Drop what the later effects made needless, and exchange what another would now do better."""
+    for name in [step.effect for step in steps[:-1]]:
+        end = steps[-1].standing
+        others = [step.effect for step in steps if step.effect != name]
+        without = search.stand(others, end.trial.parameters)
+        if without.trial.held_out * (1.0 - LEAST_GAIN) ** 2 < end.trial.held_out:
+            steps = _redo(search, start, others, without)
+            continue
+        best = choose(search.screen(without))
+        if best.effect.name != name:
+            exchanged = search.stand([*others, best.effect.name], best.search.best.parameters)
+            if exchanged.trial.held_out < (1.0 - TIE) * end.trial.held_out:
+                steps = _redo(search, start, [*others, best.effect.name], exchanged)
+    return steps
+
+
+def _redo(search: Search, start: Standing, names: list[str], end: Standing) -> tuple[Step, ...]:
+    """Steps to `end` in this order, each weighed by how the error falls; chance was ruled out before."""
+    steps: list[Step] = []
+    before = start
+    for count in range(1, len(names) + 1):
+        after = end if count == len(names) else search.stand(names[:count], end.trial.parameters)
+        fall = 1.0 - np.sqrt(after.trial.held_out / before.trial.held_out)
+        better = float(np.mean(after.trial.scores.held_out < before.trial.scores.held_out))
+        steps.append(Step(names[count - 1], Evidence(float(fall), float(fall), better, 0.005), after))
+        before = after
+    return tuple(steps)

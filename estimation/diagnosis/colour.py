@@ -1,0 +1,55 @@
+"""The colour of the noise, and how to take it out, so that least squares weighs what is really new."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+ORDER = 4
+
+
+@dataclass(frozen=True)
+class Colour:
+    """An autoregressive noise, run by run.
+
+    Attributes:
+        memory: coefficients of the previous samples, newest first; empty for white noise.
+    """
+
+    memory: FloatArray
+
+    def kept(self, run: IntArray, trusted: BoolArray) -> BoolArray:
+        """Samples that are trusted with all their past within their own run, shape (m,)."""
+        order = len(self.memory)
+        kept = trusted.copy()
+        kept[:order] = False
+        for lag in range(1, order + 1):
+            kept[order:] &= trusted[order - lag : len(run) - lag]
+        kept[order:] &= run[order:] == run[: len(run) - order]
+        return kept
+
+    def whiten(self, signal: FloatArray) -> FloatArray:
+        """What is new in each sample of `signal` (m,) or (m, k), same shape; rows of `kept` count."""
+        order = len(self.memory)
+        new = np.array(signal, dtype=np.float64)
+        for lag, weight in enumerate(self.memory, start=1):
+            new[order:] -= weight * signal[order - lag : len(signal) - lag]
+        return new
+
+
+WHITE = Colour(np.empty(0))
+
+
+def colour_of(residual: FloatArray, run: IntArray, trusted: BoolArray, order: int = ORDER) -> Colour:
+    """Fit the noise colour to residuals (Yule-Walker, pooled over runs; the mean is part of the noise)."""
+    clean = np.where(trusted, residual, 0.0)
+    products = np.empty(order + 1)
+    for lag in range(order + 1):
+        same = run[lag:] == run[: len(run) - lag]
+        products[lag] = np.sum((clean[lag:] * clean[: len(clean) - lag])[same])
+    if not products[0] > 0.0:
+        return WHITE
+    products[0] *= 1.0 + 1e-6
+    return Colour(solve_toeplitz(products[:-1], products[1:]))

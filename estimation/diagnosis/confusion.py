@@ -1,0 +1,61 @@
+"""Which effects the data cannot tell apart."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimation.diagnosis.selection import TIE, Candidate
+from estimation.diagnosis.trial import Trial
+from robot_io.types import FloatArray
+
+SAME = 0.95  # cosine above which two effects look alike beside the model
+
+
+def contribution(trial: Trial, effect: str) -> FloatArray:
+    """What an effect adds to the prediction on blocks, shape (m,); zero for one without gains."""
+    names = list(trial.model.gains)
+    own = [i for i, name in enumerate(names) if name.startswith(f"{effect}.")]
+    gains = np.array([trial.parameters[names[i]] for i in own])
+    added: FloatArray = trial.columns[:, own] @ gains
+    return added
+
+
+def likeness(base: Trial, one: Trial, other: Trial) -> float:
+    """Cosine between what two models explain beyond a third: 1 where they explain the same."""
+    first, second = (base.residual - trial.residual for trial in (one, other))
+    lengths = float(np.linalg.norm(first) * np.linalg.norm(second))
+    return float(first @ second) / lengths if lengths > 0.0 else 0.0
+
+
+def rivals(found: Sequence[Candidate], name: str, base: Trial) -> list[str]:
+    """Effects that would have done as well as the one called `name`, best first.
+
+    As well means that they explain the same beside the model, with as small an error in held-out runs. An
+    effect that merely contains this one (a law with one more term) is no rival: the data say that the term is
+    zero.
+
+    Args:
+        found: all candidates that were tried beside one model.
+        name: the one that was taken.
+        base: that model alone.
+    """
+    taken = next(c for c in found if c.effect.name == name)
+    close = [c for c in found if c is not taken and c.held_out <= (1.0 + TIE) * taken.held_out]
+    best = taken.search.best
+    return [
+        c.effect.name for c in close if likeness(base, best, c.search.best) > SAME and not _contains(c, taken)
+    ]
+
+
+def _contains(rival: Candidate, taken: Candidate) -> bool:
+    """Whether the rival has more parameters and can draw what the taken one draws."""
+    if rival.size <= taken.size:
+        return False
+    added = contribution(taken.search.best, taken.effect.name)
+    energy = float(added @ added)
+    if energy == 0.0:
+        return False
+    columns = rival.search.best.columns
+    gains = np.linalg.lstsq(columns, added, rcond=None)[0]
+    left = added - columns @ gains
+    return float(left @ left) < 1e-3 * energy

@@ -1,0 +1,197 @@
+"""Says what is missing in a model, with evidence; or that nothing is, or that nobody has named it."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.diagnosis.chain import Chain, Progress, Search, build
+from estimation.diagnosis.confusion import rivals
+from estimation.diagnosis.gate import refuse, usable
+from estimation.diagnosis.held_out import held_out_residual, rmse
+from estimation.diagnosis.intervals import Value, final, values
+from estimation.diagnosis.library import library
+from estimation.diagnosis.next_experiment import exploring, separating, sufficient
+from estimation.diagnosis.noise_floor import noise_floor
+from estimation.diagnosis.result import (
+    Accepted,
+    ChannelDiagnosis,
+    Diagnosis,
+    Fitted,
+    Floor,
+    NextExperiment,
+    ParameterValue,
+    Ranked,
+    Suspect,
+    Verdict,
+)
+from estimation.diagnosis.standing import Standing
+from estimation.diagnosis.unexplained import depends_on, is_explained
+from estimation.effect import Effect
+from estimation.model import Model
+
+
+def diagnose(
+    data: ChannelData | Sequence[ChannelData],
+    model: Model | Sequence[Model],
+    effects: Iterable[Effect] | None = None,
+    *,
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+    file: str = "",
+) -> Diagnosis:
+    """Diagnose each channel by itself.
+
+    Args:
+        data: one channel or several.
+        model: the base model of all, or one for each channel.
+        effects: the library of hypotheses; by default all that palpate knows.
+        rng: for surrogates.
+        progress: told what is being done and which share of that is done.
+        file: what the data came from, for the record.
+
+    Returns:
+        One entry for each channel, in the order given.
+    """
+    channels = [data] if isinstance(data, ChannelData) else list(data)
+    models = [model] * len(channels) if isinstance(model, Model) else list(model)
+    known = library() if effects is None else tuple(effects)
+    entries = [
+        diagnose_channel(channel, base, known, rng, progress or (lambda what, share: None))
+        for channel, base in zip(channels, models, strict=True)
+    ]
+    return Diagnosis(file=file, model=models[0].name if models else "", channels=entries)
+
+
+def diagnose_channel(
+    data: ChannelData, model: Model, effects: tuple[Effect, ...], rng: np.random.Generator, progress: Progress
+) -> ChannelDiagnosis:
+    """Diagnose one channel; see `diagnose`."""
+    reason = refuse(data)
+    if reason:
+        return ChannelDiagnosis(
+            channel=data.name,
+            verdict=Verdict.INSUFFICIENT,
+            reason=reason,
+            effort_unit=data.kind.effort_unit,
+            next_experiment=sufficient(reason, data.kind),
+        )
+    search = Search(data, model, usable(data), effects, rng, progress)
+    chain = build(search)
+    return _report(search, chain)
+
+
+def _report(search: Search, chain: Chain) -> ChannelDiagnosis:
+    explained = is_explained(chain.end)
+    named = explained and bool(chain.steps)
+    standing = chain.end if named else chain.start
+    accepted = _accepted(search, chain) if named else []
+    signals = [] if explained else depends_on(chain.end)
+    verdict = Verdict.MISSING if named else Verdict.ADEQUATE if explained else Verdict.UNEXPLAINED
+    return ChannelDiagnosis(
+        channel=search.data.name,
+        verdict=verdict,
+        reason=_reason(verdict, chain, signals),
+        effort_unit=search.data.kind.effort_unit,
+        noise_floor=noise_floor(chain.end).value,
+        floor=Floor(**asdict(noise_floor(chain.end))),
+        baseline=_fitted(chain.start),
+        accepted=accepted,
+        suspects=[] if explained else _suspects(chain),
+        ranking=_ranking(chain),
+        final=_fitted(standing),
+        depends_on=signals,
+        next_experiment=_next(search, accepted, signals, explained),
+    )
+
+
+def _error(standing: Standing) -> float:
+    return rmse(held_out_residual(standing.plain.frame, standing.trial))
+
+
+def _fitted(standing: Standing) -> Fitted:
+    found = values(standing, final(standing))
+    return Fitted(rmse=_error(standing), parameters={name: _entry(value) for name, value in found.items()})
+
+
+def _entry(value: Value) -> ParameterValue:
+    known = np.isfinite(value.std_err)
+    return ParameterValue(value=value.value, std_err=value.std_err if known else None, unit=value.unit)
+
+
+def _accepted(search: Search, chain: Chain) -> list[Accepted]:
+    found = values(chain.end, final(chain.end))
+    by_name = {effect.name: effect for effect in search.effects}
+    accepted, before, p_value = [], chain.start, 0.0
+    for step in chain.steps:
+        effect = by_name[step.effect]
+        p_value = max(p_value, step.evidence.p_value)
+        own = {
+            name.split(".", 1)[1]: _entry(v) for name, v in found.items() if name.split(".")[0] == effect.name
+        }
+        accepted.append(
+            Accepted(
+                effect=effect.name,
+                parameters=own,
+                rmse_before=_error(before),
+                rmse_after=_error(step.standing),
+                p_value=p_value,
+                confused_with=_rivals(search, chain, step.effect),
+                physics=effect.physics,
+                equation=effect.equation,
+                signature=effect.signature,
+            )
+        )
+        before = step.standing
+    return accepted
+
+
+def _rivals(search: Search, chain: Chain, name: str) -> list[str]:
+    """Effects that would do as well in the place of `name`, all others kept."""
+    others = [step.effect for step in chain.steps if step.effect != name]
+    if others:
+        without = search.stand(others, chain.end.trial.parameters)
+        found = search.screen(without)
+    else:
+        without, found = chain.start, list(chain.ranking)
+    if name not in [candidate.effect.name for candidate in found]:
+        return []
+    return rivals(found, name, without.trial)
+
+
+def _suspects(chain: Chain) -> list[Suspect]:
+    return [Suspect(effect=step.effect, rmse_after=_error(step.standing)) for step in chain.steps]
+
+
+def _ranking(chain: Chain) -> list[Ranked]:
+    """Errors sample by sample, from what each candidate takes away on blocks."""
+    count = int(chain.start.plain.kept.sum())
+    before = _error(chain.start)
+    ranked = []
+    for candidate in chain.ranking:
+        taken = (chain.start.trial.held_out - candidate.held_out) / count
+        error = float(np.sqrt(max(before**2 - taken, 0.0)))
+        score = float(1.0 - error / before) if before > 0.0 else 0.0
+        ranked.append(Ranked(effect=candidate.effect.name, rmse_held_out=error, score=score))
+    return ranked
+
+
+def _reason(verdict: Verdict, chain: Chain, signals: Sequence[str]) -> str:
+    left = f"{100.0 * max(chain.end.left, 0.0):.0f} %"
+    if verdict is Verdict.ADEQUATE:
+        return "no effect of the library lowers the error in held-out runs, and nothing smooth is left in it"
+    if verdict is Verdict.MISSING:
+        return "with " + " and ".join(s.effect for s in chain.steps) + ", nothing smooth is left in the error"
+    known = " even with " + " and ".join(s.effect for s in chain.steps) if chain.steps else ""
+    return f"{left} of the error{known} could be explained, by {', '.join(signals) or 'a mix of signals'}"
+
+
+def _next(
+    search: Search, accepted: Sequence[Accepted], signals: Sequence[str], explained: bool
+) -> NextExperiment | None:
+    by_name = {effect.name: effect for effect in search.effects}
+    for entry in accepted:
+        if entry.confused_with:
+            return separating(by_name[entry.effect], entry.confused_with, search.data.kind)
+    return None if explained else exploring(signals, search.data.kind)

@@ -1,0 +1,84 @@
+"""The grid on which a diagnosis works: means over short blocks, and folds of whole runs."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.runwise import sample_time
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+RATE_HZ = 200.0  # blocks per second aimed at; slower data is taken sample by sample
+FOLDS = 6
+_PIECES = 3  # that each run is cut into where there are too few runs to hold whole ones out
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Blocks of a channel; columns are computed at the full rate and then averaged, which bends no model.
+
+    Attributes:
+        data: the channel at its full rate.
+        rows: shape (m, block), the samples of each of the m blocks.
+        run: shape (m,), run of each block.
+        fold: shape (m,), fold in which each block is held out, from 0.
+        trusted: shape (m,), whether a block counts.
+    """
+
+    data: ChannelData
+    rows: IntArray
+    run: IntArray
+    fold: IntArray
+    trusted: BoolArray
+
+    def __len__(self) -> int:
+        """Number of blocks m."""
+        return len(self.rows)
+
+    @property
+    def folds(self) -> int:
+        """Number of folds."""
+        return int(self.fold.max()) + 1
+
+    def reduce(self, signal: FloatArray) -> FloatArray:
+        """Means over blocks of a signal (n,) or (n, k): shape (m,) or (m, k)."""
+        if self.rows.shape[1] == 1:
+            return signal[self.rows[:, 0]]
+        mean: FloatArray = signal[self.rows].mean(axis=1)
+        return mean
+
+
+def frame_of(data: ChannelData, good: BoolArray | None = None, rate_hz: float = RATE_HZ) -> Frame:
+    """Cut a channel into blocks that last `1 / rate_hz` or one sample, whichever is longer.
+
+    Blocks in which a contact begins or ends are not trusted: where in them it does depends on the last digit
+    of the encoder, and a damper makes a step of it.
+
+    Args:
+        data: the channel.
+        good: samples that are fit for use, shape (n,); None for all.
+        rate_hz: blocks per second.
+    """
+    block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
+    rows, folds = [], []
+    runs = data.runs
+    pieces = 1 if len(runs) > _PIECES else _PIECES + (len(runs) == 1) * 2
+    for number, run in enumerate(runs):
+        of_run = np.flatnonzero(data.run == run)
+        blocks = of_run[: len(of_run) // block * block].reshape(-1, block)
+        piece = np.arange(len(blocks)) * pieces // max(len(blocks), 1)
+        rows.append(blocks)
+        folds.append((number * pieces + piece) % FOLDS)
+    grid = np.concatenate(rows)
+    fold = np.unique(np.concatenate(folds), return_inverse=True)[1]
+    trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
+    return Frame(data, grid, data.run[grid[:, 0]], fold, trusted & ~_mixed(data, grid))
+
+
+def _mixed(data: ChannelData, rows: IntArray) -> BoolArray:
+    """Blocks within a sample of the border of a contact, shape (m,)."""
+    engaged = data.engaged[rows]
+    mixed = np.array(engaged.any(axis=1) & ~engaged.all(axis=1))
+    changes = np.zeros_like(mixed)
+    changes[1:] = engaged[1:, 0] != engaged[:-1, -1]
+    return mixed | changes

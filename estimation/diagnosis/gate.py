@@ -1,0 +1,153 @@
+"""Whether a channel can be diagnosed at all; if not, the reason in one sentence."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.runwise import per_run, sample_time
+from robot_io.types import BoolArray, FloatArray
+
+LEAST_SAMPLES = 100
+_LONGEST_CONTACT_M = 0.2  # deeper indentations than this are a mistaken unit
+_STIFFEST_N_M = 1e7
+_SOFTEST_N_M = 1e-2
+_FASTEST_RAD_S = 300.0
+_STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was at its end
+_GLITCH = 25.0  # times the usual distance between neighbours
+_MOST_GLITCHES = 0.01
+
+
+def usable(data: ChannelData) -> BoolArray:
+    """Samples that are no glitches of the reader, shape (n,): single readings far off both neighbours."""
+    smooth = per_run(lambda effort: np.asarray(median_filter(effort, 5)), data.effort, data.run)
+    off = np.abs(data.effort - smooth)
+    usual = float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
+    level = max(_GLITCH * usual, 0.2 * float(np.ptp(smooth)))
+    good = np.asarray(off <= level)
+    return good if np.mean(~good) <= _MOST_GLITCHES else np.ones(len(data), dtype=np.bool_)
+
+
+def refuse(data: ChannelData) -> str | None:
+    """The reason why this channel cannot be diagnosed, and the remedy; None if it can."""
+    for check in _CHECKS:
+        reason = check(data)
+        if reason:
+            return reason
+    return None
+
+
+def _length(data: ChannelData) -> str | None:
+    if len(data) < LEAST_SAMPLES:
+        return f"only {len(data)} samples; record at least {LEAST_SAMPLES}"
+    return None
+
+
+def _variation(data: ChannelData) -> str | None:
+    for what, signal in (("effort", data.effort), ("position", data.position)):
+        if np.ptp(signal) <= 1e-12 * max(1.0, float(np.max(np.abs(signal)))):
+            return f"the {what} never changes; check the sensor and the column"
+    return None
+
+
+def _runs(data: ChannelData) -> str | None:
+    """One run must cover its motion several times over, so that parts of it can be held out."""
+    if len(data.runs) > 1:
+        return None
+    if data.kind is ChannelKind.CONTACT:
+        return "a single run, so nothing can be held out to judge by; probe at least three times"
+    parts = np.array_split(data.position, 5)
+    ranges = np.array([np.ptp(part) for part in parts])
+    if ranges.min() < 0.3 * np.ptp(data.position):
+        return "a single run that goes through its motion once; record at least three runs"
+    return None
+
+
+def _units(data: ChannelData) -> str | None:
+    if data.kind is ChannelKind.CONTACT:
+        deepest = float(data.position.max())
+        if deepest > _LONGEST_CONTACT_M:
+            return f"the deepest indentation is {deepest:.3g} m; is the displacement in millimetres?"
+        pressed = data.engaged
+        if pressed.any():
+            slope = float(np.ptp(data.effort)) / max(deepest, 1e-12)
+            if not _SOFTEST_N_M < slope < _STIFFEST_N_M:
+                return f"force over depth is {slope:.3g} N/m; check the units of both"
+    if data.kind is ChannelKind.REVOLUTE and float(np.quantile(np.abs(data.velocity), 0.9)) > _FASTEST_RAD_S:
+        return "the joint turns faster than 300 rad/s most of the time; is the angle in degrees?"
+    return None
+
+
+def _time(data: ChannelData) -> str | None:
+    """The velocity must be the position's slope: else times, or units of one of them, are off."""
+    step = sample_time(data.time_s, data.run)
+    slope = per_run(lambda x: np.gradient(x, step) if len(x) > 1 else 0.0 * x, data.position, data.run)
+    energy = float(slope @ slope)
+    if energy == 0.0:
+        return None
+    ratio, likeness = float(slope @ data.velocity) / energy, _likeness(slope, data.velocity)
+    if likeness > 0.7 and not 0.67 < ratio < 1.5:
+        return f"the velocity is {ratio:.3g} times the slope of the position; check times and units"
+    return None
+
+
+def _contact(data: ChannelData) -> str | None:
+    if data.kind is not ChannelKind.CONTACT:
+        return None
+    pressed = data.engaged
+    if pressed.mean() < 0.01:
+        return "no contact: the displacement is never positive; press the object"
+    if not pressed.all():
+        air = data.effort[~pressed]
+        spread = 1.4826 * float(np.median(np.abs(air - np.median(air))))
+        if np.quantile(np.abs(data.effort[pressed] - np.median(air)), 0.95) < 4.0 * spread:
+            return "no contact: the force while pressed is no more than the noise in free air"
+    if _likeness(np.where(pressed, data.position, 0.0), data.effort) < 0.0:
+        return "force falls with depth; check the sign of force and displacement"
+    return None
+
+
+def _saturated(data: ChannelData) -> str | None:
+    size = np.abs(data.effort - np.median(data.effort))
+    loaded = size > 0.3 * size.max()
+    for extreme in (data.effort.max(), data.effort.min()):
+        share = float(np.mean(data.effort[loaded] == extreme))
+        if share > _STUCK_SHARE:
+            return f"{100 * share:.0f} % of the loaded samples show {extreme:.6g}: the sensor is at its end"
+    return None
+
+
+def _offset(data: ChannelData) -> str | None:
+    """Effort and motion must belong to the same moment: look for a shift that joins them far better."""
+    if data.kind is not ChannelKind.CONTACT:
+        return None
+    pressed = np.where(data.engaged, data.position, 0.0)
+    step = sample_time(data.time_s, data.run)
+    now = _likeness(pressed, data.effort)
+    for seconds in (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0):
+        shift = round(seconds / step)
+        if shift and abs(shift) < len(pressed) // 4:
+            then = _likeness(np.roll(pressed, shift), data.effort)
+            if then > 0.9 and now < 0.5:
+                return f"the force belongs to the motion of {-seconds:+.1f} s; align their times"
+    return None
+
+
+def _likeness(one: FloatArray, other: FloatArray) -> float:
+    """Correlation, 0 where one of them is constant."""
+    if np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
+        return 0.0
+    return float(np.corrcoef(one, other)[0, 1])
+
+
+_CHECKS: tuple[Callable[[ChannelData], str | None], ...] = (
+    _length,
+    _variation,
+    _runs,
+    _units,
+    _time,
+    _contact,
+    _saturated,
+    _offset,
+)

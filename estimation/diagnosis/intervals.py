@@ -1,0 +1,87 @@
+"""Honest intervals: from the slopes by all parameters, with the correlation of what is left."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.diagnosis.polish import polish
+from estimation.diagnosis.standing import Standing
+from estimation.diagnosis.trial import Trial, attempt
+from estimation.serial_covariance import sum_covariance
+from robot_io.types import FloatArray, IntArray
+
+_STEP = 1e-3  # of an inner parameter in a difference quotient, relative to its value or typical range
+
+
+@dataclass(frozen=True)
+class Value:
+    """One parameter.
+
+    Attributes:
+        value: best estimate.
+        std_err: standard error; NaN where the data do not determine it.
+        unit: SI.
+    """
+
+    value: float
+    std_err: float
+    unit: str
+
+
+def values(standing: Standing, trial: Trial) -> dict[str, Value]:
+    """Parameters of a trial with standard errors, by "effect.parameter".
+
+    The sandwich of slopes by gains and inner parameters, around the covariance of residuals times slopes with
+    the noise's colour taken out first (Andrews and Monahan 1992).
+
+    Args:
+        standing: for the bench.
+        trial: fitted there.
+    """
+    bench = standing.judge
+    names = [*trial.model.gains, *trial.model.inner]
+    slopes = bench.whiten(np.column_stack([trial.columns, *_inner_slopes(standing, trial)]))
+    residual = bench.whiten(trial.residual)
+    errors = _errors(slopes, residual, bench.frame.run[bench.kept])
+    kind = standing.data.kind
+    units = {
+        name: parameter.unit.format(effort=kind.effort_unit, position=kind.position_unit)
+        for name, parameter in {**trial.model.gains, **trial.model.inner}.items()
+    }
+    return {
+        name: Value(float(trial.parameters[name]), float(error), units[name])
+        for name, error in zip(names, errors, strict=True)
+    }
+
+
+def _inner_slopes(standing: Standing, trial: Trial) -> list[FloatArray]:
+    """Slope of the prediction by each inner parameter at fixed gains, each of shape (m,)."""
+    frame, slopes = standing.judge.frame, []
+    for name, parameter in trial.model.inner.items():
+        value = trial.parameters[name]
+        low, high = parameter.typical
+        step = _STEP * (abs(value) or high - low)
+        ahead, behind = (
+            trial.model.predict(frame.data, {**trial.parameters, name: value + side * step})
+            for side in (1, -1)
+        )
+        slopes.append(frame.reduce((ahead - behind) / (2.0 * step)))
+    return slopes
+
+
+def _errors(slopes: FloatArray, residual: FloatArray, run: IntArray) -> FloatArray:
+    width = np.sqrt(np.sum(slopes**2, axis=0))
+    known = width > 0.0
+    scaled = slopes[:, known] / width[known]
+    bread = np.linalg.pinv(scaled.T @ scaled, rcond=1e-10)
+    meat = sum_covariance(scaled * residual[:, None], run).matrix
+    count = len(residual)
+    covariance = bread @ meat @ bread * (count / max(count - slopes.shape[1], 1))
+    errors = np.full(len(width), np.nan)
+    errors[known] = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / width[known]
+    return errors
+
+
+def final(standing: Standing) -> Trial:
+    """The model fitted with the noise's colour taken out: the most exact once nothing is missing."""
+    return polish(standing.judge, attempt(standing.judge, standing.trial.model, standing.trial.parameters))

@@ -1,0 +1,28 @@
+"""Which effects are tried on a channel."""
+
+from collections.abc import Iterable
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Effect
+from estimation.effects import EFFECTS
+from estimation.model import Model
+
+# Parts of base models, or other names of a term that the channel's own vocabulary has.
+_NOT_TRIED = {
+    ChannelKind.CONTACT: frozenset({"inertia", "pendulum"}),
+    ChannelKind.REVOLUTE: frozenset({"inertia", "pendulum", "stiffness", "damping"}),
+    ChannelKind.PRISMATIC: frozenset({"inertia", "stiffness", "damping"}),
+}
+_BASES = frozenset({"rigid_body", "rigid_body_fitted"})
+
+
+def library() -> tuple[Effect, ...]:
+    """One of every effect that palpate knows."""
+    return tuple(effect() for effect in EFFECTS.values())
+
+
+def candidates(data: ChannelData, model: Model, effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """The effects that can be tried on this channel beside what the model has."""
+    present = {effect.name for effect in model.effects}
+    skipped = _NOT_TRIED[data.kind] | _BASES | present
+    return tuple(e for e in effects if e.name not in skipped and e.applies_to(data))

@@ -1,0 +1,95 @@
+"""What to record next, so that the data can say more."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from estimation.channel import ChannelKind
+from estimation.diagnosis.result import NextExperiment
+from estimation.effect import Effect
+
+Settings = dict[str, float | int | str | list[float]]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A way of probing.
+
+    Attributes:
+        words: what an experimenter does.
+        settings: the same for `palpate probe --experiment`.
+    """
+
+    words: str
+    settings: Settings = field(default_factory=dict)
+
+
+_TWO_SPEEDS = Plan(
+    "probe at a slow and a fast speed, with a long hold",
+    {"speeds_m_s": [0.01, 0.05, 0.15], "hold_s": 3.0, "repeats": 3},
+)
+_LONG_HOLD = Plan(
+    "hold the force for a long time, then press again on the same spot",
+    {"speeds_m_s": [0.02, 0.1], "hold_s": 10.0, "repeats": 3},
+)
+_DEEP = Plan(
+    "press to several depths, up to the largest force allowed",
+    {"speeds_m_s": [0.01, 0.03], "forces_n": [3.0, 6.0, 10.0], "hold_s": 1.0, "repeats": 3},
+)
+_FREE_AIR = Plan(
+    "record free air before and after each press",
+    {"speeds_m_s": [0.01, 0.05], "free_air_s": 3.0, "hold_s": 1.0, "repeats": 3},
+)
+_SLOW_REVERSALS = Plan(
+    "reverse slowly at several depths without leaving the object",
+    {"speeds_m_s": [0.002, 0.01], "reversals": 5, "hold_s": 1.0, "repeats": 3},
+)
+_JOINT = Plan("move over a wider range, slowly and fast, in both directions, with two loads")
+_PLANS: Mapping[frozenset[str], Plan] = {
+    frozenset({"delay", "damping"}): _TWO_SPEEDS,
+    frozenset({"lag", "damping"}): _TWO_SPEEDS,
+    frozenset({"lag", "delay"}): _TWO_SPEEDS,
+    frozenset({"quadratic_damping", "dry_friction"}): _TWO_SPEEDS,
+    frozenset({"stress_relaxation", "plastic_set"}): _LONG_HOLD,
+    frozenset({"stress_relaxation", "hysteresis"}): _LONG_HOLD,
+    frozenset({"stress_relaxation", "drift"}): _LONG_HOLD,
+    frozenset({"bias", "contact_offset"}): _FREE_AIR,
+    frozenset({"bias", "drift"}): _FREE_AIR,
+    frozenset({"hysteresis", "dry_friction"}): _SLOW_REVERSALS,
+}
+
+
+def separating(effect: Effect, rivals: Sequence[str], kind: ChannelKind) -> NextExperiment:
+    """The experiment that tells an effect from those it is confused with."""
+    first = rivals[0]
+    plan = _PLANS.get(frozenset({effect.name, first}), _DEEP if kind is ChannelKind.CONTACT else _JOINT)
+    hint = effect.confused_with.get(first)
+    return NextExperiment(
+        purpose=f"tell {effect.name} from {', '.join(rivals)}",
+        separates=[effect.name, *rivals],
+        instruction=hint or plan.words,
+        probe=plan.settings if kind is ChannelKind.CONTACT else {},
+    )
+
+
+def exploring(signals: Sequence[str], kind: ChannelKind) -> NextExperiment:
+    """The experiment that shows more of an effect that nobody has named."""
+    by_signal = {"velocity": _TWO_SPEEDS, "past motion": _LONG_HOLD, "time": _FREE_AIR, "offset": _FREE_AIR}
+    first = signals[0] if signals else "position"
+    plan = by_signal.get(first, _DEEP) if kind is ChannelKind.CONTACT else _JOINT
+    return NextExperiment(
+        purpose="show what the remaining error depends on: " + (", ".join(signals) or "nothing found yet"),
+        separates=[],
+        instruction=plan.words,
+        probe=plan.settings if kind is ChannelKind.CONTACT else {},
+    )
+
+
+def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
+    """The experiment that makes up for data that cannot say anything."""
+    plan = _FREE_AIR if kind is ChannelKind.CONTACT else _JOINT
+    return NextExperiment(
+        purpose="make a diagnosis possible: " + reason,
+        separates=[],
+        instruction=plan.words,
+        probe=plan.settings if kind is ChannelKind.CONTACT else {},
+    )

@@ -1,0 +1,80 @@
+"""How small the error can get: from free air, from repeats, and from what no smooth law can explain."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.diagnosis.held_out import held_out_residual, rmse
+from estimation.diagnosis.standing import Standing
+from robot_io.types import FloatArray, IntArray
+
+_ALIKE = 0.02  # two runs are repeats if their positions differ by less than this share of the range
+_LEAST = 50  # samples
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """The floor and what it rests on, in the unit of the effort.
+
+    Attributes:
+        value: the error that a complete model would leave in held-out runs.
+        free_air: noise before the first touch of each run; None if there is no free air.
+        repeats: noise from runs that repeat a motion; None if there are none.
+        share_left: share of the held-out error that a flexible regression still explains.
+    """
+
+    value: float
+    free_air: float | None
+    repeats: float | None
+    share_left: float
+
+
+def noise_floor(standing: Standing) -> NoiseFloor:
+    """The floor, judged from where things stand."""
+    frame = standing.plain.frame
+    residual = held_out_residual(frame, standing.trial)
+    count = int(frame.trusted.sum())
+    explainable = (standing.trial.held_out - float(standing.flexible.held_out.sum())) / max(count, 1)
+    value = np.sqrt(max(rmse(residual) ** 2 - max(explainable, 0.0), 0.0))
+    return NoiseFloor(float(value), free_air(standing.data), repeats(standing.data, residual), standing.left)
+
+
+def free_air(data: ChannelData) -> float | None:
+    """Standard deviation of the effort before the first touch of each run, about that run's mean."""
+    if data.kind is not ChannelKind.CONTACT:
+        return None
+    parts = []
+    for run in data.runs:
+        rows = np.flatnonzero(data.run == run)
+        pressed = data.engaged[rows]
+        before = rows[: int(np.argmax(pressed)) if pressed.any() else len(rows)]
+        # the last of them may already belong to the touch
+        before = before[: int(0.9 * len(before))]
+        if len(before) >= _LEAST:
+            parts.append(data.effort[before] - data.effort[before].mean())
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) if parts else None
+
+
+def repeats(data: ChannelData, residual: FloatArray) -> float | None:
+    """Standard deviation of the residual (n,) that does not come back when a motion is repeated."""
+    differences = [residual[one] - residual[other] for one, other in _pairs(data)]
+    if not differences:
+        return None
+    both = np.concatenate(differences)
+    return float(np.sqrt(np.nanmean(both**2) / 2.0))
+
+
+def _pairs(data: ChannelData) -> Iterator[tuple[IntArray, IntArray]]:
+    """Rows of each two runs with the same motion, cut to the shorter."""
+    span = float(np.ptp(data.position)) or 1.0
+    rows = [np.flatnonzero(data.run == run) for run in data.runs]
+    for one, other in combinations(rows, 2):
+        count = min(len(one), len(other))
+        if count < _LEAST or count < 0.9 * max(len(one), len(other)):
+            continue
+        first, second = one[:count], other[:count]
+        if np.sqrt(np.mean((data.position[first] - data.position[second]) ** 2)) < _ALIKE * span:
+            yield first, second

@@ -1,0 +1,71 @@
+"""The last word on inner parameters: all of them moved together."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from estimation.diagnosis.trial import Bench, Trial, attempt
+from estimation.effect import Parameter
+from robot_io.types import FloatArray
+
+_EVALUATIONS = 12
+_STEP = 2e-3  # difference quotient, relative to a parameter's scale
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Turns an inner parameter into a number of order one, and back."""
+
+    parameter: Parameter
+    start: float
+
+    @property
+    def by_ratio(self) -> bool:
+        """Whether the search goes by ratio."""
+        return self.parameter.log and self.start > 0.0
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of the number."""
+        return self.number(self.parameter.lower), self.number(self.parameter.upper)
+
+    def number(self, value: float) -> float:
+        """The number for a value."""
+        if self.by_ratio:
+            return float(np.log(max(value, 1e-300) / self.start))
+        return (value - self.start) / self._unit
+
+    def value(self, number: float) -> float:
+        """The value for a number."""
+        return float(self.start * np.exp(number)) if self.by_ratio else self.start + number * self._unit
+
+    @property
+    def _unit(self) -> float:
+        low, high = self.parameter.typical
+        return abs(self.start) or high - low
+
+
+def polish(bench: Bench, trial: Trial) -> Trial:
+    """Fit all inner parameters of a trial together, the gains by variable projection."""
+    scales = {name: Scale(p, trial.parameters[name]) for name, p in trial.model.inner.items()}
+    if not scales:
+        return attempt(bench, trial.model, trial.parameters, rounds=3)
+
+    rounds = None if trial.model.is_linear_in_gains else 5
+
+    def at(numbers: FloatArray) -> Trial:
+        moved = {name: scale.value(x) for (name, scale), x in zip(scales.items(), numbers, strict=True)}
+        return attempt(bench, trial.model, {**trial.parameters, **moved}, rounds)
+
+    def residual(numbers: FloatArray) -> FloatArray:
+        tried = at(numbers)
+        return bench.whiten(tried.residual)
+
+    low, high = (np.array(side) for side in zip(*(s.bounds for s in scales.values()), strict=True))
+    start = np.clip(np.zeros(len(scales)), low + 1e-9, high - 1e-9)
+    found = least_squares(
+        residual, start, bounds=(low, high), diff_step=_STEP, max_nfev=_EVALUATIONS, x_scale=0.1
+    )
+    polished = at(found.x)
+    return polished if polished.sse < trial.sse else trial

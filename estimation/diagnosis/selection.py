@@ -1,0 +1,131 @@
+"""Which effect comes next: every candidate is tried, the simplest of the best is weighed against chance."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.diagnosis.standing import Standing
+from estimation.diagnosis.surrogates import best_gains, p_value, surrogates
+from estimation.diagnosis.trial import Search, Trial, search
+from estimation.effect import Effect
+from estimation.model import Model
+
+LEAST_GAIN = 0.02  # of the held-out error; less is not worth a name, whatever its significance
+LEAST_JUDGED_GAIN = 0.005
+LEAST_FOLDS = 0.6  # share of the folds in which the error must fall
+LEVEL = 0.01  # of false alarms, over all candidates
+TIE = 0.02  # of the squared held-out error; candidates closer than this are told apart by simplicity only
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that was tried beside a model.
+
+    Attributes:
+        effect: what was tried.
+        search: how well it did.
+    """
+
+    effect: Effect
+    search: Search
+
+    @property
+    def held_out(self) -> float:
+        """Sum of squared whitened residuals in held-out runs."""
+        return float(self.search.held_out.sum())
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(self.effect.inner) + len(getattr(self.effect, "gains", ()))
+
+
+def screen(
+    standing: Standing,
+    model: Model,
+    effects: Sequence[Effect],
+    progress: Callable[[float, str], None] = lambda share, what: None,
+) -> list[Candidate]:
+    """Try each effect beside `model` from where things stand; best in held-out runs first."""
+    found = []
+    for number, effect in enumerate(effects):
+        progress(number / len(effects), effect.name)
+        starts = effect.starts(standing.data)
+        tried = search(standing.plain, model.with_effect(effect), effect, standing.trial.parameters, starts)
+        if _possible(effect, tried.best):
+            found.append(Candidate(effect, tried))
+    return sorted(found, key=lambda candidate: candidate.held_out)
+
+
+def choose(found: Sequence[Candidate]) -> Candidate:
+    """The candidate with fewest parameters among those as good as the best."""
+    close = [c for c in found if c.held_out <= (1.0 + TIE) * found[0].held_out]
+    return min(close, key=lambda c: (c.size, c.held_out))
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for a candidate.
+
+    Attributes:
+        gain: share by which the error in held-out runs falls.
+        judged_gain: the same, of what is new in each sample.
+        folds: share of the folds in which it falls.
+        p_value: how often the best of all candidates does as well on noise.
+    """
+
+    gain: float
+    judged_gain: float
+    folds: float
+    p_value: float
+
+    @property
+    def enough(self) -> bool:
+        """Whether the candidate is accepted."""
+        gains = self.gain >= LEAST_GAIN and self.judged_gain >= LEAST_JUDGED_GAIN
+        return gains and self.folds >= LEAST_FOLDS and self.p_value <= LEVEL
+
+
+def evidence(
+    before: Standing, after: Standing, found: Sequence[Candidate], chosen: Candidate, rng: np.random.Generator
+) -> Evidence:
+    """Weigh a candidate against chance, by the noise that is left once it is in the model.
+
+    Args:
+        before: without it.
+        after: with it.
+        found: all candidates that were tried.
+        chosen: the one in question.
+        rng: for the surrogates.
+    """
+    held_out = chosen.search.held_out
+    gain = _fall(before.trial.held_out, held_out.sum())
+    folds = float(np.mean(held_out < before.trial.scores.held_out))
+    without = after.judge.fit(before.trial.columns, before.trial.target)
+    judged_gain = _fall(without.held_out.sum(), after.judged.held_out)
+    if gain < LEAST_GAIN:
+        return Evidence(gain, judged_gain, folds, 1.0)
+    noise = surrogates(after.noise, after.noise_run, rng)
+    starts = (after.judge.whiten(t.columns) for c in found for t in c.search.starts)
+    chance = best_gains(noise, after.judge.whiten(before.trial.columns), starts)
+    observed = 1.0 - after.judged.sse / without.sse.sum()
+    return Evidence(gain, judged_gain, folds, p_value(observed, chance))
+
+
+def _fall(before: float, after: float) -> float:
+    return float(1.0 - np.sqrt(after / before)) if before > 0.0 else 0.0
+
+
+def _possible(effect: Effect, trial: Trial) -> bool:
+    """Whether the effect's own gains make physical sense, and those that make it what it is are there."""
+    count = len(trial.target)
+    for parameter in getattr(effect, "gains", ()):
+        name = f"{effect.name}.{parameter.name}"
+        value, spread = trial.parameters[name], trial.spread[name]
+        if not parameter.lower - 2.0 * spread <= value <= parameter.upper + 2.0 * spread:
+            return False
+        # (value / spread)^2 / count is the share of the error's energy that this gain alone takes away
+        if parameter.name in effect.essential and value**2 < LEAST_GAIN * count * spread**2:
+            return False
+    return True

@@ -1,0 +1,89 @@
+"""Where a diagnosis stands: a model, its fit, the noise's colour, and what could still be explained."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.diagnosis.colour import WHITE, colour_of
+from estimation.diagnosis.flexible import Flexible, flexible
+from estimation.diagnosis.frame import frame_of
+from estimation.diagnosis.load import with_load
+from estimation.diagnosis.polish import polish
+from estimation.diagnosis.trial import Bench, Trial, attempt
+from estimation.model import Model
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A model on its bench.
+
+    Parameters come from plain least squares: before the model is complete, what it misses would pass for
+    coloured noise and be weighed away. The colour is for judging.
+
+    Attributes:
+        data: the channel with its load.
+        plain: blocks, and no colour.
+        trial: the model fitted there.
+        flexible: what any smooth law could explain beyond it, there.
+        judge: the same blocks with the colour of what the flexible regression leaves.
+        judged: the model on that bench, at the same inner parameters.
+        flexible_judged: what any smooth law could explain beyond it, there.
+    """
+
+    data: ChannelData
+    plain: Bench
+    trial: Trial
+    flexible: Flexible
+    judge: Bench
+    judged: Trial
+    flexible_judged: Flexible
+
+    @property
+    def left(self) -> float:
+        """Share of the held-out error that a flexible regression takes away, plainly or of what is new."""
+        return max(
+            _share(self.flexible.held_out.sum(), self.trial.held_out),
+            _share(self.flexible_judged.held_out.sum(), self.judged.held_out),
+        )
+
+    @property
+    def noise(self) -> FloatArray:
+        """Whitened held-out residuals of the flexible regression: the noise, as far as can be told, (w,)."""
+        return self.judge.whiten(self.flexible.residual)
+
+    @property
+    def noise_run(self) -> IntArray:
+        """Run of each of those residuals, (w,)."""
+        return self.judge.frame.run[self.judge.kept]
+
+
+def stand(
+    data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None = None
+) -> Standing:
+    """Fit a model from these parameters on, and measure what it leaves.
+
+    Args:
+        data: the channel, without a `load` that was derived.
+        model: what to fit.
+        parameters: inner parameters, and gains where they are known.
+        good: samples that are fit for use, shape (n,); None for all.
+    """
+    known = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
+    first = attempt(_bench(data, model, known, good), model, known, rounds=3)
+    plain = _bench(data, model, first.parameters, good)
+    trial = polish(plain, first)
+    rough = flexible(plain, trial)
+    judge = Bench(plain.frame, colour_of(rough.residual, plain.frame.run, plain.frame.trusted))
+    judged = attempt(judge, model, trial.parameters)
+    return Standing(plain.frame.data, plain, trial, rough, judge, judged, flexible(judge, judged))
+
+
+def _bench(data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None) -> Bench:
+    return Bench(frame_of(with_load(data, model, parameters), good), WHITE)
+
+
+def _share(after: float, before: float) -> float:
+    return float(1.0 - np.sqrt(after / before)) if before > 0.0 else 0.0

@@ -1,0 +1,216 @@
+"""One model tried at given inner parameters, and the search over them."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel import ChannelKind
+from estimation.diagnosis.colour import Colour
+from estimation.diagnosis.frame import Frame
+from estimation.diagnosis.moments import Scores, moments_of, score
+from estimation.effect import Effect, Parameter
+from estimation.model import Model
+from robot_io.types import BoolArray, FloatArray
+
+_HALVINGS = 3
+_PARABOLAS = 3
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Where models are tried: the blocks and the colour of their noise."""
+
+    frame: Frame
+    colour: Colour
+
+    @property
+    def kept(self) -> BoolArray:
+        """Blocks that count, shape (m,)."""
+        return self.colour.kept(self.frame.run, self.frame.trusted)
+
+    def whiten(self, blocks: FloatArray) -> FloatArray:
+        """Blocks (m,) or (m, k) with the colour taken out, shape (w,) or (w, k)."""
+        return self.colour.whiten(blocks)[self.kept]
+
+    def fit(self, columns: FloatArray, target: FloatArray) -> Scores:
+        """Linear fit of blocks (m, q) to a target (m,)."""
+        white = self.whiten(np.column_stack([columns, target]))
+        moments = moments_of(white[:, :-1], white[:, -1], self.frame.fold[self.kept], self.frame.folds)
+        return score(moments, dof=len(white))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model with parameters, and how well it fits.
+
+    Attributes:
+        model: what was tried.
+        parameters: gains and inner parameters by "effect.parameter".
+        spread: standard errors of the gains for white noise, by the same names.
+        columns: slopes by each gain on blocks, shape (m, q), not whitened.
+        target: effort on blocks that the columns explain, shape (m,), not whitened.
+        scores: of the linear fit at these inner parameters.
+    """
+
+    model: Model
+    parameters: dict[str, float]
+    spread: dict[str, float]
+    columns: FloatArray
+    target: FloatArray
+    scores: Scores
+
+    @property
+    def sse(self) -> float:
+        """Sum of squared whitened residuals."""
+        return float(self.scores.sse.sum())
+
+    @property
+    def residual(self) -> FloatArray:
+        """Effort less prediction on blocks, shape (m,)."""
+        gains = np.array([self.parameters[name] for name in self.model.gains])
+        left: FloatArray = self.target - self.columns @ gains
+        return left
+
+    @property
+    def held_out(self) -> float:
+        """Sum of squared whitened residuals in held-out runs."""
+        return float(self.scores.held_out.sum())
+
+
+def attempt(bench: Bench, model: Model, parameters: Mapping[str, float], rounds: int | None = None) -> Trial:
+    """Fit the gains at the inner parameters given, from the gains given (zero where there is none).
+
+    Args:
+        bench: where to try.
+        model: what to try.
+        parameters: inner parameters and known gains.
+        rounds: Gauss-Newton steps; by default one, or two where the model is bent by its own effort.
+    """
+    data = bench.frame.data
+    bent = not model.is_linear_in_gains or data.kind is ChannelKind.CONTACT
+    now = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
+    names = list(model.gains)
+    for _ in range(rounds or (2 if bent else 1)):
+        slopes, effort = model.linearise(data, now)
+        gains = np.array([now[name] for name in names])
+        target = bench.frame.reduce(data.effort - effort + slopes @ gains)
+        columns = bench.frame.reduce(slopes)
+        scores = bench.fit(columns, target)
+        now.update(zip(names, scores.gains.tolist(), strict=True))
+    spread = dict(zip(names, scores.spread.tolist(), strict=True))
+    return Trial(model, now, spread, columns, target, scores)
+
+
+@dataclass(frozen=True)
+class Search:
+    """All trials of one candidate.
+
+    Attributes:
+        trials: at all inner parameters that were tried; the first are those at the starts.
+        start_count: how many of them.
+        held_out: squared whitened residuals of each fold, the inner parameters chosen on the other folds.
+    """
+
+    trials: tuple[Trial, ...]
+    start_count: int
+    held_out: FloatArray
+
+    @property
+    def starts(self) -> tuple[Trial, ...]:
+        """The trials at the starts."""
+        return self.trials[: self.start_count]
+
+    @property
+    def best(self) -> Trial:
+        """The trial that fits all data best."""
+        return min(self.trials, key=lambda trial: trial.sse)
+
+
+def search(
+    bench: Bench,
+    model: Model,
+    effect: Effect,
+    parameters: Mapping[str, float],
+    starts: Iterable[Mapping[str, float]],
+) -> Search:
+    """Try `effect`, which is part of `model`, from its starts on, closer and closer around the best."""
+    grid = [dict(start) for start in starts]
+    trials = [_at(bench, model, effect, parameters, inner) for inner in grid]
+    start_count = len(grid)
+    for inner in effect.inner * (1 if len(effect.inner) == 1 else 2) if len(grid) > 1 else ():
+        for number in range(_HALVINGS + _PARABOLAS):
+            best = min(range(len(trials)), key=lambda i: trials[i].sse)
+            line = _line(grid, best, inner)
+            closer = _between(grid, best, inner, line)
+            if number >= _HALVINGS:
+                closer = _vertex(grid, trials, line, best, inner) or closer
+            for point in closer:
+                grid.append(point)
+                trials.append(_at(bench, model, effect, parameters, point))
+    train = np.array([trial.scores.train for trial in trials])
+    held_out = np.array([trial.scores.held_out for trial in trials])
+    chosen = held_out[np.argmin(train, axis=0), np.arange(train.shape[1])]
+    return Search(tuple(trials), start_count, chosen)
+
+
+def _at(
+    bench: Bench, model: Model, effect: Effect, parameters: Mapping[str, float], inner: Mapping[str, float]
+) -> Trial:
+    own = {f"{effect.name}.{name}": value for name, value in inner.items()}
+    return attempt(bench, model, {**parameters, **own})
+
+
+def _line(grid: list[dict[str, float]], best: int, inner: Parameter) -> list[int]:
+    """Points that differ from the best in one inner parameter only, in its order."""
+    here = grid[best]
+    same = [i for i, p in enumerate(grid) if all(p[n] == here[n] for n in p if n != inner.name)]
+    return sorted(same, key=lambda i: grid[i][inner.name])
+
+
+def _between(
+    grid: list[dict[str, float]], best: int, inner: Parameter, line: list[int]
+) -> list[dict[str, float]]:
+    """The two points half-way to the best one's neighbours on a line."""
+    here = grid[best]
+    values = [grid[i][inner.name] for i in line]
+    at = line.index(best)
+    value = here[inner.name]
+    low = values[at - 1] if at > 0 else _outside(values, inner, upwards=False)
+    high = values[at + 1] if at + 1 < len(line) else _outside(values, inner, upwards=True)
+    closer = []
+    for other in (low, high):
+        middle = np.sqrt(value * other) if inner.log and value * other > 0.0 else 0.5 * (value + other)
+        closer.append({**here, inner.name: float(np.clip(middle, inner.lower, inner.upper))})
+    return [point for point in closer if point[inner.name] != value]
+
+
+def _vertex(
+    grid: list[dict[str, float]], trials: list[Trial], line: list[int], best: int, inner: Parameter
+) -> list[dict[str, float]]:
+    """The lowest point of the parabola through the best point of a line and its neighbours, if any."""
+    at = line.index(best)
+    if not 0 < at < len(line) - 1:
+        return []
+    three = line[at - 1 : at + 2]
+    values = np.array([grid[i][inner.name] for i in three])
+    along = np.log(values) if inner.log and values[0] > 0.0 else values
+    low, here, high = (trials[i].sse for i in three)
+    left, right = along[1] - along[0], along[2] - along[1]
+    if not (left > 0.0 and right > 0.0):
+        return []
+    bend = (low - here) / left + (high - here) / right
+    if not bend > 0.0:
+        return []
+    lowest = along[1] + 0.5 * ((low - here) / left * right - (high - here) / right * left) / bend
+    value = float(np.exp(lowest) if inner.log and values[0] > 0.0 else lowest)
+    return [{**grid[best], inner.name: value}] if values[0] < value < values[2] else []
+
+
+def _outside(line: list[float], inner: Parameter, *, upwards: bool) -> float:
+    """Where the grid ends: as far outside as its last step was wide, within the bounds."""
+    if len(line) < 2:
+        return inner.upper if upwards else inner.lower
+    end, before = (line[-1], line[-2]) if upwards else (line[0], line[1])
+    beyond = end * end / before if inner.log and before > 0.0 else 2.0 * end - before
+    return float(np.clip(beyond, inner.lower, inner.upper))
