@@ -35,12 +35,12 @@ def open_session(path: Path) -> Session:
     return Session.open(existing_file(path, "session"))
 
 
-def output_file(path: Path, *, force: bool = False) -> Path:
+def output_file(path: Path, *, force: bool | None = None) -> Path:
     """The path, if a file can be written there; its folder is made.
 
     Args:
         path: as the user gave it.
-        force: whether a file that is there already may be replaced.
+        force: whether a file that is there already may be replaced; None where that is not offered.
 
     Raises:
         InputError: something is in the way and may not be replaced, or the folder cannot be written to.
@@ -48,7 +48,8 @@ def output_file(path: Path, *, force: bool = False) -> Path:
     if path.is_dir():
         raise InputError(f"output {path}: is a directory")
     if path.exists() and not force:
-        raise InputError(f"output {path}: exists already; choose another name, or add --force to replace it")
+        remedy = "choose another name" + (", or add --force to replace it" if force is False else "")
+        raise InputError(f"output {path}: exists already; {remedy}")
     output_folder(path.parent)
     return path
 

@@ -20,7 +20,7 @@ from control.realtime import realtime
 from control.tick_record import tick_stream
 from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
-from palpate.online import OnlineObserver
+from estimation.online import OnlineContactEstimator
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError
@@ -152,7 +152,7 @@ def _online_observer(name: str | None) -> Observer:
     if not isinstance(estimator, OnlineEstimator):
         valid = ", ".join(online_estimators())
         raise InputError(f"estimator '{name}' needs all samples at once. Online: {valid}")
-    return OnlineObserver(estimator)
+    return OnlineContactEstimator(estimator).observe
 
 
 def _use_scenario(robot: Robot, job: ProbingJob) -> Scenario | None:

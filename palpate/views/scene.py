@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from control.phases import Phase
-from estimation.estimate import Estimate
+from estimation.estimate import Estimate, ParameterEstimate
 from palpate.views.columns import Columns
 from robot_io.session import Event
 from robot_io.types import BoolArray, FloatArray
@@ -43,6 +43,11 @@ class Scene:
         """Time of each tick from the first one, shape (n,) [s]."""
         since_start: FloatArray = self.ticks["time_s"] - self.ticks["time_s"][0]
         return since_start
+
+    def found(self, parameter: str) -> ParameterEstimate | None:
+        """The offline estimate of a parameter, None where there is none."""
+        parameters = self.estimate.parameters if self.estimate is not None else ()
+        return next((found for found in parameters if found.name == parameter), None)
 
     @property
     def depth_m(self) -> FloatArray | None:

@@ -17,6 +17,7 @@ RULE = "#e3e8ed"
 PAPER = "#ffffff"
 
 MEASURED = "#2a6fb0"
+COMMANDED = "#c3ccd5"
 MODEL = "#1d2733"
 TRUTH = "#c4453a"
 DESIRED = "#c4453a"

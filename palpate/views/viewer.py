@@ -18,7 +18,7 @@ HOST = "127.0.0.1"  # Rerun's own default is every address of the machine
 START_LIMIT_S = 30.0
 POLL_S = 0.1
 SETTLE_S = 2.0  # curves and meshes are loaded bit by bit
-TOAST_S = 4.0  # the viewer greets with a note over its upper right corner
+TOAST_S = 7.0  # the viewer greets with a note over its upper right corner
 
 
 def open_window(recording: Path) -> None:

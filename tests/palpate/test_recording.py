@@ -13,7 +13,7 @@ from robot_io.errors import InputError
 from robot_io.session import Event
 from tests.palpate import synthetic
 
-TRUTH = {"stiffness": synthetic.STIFFNESS, "damping": synthetic.DAMPING}
+TRUTH = {"stiffness.k": synthetic.STIFFNESS, "damping.c": synthetic.DAMPING}
 
 
 @pytest.fixture(scope="module")

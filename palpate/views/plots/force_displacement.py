@@ -6,7 +6,7 @@ from matplotlib.lines import Line2D
 
 from estimation.channel import ChannelData
 from palpate.views import style
-from palpate.views.runs import runs_by_speed
+from palpate.views.runs import legend_of, runs_by_speed
 from robot_io.types import FloatArray
 
 MILLI = 1e3
@@ -31,16 +31,21 @@ def force_displacement_figure(data: ChannelData, prediction: FloatArray | None, 
         for run in runs:
             axes.plot(depth_mm[run.rows], prediction[run.rows], color=style.INK, linewidth=1.0, dashes=(4, 2))
     deepest_mm = float(np.max(depth_mm, initial=1e-3))
-    axes.set_xlim(-NEAR_SHARE * deepest_mm, 1.03 * deepest_mm)
+    nearest_mm = max(-NEAR_SHARE * deepest_mm, float(np.min(depth_mm, initial=0.0)) - 0.03 * deepest_mm)
+    axes.set_xlim(nearest_mm, 1.03 * deepest_mm)
     axes.set(xlabel="displacement into the object  [mm]", ylabel="contact force  [N]")
-    handles = [Line2D([], [], color=run.color, linewidth=2, label=run.label) for run in runs]
+    handles = legend_of(runs, linewidth=2)
     if prediction is not None:
         handles.append(Line2D([], [], color=style.INK, dashes=(4, 2), linewidth=1, label=model))
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
-    style.title(figure, "Force against displacement", _remark(len(runs), prediction is not None, model))
+    style.title(
+        figure,
+        "Force against displacement",
+        _remark(len({run.color for run in runs}), prediction is not None, model),
+    )
     return figure
 
 
-def _remark(run_count: int, has_model: bool, model: str) -> str:
-    text = "Coloured: measured, slow to fast." if run_count > 1 else "Coloured: measured."
+def _remark(color_count: int, has_model: bool, model: str) -> str:
+    text = "Coloured: measured, one colour a speed or run." if color_count > 1 else "Coloured: measured."
     return text + (f"  Dashed: {model}, fitted to all runs." if has_model else "")

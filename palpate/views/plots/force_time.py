@@ -7,7 +7,7 @@ from matplotlib.lines import Line2D
 
 from estimation.channel import ChannelData
 from palpate.views import style
-from palpate.views.plots.phase_strip import draw_phase_strip, phase_legend
+from palpate.views.plots.phase_strip import draw_phase_strip, hide_strip, phase_legend
 from palpate.views.runs import Run, runs_by_speed
 from robot_io.types import BoolArray, FloatArray
 
@@ -31,11 +31,15 @@ def force_time_figure(
         2, len(runs), sharex="col", sharey="row", squeeze=False, gridspec_kw={"height_ratios": [1, 0.055]}
     )
     shown = np.zeros(len(data), bool)
+    phases_known = bool((data.phase >= 0).any())
     for column, run in enumerate(runs):
         rows = run.rows & _around_contact(data, run)
         shown |= rows
         _draw_run(panels[0, column], data, rows, run, desired_n=desired_n, prediction=prediction)
-        draw_phase_strip(panels[1, column], _since_touch(data, run)[rows], data.phase[rows])
+        if phases_known:
+            draw_phase_strip(panels[1, column], _since_touch(data, run)[rows], data.phase[rows])
+        else:
+            hide_strip(panels[1, column])
         panels[1, column].set_xlabel("time since touch  [s]")
     panels[0, 0].set_ylabel("contact force  [N]")
     figure.legend(
@@ -95,4 +99,5 @@ def _handles(
         lines.append(Line2D([], [], color=style.INK, linewidth=1, dashes=(4, 2), label="model"))
     if desired_n is not None:
         lines.append(Line2D([], [], color=style.DESIRED, linewidth=1.1, dashes=(1, 1.5), label="aimed at"))
-    return lines + list(phase_legend(data.phase[shown]))
+    phases = data.phase[shown & (data.phase >= 0)]
+    return lines + list(phase_legend(phases))

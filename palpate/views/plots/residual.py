@@ -2,16 +2,17 @@
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from estimation.channel import ChannelData
 from palpate.views import style
-from palpate.views.runs import runs_by_speed
+from palpate.views.runs import legend_of, runs_by_speed
 from robot_io.types import BoolArray, FloatArray
 
 MILLI = 1e3
 BINS = 41
 WIDEST = 0.998  # share of the residuals that the vertical axis must show
+MARGIN = 0.08
+MARKER = 2.6  # [points]
 
 
 def residual_figure(
@@ -35,32 +36,36 @@ def residual_figure(
             residuals[rows],
             ".",
             color=run.color,
-            markersize=2.4,
+            markersize=MARKER,
             alpha=0.45,
             mew=0,
         )
     shown = residuals[used]
-    reach = float(np.quantile(np.abs(shown), WIDEST)) if len(shown) else 1.0
-    side.hist(
-        shown,
-        bins=np.linspace(-reach, reach, BINS),
-        orientation="horizontal",
-        color=style.MEASURED,
-        alpha=0.65,
-    )
+    lowest, highest = _reach(shown)
+    bins = np.linspace(lowest, highest, BINS)
+    side.hist(shown, bins=bins, orientation="horizontal", color=style.MEASURED, alpha=0.65)
     if noise_n:
         for panel in (axes, side):
             panel.axhspan(-2 * noise_n, 2 * noise_n, color=style.INK, alpha=0.06, linewidth=0)
     for panel in (axes, side):
         panel.axhline(0, color=style.INK, linewidth=0.9)
     axes.set(xlabel="displacement into the object  [mm]", ylabel="measured − model  [N]")
-    axes.set_ylim(-1.15 * reach, 1.15 * reach)
+    axes.set_ylim(lowest, highest)
     side.set(xlabel="samples")
     side.grid(visible=False)
-    handles = [Line2D([], [], color=run.color, marker="o", linewidth=0, label=run.label) for run in runs]
+    handles = legend_of(runs, marker="o", linewidth=0)
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
     style.title(figure, "What the model leaves unexplained", _remark(shown, noise_n))
     return figure
+
+
+def _reach(shown: FloatArray) -> tuple[float, float]:
+    """Vertical range that holds nearly all of the residuals, and zero."""
+    if not len(shown):
+        return -1.0, 1.0
+    lowest, highest = np.quantile(shown, [(1 - WIDEST) / 2, (1 + WIDEST) / 2]).tolist()
+    margin = max(MARGIN * (highest - lowest), 1e-9)
+    return min(lowest, 0.0) - margin, max(highest, 0.0) + margin
 
 
 def _remark(shown: FloatArray, noise_n: float | None) -> str:

@@ -14,7 +14,7 @@ STRIP_IN = 0.16
 
 
 def torque_figure(ticks: Columns) -> Figure:
-    """One panel a joint: measured as a coloured line, commanded as a dark dashed one on top.
+    """One panel a joint: commanded as a broad grey line, measured as a coloured one on top.
 
     Args:
         ticks: columns of the "tick" stream, n rows.
@@ -38,17 +38,15 @@ def torque_figure(ticks: Columns) -> Figure:
         fontsize=8.5,
         handlelength=1,
     )
-    style.title(
-        figure, "Joint torques", "Coloured: measured at the drives.  Dashed: commanded by the controller."
-    )
+    style.title(figure, "Joint torques", "Coloured: measured at the drives.  Broad and grey: commanded.")
     return figure
 
 
 def _draw_joint(
     axes: Axes, time_s: FloatArray, measured: FloatArray, commanded: FloatArray, joint: int
 ) -> None:
-    axes.plot(time_s, measured, color=style.joint_color(joint), linewidth=1.0, alpha=0.7)
-    axes.plot(time_s, commanded, color=style.INK, linewidth=1.0, dashes=(4, 2))
+    axes.plot(time_s, commanded, color=style.COMMANDED, linewidth=3.6)
+    axes.plot(time_s, measured, color=style.joint_color(joint), linewidth=0.9)
     rms = float(np.sqrt(np.nanmean((measured - commanded) ** 2)))
     axes.set_ylabel(f"joint {joint + 1}  [N m]")
     axes.set_title(f"rms difference {rms:.3f} N m", loc="right", size=8.5, weight="normal", color=style.MUTED)

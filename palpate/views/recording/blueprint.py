@@ -27,10 +27,12 @@ from palpate.views.scene import Scene
 from robot_io.types import FloatArray
 
 EYE_DIRECTION = np.array([0.35, -1.0, 0.42])  # from the side: the arm moves in the x-z plane
-EYE_DISTANCE = 1.75  # in sizes of the scene
+EYE_DISTANCE = 1.5  # in sizes of the scene
 ABOVE, BELOW = 1.0, 1.1  # range of displacement shown, in greatest depths
-LEFT_TOP, RIGHT_BOTTOM = rrb.Corner2D.LeftTop, rrb.Corner2D.RightBottom
-
+LEFT_TOP, RIGHT_TOP = rrb.Corner2D.LeftTop, rrb.Corner2D.RightTop
+WHOLE_TIME = rrb.TimeAxis(
+    view_range=rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
+)
 # Rerun draws a URDF's cylinders and boxes as wire frames unless it is told otherwise.
 SOLID = [shape.from_fields(fill_mode="solid") for shape in (rr.Cylinders3D, rr.Boxes3D, rr.Ellipsoids3D)]
 
@@ -63,14 +65,14 @@ def _left(scene: Scene) -> rrb.Vertical:
     return rrb.Vertical(
         _view_3d(scene),
         rrb.Horizontal(
-            _plot(STIFFNESS, "Stiffness [N/m]", shown_range(scene, STIFFNESS), legend=RIGHT_BOTTOM),
-            _plot(DAMPING, "Damping [N s/m]", shown_range(scene, DAMPING), legend=RIGHT_BOTTOM),
+            _plot(STIFFNESS, "Stiffness [N/m]", shown_range(scene, STIFFNESS), legend=RIGHT_TOP),
+            _plot(DAMPING, "Damping [N s/m]", shown_range(scene, DAMPING)),
         ),
         rrb.Tabs(
             rrb.TextDocumentView(origin=SUMMARY, name="Summary"),
             rrb.TextLogView(origin=EVENTS, name="Events"),
         ),
-        row_shares=[5, 3, 2.4],
+        row_shares=[4.7, 2.6, 2.9],
     )
 
 
@@ -98,7 +100,7 @@ def _plot(
     """A plot over time; without a corner for it there is no legend, which would cover the curves."""
     axis = rrb.ScalarAxis(range=span) if span else None
     shown = rrb.PlotLegend(legend) if legend else rrb.PlotLegend(visible=False)
-    return rrb.TimeSeriesView(origin=origin, name=name, axis_y=axis, plot_legend=shown)
+    return rrb.TimeSeriesView(origin=origin, name=name, axis_x=WHOLE_TIME, axis_y=axis, plot_legend=shown)
 
 
 def _view_3d(scene: Scene) -> rrb.Spatial3DView:

@@ -8,9 +8,9 @@ from palpate.views.recording.entities import DAMPING, STIFFNESS, send_lines
 from palpate.views.scene import Scene
 from robot_io.types import FloatArray
 
-PARAMETERS = {STIFFNESS: ("stiffness", "stiffness_n_m"), DAMPING: ("damping", "damping_n_s_m")}
+PARAMETERS = {STIFFNESS: ("stiffness.k", "stiffness_n_m"), DAMPING: ("damping.c", "damping_n_s_m")}
 
-LOWEST, HIGHEST = 0.7, 1.3  # of the levels: the range that is shown
+LOWEST, HIGHEST = 0.7, 1.8  # of the levels: the range that is shown, with room for the legend above
 
 
 def log(recording: rr.RecordingStream, scene: Scene) -> None:
@@ -19,8 +19,8 @@ def log(recording: rr.RecordingStream, scene: Scene) -> None:
     for entity, (name, column) in PARAMETERS.items():
         online = {"online": (scene.ticks[column], colors.MEASURED)}
         send_lines(recording, f"{entity}/online", scene.time_s, online, (1.5,))
-        if scene.estimate is not None:
-            found = scene.estimate[name]
+        found = scene.found(name)
+        if found is not None:
             lower, upper = found.interval
             band = {
                 "afterwards": (_level(found.value), colors.FINAL),
@@ -37,7 +37,8 @@ def shown_range(scene: Scene, entity: str) -> tuple[float, float] | None:
     """Vertical range that shows where an estimate ends up, rather than its first wild guesses."""
     name, column = PARAMETERS[entity]
     levels = [scene.truth[name]] if name in scene.truth else []
-    levels += [scene.estimate[name].value] if scene.estimate is not None else []
+    found = scene.found(name)
+    levels += [found.value] if found is not None else []
     online = scene.ticks[column][np.isfinite(scene.ticks[column])]
     levels += [float(np.median(online))] if len(online) else []
     return (LOWEST * min(levels), HIGHEST * max(levels)) if levels and min(levels) > 0 else None

@@ -1,0 +1,87 @@
+"""`palpate estimate`: how stiff and how damped is it?"""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from estimation.channel import ChannelData
+from estimation.estimators import ESTIMATORS
+from estimation.models import MODELS
+from palpate import console
+from palpate.data_options import ColumnOption, ContextOption, UnitOption, WhereOption, import_options
+from palpate.estimate_report import as_data, estimate_table, remarks
+from palpate.estimation_run import (
+    ALL,
+    DEFAULT_MODEL,
+    ChannelEstimates,
+    Material,
+    choose_estimators,
+    estimate_contact,
+    load_material,
+)
+from palpate.words import count, safe, shown
+from robot_io.errors import InputError
+
+
+def command(  # noqa: PLR0917, one parameter an option
+    file: Annotated[
+        Path, typer.Argument(help="Session (.mcap) or data file (.csv, .csv.gz, .parquet, .npz).")
+    ],
+    model: Annotated[str, typer.Option(help=f"One of {', '.join(MODELS)}.")] = DEFAULT_MODEL,
+    estimator: Annotated[
+        str, typer.Option(help=f"{ALL}, or some of {', '.join(ESTIMATORS)}, with commas.")
+    ] = ALL,
+    run: Annotated[str | None, typer.Option(help="Only these runs, such as 0,2.", metavar="N,...")] = None,
+    column: ColumnOption = None,
+    unit: UnitOption = None,
+    where: WhereOption = None,
+    context: ContextOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the estimates as JSON.")] = False,
+) -> None:
+    """Estimate the parameters of a contact model, by every method, with 95 % intervals.
+
+    Takes a session or a data file. Where the session was simulated, the truth and the errors are shown too.
+    """
+    names = choose_estimators(estimator)
+    material = load_material(file, import_options(column, unit, where, context))
+    channels = [only_runs(channel, run) for channel in material.contacts()]
+    found = [estimate_contact(channel, model, names) for channel in channels]
+    if as_json:
+        results = [as_data(each, material.truth) for each in found]
+        console.print_json({"file": str(file), "model": model, "channels": results})
+    else:
+        _print(material, found)
+
+
+def only_runs(channel: ChannelData, runs: str | None) -> ChannelData:
+    """The channel with only the runs that the user names.
+
+    Raises:
+        InputError: the text is no list of numbers, or the channel has no such run.
+    """
+    if runs is None:
+        return channel
+    try:
+        wanted = np.array([int(part) for part in runs.split(",")])
+    except ValueError:
+        raise InputError(f"--run {runs!r}: give numbers with commas between them, such as 0,2") from None
+    missing = sorted(set(wanted.tolist()) - set(channel.runs.tolist()))
+    if missing:
+        there = ", ".join(str(run) for run in channel.runs.tolist()[:20])
+        raise InputError(
+            f"--run {runs}: channel '{channel.name}' has no run {missing[0]}. There are: {there}"
+        )
+    return channel.of_runs(wanted)
+
+
+def _print(material: Material, found: list[ChannelEstimates]) -> None:
+    out = console.stdout()
+    out.print(f"[bold]{safe(shown(material.path))}[/bold]: {count(len(found), 'contact')}")
+    for each in found:
+        out.print(estimate_table(each, material.truth))
+        for remark in remarks(each, material.truth):
+            out.print(f"  {safe(remark)}")
+    if material.session is not None:
+        console.next_steps((f"palpate inspect {shown(material.path)}", "see it in Rerun"))

@@ -1,0 +1,82 @@
+"""`palpate import`: make a session from anybody's measurements."""
+
+import sys
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from estimation.data.import_file import Imported, import_file
+from estimation.data.session_streams import import_extra, import_streams
+from palpate import console
+from palpate.data_options import ColumnOption, ContextOption, UnitOption, WhereOption, import_options
+from palpate.files import existing_file, output_file
+from palpate.words import count, duration, safe, shown
+from robot_io.session import SessionMetadata, write_session
+
+
+def command(  # noqa: PLR0917, one parameter an option
+    file: Annotated[Path, typer.Argument(help="Measurements: .csv, .csv.gz, .parquet or .npz.")],
+    column: ColumnOption = None,
+    unit: UnitOption = None,
+    where: WhereOption = None,
+    context: ContextOption = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+) -> None:
+    """Make a session from a file of measurements; one row a sample, a header that names the columns.
+
+    A contact needs time_s, displacement_m (positive into the object) and force_N (positive in compression);
+    a joint needs time_s, position_rad and torque_Nm. Velocity, acceleration, run and phase are optional.
+    """
+    existing_file(file, "data file")
+    session = output_file(out or Path("sessions") / f"{_stem(file)}.mcap")
+    imported = import_file(file, import_options(column, unit, where, context))
+    metadata = SessionMetadata(
+        software_version=version("palpate"),
+        created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
+        command_line=" ".join(["palpate", *sys.argv[1:]]),
+        extra={"source": f"imported from {file.name}"} | import_extra(imported),
+    )
+    write_session(session, import_streams(imported), metadata)
+    if as_json:
+        console.print_json(
+            {"session": str(session), "channels": _facts(imported), "notes": list(imported.notes)}
+        )
+    else:
+        _print(imported, session)
+
+
+def _stem(file: Path) -> str:
+    """The file's name without its endings (two of "x.csv.gz")."""
+    return file.name.removesuffix(".gz").rpartition(".")[0] or file.stem
+
+
+def _facts(imported: Imported) -> list[dict[str, Any]]:
+    return [
+        {
+            "channel": channel.name,
+            "kind": str(channel.kind),
+            "samples": len(channel),
+            "runs": len(channel.runs),
+            "recorded_s": sum(float(np.ptp(channel.time_s[channel.run == run])) for run in channel.runs),
+        }
+        for channel in imported.channels
+    ]
+
+
+def _print(imported: Imported, session: Path) -> None:
+    out = console.stdout()
+    for fact in _facts(imported):
+        samples, runs = count(fact["samples"], "sample"), count(fact["runs"], "run")
+        out.print(f"{fact['channel']} ({fact['kind']}): {samples}, {runs}, {duration(fact['recorded_s'])}")
+    for note in imported.notes:
+        out.print(f"  [yellow]{safe(note)}[/yellow]")
+    out.print(f"written: [bold]{shown(session)}[/bold]")
+    console.next_steps(
+        (f"palpate estimate {shown(session)}", "parameters of a model with their intervals"),
+        (f"palpate info {shown(session)}", "what is in the file"),
+    )

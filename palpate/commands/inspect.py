@@ -1,0 +1,72 @@
+"""`palpate inspect`: see a session in Rerun."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate import console
+from palpate.doctor.viewer import has_display
+from palpate.files import open_session, output_file, output_folder
+from palpate.inspection import look_into
+from palpate.views.viewer import open_window, take_picture
+from palpate.words import shown
+from robot_io.errors import InputError
+
+RECORDING = "recording.rrd"
+PIXELS_LEAST, PIXELS_MOST = 200, 8000
+
+
+def command(  # noqa: PLR0917, one parameter an option
+    session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
+    save: Annotated[
+        Path | None, typer.Option(help="Write the recording here, and open no window.", metavar="FILE.rrd")
+    ] = None,
+    screenshot: Annotated[
+        Path | None, typer.Option(help="Save a picture of the viewer.", metavar="FILE.png")
+    ] = None,
+    plots: Annotated[
+        Path | None, typer.Option(help="Save plots as PNG in this folder.", metavar="FOLDER")
+    ] = None,
+    at_s: Annotated[
+        float | None, typer.Option(help="Moment of the picture; default: while force is held.", metavar="S")
+    ] = None,
+    size: Annotated[str, typer.Option(help="Size of the picture in pixels.", metavar="WxH")] = "1600x1000",
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are there already.")] = False,
+) -> None:
+    """See a session in Rerun: arm, object, forces, torques, phases, estimates and events over time.
+
+    Without a display the recording is written to a file that Rerun opens anywhere.
+    """
+    found = open_session(session)
+    pixels = _size(size)
+    if save is not None:
+        output_file(save, force=force)
+    if screenshot is not None:
+        output_file(screenshot, force=force)
+    recording = save or output_folder(found.derived_dir) / RECORDING
+    inspection = look_into(found)
+    moment_s = inspection.record(recording)
+    out = console.stdout()
+    out.print(f"recording: [bold]{shown(recording)}[/bold]")
+    for plot in inspection.plot(output_folder(plots)) if plots is not None else ():
+        out.print(f"plot: [bold]{shown(plot)}[/bold]")
+    if screenshot is not None:
+        take_picture(recording, screenshot, moment_s if at_s is None else at_s, pixels)
+        out.print(f"picture: [bold]{shown(screenshot)}[/bold]")
+    elif save is None and plots is None and has_display():
+        open_window(recording)
+        out.print("opened in a window of its own")
+    else:
+        console.next_steps(
+            (f"rerun {shown(recording)}", "open it (on any machine with rerun-sdk of the same version)")
+        )
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, separator, height = text.partition("x")
+    if not (separator and width.isdecimal() and height.isdecimal()):
+        raise InputError(f"--size {text!r}: give width and height, such as 1600x1000")
+    if not all(PIXELS_LEAST <= int(side) <= PIXELS_MOST for side in (width, height)):
+        raise InputError(f"--size {text!r}: each side must be {PIXELS_LEAST} to {PIXELS_MOST} pixels")
+    return int(width), int(height)

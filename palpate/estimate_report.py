@@ -1,0 +1,156 @@
+"""Shows estimates: as a table for people, as markdown for Rerun, as plain data for programs."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from estimation.estimate import Estimate, Identifiability, ParameterEstimate
+from palpate import console
+from palpate.estimation_run import BEST, MOST, OFFSET, ChannelEstimates
+from palpate.truth import SURFACE
+from palpate.words import significant
+
+MILLI = 1e3
+PERCENT = 100.0
+SIGMAS_95 = 1.96
+JUDGED = {
+    Identifiability.GOOD: "[green]good[/green]",
+    Identifiability.WEAK: "[yellow]weak[/yellow]",
+    Identifiability.NONE: "[bold red]none[/bold red]",
+}
+
+
+def estimate_table(found: ChannelEstimates, truth: Mapping[str, float]) -> Table:
+    """One row an estimator; errors where the truth is known."""
+    parameters = shown_parameters(found.estimates[0])
+    columns = ["estimator"]
+    for parameter in parameters:
+        columns.append(f"{short_name(parameter.name)}\n[{parameter.unit}]")
+        columns += ["error"] if parameter.name in truth else []
+    columns += ["rmse\n[N]", "cond.", "used", "determined"]
+    table = console.table(_title(found), *columns, right=columns[1:-1])
+    for estimate in found.estimates:
+        cells = [estimate.estimator]
+        for parameter in shown_parameters(estimate):
+            cells.append(with_interval(parameter))
+            cells += [error_text(parameter, truth)] if parameter.name in truth else []
+        used = f"{PERCENT * np.mean(estimate.inliers):.0f} %"
+        cells += [f"{estimate.rmse:.4f}", f"{estimate.condition_number:.2f}", used]
+        table.add_row(*cells, JUDGED[estimate.identifiability])
+    if any(parameter.name in truth for parameter in parameters):
+        cells = ["[dim]truth[/dim]"]
+        for parameter in parameters:
+            cells.append(f"[dim]{truth[parameter.name]:g}[/dim]" if parameter.name in truth else "")
+            cells += [""] if parameter.name in truth else []
+        table.add_section()
+        table.add_row(*cells)
+    return table
+
+
+def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:
+    """What the table does not say: the surface, and what the data cannot determine."""
+    lines = []
+    surface = found.surface_of(found.best)
+    if surface is not None:
+        place = f"{MILLI * surface.position_m:.3f} mm along the press direction"
+        sure = f" ± {MILLI * SIGMAS_95 * surface.std_err_m:.3f} mm" if np.isfinite(surface.std_err_m) else ""
+        true = f" (truth {MILLI * truth[SURFACE]:.3f} mm)" if SURFACE in truth else ""
+        lines.append(f"surface found at {place}{sure}{true}")
+    for estimate in found.estimates:
+        left_out = 1.0 - float(np.mean(estimate.inliers))
+        if estimate.estimator == BEST[0] and left_out > 1.0 - MOST:
+            share = f"{PERCENT * left_out:.0f} % of the samples"
+            lines.append(f"{estimate.estimator} set {share} aside: the model does not describe them")
+        if estimate.identifiability is not Identifiability.GOOD:
+            lines.append(f"{estimate.estimator}: {estimate.note}")
+    return lines
+
+
+def as_data(found: ChannelEstimates, truth: Mapping[str, float]) -> dict[str, Any]:
+    """One channel's outcome as plain data; the keys are stable."""
+    return {
+        "channel": found.channel.name,
+        "runs": len(found.channel.runs),
+        "samples": int(np.count_nonzero(found.rows)),
+        "truth": dict(truth),
+        "estimates": [_estimate_data(found, estimate, truth) for estimate in found.estimates],
+    }
+
+
+def _estimate_data(found: ChannelEstimates, estimate: Estimate, truth: Mapping[str, float]) -> dict[str, Any]:
+    surface = found.surface_of(estimate)
+    return {
+        "estimator": estimate.estimator,
+        "surface": vars(surface) if surface is not None else None,
+        "parameters": {p.name: _parameter_data(p, truth) for p in estimate.parameters},
+        "rmse": estimate.rmse,
+        "condition_number": estimate.condition_number,
+        "inliers": int(np.count_nonzero(estimate.inliers)),
+        "identifiability": str(estimate.identifiability),
+        "note": estimate.note,
+        "details": estimate.details,
+    }
+
+
+def _parameter_data(parameter: ParameterEstimate, truth: Mapping[str, float]) -> dict[str, Any]:
+    data: dict[str, Any] = {
+        "value": parameter.value,
+        "std_err": parameter.std_err,
+        "interval": list(parameter.interval),
+        "unit": parameter.unit,
+    }
+    if parameter.name in truth:
+        data |= {"truth": truth[parameter.name], "error_percent": error_percent(parameter, truth)}
+    return data
+
+
+def markdown_summary(found: ChannelEstimates, truth: Mapping[str, float], heading: str) -> str:
+    """The best estimate as a small table, for Rerun's summary."""
+    best = found.best
+    rows = [f"**{heading}**: model `{found.model.name}`, estimator `{best.estimator}`", ""]
+    rows += ["| | found | 95 % interval | truth | error |", "|---|---|---|---|---|"]
+    for p in shown_parameters(best):
+        interval = f"{significant(p.interval[0], p.std_err)} … {significant(p.interval[1], p.std_err)}"
+        true, error = (f"{truth[p.name]:g}", error_text(p, truth)) if p.name in truth else ("–", "–")
+        value = significant(p.value, p.std_err)
+        rows.append(f"| {short_name(p.name)} [{p.unit}] | {value} | {interval} | {true} | {error} |")
+    return "\n".join([*rows, "", *remarks(found, truth)])
+
+
+def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
+    """All but the surface, which is told in its own words."""
+    return [parameter for parameter in estimate.parameters if parameter.name != OFFSET]
+
+
+def short_name(parameter: str) -> str:
+    """The symbol that the equations use, such as "k" for "stiffness.k"."""
+    return parameter.rpartition(".")[2]
+
+
+def with_interval(parameter: ParameterEstimate) -> str:
+    """Value and half of its 95 % interval."""
+    lower, upper = parameter.interval
+    half = (upper - lower) / 2
+    if not np.isfinite(half):
+        return f"{significant(parameter.value)} ± ?"
+    return f"{significant(parameter.value, half)} ± {significant(half, half)}"
+
+
+def error_percent(parameter: ParameterEstimate, truth: Mapping[str, float]) -> float:
+    """Deviation from the truth [%]; NaN where the truth is zero."""
+    true = truth[parameter.name]
+    return PERCENT * (parameter.value - true) / true if true else float("nan")
+
+
+def error_text(parameter: ParameterEstimate, truth: Mapping[str, float]) -> str:
+    """Deviation from the truth in percent, absolute where the truth is zero."""
+    if truth[parameter.name] == 0:
+        return f"{parameter.value:+.2g}"
+    return f"{error_percent(parameter, truth):+.2f} %"
+
+
+def _title(found: ChannelEstimates) -> str:
+    runs = len(found.channel.runs)
+    return f"{found.channel.name}: {found.model.name}, {runs} runs, {np.count_nonzero(found.rows)} samples"

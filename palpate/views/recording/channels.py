@@ -1,0 +1,94 @@
+"""Imported measurements: effort and position over time, run after run, with what a model makes of them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from estimation.channel import ChannelData
+from palpate.estimation_run import ChannelEstimates
+from palpate.views import colors
+from palpate.views.plots.phase_strip import stretches
+from palpate.views.recording.blueprint import WHOLE_TIME
+from palpate.views.recording.entities import SUMMARY, TIMELINE, send_lines
+from palpate.views.recording.file import recording_file
+from robot_io.types import FloatArray
+
+GAP_SHARE = 0.05  # of the mean run, left between two runs
+
+
+def write_channels(
+    name: str, channels: Sequence[ChannelData], found: ChannelEstimates | None, summary: str, path: Path
+) -> float:
+    """Write the recording of a session that was imported.
+
+    Args:
+        name: what to call it.
+        channels: what was imported.
+        found: estimates of one of the channels, if there are any.
+        summary: markdown for people.
+        path: the .rrd file.
+
+    Returns:
+        A moment worth a picture, in the middle [s].
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    with recording_file(name, path, _blueprint(channels)) as recording:
+        recording.log(SUMMARY, rr.TextDocument(summary, media_type=rr.MediaType.MARKDOWN), static=True)
+        for channel in channels:
+            prediction = found.prediction() if found is not None and found.channel is channel else None
+            _log_channel(recording, channel, prediction)
+    return float(one_after_the_other(channels[0])[-1] / 2)
+
+
+def one_after_the_other(channel: ChannelData) -> FloatArray:
+    """Time of each sample (n,) on one axis, with the runs behind each other: each may begin at zero [s]."""
+    blocks = stretches(channel.run)
+    lengths = [float(channel.time_s[past - 1] - channel.time_s[first]) for first, past in blocks]
+    gap_s = GAP_SHARE * float(np.mean(lengths))
+    time_s = np.empty(len(channel))
+    start_s = 0.0
+    for (first, past), length_s in zip(blocks, lengths, strict=True):
+        time_s[first:past] = start_s + channel.time_s[first:past] - channel.time_s[first]
+        start_s += length_s + gap_s
+    return time_s
+
+
+def _log_channel(recording: rr.RecordingStream, channel: ChannelData, prediction: FloatArray | None) -> None:
+    time_s = one_after_the_other(channel)
+    effort = {"measured": (channel.effort, colors.MEASURED)}
+    if prediction is not None:
+        effort["model"] = (prediction, colors.COMMANDED)
+    send_lines(recording, f"{channel.name}/effort", time_s, effort, [1.5] * len(effort))
+    position = {"position": (channel.position, colors.MEASURED)}
+    send_lines(recording, f"{channel.name}/position", time_s, position, (1.5,))
+    velocity = {"velocity": (channel.velocity, colors.FINAL)}
+    send_lines(recording, f"{channel.name}/velocity", time_s, velocity, (1.0,))
+
+
+def _blueprint(channels: Sequence[ChannelData]) -> rrb.Blueprint:
+    tabs = [rrb.Vertical(*_plots(channel), name=channel.name) for channel in channels]
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Tabs(*tabs), rrb.TextDocumentView(origin=SUMMARY, name="Summary"), column_shares=[3, 1]
+        ),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused"),
+        collapse_panels=True,
+    )
+
+
+def _plots(channel: ChannelData) -> list[rrb.TimeSeriesView]:
+    position, effort = channel.kind.position_unit, channel.kind.effort_unit
+    names = {
+        "effort": f"Effort [{effort}]",
+        "position": f"Position [{position}]",
+        "velocity": f"Velocity [{position}/s]",
+    }
+    return [
+        rrb.TimeSeriesView(origin=f"{channel.name}/{part}", name=name, axis_x=WHOLE_TIME)
+        for part, name in names.items()
+    ]

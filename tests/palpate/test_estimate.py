@@ -1,0 +1,172 @@
+"""`palpate estimate` on sessions and data files."""
+
+import json
+
+import numpy as np
+import pytest
+
+from estimation.estimate import ParameterEstimate
+from estimation.estimators import ESTIMATORS
+from palpate.estimate_report import with_interval
+from palpate.estimation_run import choose_estimators
+from palpate.words import significant
+from tests.palpate.cli import assert_refused, run
+
+
+def estimate_json(*arguments):
+    result = run("estimate", *arguments, "--json")
+    assert result.exit_code == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+def test_every_estimator_finds_the_simulated_object(probed):
+    data = estimate_json(probed[0])
+    (channel,) = data["channels"]
+    assert (data["model"], channel["channel"], channel["runs"]) == ("kelvin_voigt", "contact", 3)
+    assert {estimate["estimator"] for estimate in channel["estimates"]} == set(ESTIMATORS)
+    for estimate in channel["estimates"]:
+        stiffness, damping = (estimate["parameters"][name] for name in ("stiffness.k", "damping.c"))
+        assert stiffness["truth"] == 500.0
+        assert abs(stiffness["error_percent"]) < 1.0
+        assert abs(damping["error_percent"]) < 5.0
+        assert stiffness["interval"][0] < stiffness["value"] < stiffness["interval"][1]
+        assert estimate["surface"]["position_m"] == pytest.approx(-0.05, abs=1e-4)
+
+
+def test_the_table_shows_truth_error_and_interval(probed):
+    shown = run("estimate", probed[0]).stdout
+    for words in (
+        "k",
+        "[N/m]",
+        "[N s/m]",
+        "±",
+        "error",
+        "truth",
+        "500",
+        "robust",
+        "surface found",
+        "(truth -50.000 mm)",
+    ):
+        assert words in shown
+
+
+def test_one_run_and_some_estimators_can_be_chosen(probed):
+    data = estimate_json(probed[0], "--run", "1", "--estimator", "lsq,robust")
+    (channel,) = data["channels"]
+    assert channel["runs"] == 1
+    assert [estimate["estimator"] for estimate in channel["estimates"]] == ["lsq", "robust"]
+
+
+def contact_csv(
+    path, stiffness=300.0, damping=15.0, force_scale=1.0, names="time_s,displacement_m,force_N,run"
+):
+    rng = np.random.default_rng(1)
+    rows = [names]
+    for number, speed in enumerate((0.02, 0.05)):
+        t = np.arange(0, 0.6, 0.002)
+        depth = 0.004 + speed * 0.1 * (1 - np.cos(2 * np.pi * t / 0.6))
+        rate = speed * 0.1 * 2 * np.pi / 0.6 * np.sin(2 * np.pi * t / 0.6)
+        force = stiffness * depth + damping * rate + rng.normal(0, 0.005, len(t))
+        rows += [
+            f"{a:.6f},{b:.9f},{force_scale * c:.6f},{number}" for a, b, c in zip(t, depth, force, strict=True)
+        ]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_a_data_file_is_estimated_directly(tmp_path):
+    data = estimate_json(contact_csv(tmp_path / "mine.csv"), "--estimator", "lsq")
+    parameters = data["channels"][0]["estimates"][0]["parameters"]
+    assert parameters["stiffness.k"]["value"] == pytest.approx(300, rel=0.01)
+    assert parameters["damping.c"]["value"] == pytest.approx(15, rel=0.05)
+    assert "truth" not in parameters["stiffness.k"]
+    assert data["channels"][0]["truth"] == {}
+
+
+def test_other_names_and_units_are_given_as_options(tmp_path):
+    file = contact_csv(tmp_path / "mine.csv", force_scale=1000.0, names="clock,depth,load,run")
+    options = []
+    for pair in ("time_s=clock", "displacement_m=depth", "force_mN=load"):
+        options += ["--column", pair]
+    parameters = estimate_json(file, *options, "--estimator", "lsq")["channels"][0]["estimates"][0][
+        "parameters"
+    ]
+    assert parameters["stiffness.k"]["value"] == pytest.approx(300, rel=0.01)
+
+
+def test_an_imported_session_gives_what_its_file_gives(tmp_path):
+    file = contact_csv(tmp_path / "mine.csv")
+    assert run("import", file, "-o", tmp_path / "mine.mcap").exit_code == 0
+    from_file, from_session = estimate_json(file), estimate_json(tmp_path / "mine.mcap")
+    assert from_session["channels"] == from_file["channels"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--estimator", "magic"), ("magic", "robust")),
+        (("--estimator", ""), ("estimator",)),
+        (("--model", "magic"), ("magic", "kelvin_voigt")),
+        (("--model", "spring_mass_damper"), ("spring_mass_damper", "kelvin_voigt")),
+        (("--run", "x"), ("--run", "x")),
+        (("--run", "9"), ("no run 9", "0, 1, 2")),
+    ],
+)
+def test_bad_options_are_refused(probed, options, words):
+    assert_refused(run("estimate", probed[0], *options), *words)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ("mine.csv",)),
+        ("time_s,displacement_m,force_N\n", ("mine.csv",)),
+        ("time_s,displacement_m\n0,0\n1,1\n", ("mine.csv", "force_N")),
+        ("time_s,displacement_m,force_N\n0,0,0\n1,nan,1\n", ("mine.csv", "displacement_m", "2")),
+        ("time_s,displacement_m,force_N\n0,0,0\n0,1,1\n", ("mine.csv", "time_s")),
+        ("time_s,displacement_m,force_N\n0,0,zero\n1,1,1\n", ("mine.csv", "force_N")),
+    ],
+)
+def test_bad_data_files_are_refused_in_one_line(tmp_path, text, words):
+    file = tmp_path / "mine.csv"
+    file.write_text(text)
+    assert_refused(run("estimate", file), *words)
+
+
+def test_free_air_alone_is_no_contact(tmp_path):
+    file = tmp_path / "air.csv"
+    rows = "\n".join(f"{i / 100},{-0.01},{0.0}" for i in range(100))
+    file.write_text("time_s,displacement_m,force_N\n" + rows + "\n")
+    assert_refused(run("estimate", file), "contact")
+
+
+def test_a_joint_is_no_contact(tmp_path):
+    file = tmp_path / "joint.csv"
+    rows = "\n".join(f"{i / 100},{np.sin(i / 20):.6f},{np.cos(i / 20):.6f}" for i in range(200))
+    file.write_text("time_s,position_rad,torque_Nm\n" + rows + "\n")
+    assert_refused(run("estimate", file), "joint_1")
+
+
+def test_names_of_estimators():
+    assert choose_estimators("all") == list(ESTIMATORS)
+    assert choose_estimators(" lsq , robust") == ["lsq", "robust"]
+
+
+@pytest.mark.parametrize(
+    ("value", "uncertainty", "text"),
+    [
+        (500.0236, 0.123, "500.02"),
+        (499.9, 12.3, "500"),
+        (0.00123456, 0.0000042, "0.0012346"),
+        (1234.5678, None, "1234.6"),
+        (1234.5678, float("nan"), "1234.6"),
+        (7.0, 0.0, "7"),
+    ],
+)
+def test_a_value_has_as_many_digits_as_its_uncertainty_allows(value, uncertainty, text):
+    assert significant(value, uncertainty) == text
+
+
+def test_an_unknown_interval_is_shown_as_unknown():
+    unknown = ParameterEstimate("k", "N/m", 5.0, float("nan"), (float("nan"), float("nan")))
+    assert with_interval(unknown) == "5 ± ?"

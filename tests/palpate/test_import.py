@@ -1,0 +1,75 @@
+"""`palpate import`, also on the measurements that the README shows."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from robot_io.session import Session
+from tests.palpate.cli import ROOT, assert_refused, run
+
+DATA = Path(os.environ.get("PALPATE_DATA", ROOT.parent / "shared" / "data"))
+SOFT = DATA / "soft_indentation" / "runs.csv.gz"
+
+GOOD = "time_s,displacement_m,force_N,run\n" + "".join(
+    f"{i / 100},{i / 1e4},{i / 10},{run}\n" for run in (0, 1) for i in range(20)
+)
+
+
+@pytest.fixture
+def good(tmp_path):
+    file = tmp_path / "good.csv"
+    file.write_text(GOOD)
+    return file
+
+
+def test_a_file_becomes_a_session(good, tmp_path):
+    result = run("import", good, "-o", tmp_path / "good.mcap", "--json")
+    said = json.loads(result.stdout)
+    (channel,) = said["channels"]
+    assert (channel["channel"], channel["samples"], channel["runs"]) == ("contact", 40, 2)
+    session = Session.open(said["session"])
+    assert session.metadata.extra["source"] == "imported from good.csv"
+    assert session.samples("contact")["force_n"][19] == pytest.approx(1.9)
+
+
+def test_without_a_name_it_goes_to_the_sessions(good, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("import", good).exit_code == 0
+    assert (tmp_path / "sessions" / "good.mcap").is_file()
+    assert_refused(run("import", good), "exists already")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--column", "force_N"), ("--column", "NAME=VALUE")),
+        (("--column", "force_N=load"), ("load",)),
+        (("--unit", "force=parsec"), ("parsec",)),
+        (("--where", "run=7"), ("run=7",)),
+    ],
+)
+def test_bad_options_leave_nothing_behind(good, tmp_path, options, words):
+    target = tmp_path / "out" / "good.mcap"
+    assert_refused(run("import", good, "-o", target, *options), *words)
+    assert not target.exists()
+
+
+def test_what_is_no_data_file_is_refused(tmp_path):
+    assert_refused(run("import", tmp_path), "is a directory")
+    assert_refused(run("import", tmp_path / "none.csv"), "no such file")
+    other = tmp_path / "notes.pdf"
+    other.write_bytes(b"%PDF")
+    assert_refused(run("import", other), "notes.pdf", ".csv")
+
+
+@pytest.mark.skipif(not SOFT.is_file(), reason=f"measured data are not here: {SOFT}")
+def test_measured_indentation_is_imported_and_estimated(tmp_path):
+    session = tmp_path / "soft.mcap"
+    result = run("import", SOFT, "--where", "source_file=230515_hold", "-o", session, "--json")
+    assert json.loads(result.stdout)["channels"][0]["runs"] == 11
+    data = json.loads(run("estimate", session, "--estimator", "lsq", "--json").stdout)
+    stiffness = data["channels"][0]["estimates"][0]["parameters"]["stiffness.k"]
+    assert 50 < stiffness["value"] < 200  # the data's README finds 96 N/m on one depth of one specimen
+    assert run("inspect", session, "--save", tmp_path / "soft.rrd").exit_code == 0

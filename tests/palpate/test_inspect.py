@@ -1,0 +1,119 @@
+"""`palpate inspect` and `palpate demo`: what is written, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from rerun.chunk import RrdReader
+
+from palpate.doctor.viewer import has_vulkan_driver
+from robot_io.session import Session
+from tests.palpate.cli import assert_refused, run
+from tests.palpate.sessions import synthetic_session
+
+PLOTS = {"force-displacement.png", "force-time.png", "residual.png", "torque.png"}
+
+
+def entities(path):
+    return {chunk.entity_path for chunk in RrdReader(path).stream().to_chunks()}
+
+
+def test_a_session_becomes_a_recording_of_everything(probed, tmp_path):
+    recording = tmp_path / "seen.rrd"
+    assert run("inspect", probed[0], "--save", recording).exit_code == 0
+    assert {
+        "/contact/force",
+        "/contact/displacement",
+        "/phase",
+        "/torque/joint_1",
+        "/torque/joint_3",
+        "/estimate/stiffness/online",
+        "/estimate/stiffness/afterwards",
+        "/estimate/damping/truth",
+        "/object/top",
+        "/tip",
+        "/events",
+        "/summary",
+        "/timing/sections",
+    } <= entities(recording)
+
+
+def test_without_a_name_it_goes_beside_the_session(probed, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    result = run("inspect", probed[0])
+    recording = Session.open(probed[0]).derived_dir / "recording.rrd"
+    assert recording.is_file()
+    assert f"rerun {recording}" in result.stderr
+
+
+def test_plots_are_saved_where_they_are_wanted(probed, tmp_path):
+    assert (
+        run("inspect", probed[0], "--save", tmp_path / "x.rrd", "--plots", tmp_path / "plots").exit_code == 0
+    )
+    assert {plot.name for plot in (tmp_path / "plots").iterdir()} == PLOTS
+    for plot in (tmp_path / "plots").iterdir():
+        pixels = np.asarray(Image.open(plot).convert("RGB")).reshape(-1, 3)
+        assert len(np.unique(pixels, axis=0)) > 50
+
+
+def test_what_is_there_is_replaced_only_when_asked(probed, tmp_path):
+    recording = tmp_path / "x.rrd"
+    recording.write_text("precious")
+    assert_refused(run("inspect", probed[0], "--save", recording), "exists already", "--force")
+    assert recording.read_text() == "precious"
+    assert run("inspect", probed[0], "--save", recording, "--force").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--size", "big"), ("--size", "1600x1000")),
+        (("--size", "10x10"), ("--size",)),
+        (("--size", "99999x99999"), ("--size",)),
+        (("--at-s", "noon"), ("--at-s",)),
+    ],
+)
+def test_bad_options_are_refused(probed, tmp_path, options, words):
+    assert_refused(run("inspect", probed[0], "--save", tmp_path / "x.rrd", *options), *words)
+    assert not (tmp_path / "x.rrd").exists()
+
+
+def test_a_session_of_another_arm_with_a_torn_end_is_shown_too(tmp_path):
+    whole = synthetic_session(tmp_path / "whole.mcap")
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    assert run("inspect", torn, "--save", tmp_path / "torn.rrd").exit_code == 0
+    assert "/contact/force" in entities(tmp_path / "torn.rrd")
+
+
+@pytest.mark.skipif(not has_vulkan_driver(), reason="no Vulkan driver: Rerun cannot draw")
+def test_a_picture_is_taken_without_a_display(probed, tmp_path):
+    picture = tmp_path / "view.png"
+    result = run(
+        "inspect", probed[0], "--save", tmp_path / "x.rrd", "--screenshot", picture, "--size", "800x600"
+    )
+    assert result.exit_code == 0, result.stderr
+    assert Image.open(picture).size == (800, 600)
+
+
+def test_the_demo_makes_everything_at_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run("demo", "--json")
+    assert result.exit_code == 0, result.stderr
+    made = json.loads(result.stdout)
+    assert (tmp_path / made["session"]).is_file()
+    assert (tmp_path / made["recording"]).is_file()
+    assert {(tmp_path / plot).name for plot in made["plots"]} == PLOTS
+    best = next(e for e in made["result"]["estimates"] if e["estimator"] == "robust")
+    assert abs(best["parameters"]["stiffness.k"]["error_percent"]) < 1.0
+    assert abs(best["parameters"]["damping.c"]["error_percent"]) < 5.0
+
+
+def test_the_demo_tells_a_person_what_it_found_and_what_to_try(tmp_path):
+    result = run("demo", "-o", tmp_path / "d.mcap", "--scenario", "soft")
+    assert result.exit_code == 0, result.stderr
+    for words in ("truth", "200", "robust", "recording.rrd", "torque.png"):
+        assert words in result.stdout
+    assert "palpate inspect" in result.stderr

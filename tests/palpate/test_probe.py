@@ -1,0 +1,123 @@
+"""`palpate probe` on the simulated arm."""
+
+import json
+
+import numpy as np
+import pytest
+
+from palpate.probing_run import PLAN
+from robot_io.robot_file import parse_robot_file
+from robot_io.session import Session
+from sim_backend.scenario import parse_scenario
+from tests.palpate.cli import assert_refused, run, run_process
+
+
+def test_it_says_how_it_ended(probed):
+    path, said = probed
+    assert said["session"] == str(path)
+    assert (said["outcome"], said["failed_runs"], said["dropped"]) == ("finished", [], 0)
+    assert said["ticks"] == pytest.approx(1000 * said["duration_s"], rel=0.01)
+
+
+def test_the_session_can_be_understood_alone(probed):
+    session = Session.open(probed[0])
+    metadata = session.metadata
+    assert parse_robot_file(metadata.robot_file, "session").name == "follower"
+    assert parse_scenario(metadata.scenario, "session").seed == metadata.seed == 5
+    assert "<robot" in metadata.urdf
+    assert "speeds_m_s" in metadata.extra[PLAN]
+    assert metadata.created_utc.endswith("+00:00")
+    assert not session.truncated
+    assert {"touch", "loop_ended"} <= {event.kind for event in session.events}
+
+
+def test_it_probes_at_the_speeds_and_to_the_force_asked_for(tmp_path):
+    path = tmp_path / "two.mcap"
+    result = run(
+        "probe", "-o", path, "--speed-mm-s", "100,50", "--force-limit-n", 5, "--hold-s", 0.2, "--repeats", 2
+    )
+    assert result.exit_code == 0, result.stderr
+    ticks = Session.open(path).samples("tick")
+    assert np.unique(ticks["run"]).tolist() == [-1, 0, 1, 2, 3]
+    assert 4.7 < np.nanmax(ticks["force_n"]) < 5.5
+    approach = ticks["phase"] == 2
+    for number, speed in ((0, 0.1), (1, 0.05), (2, 0.1), (3, 0.05)):
+        rows = approach & (ticks["run"] == number)
+        assert np.median(-ticks["tip_velocity_world_m_s"][rows, 2]) == pytest.approx(speed, rel=0.02)
+
+
+def test_the_estimate_that_runs_along_ends_near_the_truth(probed):
+    ticks = Session.open(probed[0]).samples("tick")
+    assert np.isnan(ticks["stiffness_n_m"][0])
+    assert ticks["stiffness_n_m"][-1] == pytest.approx(500, rel=0.01)
+    assert ticks["damping_n_s_m"][-1] == pytest.approx(20, rel=0.05)
+    assert ticks["surface_m"][-1] == pytest.approx(-0.05, abs=1e-4)
+
+
+def test_equal_seeds_give_equal_measurements_and_others_do_not(tmp_path):
+    forces = []
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        path = tmp_path / f"{name}.mcap"
+        options = ("--speed-mm-s", 150, "--hold-s", 0.1, "--online", "none")
+        assert run("probe", "-o", path, "--seed", seed, *options).exit_code == 0
+        forces.append(Session.open(path).samples("tick")["force_n"])
+    np.testing.assert_array_equal(forces[0], forces[1])
+    assert not np.array_equal(forces[0][:500], forces[2][:500])
+
+
+def test_an_object_that_is_not_there_is_said_in_words(tmp_path):
+    deep = tmp_path / "deep.yaml"
+    deep.write_text("object: {surface_height_m: -0.5}\n")
+    plan = tmp_path / "short.yaml"
+    plan.write_text("speeds_m_s: [0.15]\nsearch_depth_m: 0.05\n")
+    result = run("probe", "-o", tmp_path / "x.mcap", "--scenario", deep, "--experiment", plan, "--json")
+    said = json.loads(result.stdout)
+    assert len(said["failed_runs"]) == 1
+    assert "no touch" in said["failed_runs"][0]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--robot", "nobody"), ("nobody", "follower", "leader")),
+        (("--scenario", "nowhere"), ("nowhere", "default", "stiff")),
+        (("--speed-mm-s", "fast"), ("--speed-mm-s", "fast")),
+        (("--speed-mm-s", "0"), ("--speed-mm-s",)),
+        (("--speed-mm-s", "-20,30"), ("--speed-mm-s",)),
+        (("--force-limit-n", "-1"), ("force_limit_n",)),
+        (("--force-limit-n", "much"), ("--force-limit-n", "much")),
+        (("--repeats", "0"), ("repeats",)),
+        (("--seed", "-3"), ("--seed",)),
+        (("--online", "ransac"), ("ransac", "rls", "none")),
+        (("--experiment", "no_such.yaml"), ("no_such.yaml", "no such file")),
+    ],
+)
+def test_bad_options_are_refused_before_anything_moves(tmp_path, options, words):
+    path = tmp_path / "x.mcap"
+    assert_refused(run("probe", "-o", path, *options), *words)
+    assert not path.exists()
+
+
+def test_a_session_is_never_written_over(probed):
+    before = probed[0].read_bytes()
+    assert_refused(run("probe", "-o", probed[0]), "exists already")
+    assert probed[0].read_bytes() == before
+
+
+def test_a_place_that_cannot_be_written_is_refused(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    assert_refused(run("probe", "-o", tmp_path / "file" / "x.mcap"), "file")
+    assert_refused(run("probe", "-o", tmp_path), "is a directory")
+
+
+def test_a_broken_robot_file_is_refused_with_line_and_key(tmp_path):
+    robot = tmp_path / "arm.yaml"
+    robot.write_text("name: arm\nurdf: arm.urdf\ntip_frame: tip\nsensor_axis_tip: [0, 0]\n")
+    assert_refused(run("probe", "-o", tmp_path / "x.mcap", "--robot", robot), "arm.yaml")
+
+
+def test_as_a_process_json_is_all_that_stdout_holds(tmp_path):
+    options = ("--speed-mm-s", "150", "--hold-s", "0.1", "--json")
+    result = run_process("probe", "-o", tmp_path / "p.mcap", *options, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert json.loads(result.stdout)["outcome"] == "finished"
