@@ -46,7 +46,7 @@ def test_an_unknown_option_is_refused():
 
 
 def test_a_missing_argument_is_refused():
-    assert_refused(run("info"), "SESSION")
+    assert_refused(run("info"), "session", "palpate info --help")
 
 
 @pytest.mark.parametrize(

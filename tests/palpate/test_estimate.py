@@ -12,6 +12,9 @@ from palpate.estimation_run import choose_estimators
 from palpate.words import significant
 from tests.palpate.cli import assert_refused, run
 
+HEADER = "time_s,displacement_m,force_N\n"
+ROWS = "".join(f"{i},{i},{i}\n" for i in range(2, 9))
+
 
 def estimate_json(*arguments):
     result = run("estimate", *arguments, "--json")
@@ -120,11 +123,11 @@ def test_bad_options_are_refused(probed, options, words):
     ("text", "words"),
     [
         ("", ("mine.csv",)),
-        ("time_s,displacement_m,force_N\n", ("mine.csv",)),
+        (HEADER, ("mine.csv",)),
         ("time_s,displacement_m\n0,0\n1,1\n", ("mine.csv", "force_N")),
-        ("time_s,displacement_m,force_N\n0,0,0\n1,nan,1\n", ("mine.csv", "displacement_m", "2")),
-        ("time_s,displacement_m,force_N\n0,0,0\n0,1,1\n", ("mine.csv", "time_s")),
-        ("time_s,displacement_m,force_N\n0,0,zero\n1,1,1\n", ("mine.csv", "force_N")),
+        (HEADER + "0,0,0\n1,nan,1\n" + ROWS, ("mine.csv", "displacement_m", "row 2")),
+        (HEADER + "2,0,0\n2,1,1\n" + ROWS, ("mine.csv", "time")),
+        (HEADER + "0,0,0\n1,1,zero\n" + ROWS, ("mine.csv", "force_N")),
     ],
 )
 def test_bad_data_files_are_refused_in_one_line(tmp_path, text, words):

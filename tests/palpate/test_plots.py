@@ -71,7 +71,7 @@ def test_torques_show_each_joint_with_what_was_sent(ticks):
     with style.house_style():
         figure = torque_figure(ticks)
     for joint in range(3):
-        measured, sent = line_data(figure, joint)
+        sent, measured = line_data(figure, joint)
         np.testing.assert_array_equal(measured.get_ydata(), ticks["torque_measured_nm"][:, joint])
         np.testing.assert_array_equal(sent.get_ydata(), ticks["torque_sent_nm"][:, joint])
     assert "0.0" in figure.axes[0].get_title(loc="right")

@@ -85,7 +85,7 @@ def test_an_object_that_is_not_there_is_said_in_words(tmp_path):
         (("--speed-mm-s", "0"), ("--speed-mm-s",)),
         (("--speed-mm-s", "-20,30"), ("--speed-mm-s",)),
         (("--force-limit-n", "-1"), ("force_limit_n",)),
-        (("--force-limit-n", "much"), ("--force-limit-n", "much")),
+        (("--force-limit-n", "much"), ("--force-limit-n", "number")),
         (("--repeats", "0"), ("repeats",)),
         (("--seed", "-3"), ("--seed",)),
         (("--online", "ransac"), ("ransac", "rls", "none")),

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from palpate.doctor.viewer import has_vulkan_driver
 from palpate.views.recording import arm, write_recording
 from palpate.views.recording.dimple import Block
 from palpate.views.scene import Scene
-from palpate.views.viewer import take_picture
 from robot_io.errors import InputError
 from robot_io.session import Event
 from tests.palpate import synthetic
@@ -108,16 +106,6 @@ def test_a_folder_that_is_not_there_is_refused_and_nothing_is_left(scene, tmp_pa
     with pytest.raises(InputError, match="cannot write"):
         write_recording(scene, tmp_path / "none" / "x.rrd")
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.skipif(not has_vulkan_driver(), reason="no Vulkan driver: Rerun cannot draw")
-def test_the_viewer_draws_a_picture(recording, tmp_path):
-    from PIL import Image
-
-    picture = tmp_path / "view.png"
-    take_picture(recording, picture, 2.6, (900, 600))
-    pixels = np.asarray(Image.open(picture).convert("RGB")).reshape(-1, 3)
-    assert len(np.unique(pixels, axis=0)) > 500
 
 
 class TestBlock:
