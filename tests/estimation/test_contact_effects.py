@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+
+from estimation.channel import ChannelKind
+from estimation.effects import EFFECTS
+from estimation.models import MODELS
+from robot_io.errors import InputError
+from tests.estimation.contact_data import base_model, channel
+
+
+def around_the_surface(kind=ChannelKind.CONTACT):
+    x = np.array([-0.002, -0.001, 0.0, 0.001, 0.004])
+    return channel(np.zeros(5), x, np.full(5, 0.1), np.arange(5.0), kind=kind)
+
+
+def test_a_contact_pushes_only_while_it_is_pressed():
+    data = around_the_surface()
+    for name in ("stiffness", "damping", "hunt_crossley"):
+        columns = EFFECTS[name]().columns(data, {"n": 1.5})
+        assert not columns[:3].any()
+        assert (columns[3:] > 0).all()
+
+
+def test_a_held_spring_pulls_too():
+    data = around_the_surface(ChannelKind.PRISMATIC)
+    np.testing.assert_array_equal(EFFECTS["stiffness"]().columns(data, {})[:, 0], data.position)
+    np.testing.assert_array_equal(EFFECTS["damping"]().columns(data, {})[:, 0], data.velocity)
+
+
+def test_hunt_crossley_with_exponent_1_is_a_spring_without_damping():
+    data = around_the_surface()
+    columns = EFFECTS["hunt_crossley"]().columns(data, {"n": 1.0})
+    np.testing.assert_allclose(columns[:, 0], EFFECTS["stiffness"]().columns(data, {})[:, 0])
+    assert columns[3, 1] == pytest.approx(0.001 * 0.1)
+
+
+def test_an_offset_moves_the_surface():
+    data = around_the_surface()
+    deeper = EFFECTS["contact_offset"]().move(data, {"offset": 0.002})
+    np.testing.assert_array_equal(deeper.engaged, [False, False, False, False, True])
+    np.testing.assert_array_equal(deeper.velocity, data.velocity)
+    assert data.position[-1] == 0.004
+
+
+def test_units_follow_the_channel():
+    model = base_model("spring_mass_damper")
+    revolute = around_the_surface(ChannelKind.REVOLUTE)
+    prismatic = around_the_surface(ChannelKind.PRISMATIC)
+    assert dict(zip(model.gains, model.units(prismatic), strict=True))["stiffness.k"] == "N/m"
+    assert dict(zip(model.gains, model.units(revolute), strict=True))["damping.c"] == "N m s/rad"
+
+
+@pytest.mark.parametrize("name", ["kelvin_voigt", "hunt_crossley"])
+def test_a_surface_that_was_found_is_fitted_along(name):
+    assert "contact_offset.offset" not in base_model(name).inner
+    assert "contact_offset.offset" in base_model(name, surface_found=True).inner
+
+
+def test_a_mass_on_a_spring_is_recovered():
+    t = np.arange(2000) * 1e-3
+    x, v, a = 0.1 * np.sin(9 * t), 0.9 * np.cos(9 * t), -8.1 * np.sin(9 * t)
+    x, v, a = x + 0.02 * np.sin(31 * t), v + 0.62 * np.cos(31 * t), a - 19.22 * np.sin(31 * t)
+    data = channel(2 * a + 3 * v + 40 * x, x, v, t, kind=ChannelKind.PRISMATIC, acceleration=a)
+    regression = base_model("spring_mass_damper").regression(data, {})
+    gains = np.linalg.lstsq(regression.columns, regression.effort, rcond=None)[0]
+    assert sorted(np.round(gains, 6).tolist()) == [2.0, 3.0, 40.0]
+
+
+@pytest.mark.parametrize("name", list(MODELS))
+def test_every_base_model_says_what_it_is(name):
+    model = MODELS[name]
+    assert model.name == name
+    assert model.channels <= frozenset(ChannelKind)
+    for text in (model.physics, model.equation, model.__doc__):
+        assert len(text) > 5
+
+
+def test_an_unknown_model_lists_the_valid_ones():
+    with pytest.raises(InputError, match="no model is called 'kelvin'.*kelvin_voigt"):
+        MODELS["kelvin"]

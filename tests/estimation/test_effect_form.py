@@ -1,0 +1,90 @@
+"""One form for all effects: whatever is registered must pass this."""
+
+import math
+
+import numpy as np
+import pytest
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Effect, MotionEffect, SensorEffect
+from estimation.effects import EFFECTS
+
+EVERY = pytest.mark.parametrize("name", list(EFFECTS))
+
+
+def some_channel(kind):
+    """A second of motion in two runs, with every signal that an effect may ask for."""
+    t = np.tile(np.arange(500) * 1e-3, 2)
+    x, v = 0.01 * np.sin(6 * t) ** 2 + 1e-3 * t, 0.06 * np.sin(12 * t)
+    run = np.repeat([0, 1], 500)
+    base = ChannelData("c", kind, t, x, v, np.gradient(v, 1e-3), 5 + x, run, np.full(1000, -1))
+    signals = {need: 1.0 + 0.5 * np.cos(3 * t) for effect in EFFECTS.values() for need in effect.needs}
+    return ChannelData(**{**vars(base), "context": signals})
+
+
+def inner_values(effect):
+    return {p.name: float(p.spread(3)[1]) for p in effect.inner}
+
+
+@EVERY
+def test_states_its_physics(name):
+    effect = EFFECTS[name]
+    assert issubclass(effect, AdditiveEffect | MotionEffect | SensorEffect)
+    assert effect.name == name == name.lower()
+    for text in (effect.physics, effect.equation, effect.source, effect.signature, effect.__doc__):
+        assert len(text.strip()) >= 5
+    assert effect.physics.endswith(".")
+    assert effect.channels
+    assert effect.channels <= frozenset(ChannelKind)
+
+
+@EVERY
+def test_parameters_have_units_bounds_and_a_typical_range_within_them(name):
+    effect = EFFECTS[name]
+    parameters = effect.gains + effect.inner
+    assert parameters
+    assert len({p.name for p in parameters}) == len(parameters)
+    for p in parameters:
+        assert p.unit.format(effort="N", position="m")
+        assert p.lower <= p.typical[0] < p.typical[1] <= p.upper
+        assert not p.log or p.typical[0] > 0
+        assert all(map(math.isfinite, p.typical))
+
+
+@EVERY
+def test_names_what_it_is_confused_with_and_how_to_tell(name):
+    for other, experiment in EFFECTS[name].confused_with.items():
+        assert other in EFFECTS, f"{name} is confused with '{other}', which is no effect"
+        assert other != name
+        assert len(experiment) > 10
+
+
+@EVERY
+def test_keeps_its_form_on_data(name):
+    effect: Effect = EFFECTS[name]()
+    for kind in effect.channels:
+        data = some_channel(kind)
+        inner = inner_values(effect)
+        if isinstance(effect, AdditiveEffect):
+            columns = effect.columns(data, inner)
+            assert columns.shape == (len(data), len(effect.gains))
+            assert np.isfinite(columns).all()
+            assert effect.known(data).shape == (len(data),)
+        elif isinstance(effect, MotionEffect):
+            assert len(effect.move(data, inner)) == len(data)
+        elif isinstance(effect, SensorEffect):
+            assert effect.sense(data.effort, data, inner).shape == (len(data),)
+            both = np.column_stack([data.effort, data.position])
+            assert effect.sense(both, data, inner).shape == (len(data), 2)
+
+
+@EVERY
+def test_starts_lie_within_the_bounds(name):
+    effect = EFFECTS[name]()
+    bounds = {p.name: p for p in effect.inner}
+    for kind in effect.channels:
+        starts = effect.starts(some_channel(kind))
+        assert starts
+        for start in starts:
+            assert set(start) == set(bounds)
+            assert all(bounds[n].lower <= value <= bounds[n].upper for n, value in start.items())

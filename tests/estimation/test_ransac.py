@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+from sklearn.linear_model import LinearRegression, RANSACRegressor
+
+from estimation.estimators.ransac import Ransac
+from estimation.regression import Regression
+from estimation.subsets import solve_subsets
+from robot_io.errors import InputError
+from tests.estimation.problems import NAMES, TRUTH, UNITS, motion, problem, std_errs, values
+
+
+def fit(regression, seed=0, **settings):
+    return Ransac(**settings).fit(regression, rng=np.random.default_rng(seed))
+
+
+def test_settings_are_the_paper_s():
+    assert (Ransac().threshold, Ransac().subset) == (0.01, 5)
+
+
+@pytest.mark.parametrize("outliers", [0.1, 0.3, 0.5])
+def test_outliers_do_not_move_it(outliers):
+    found = fit(problem(np.random.default_rng(1), noise=0.003, outliers=outliers))
+    np.testing.assert_allclose(values(found), TRUTH, rtol=0.005)
+    assert found.inliers.mean() == pytest.approx(1 - outliers, abs=0.06)
+    assert found.details["inlier_share"] == found.inliers.mean()
+
+
+def test_agrees_with_scikit_learn_on_which_samples_are_inliers():
+    regression = problem(np.random.default_rng(2), noise=0.003, outliers=0.3)
+    other = RANSACRegressor(
+        LinearRegression(fit_intercept=False),
+        min_samples=5,
+        residual_threshold=0.01,
+        max_trials=300,
+        random_state=0,
+    ).fit(regression.columns, regression.effort)
+    assert np.mean(fit(regression).inliers == other.inlier_mask_) > 0.99
+
+
+def test_the_best_subset_is_the_one_with_most_inliers():
+    regression = problem(np.random.default_rng(3))
+    ransac = Ransac()
+    candidates = np.array([[500.0, 20.0], [480.0, 20.0], [500.0, 25.0]])
+    distance = np.abs(regression.effort[:, None] - regression.columns @ candidates.T)
+    expected = np.sum(distance < ransac.threshold, axis=0)
+    np.testing.assert_array_equal(ransac._inlier_counts(regression, candidates), expected)
+
+
+@pytest.mark.parametrize(("noise", "share"), [(0.005, 0.0), (0.02, 0.0), (0.08, 0.0), (0.0, 0.1)])
+def test_stated_errors_follow_the_scatter_even_far_above_the_threshold(noise, share):
+    found = [fit(problem(np.random.default_rng(seed), noise=noise, share=share)) for seed in range(50)]
+    scatter = np.std([values(each) for each in found], axis=0)
+    stated = np.median([std_errs(each) for each in found], axis=0)
+    assert np.all(stated > 0.6 * scatter)
+    assert np.all(stated < 3.0 * scatter)
+
+
+def test_least_squares_on_the_inliers_alone_would_state_far_smaller_errors():
+    regression = problem(np.random.default_rng(4), noise=0.02)
+    found = fit(regression)
+    inside = regression.select(found.inliers)
+    naive = np.sqrt(
+        np.diag(np.linalg.inv(inside.columns.T @ inside.columns))
+        * np.mean(found.residuals[found.inliers] ** 2)
+    )
+    assert np.all(std_errs(found) > 4 * naive)
+
+
+def test_degenerate_subsets_are_skipped_and_counted():
+    columns, run = motion()
+    columns = columns.copy()
+    columns[:450] = [0.001, 0.01]  # standing still: five of these determine one number only
+    regression = Regression(columns, columns @ TRUTH, NAMES, UNITS, run=run)
+    found = fit(regression, trials=500)
+    np.testing.assert_allclose(values(found), TRUTH, rtol=1e-6)
+    assert 1 <= found.details["skipped_subsets"] < 100
+
+
+def test_subsets_hold_no_sample_twice():
+    columns, effort = np.eye(4), np.arange(4.0)
+    solved = solve_subsets(columns, effort, 4, 50, np.random.default_rng(0))
+    np.testing.assert_allclose(solved.gains, np.tile(effort, (50, 1)))
+    assert solved.skipped == 0
+
+
+def test_says_what_to_do_if_nothing_agrees():
+    regression = problem(np.random.default_rng(5), noise=0.1)
+    with pytest.raises(
+        InputError, match="samples agree within 1e-09; raise the threshold .* or take 'robust'"
+    ):
+        fit(regression, threshold=1e-9)
+
+
+@pytest.mark.parametrize(
+    "settings", [{"threshold": 0.0}, {"threshold": float("nan")}, {"trials": 0}, {"subset": 0}]
+)
+def test_refuses_settings_that_make_no_sense(settings):
+    with pytest.raises(InputError, match="ransac"):
+        Ransac(**settings)
+
+
+def test_a_subset_larger_than_the_data_is_refused():
+    regression = problem(np.random.default_rng(6), count=9)
+    with pytest.raises(InputError, match="subsets of 50 samples: must be between 2"):
+        fit(regression, subset=50)

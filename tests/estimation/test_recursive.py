@@ -1,0 +1,139 @@
+import numpy as np
+import pytest
+
+from estimation.estimators import ESTIMATORS
+from estimation.estimators.ewrls import Ewrls
+from estimation.estimators.rls import Rls
+from estimation.estimators.sprls import Sprls
+from robot_io.errors import InputError
+from tests.estimation.problems import TRUTH, motion, problem, values
+
+ONLINE = pytest.mark.parametrize("estimator", [Rls(), Ewrls(), Sprls()], ids=lambda e: e.name)
+
+
+def feed(estimator, columns, effort):
+    estimator.start(columns.shape[1])
+    return np.array([estimator.update(row, float(value)) for row, value in zip(columns, effort, strict=True)])
+
+
+def test_rls_is_least_squares_with_a_prior():
+    regression = problem(np.random.default_rng(0))
+    gains = feed(Rls(variance=1e6), regression.columns, regression.effort)[-1]
+    normal = regression.columns.T @ regression.columns + np.eye(2) / 1e6
+    np.testing.assert_allclose(
+        gains, np.linalg.solve(normal, regression.columns.T @ regression.effort), rtol=1e-6
+    )
+
+
+def test_ewrls_weighs_a_sample_by_its_age():
+    regression = problem(np.random.default_rng(1))
+    gains = feed(Ewrls(forgetting=0.99), regression.columns, regression.effort)[-1]
+    age = np.arange(len(regression.effort))[::-1]
+    weighted = regression.columns * (0.99**age)[:, None]
+    expected = np.linalg.solve(weighted.T @ regression.columns, weighted.T @ regression.effort)
+    np.testing.assert_allclose(gains, expected, rtol=1e-5)
+
+
+def test_ewrls_without_forgetting_is_rls():
+    regression = problem(np.random.default_rng(2))
+    np.testing.assert_allclose(
+        feed(Ewrls(forgetting=1.0), regression.columns, regression.effort),
+        feed(Rls(), regression.columns, regression.effort),
+    )
+
+
+def test_ewrls_does_not_run_away_while_nothing_moves():
+    columns = np.tile([0.005, 0.0], (20_000, 1))
+    rng = np.random.default_rng(3)
+    estimator = Ewrls()
+    feed(estimator, columns, 2.5 + 0.02 * rng.standard_normal(len(columns)))
+    moving = motion()[0]
+    after = feed_on(estimator, moving, moving @ TRUTH)
+    assert np.all(np.abs(after) < 1e5)
+    np.testing.assert_allclose(after[-1], TRUTH, rtol=0.01)
+
+
+def feed_on(estimator, columns, effort):
+    return np.array([estimator.update(row, float(value)) for row, value in zip(columns, effort, strict=True)])
+
+
+def test_sprls_without_perturbation_is_rls():
+    regression = problem(np.random.default_rng(4))
+    np.testing.assert_array_equal(
+        feed(Sprls(beta=0.0, gamma=0.0), regression.columns, regression.effort),
+        feed(Rls(), regression.columns, regression.effort),
+    )
+
+
+def test_sprls_perturbs_when_the_error_is_large_and_not_when_it_is_small():
+    """One gain, worked by hand after Park and Jun: P' = P - P^2/(1 + P) + beta nint(gamma e^2), from P = 1."""
+    row = np.array([1.0])
+    for error, expected_gain in ((0.70, 0.5 / 1.5), (0.72, 20.5 / 21.5), (2.0, 80.5 / 81.5)):
+        estimator = Sprls(beta=20.0, gamma=1.0, variance=1.0)
+        estimator.start(1)
+        before = estimator.update(row, error)  # nint(0.49) = 0, nint(0.5184) = 1, nint(4) = 4
+        after = estimator.update(row, 10.0)
+        assert (after - before) / (10.0 - before) == pytest.approx(expected_gain)
+
+
+def test_sprls_follows_a_sudden_change_sooner_than_rls():
+    columns = motion(1800)[0]
+    changed = np.where(np.arange(1800) < 900, 1.0, 3.0)
+    effort = (columns @ TRUTH) * changed
+    rls, sprls = (feed(estimator, columns, effort)[950] for estimator in (Rls(), Sprls()))
+    assert abs(sprls[0] - 1500.0) < 0.2 * abs(rls[0] - 1500.0)
+
+
+def test_sprls_is_unsteady_in_noise_as_the_paper_found():
+    noise = {"noise": 0.0, "share": 0.3, "count": 900}
+    tight = [
+        values(Sprls(0.0, 0.0).fit(problem(np.random.default_rng(s), **noise), rng=None)) for s in range(10)
+    ]
+    loose = [
+        values(Sprls(20.0, 1.0).fit(problem(np.random.default_rng(s), **noise), rng=None)) for s in range(10)
+    ]
+    assert np.all(np.std(loose, axis=0) > 1.5 * np.std(tight, axis=0))
+
+
+@ONLINE
+def test_history_is_what_the_loop_would_have_seen(estimator):
+    regression = problem(np.random.default_rng(5), count=300)
+    found = estimator.fit(regression, rng=np.random.default_rng(0))
+    live = feed(type(estimator)(), regression.columns, regression.effort)
+    assert found.history.shape == (300, 2)
+    np.testing.assert_allclose(found.history[100:], live[100:], rtol=1e-4, atol=1e-3)
+
+
+@ONLINE
+def test_earlier_gains_are_not_overwritten(estimator):
+    estimator.start(2)
+    first = estimator.update(np.array([0.01, 0.1]), 5.0)
+    kept = first.copy()
+    estimator.update(np.array([0.02, 0.1]), 9.0)
+    np.testing.assert_array_equal(first, kept)
+
+
+@ONLINE
+def test_columns_of_any_size_can_be_learnt(estimator):
+    regression = problem(np.random.default_rng(6))
+    scale = np.array([1e-6, 1e-6])
+    small = type(regression)(
+        regression.columns * scale, regression.effort, regression.names, regression.units
+    )
+    found = values(Rls().fit(small, rng=np.random.default_rng(0)))
+    np.testing.assert_allclose(found * scale, TRUTH, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("rls", {"variance": 0.0}),
+        ("ewrls", {"forgetting": 0.0}),
+        ("ewrls", {"forgetting": 1.1}),
+        ("sprls", {"beta": -1.0}),
+        ("sprls", {"gamma": -1.0}),
+    ],
+)
+def test_refuses_settings_that_make_no_sense(name, settings):
+    with pytest.raises(InputError, match=name):
+        ESTIMATORS[name](**settings)

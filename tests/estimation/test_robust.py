@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+
+from estimation.estimators.robust import Robust
+from estimation.estimators.weighted import Weighted
+from estimation.noise_level import fit_noise_level
+from tests.estimation.problems import TRUTH, covered, motion, problem, values
+
+
+def fit(estimator, regression, seed=0):
+    return estimator.fit(regression, rng=np.random.default_rng(seed))
+
+
+def scatter(estimator, draws, **noise):
+    errors = [
+        values(fit(estimator, problem(np.random.default_rng(s), **noise))) - TRUTH for s in range(draws)
+    ]
+    return np.sqrt(np.mean(np.square(errors), axis=0))
+
+
+def cramer_rao(sigma):
+    columns = motion()[0] / sigma[:, None]
+    return np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
+
+
+@pytest.mark.parametrize("outliers", [0.1, 0.3, 0.4])
+def test_one_sided_outliers_hardly_move_it(outliers):
+    assert np.all(scatter(Robust(), 25, outliers=outliers) < 2.2 * cramer_rao(np.full(900, 0.02)))
+
+
+def test_outliers_are_no_inliers():
+    regression = problem(np.random.default_rng(1), outliers=0.2)
+    found = fit(Robust(), regression)
+    wrong = regression.effort - regression.columns @ TRUTH > 0.3
+    assert not found.inliers[wrong].any()
+    assert found.inliers[~wrong].mean() > 0.98
+
+
+def test_loses_little_where_nothing_is_wrong():
+    assert np.all(scatter(Robust(), 80) < 1.2 * cramer_rao(np.full(900, 0.02)))
+
+
+@pytest.mark.parametrize("estimator", [Robust(), Weighted()])
+def test_reaches_the_bound_when_the_noise_grows_with_the_force(estimator):
+    sigma = 0.1 * (motion()[0] @ TRUTH)
+    assert np.all(scatter(estimator, 80, noise=0.0, share=0.1) < 1.25 * cramer_rao(sigma))
+
+
+def test_intervals_are_honest_with_outliers_and_uneven_noise():
+    noise = {"noise": 0.01, "share": 0.05, "outliers": 0.15}
+    rates = [covered(fit(Robust(), problem(np.random.default_rng(s), **noise))) for s in range(80)]
+    assert np.all(np.mean(rates, axis=0) > 0.86)
+
+
+def test_a_given_sigma_is_used_and_only_its_factor_estimated():
+    columns, _ = motion()
+    sigma = np.where(np.arange(900) % 2 == 0, 1.0, 30.0)
+    rng = np.random.default_rng(2)
+    errors = []
+    for _ in range(40):
+        regression = problem(rng, noise=0.0)
+        noisy = regression.effort + 0.01 * sigma * rng.standard_normal(900)
+        told = type(regression)(columns, noisy, regression.names, regression.units, sigma, regression.run)
+        errors.append(values(fit(Robust(), told)) - TRUTH)
+    assert np.all(np.std(errors, axis=0) < 1.3 * cramer_rao(0.01 * sigma))
+
+
+def test_noise_level_finds_floor_and_share():
+    rng = np.random.default_rng(3)
+    force = rng.uniform(0.0, 10.0, 8000)
+    level = fit_noise_level(np.hypot(0.05, 0.03 * force) * rng.standard_normal(8000), force)
+    assert level.floor == pytest.approx(0.05, rel=0.15)
+    assert level.share == pytest.approx(0.03, rel=0.1)
+
+
+def test_even_noise_has_no_share():
+    rng = np.random.default_rng(4)
+    level = fit_noise_level(0.05 * rng.standard_normal(8000), rng.uniform(0.0, 10.0, 8000))
+    assert level.floor == pytest.approx(0.05, rel=0.1)
+    assert level.share < 0.003
