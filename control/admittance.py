@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from control.gains import ContactGains
 from control.object_guess import Compliance
 
+_OWN_DAMPING = 0.4  # of the object's damping counts; all of it would overshoot, none would creep
 _FOLLOW_S = 0.004  # how fast the speed follows the braking curve
 _BRAKING_RESERVE = 2.0  # times the planned or needed braking; more only against force above the limit
 _LEAST_ROOM_N = 0.1
@@ -46,7 +47,8 @@ def scheduled_admittance(compliance: Compliance, gains: ContactGains) -> Admitta
     """The admittance for an object of about this compliance."""
     stiffness_n_m, damping_n_s_m = compliance
     mass_kg = max(gains.mass_kg, damping_n_s_m / gains.reaction_rad_s)
-    wanted = 2.0 * gains.damping_ratio * math.sqrt(stiffness_n_m * mass_kg) - damping_n_s_m
+    critical = 2.0 * gains.damping_ratio * math.sqrt(stiffness_n_m * mass_kg)
+    wanted = critical - _OWN_DAMPING * damping_n_s_m
     return Admittance(mass_kg, max(wanted, gains.damping_min_n_s_m))
 
 

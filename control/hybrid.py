@@ -80,17 +80,17 @@ class ContactSwitch:
     """
 
     def __init__(self, gains: TouchGains, touch_force_n: float) -> None:
-        self._gains = gains
+        self._debounce = gains.debounce_samples
         self._count = 0
         self.touch_force_n = touch_force_n
+        self.release_force_n = touch_force_n * gains.release_share
         self.in_contact = False
 
     def update(self, force_n: float) -> bool:
         """Judge one new force sample [N]; returns whether there is contact."""
-        release_n = self.touch_force_n * self._gains.release_share
-        against = force_n < release_n if self.in_contact else force_n > self.touch_force_n
+        against = force_n < self.release_force_n if self.in_contact else force_n > self.touch_force_n
         self._count = self._count + 1 if against else 0
-        if self._count >= self._gains.debounce_samples:
+        if self._count >= self._debounce:
             self.in_contact = not self.in_contact
             self._count = 0
         return self.in_contact
@@ -103,6 +103,14 @@ class HybridController:
         body: the arm's dynamics.
         sensor_axis_tip: direction in the tip frame in which the tool pushes, shape (3,).
         gains: all gains.
+
+    Attributes:
+        switch: contact or not.
+        guess: what the object may be like.
+        state: reference along the press line.
+        reference_rad: joint positions aimed at, shape (n,) [rad].
+        force_bias_n: force in free air, which counts as none [N].
+        surface_travel_m: travel at which the last touch began, to within one tick [m].
     """
 
     def __init__(self, body: RigidBody, sensor_axis_tip: FloatArray, gains: Gains) -> None:
@@ -119,6 +127,7 @@ class HybridController:
         self.state = LineState(0.0)
         self.force_bias_n = 0.0
         self.surface_travel_m = 0.0
+        self._clear_travel_m = 0.0  # where there was last no force
 
     def start(self, measurement: Measurement) -> None:
         """Begin from the measured joint positions, with the measured force as that of free air."""
@@ -170,11 +179,12 @@ class HybridController:
 
     def _sense(self, travel_m: float, speed_m_s: float, force_n: float, since_s: float) -> None:
         was_in_contact = self.switch.in_contact
-        if not was_in_contact and force_n <= self.switch.touch_force_n:
-            self.surface_travel_m = travel_m
+        if not was_in_contact and force_n < self.switch.release_force_n:
+            self._clear_travel_m = travel_m
         if not self.switch.update(force_n):
             return
         if not was_in_contact:
+            self.surface_travel_m = self._clear_travel_m
             self.guess.reset()
         self.guess.update(travel_m - self.surface_travel_m, speed_m_s, force_n, since_s)
 

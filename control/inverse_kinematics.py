@@ -24,6 +24,7 @@ from robot_io.types import FloatArray, frozen_array
 
 NEAR_SINGULAR = math.sin(math.radians(3.0))
 _PARALLEL = 1e-6
+_ROUNDING = 1e-9
 
 
 class Elbow(IntEnum):
@@ -73,7 +74,8 @@ class PlanarArm:
         for joint in joints[1:]:
             if np.linalg.norm(np.cross(normal, joint.axis_world)) > _PARALLEL:
                 raise InputError(
-                    f"joint '{joint.name}' is not parallel to '{joints[0].name}': arm not planar"
+                    f"closed-form kinematics: the axis of '{joint.name}' is not parallel to that of "
+                    f"'{joints[0].name}'"
                 )
         self.signs = (1.0, *(math.copysign(1.0, normal @ joint.axis_world) for joint in joints[1:]))
         self._set_plane(normal)
@@ -135,12 +137,12 @@ class PlanarArm:
         wrist_w = w_m - self._shoulder[1] - third_m * math.sin(third)
         distance_m = math.hypot(wrist_u, wrist_w)
         cosine = (distance_m**2 - first_m**2 - second_m**2) / (2.0 * first_m * second_m)
-        if not -1.0 <= cosine <= 1.0:
+        if not abs(cosine) <= 1.0 + _ROUNDING:
             raise InputError(
                 f"target out of reach: with this tool direction its wrist is {distance_m:.4f} m from the "
                 f"shoulder, which reaches {abs(first_m - second_m):.4f} to {first_m + second_m:.4f} m"
             )
-        bend = elbow * math.acos(cosine)
+        bend = elbow * math.acos(min(max(cosine, -1.0), 1.0))
         first = math.atan2(wrist_w, wrist_u) - math.atan2(
             second_m * math.sin(bend), first_m + second_m * math.cos(bend)
         )

@@ -85,6 +85,7 @@ class ProbingTask:
         self._specs = deque(self._plan.runs())
         self._run: ProbingRun | None = None
         self._events: list[TaskEvent] = []
+        self._runs_done = 0
         self.failures = ()
         self._begin_move()
 
@@ -122,6 +123,8 @@ class ProbingTask:
         if run.failure:
             self.failures += (run.failure,)
             self._specs = deque(spec for spec in self._specs if spec.target != run.spec.target)
+        else:
+            self._runs_done += 1
         self._run = None
         self._begin_move()
 
@@ -129,10 +132,13 @@ class ProbingTask:
         """To the next run's approach start, or to the end."""
         plan, here_rad = self._plan, self._control.reference_rad
         goal_rad = here_rad
-        self._phase = Phase.IDLE
         if self._specs:
-            goal_rad = self._sites[self._specs[0].target].joint_position_rad(here_rad)
             self._phase = Phase.MOVE
+            goal_rad = self._sites[self._specs[0].target].joint_position_rad(here_rad)
+        else:
+            self._phase = Phase.IDLE
+            text = f"{self._runs_done} runs done, {len(self.failures)} failures"
+            self._events.append(TaskEvent("probing_done", text, {"runs": self._runs_done}))
         self._move_s = 0.0
         self._blocked_ticks = 0
         self._joint_move = JointMove(

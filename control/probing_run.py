@@ -16,7 +16,7 @@ from control.probing_plan import ProbingPlan, ProbingRunSpec
 from control.probing_sites import ProbingSite
 from control.running_mean import RunningMean
 from control.task import TaskEvent
-from control.trajectory import LineReturn, SpeedBlend, blend_distance_m
+from control.trajectory import LineReturn, SpeedBlend, turning_distance_m
 from robot_io.types import Measurement
 
 _NOISE_FACTOR = 6.0  # the touch counts from at least this many standard deviations of the free-air force
@@ -95,8 +95,8 @@ class ProbingRun:
         if output.in_contact:
             self.desired_force_n = goal.force_n
             self._touched(output)
-        elif output.state.travel_m >= self._site.search_travel_m:
-            self._missed()
+        elif output.state.travel_m >= self._site.search_travel_m or self._must_turn(output):
+            self._missed(output.state.travel_m)
         return output
 
     def _touched(self, output: ControlOutput) -> None:
@@ -112,12 +112,12 @@ class ProbingRun:
         self._site.start_above(surface_m, self._plan.retract_m)
         self._enter(Phase.LOADING, self._loading)
 
-    def _missed(self) -> None:
-        line, searched_m = self._site.line, self._site.search_travel_m
-        start, end = line.point_at(self._site.approach_travel_m), line.point_at(searched_m)
+    def _missed(self, travel_m: float) -> None:
+        line, from_m = self._site.line, self._site.approach_travel_m
+        start, end = line.point_at(from_m), line.point_at(travel_m)
         self.failure = (
-            f"run {self.spec.run}: no touch within {1e3 * searched_m:.0f} mm of the approach line, from "
-            f"z = {1e3 * start[2]:.0f} mm to {1e3 * end[2]:.0f} mm: is the object there? "
+            f"run {self.spec.run}: no touch within {1e3 * (travel_m - from_m):.0f} mm, from z = "
+            f"{1e3 * start[2]:.0f} mm to {1e3 * end[2]:.0f} mm: is the object there? "
             "(search_depth_m, targets_world_m)"
         )
         self._event("missed_surface", self.failure)
@@ -144,15 +144,19 @@ class ProbingRun:
         self._enter(Phase.HOLD, self._hold)
 
     def _is_too_deep(self, output: ControlOutput) -> bool:
-        """Whether the tip must turn round now; says so."""
-        surface_m, state = self._control.surface_travel_m, output.state
-        deepest_m = min(surface_m + self._plan.max_depth_m, self._site.deepest_travel_m)
-        turning_m = blend_distance_m(state.speed_m_s, self._plan.acceleration_m_s2)
-        if state.travel_m + turning_m < deepest_m:
+        """Whether the object gave way as far as it may; says so."""
+        depth_m = output.state.travel_m - self._control.surface_travel_m
+        if not self._must_turn(output, depth_m - self._plan.max_depth_m):
             return False
-        text = f"turned round {1e3 * (state.travel_m - surface_m):.1f} mm deep at {output.force_n:.2f} N"
-        self._event("depth_limit", text, depth_m=state.travel_m - surface_m, force_n=output.force_n)
+        text = f"turned round {1e3 * depth_m:.1f} mm deep at {output.force_n:.2f} N"
+        self._event("depth_limit", text, depth_m=depth_m, force_n=output.force_n)
         return True
+
+    def _must_turn(self, output: ControlOutput, beyond_m: float = -math.inf) -> bool:
+        """Whether the tip would else go beyond the site's end, or beyond a place `beyond_m` behind it [m]."""
+        state = output.state
+        beyond_m = max(beyond_m, state.travel_m - self._site.deepest_travel_m)
+        return beyond_m + turning_distance_m(state.speed_m_s, self._plan.acceleration_m_s2) >= 0.0
 
     def _hold(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         output = self._hold_force(measurement, self._plan.force_limit_n, dt_s)

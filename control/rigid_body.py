@@ -11,6 +11,7 @@ World frame: that of the URDF's root link, gravity 9.81 m/s^2 along -z.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -90,9 +91,14 @@ class RigidBody:
         place = "URDF text" if is_text else str(urdf)
         try:
             text = str(urdf) if is_text else Path(urdf).read_text(encoding="utf-8")
+            # Pinocchio's own parser would print on the way out; expat refuses entity bombs.
+            root = ElementTree.fromstring(text)  # noqa: S314
+            if root.tag != "robot":
+                raise ValueError(f"its root is <{root.tag}>, not <robot>")  # noqa: TRY301
             model = pin.buildModelFromXML(text)
-        except (OSError, ValueError, RuntimeError) as error:
-            raise InputError(f"{place}: not a readable URDF ({str(error).strip():.100})") from error
+        except (OSError, ValueError, RuntimeError, ElementTree.ParseError) as error:
+            reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+            raise InputError(f"{place}: not a readable URDF ({reason:.100})") from error
         if model.nq == 0:
             raise InputError(f"{place}: has no movable joint")
         return cls(model, tip_frame)

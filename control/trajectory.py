@@ -10,6 +10,7 @@ from robot_io.types import FloatArray, frozen_array
 
 # Peaks of the quintic p(s) = 10 s^3 - 15 s^4 + 6 s^5 from rest to rest.
 _PEAK_SPEED = 15.0 / 8.0
+_SHORTEST_S = 1e-3  # also of a move of no length
 _PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)
 
 
@@ -44,6 +45,7 @@ class JointMove:
         self.duration_s = max(
             _PEAK_SPEED * longest_rad / speed_limit_rad_s,
             math.sqrt(_PEAK_ACCELERATION * longest_rad / acceleration_limit_rad_s2),
+            _SHORTEST_S,
         )
 
     def at(self, time_s: float) -> JointMotion:
@@ -103,6 +105,11 @@ class SpeedBlend:
 def blend_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> float:
     """Way [m] that a `SpeedBlend` needs between rest and a speed [m/s], either way."""
     return 0.75 * speed_m_s**2 / acceleration_limit_m_s2
+
+
+def turning_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> float:
+    """Way [m] on which a `SpeedBlend` to the opposite speed still goes forward; 0 for a negative speed."""
+    return 0.9375 * max(speed_m_s, 0.0) ** 2 / acceleration_limit_m_s2
 
 
 class LineReturn:

@@ -1,0 +1,84 @@
+"""Runs the probing task on the reference plant and keeps what happened."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from control.gains import Gains
+from control.inverse_kinematics import Elbow, PlanarArm
+from control.phases import Phase
+from control.probing import ProbingTask
+from control.probing_plan import ProbingPlan
+from control.task import TaskEvent, TaskOutput
+from robot_io.types import Measurement
+from tests.control.reference_plant import DOWN, TOOL_AXIS_TIP, Plant, test_arm
+
+TICK_S = 0.001
+WIDE = (np.full(3, -3.1), np.full(3, 3.1))
+
+
+@dataclass
+class Recording:
+    """One row a tick; forces are the plant's own."""
+
+    time_s: np.ndarray
+    force_n: np.ndarray
+    phase: np.ndarray
+    run: np.ndarray
+    torque_nm: np.ndarray
+    reference_rad: np.ndarray
+    position_rad: np.ndarray
+    outputs: list[TaskOutput]
+    events: list[tuple[float, TaskEvent]]
+
+    def kinds(self) -> list[str]:
+        return [event.kind for _, event in self.events]
+
+    def event(self, kind: str) -> TaskEvent:
+        return next(event for _, event in self.events if event.kind == kind)
+
+    def force_after_touch(self, run: int, wait_s: float) -> np.ndarray:
+        """Forces of a run from `wait_s` after the first contact."""
+        in_run = self.run == run
+        touched_s = self.time_s[in_run & (self.force_n > 0.0)][0]
+        return self.force_n[in_run & (self.time_s >= touched_s + wait_s)]
+
+    def in_phase(self, phase: Phase, run: int = 0) -> np.ndarray:
+        return (self.phase == phase) & (self.run == run)
+
+
+def plant_above(height_m: float = 0.08, x_m: float = 0.42, **settings) -> Plant:
+    """The reference plant with its tool pointing down at a height."""
+    arm = PlanarArm(test_arm(), TOOL_AXIS_TIP)
+    start = arm.solve(np.array([x_m, 0.0, height_m]), DOWN, Elbow.POSITIVE)
+    return Plant(start.position_rad.copy(), **settings)
+
+
+def probing_task(plan: ProbingPlan, gains: Gains | None = None, limits=WIDE) -> ProbingTask:
+    return ProbingTask(test_arm(), TOOL_AXIS_TIP, gains or Gains(), plan, limits)
+
+
+def run_probing(plant: Plant, task: ProbingTask, limit_s: float = 60.0) -> Recording:
+    measurement: Measurement = plant.measure()
+    task.start(measurement)
+    rows, outputs, events = [], [], []
+    while not outputs or not outputs[-1].done:
+        assert plant.time_s < limit_s, "the task does not come to an end"
+        measurement = plant.measure()
+        output = task.step(measurement, TICK_S)
+        outputs.append(output)
+        events += [(plant.time_s, event) for event in output.events]
+        rows.append((plant.time_s, plant.contact_force_n(), *plant.position_rad))
+        plant.advance(output.command.joint_torque_nm, TICK_S)
+    time_s, force_n, *position = np.array(rows).T
+    return Recording(
+        time_s,
+        force_n,
+        np.array([output.phase for output in outputs]),
+        np.array([output.run for output in outputs]),
+        np.array([output.command.joint_torque_nm for output in outputs]),
+        np.array([output.reference_position_rad for output in outputs]),
+        np.array(position).T,
+        outputs,
+        events,
+    )

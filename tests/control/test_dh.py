@@ -1,0 +1,109 @@
+"""DH tables against Pinocchio on the URDFs that they describe."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from control.dh import DhRow, DhTable, load_dh_table
+from control.dh_urdf import LinkInertia, dh_to_urdf
+from control.rigid_body import RigidBody
+from robot_io.errors import InputError
+from robot_io.safe_yaml import parse_yaml
+from tests.control.reference_plant import TABLE
+
+ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
+TABLES = sorted(ARMS.glob("*/*.dh.yaml"))
+
+angles = st.floats(-3.2, 3.2)
+lengths = st.floats(-0.6, 0.6)
+rows = st.lists(
+    st.tuples(st.sampled_from(["revolute", "prismatic", "fixed"]), angles, lengths, lengths, angles),
+    min_size=1,
+    max_size=6,
+).filter(lambda found: any(kind != "fixed" for kind, *_ in found))
+
+
+def table_of(found) -> DhTable:
+    return DhTable(
+        name="random",
+        rows=tuple(
+            DhRow(name=f"row_{i}", type=kind, theta_rad=theta, d_m=d, a_m=a, alpha_rad=alpha)
+            for i, (kind, theta, d, a, alpha) in enumerate(found)
+        ),
+    )
+
+
+def assert_same_tip(table: DhTable, body: RigidBody, position: np.ndarray) -> None:
+    frame = table.tip_frame(position)
+    tip, rotation = body.tip_pose(position)
+    assert frame[:3, 3] == pytest.approx(tip, abs=1e-9)
+    assert frame[:3, :3] == pytest.approx(rotation, abs=1e-9)
+
+
+@pytest.mark.parametrize("path", TABLES, ids=lambda path: path.parent.name)
+def test_a_shipped_table_describes_the_shipped_urdf(path):
+    table = load_dh_table(path)
+    body = RigidBody.from_urdf(next(path.parent.glob("*.urdf")), "tip")
+    for position in np.random.default_rng(1).uniform(-2.5, 2.5, (20, 3)):
+        assert_same_tip(table, body, position)
+
+
+def test_both_shipped_arms_have_a_table():
+    assert len(TABLES) >= 2
+
+
+@settings(max_examples=60)
+@given(rows, st.integers(0, 2**32 - 1))
+def test_any_table_and_its_urdf_have_the_same_kinematics(found, seed):
+    table = table_of(found)
+    body = RigidBody.from_urdf(dh_to_urdf(table), "tip")
+    assert body.joint_names == tuple(row.name for row in table.joint_rows)
+    assert_same_tip(table, body, np.random.default_rng(seed).uniform(-2, 2, table.joint_count))
+
+
+def test_one_revolute_row_by_hand():
+    row = DhRow(name="j", type="revolute", theta_rad=np.pi / 2, d_m=0.1, a_m=0.3, alpha_rad=np.pi / 2)
+    frame = row.transform(0.0)
+    assert frame[:3, 3] == pytest.approx((0.0, 0.3, 0.1), abs=1e-12)  # x has turned onto y
+    assert frame[:3, 2] == pytest.approx((1.0, 0.0, 0.0), abs=1e-12)  # and z onto the old x
+
+
+def test_masses_arrive_in_the_dynamics():
+    inertia = LinkInertia(2.0, (0.1, 0.02, -0.03), (0.01, 0.02, 0.025, 0.001, 0.002, -0.001))
+    body = RigidBody.from_urdf(dh_to_urdf(TABLE, [inertia] * 3), "tip")
+    parameters = body.parameters.reshape(3, 10)
+    assert parameters[:, 0] == pytest.approx([2.0] * 3)
+    assert parameters[1, 1:4] == pytest.approx(2.0 * np.array(inertia.center_m))
+    with pytest.raises(InputError, match="inertias: 2 given, the table has 3 joints"):
+        dh_to_urdf(TABLE, [inertia] * 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "name: a\nrows:\n  - {name: j, type: revolut}\n",
+            r"arm.yaml line 3, rows entry 1.type: .*'revolute'",
+        ),
+        (
+            "name: a\nrows:\n  - {name: j, type: revolute, a: 0.3}\n",
+            r"rows entry 1.a: is not known. Valid: a_m",
+        ),
+        ("name: a\nrows:\n  - {name: j, type: revolute, a_m: .nan}\n", r"rows entry 1.a_m: .*finite"),
+        ("name: a\nrows:\n  - {name: j, type: fixed}\n", "no row is a joint"),
+        ("name: a\nrows: [{name: j, type: revolute}, {name: j, type: fixed}]\n", "same name"),
+        ("name: a\n", "rows: is missing"),
+    ],
+)
+def test_a_bad_table_is_one_clear_line(text, message):
+    with pytest.raises(InputError, match=message) as caught:
+        load_dh_table(parse_yaml(text, "arm.yaml"))
+    assert "\n" not in str(caught.value)
+
+
+def test_the_number_of_positions_must_fit():
+    with pytest.raises(InputError, match="joint positions"):
+        TABLE.tip_frame(np.zeros(2))

@@ -1,0 +1,155 @@
+"""The hybrid controller: the switch's hysteresis and debounce, and no bumps in either direction."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from control.gains import Gains, TouchGains
+from control.hybrid import ContactSwitch, ForceGoal, HybridController, HybridReference
+from control.inverse_kinematics import Elbow, PlanarArm
+from control.motion import LineState
+from control.press_line import PressLine
+from control.trajectory import SpeedBlend
+from robot_io.errors import InputError
+from robot_io.types import Status
+from tests.control.probing_runs import TICK_S, plant_above
+from tests.control.reference_plant import DOWN, TOOL_AXIS_TIP, test_arm
+
+
+def switch(debounce: int = 3) -> ContactSwitch:
+    return ContactSwitch(TouchGains(debounce_samples=debounce, release_share=0.5), 1.0)
+
+
+def states(contact: ContactSwitch, forces) -> list[bool]:
+    return [contact.update(force) for force in forces]
+
+
+def test_contact_needs_the_threshold_several_times_in_a_row():
+    contact = switch()
+    assert states(contact, [2, 2, 0, 2, 2, 0, 2, 2]) == [False] * 8
+    assert states(contact, [2]) == [True]
+
+
+def test_between_the_thresholds_nothing_changes():
+    free, touching = switch(), switch()
+    states(touching, [2, 2, 2])
+    assert not any(states(free, [0.9] * 20))
+    assert all(states(touching, [0.6] * 20))
+    assert states(touching, [0.4, 0.4, 0.4]) == [True, True, False]
+
+
+def test_chatter_around_one_threshold_does_not_toggle():
+    contact = switch()
+    rng = np.random.default_rng(0)
+    found = states(contact, 1.0 + rng.normal(0, 0.05, 2000))
+    assert sum(a != b for a, b in pairwise(found)) <= 1
+
+
+class Bench:
+    """The controller on the reference plant, along a line under the tip."""
+
+    def __init__(self, height_m: float = 0.06, **plant) -> None:
+        self.plant = plant_above(height_m=height_m, **plant)
+        body = test_arm()
+        self.control = HybridController(body, TOOL_AXIS_TIP, Gains())
+        start, _ = body.tip_pose(self.plant.position_rad)
+        self.control.start(self.plant.measure())
+        self.control.set_line(PressLine(PlanarArm(body, TOOL_AXIS_TIP), start, DOWN, Elbow.POSITIVE), 0.0)
+        self.torques, self.states, self.contact, self.forces = [], [], [], []
+
+    def tick(self, reference: HybridReference) -> None:
+        output = self.control.step(self.plant.measure(), reference, TICK_S)
+        self.torques.append(output.command.joint_torque_nm)
+        self.states.append(output.state)
+        self.contact.append(output.in_contact)
+        self.forces.append(output.force_n)
+        self.plant.advance(output.command.joint_torque_nm, TICK_S)
+
+    def switch_tick(self, to: bool) -> int:
+        return next(i for i in range(1, len(self.contact)) if self.contact[i] is to != self.contact[i - 1])
+
+
+def press_and_leave(bench: Bench, speed_m_s: float = 0.06) -> Bench:
+    approach = SpeedBlend(LineState(0.0), speed_m_s, 3.0)
+    load = ForceGoal(10.0, speed_m_s, hold=False)
+    for tick in range(500):
+        bench.tick(HybridReference(approach.at(tick * TICK_S), load))
+        if bench.contact[-1]:
+            break
+    for _ in range(300):
+        bench.tick(HybridReference(force=load))
+    for _ in range(500):
+        bench.tick(HybridReference(force=replace(load, hold=True)))
+    leave = SpeedBlend(replace(bench.states[-1], acceleration_m_s2=0.0), -speed_m_s, 3.0)
+    for tick in range(1, 2400):
+        bench.tick(HybridReference(free=leave.at(tick * TICK_S)))
+    return bench
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping"), [(100.0, 0.0), (500.0, 20.0), (2000.0, 50.0), (10_000.0, 0.0)]
+)
+def test_the_switch_is_bumpless_both_ways(stiffness, damping):
+    bench = press_and_leave(Bench(stiffness_n_m=stiffness, damping_n_s_m=damping))
+    torques, forces = np.array(bench.torques), np.array(bench.forces)
+    # The torques balance the measured force; what the controller itself adds at the switch is a bump.
+    reach_m = 0.6
+    for to in (True, False):
+        tick = bench.switch_tick(to)
+        force_step_nm = reach_m * np.abs(np.diff(forces[tick - 3 : tick + 4])).max()
+        around = np.abs(np.diff(torques[tick - 2 : tick + 4], axis=0)).max()
+        assert around < 0.6 + 1.5 * force_step_nm
+    travel = np.array([state.travel_m for state in bench.states])
+    speed = np.array([state.speed_m_s for state in bench.states])
+    assert np.abs(np.diff(travel)).max() < 0.065 * TICK_S
+    assert np.abs(np.diff(speed)).max() <= Gains().contact.yielding_m_s2 * TICK_S + 1e-9
+    assert travel[1:] - travel[:-1] == pytest.approx((speed[1:] + speed[:-1]) / 2 * TICK_S, abs=2e-7)
+
+
+def test_without_force_goal_it_follows_the_motion_even_in_contact():
+    bench = Bench(height_m=0.055, stiffness_n_m=500.0)
+    down = SpeedBlend(LineState(0.0), 0.03, 3.0)
+    for tick in range(400):
+        bench.tick(HybridReference(free=down.at(tick * TICK_S)))
+    assert bench.contact[-1]
+    assert bench.states[-1] == down.at(399 * TICK_S)
+
+
+def test_the_surface_is_where_the_force_began():
+    bench = press_and_leave(Bench(height_m=0.06, stiffness_n_m=2000.0, force_noise_n=0.02))
+    assert bench.control.surface_travel_m == pytest.approx(0.01, abs=0.0004)
+
+
+def test_a_bias_is_tared_away():
+    bench = Bench(height_m=0.06, force_bias_n=3.0)
+    bench.control.tare(3.0, 0.3)
+    press_and_leave(bench)
+    held = np.array(bench.forces)[np.array(bench.contact)]
+    assert held[-400:-250].mean() == pytest.approx(10.0, abs=0.5)
+    assert bench.plant.contact_force_n() == 0.0
+
+
+def test_a_stale_force_proves_no_contact():
+    bench = Bench()
+    bench.plant.force_bias_n = 5.0
+    measurement = bench.plant.measure()
+    still = HybridReference(free=LineState(0.0))
+    for tick in range(20):
+        late = replace(measurement, time_s=tick * TICK_S)  # sampled at the same time, again and again
+        assert not bench.control.step(late, still, TICK_S).in_contact
+    for tick in range(20, 40):
+        fault = replace(measurement, force_at_s=tick * TICK_S, force_status=Status.FAULT)
+        assert not bench.control.step(fault, still, TICK_S).in_contact
+
+
+def test_misuse_is_refused():
+    control = HybridController(test_arm(), TOOL_AXIS_TIP, Gains())
+    measurement = plant_above().measure()
+    control.start(measurement)
+    with pytest.raises(InputError, match="set_line"):
+        control.step(measurement, HybridReference(free=LineState(0.0)), TICK_S)
+    bench = Bench()
+    with pytest.raises(InputError, match="neither a motion nor a force"):
+        bench.tick(HybridReference())

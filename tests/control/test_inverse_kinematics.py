@@ -1,0 +1,114 @@
+"""Closed-form inverse kinematics, checked with forward kinematics."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from control.dh import DhRow, DhTable, load_dh_table
+from control.dh_urdf import dh_to_urdf
+from control.inverse_kinematics import Elbow, PlanarArm
+from control.rigid_body import RigidBody
+from robot_io.errors import InputError
+from tests.control.reference_plant import DOWN, TABLE, TOOL_AXIS_TIP, test_arm
+
+ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
+
+
+def tilted_arm() -> RigidBody:
+    """Offsets in every angle, an axis turned over, and a plane that is no coordinate plane."""
+    rows = (
+        DhRow(name="base", type="fixed", theta_rad=0.5, d_m=0.2, a_m=0.1, alpha_rad=1.1),
+        DhRow(name="a", type="revolute", theta_rad=0.3, a_m=0.3, alpha_rad=math.pi),
+        DhRow(name="b", type="revolute", theta_rad=-0.4, a_m=0.25, d_m=0.02),
+        DhRow(name="c", type="revolute", theta_rad=1.0, a_m=0.1),
+        DhRow(name="tool", type="fixed", theta_rad=0.2, a_m=0.05),
+    )
+    return RigidBody.from_urdf(dh_to_urdf(DhTable(name="tilted", rows=rows)), "tip")
+
+
+BODIES = {
+    "reference": test_arm(),
+    "tilted": tilted_arm(),
+    **{path.stem: RigidBody.from_urdf(path, "tip") for path in ARMS.glob("*/*.urdf")},
+}
+joints = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
+
+
+@pytest.mark.parametrize("name", BODIES)
+@given(joints)
+def test_both_solutions_reach_any_reachable_pose(name, position):
+    body = BODIES[name]
+    arm = PlanarArm(body, TOOL_AXIS_TIP)
+    tip, rotation = body.tip_pose(np.array(position))
+    tool = rotation @ TOOL_AXIS_TIP
+    assume(arm.solve(tip, tool, Elbow.POSITIVE).elbow_sine > 1e-3)
+    for elbow in Elbow:
+        solution = arm.solve(tip, tool, elbow)
+        reached, turned = body.tip_pose(solution.position_rad)
+        assert reached == pytest.approx(tip, abs=1e-9)
+        assert turned @ TOOL_AXIS_TIP == pytest.approx(tool, abs=1e-9)
+        assert arm.elbow_of(solution.position_rad) is elbow
+        assert (np.abs(solution.position_rad) <= math.pi).all()
+    same = arm.solve(tip, tool, arm.elbow_of(np.array(position))).position_rad
+    turns = (same - position) / math.tau
+    assert turns == pytest.approx(np.round(turns), abs=1e-7)
+
+
+def test_the_same_from_the_dh_table():
+    for path in ARMS.glob("*/*.dh.yaml"):
+        from_table = PlanarArm.from_dh(load_dh_table(path), TOOL_AXIS_TIP)
+        from_urdf = PlanarArm(BODIES[path.parent.name], TOOL_AXIS_TIP)
+        target = np.array([0.35, 0.0, 0.1])
+        for elbow in Elbow:
+            ours = from_table.solve(target, DOWN, elbow).position_rad
+            assert ours == pytest.approx(from_urdf.solve(target, DOWN, elbow).position_rad, abs=1e-9)
+
+
+def test_link_lengths_are_read_from_the_arm():
+    assert PlanarArm(test_arm(), TOOL_AXIS_TIP).lengths_m == pytest.approx((0.32, 0.28, 0.12))
+
+
+def test_an_unreachable_target_names_distance_and_reach():
+    arm = PlanarArm(test_arm(), TOOL_AXIS_TIP)
+    with pytest.raises(InputError, match=r"wrist is 0\.8089 m .* reaches 0\.0400 to 0\.6000 m"):
+        arm.solve(np.array([0.8, 0.0, 0.0]), DOWN, Elbow.POSITIVE)
+    with pytest.raises(InputError, match="out of reach"):  # too near: inside the inner circle
+        arm.solve(np.array([0.01, 0.0, -0.12]), DOWN, Elbow.POSITIVE)
+
+
+def test_a_target_out_of_the_plane_is_refused():
+    arm = PlanarArm(test_arm(), TOOL_AXIS_TIP)
+    with pytest.raises(InputError, match="10 mm out of the arm's plane"):
+        arm.solve(np.array([0.4, 0.01, 0.1]), DOWN, Elbow.POSITIVE)
+    with pytest.raises(InputError, match="does not lie in the arm's plane"):
+        arm.solve(np.array([0.4, 0.0, 0.1]), np.array([0.0, 1.0, -1.0]), Elbow.POSITIVE)
+
+
+def test_near_the_edge_of_the_reach_it_says_near_singular():
+    arm = PlanarArm(test_arm(), TOOL_AXIS_TIP)
+    edge = np.array([0.5999, 0.0, -0.12])
+    assert arm.solve(edge, DOWN, Elbow.POSITIVE).near_singular
+    assert not arm.solve(np.array([0.4, 0.0, 0.0]), DOWN, Elbow.POSITIVE).near_singular
+
+
+def with_joint_2(**changes) -> RigidBody:
+    rows = list(TABLE.rows)
+    rows[2] = rows[2].model_copy(update=changes)
+    return RigidBody.from_urdf(dh_to_urdf(DhTable(name="odd", rows=tuple(rows))), "tip")
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (with_joint_2(alpha_rad=0.2), "axis of 'joint_3' is not parallel to that of 'joint_1'"),
+        (with_joint_2(type="prismatic"), "needs 3 revolute joints; this arm has: revolute, prismatic"),
+        (with_joint_2(a_m=0.0), "longer than nothing"),
+    ],
+)
+def test_other_arms_are_refused(body, message):
+    with pytest.raises(InputError, match=message):
+        PlanarArm(body, TOOL_AXIS_TIP)

@@ -1,0 +1,233 @@
+"""The probing task on the reference plant: every phase, every corner object, everything that can go wrong."""
+
+import numpy as np
+import pytest
+
+from control.excitation import Excitation
+from control.gains import ContactGains, Gains
+from control.phases import Phase
+from control.probing_plan import ProbingPlan
+from robot_io.errors import InputError
+from tests.control.probing_runs import plant_above, probing_task, run_probing
+
+CORNERS = [(100.0, 0.0, 0.15), (500.0, 100.0, 0.15), (2000.0, 0.0, 0.15), (7100.0, 100.0, 0.05)]
+CORNERS += [(10_000.0, 200.0, 0.05), (100.0, 200.0, 0.06), (10_000.0, 0.0, 0.05)]
+NOISE = {"force_noise_n": 0.02, "velocity_noise_rad_s": 0.002}
+
+
+def probe(stiffness=500.0, damping=20.0, gains=None, plant=None, **plan):
+    plan = {"speeds_m_s": (0.15,)} | plan
+    plant = plant or plant_above(stiffness_n_m=stiffness, damping_n_s_m=damping, **NOISE)
+    task = probing_task(ProbingPlan(**plan), gains)
+    return run_probing(plant, task), task
+
+
+@pytest.mark.parametrize(("stiffness", "damping", "speed_m_s"), CORNERS)
+def test_corner_objects_are_probed_within_the_force_limit(stiffness, damping, speed_m_s):
+    record, task = probe(stiffness, damping, speeds_m_s=(speed_m_s,))
+    assert task.failures == ()
+    assert record.kinds() == ["free_air", "touch", "limit_reached", "held", "release", "probing_done"]
+    assert record.force_after_touch(0, 0.020).max() <= 10.5
+    hold = record.force_n[record.in_phase(Phase.HOLD)]
+    assert abs(hold[-500:].mean() - 10.0) < 0.1
+    assert hold[-500:].std() < 0.05
+    assert hold.min() > 9.0
+    assert np.abs(record.position_rad - record.reference_rad).max() < 0.005
+    pressed = record.in_phase(Phase.LOADING) | record.in_phase(Phase.HOLD)
+    assert (record.force_n[pressed] > 0.0).all()  # it does not bounce
+
+
+@pytest.mark.parametrize("delay_ticks", [1, 2])
+def test_a_slow_sensor_does_not_make_it_unstable(delay_ticks):
+    for stiffness, damping in ((7100.0, 100.0), (500.0, 100.0)):
+        plant = plant_above(stiffness_n_m=stiffness, damping_n_s_m=damping, force_delay_ticks=delay_ticks)
+        record, _ = probe(plant=plant, speeds_m_s=(0.05,))
+        assert record.force_after_touch(0, 0.020).max() <= 10.5
+        assert record.force_n[record.in_phase(Phase.HOLD)][-300:] == pytest.approx(10.0, abs=0.1)
+
+
+def test_the_phases_of_a_run_in_their_order():
+    record, _ = probe()
+    changes = np.flatnonzero(np.diff(record.phase)) + 1
+    order = [Phase(record.phase[i]) for i in (0, *changes)]
+    assert order == [
+        Phase.MOVE,
+        Phase.FREE_AIR,
+        Phase.APPROACH,
+        Phase.LOADING,
+        Phase.HOLD,
+        Phase.UNLOADING,
+        Phase.RETRACT,
+        Phase.IDLE,
+    ]
+    free_air = record.in_phase(Phase.FREE_AIR)
+    assert free_air.sum() == pytest.approx(300, abs=2)
+    assert not record.force_n[free_air].any()
+    assert (record.run[(record.phase == Phase.MOVE) | (record.phase == Phase.IDLE)] == -1).all()
+    assert record.outputs[-1].done
+    assert not record.outputs[-2].done
+
+
+def test_the_touch_comes_at_the_set_speed_and_the_loading_keeps_it():
+    record, _ = probe(stiffness=500.0, damping=0.0, speeds_m_s=(0.09,))
+    down = np.array([-output.tip_velocity_world_m_s[2] for output in record.outputs])
+    loading = record.in_phase(Phase.LOADING)
+    early = loading & (record.force_n < 7.0)
+    assert early.sum() > 50
+    assert down[early] == pytest.approx(np.full(early.sum(), 0.09), abs=0.003)
+    touch = record.event("touch")
+    assert touch.data["surface_world_m"][2] == pytest.approx(0.05, abs=5e-4)
+    assert "not reached" not in touch.text
+
+
+def test_reported_values_fit_each_other():
+    record, _ = probe()
+    outputs = record.outputs
+    assert all(np.isnan(output.desired_force_n) for output in outputs if output.phase == Phase.APPROACH)
+    assert all(output.desired_force_n == 10.0 for output in outputs if output.phase == Phase.HOLD)
+    assert all(output.press_direction_world == pytest.approx((0, 0, -1)) for output in outputs)
+    reference = record.reference_rad
+    rate = np.array([output.reference_velocity_rad_s for output in outputs])
+    slope = np.diff(reference, axis=0) / 0.001
+    assert np.abs((rate[1:] + rate[:-1]) / 2 - slope).max() < 0.03
+
+
+def test_speeds_repeats_and_targets_are_all_run():
+    record, task = probe(
+        speeds_m_s=(0.09, 0.05),
+        repeats=2,
+        targets_world_m=((0.42, 0.0, 0.05), (0.40, 0.0, 0.055)),
+        hold_s=0.1,
+    )
+    assert task.failures == ()
+    touches = [event for _, event in record.events if event.kind == "touch"]
+    assert [event.data["run"] for event in touches] == list(range(8))
+    assert [event.data["target"] for event in touches] == [0] * 4 + [1] * 4
+    places = np.array([event.data["surface_world_m"] for event in touches])
+    assert places[:, 2] == pytest.approx(np.full(8, 0.05), abs=5e-4)
+    assert places[:, 0] == pytest.approx([0.42] * 4 + [0.40] * 4, abs=1e-6)
+    assert set(record.run) == {-1, *range(8)}
+
+
+def test_a_surface_that_is_not_there_is_an_event_and_the_next_target_is_tried():
+    plan = {"targets_world_m": ((0.42, 0.0, 0.2), (0.42, 0.0, 0.05)), "search_depth_m": 0.06}
+    record, task = probe(speeds_m_s=(0.09, 0.05), hold_s=0.1, **plan)
+    missed = [event for _, event in record.events if event.kind == "missed_surface"]
+    assert len(missed) == 1  # the second speed is not tried in vain
+    assert task.failures == (missed[0].text,)
+    assert "no touch within 60 mm" in missed[0].text
+    assert "from z = 230 mm to 170 mm" in missed[0].text
+    assert record.kinds().count("limit_reached") == 2
+    assert record.outputs[-1].done
+
+
+def test_an_object_too_soft_for_the_force_is_left_at_the_depth_limit():
+    record, task = probe(stiffness=100.0, damping=0.0, max_depth_m=0.03)
+    event = record.event("depth_limit")
+    assert event.data["depth_m"] < 0.03
+    lowest = min(output.tip_position_world_m[2] for output in record.outputs)
+    assert 0.05 - lowest <= 0.032  # a soft surface is found 1.5 mm late
+    assert record.force_n.max() < 3.5
+    assert task.failures == ()
+    assert Phase.HOLD not in record.phase
+
+
+def test_loading_that_takes_too_long_goes_on_to_the_hold():
+    record, _ = probe(stiffness=500.0, damping=0.0, speeds_m_s=(0.01,), load_time_limit_s=0.5, hold_s=2.5)
+    assert record.event("load_time_limit").data["force_n"] == pytest.approx(2.5, abs=0.5)
+    assert record.force_n[record.in_phase(Phase.HOLD)][-1] == pytest.approx(10.0, abs=0.1)
+
+
+def test_a_touch_before_the_set_speed_is_said():
+    plant = plant_above(height_m=0.052, stiffness_n_m=500.0)
+    record, _ = probe(plant=plant)
+    assert "set speed 150 mm/s was not reached" in record.event("touch").text
+    assert record.event("touch").data["tip_m_s"] < 0.14
+
+
+def test_something_in_the_way_ends_the_task_at_rest():
+    plant = plant_above(height_m=0.12, stiffness_n_m=2000.0)
+    plan = {"targets_world_m": ((0.42, 0.0, 0.02),), "approach_clearance_m": 0.02}  # hover below the surface
+    record, task = probe(plant=plant, **plan)
+    assert record.kinds() == ["obstacle", "probing_done"]
+    assert "something is in the way" in task.failures[0]
+    assert record.outputs[-1].done
+    assert record.force_n.max() < 12.0
+
+
+def test_a_force_bias_changes_nothing():
+    plant = plant_above(stiffness_n_m=500.0, force_bias_n=4.0, **NOISE)
+    record, _ = probe(plant=plant)
+    assert record.event("free_air").data["mean_n"] == pytest.approx(4.0, abs=0.02)
+    assert record.force_n[record.in_phase(Phase.HOLD)][-300:].mean() == pytest.approx(10.0, abs=0.1)
+
+
+def test_a_noisy_sensor_raises_the_touch_threshold_instead_of_touching_air():
+    plant = plant_above(stiffness_n_m=500.0, force_noise_n=0.3)
+    record, task = probe(plant=plant)
+    assert task.failures == ()
+    assert record.event("free_air").data["touch_n"] == pytest.approx(1.8, abs=0.3)
+    assert record.event("touch").data["surface_world_m"][2] == pytest.approx(0.05, abs=0.004)
+
+
+@pytest.mark.parametrize("shape", ["multisine", "chirp"])
+@pytest.mark.parametrize("quantity", ["force", "position"])
+@pytest.mark.parametrize(("stiffness", "damping"), [(500.0, 20.0), (7100.0, 100.0)])
+def test_an_excitation_moves_the_object_and_keeps_the_limit(shape, quantity, stiffness, damping):
+    excitation = Excitation(shape=shape, quantity=quantity, duration_s=2.5)
+    record, _ = probe(stiffness, damping, speeds_m_s=(0.05,), hold_s=0.4, excitation=excitation)
+    excited = record.in_phase(Phase.HOLD) & (record.time_s > dict_time(record, "excitation") + 0.5)
+    force = record.force_n[excited]
+    assert force.max() <= 10.5
+    assert force.min() > 5.0
+    assert np.ptp(force) > 1.5
+    kinds = record.kinds()
+    assert kinds.index("held") < kinds.index("excitation") < kinds.index("release")
+    assert "excitation_too_strong" not in kinds
+
+
+def dict_time(record, kind: str) -> float:
+    return next(time_s for time_s, event in record.events if event.kind == kind)
+
+
+@pytest.mark.parametrize(
+    ("plan", "message"),
+    [
+        ({"targets_world_m": ((0.9, 0.0, 0.05),)}, r"target 1 \(900, 0, 80 mm\): target out of reach"),
+        ({"targets_world_m": ((0.42, 0.2, 0.05),)}, "200 mm out of the arm's plane"),
+        ({"press_direction_world": (0.0, 1.0, 0.0)}, "does not lie in the arm's plane"),
+        ({"targets_world_m": ((0.5999, 0.0, -0.15),)}, "singular"),
+    ],
+)
+def test_what_cannot_be_reached_is_refused_before_anything_moves(plan, message):
+    task = probing_task(ProbingPlan(**plan))
+    with pytest.raises(InputError, match=message):
+        task.start(plant_above().measure())
+
+
+def test_joint_limits_bound_the_search():
+    plant = plant_above(height_m=0.3, x_m=0.35)
+    plan = ProbingPlan(search_depth_m=0.5)
+    low, high = plant.position_rad - 0.15, plant.position_rad + 0.15
+    task = probing_task(plan, limits=(low, high))
+    record = run_probing(plant, task)
+    assert "no touch within" in task.failures[0]
+    assert (record.reference_rad >= low - 1e-6).all()
+    assert (record.reference_rad <= high + 1e-6).all()
+    task = probing_task(plan, limits=(plant.position_rad - 0.001, plant.position_rad + 0.001))
+    with pytest.raises(InputError, match="within its joint limits"):
+        task.start(plant.measure())
+
+
+def test_without_force_feedforward_it_still_holds():
+    gains = Gains(contact=ContactGains(force_feedforward=0.0))
+    record, _ = probe(stiffness=2000.0, damping=20.0, gains=gains, speeds_m_s=(0.05,))
+    assert record.force_n[record.in_phase(Phase.HOLD)][-300:].mean() == pytest.approx(10.0, abs=0.1)
+    assert record.force_after_touch(0, 0.02).max() < 11.0
+
+
+def test_a_task_can_be_started_again():
+    task = probing_task(ProbingPlan(speeds_m_s=(0.09,), hold_s=0.1))
+    for _ in range(2):
+        record = run_probing(plant_above(stiffness_n_m=500.0, **NOISE), task)
+        assert record.kinds().count("limit_reached") == 1

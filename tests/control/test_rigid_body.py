@@ -1,0 +1,197 @@
+"""Rigid-body dynamics against hand calculation, finite differences and another engine."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from control.rigid_body import RigidBody
+from robot_io.errors import InputError
+from tests.control.reference_plant import URDF, test_arm
+
+ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
+SHIPPED = sorted(path for path in ARMS.glob("*/*.urdf"))
+PENDULUM = """
+<robot name="pendulum">
+  <link name="base"/>
+  <link name="rod"><inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>
+    <inertia ixx="0.001" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="tip"/>
+  <joint name="pivot" type="{kind}"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="10" velocity="10"/></joint>
+  <joint name="end" type="fixed"><parent link="rod"/><child link="tip"/><origin xyz="0.4 0 0"/></joint>
+</robot>
+"""
+SPECK = """<link name="tip"><inertial><mass value="1e-6"/>
+  <inertia ixx="1e-9" iyy="1e-9" izz="1e-9" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+
+
+def random_states(count: int = 20):
+    rng = np.random.default_rng(3)
+    return rng.uniform(-2.0, 2.0, (count, 3, 3))
+
+
+def bodies():
+    return [test_arm(), *(RigidBody.from_urdf(path, "tip") for path in SHIPPED)]
+
+
+def test_the_shipped_arms_are_there():
+    assert len(SHIPPED) >= 2
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 0.4, -1.2, math.pi / 2])
+def test_pendulum_torque_is_what_the_textbook_says(angle_rad):
+    body = RigidBody.from_urdf(PENDULUM.format(kind="revolute"), "tip")
+    torque = body.inverse_dynamics(np.array([angle_rad]), np.array([2.0]), np.array([3.0]))
+    # Positive about +y turns the rod from +x towards -z, so gravity pulls the positive way.
+    inertia_about_pivot = 0.02 + 1.5 * 0.2**2
+    expected = inertia_about_pivot * 3.0 - 1.5 * 9.81 * 0.2 * math.cos(angle_rad)
+    assert torque == pytest.approx([expected], abs=1e-12)
+
+
+def test_jacobian_matches_finite_differences_of_forward_kinematics():
+    step = 1e-6
+    for body in bodies():
+        for position, _, _ in random_states(5):
+            jacobian = body.tip_jacobian(position)
+            for joint in range(3):
+                nudge = np.eye(3)[joint] * step
+                ahead, rotation_ahead = body.tip_pose(position + nudge)
+                behind, rotation_behind = body.tip_pose(position - nudge)
+                turn = (rotation_ahead @ rotation_behind.T - np.eye(3)) / (2 * step)
+                assert jacobian[:3, joint] == pytest.approx((ahead - behind) / (2 * step), abs=1e-8)
+                spin = (turn[2, 1], turn[0, 2], turn[1, 0])
+                assert jacobian[3:, joint] == pytest.approx(spin, abs=1e-5)
+
+
+def test_tip_velocity_matches_finite_differences():
+    body = test_arm()
+    for position, velocity, _ in random_states(5):
+        motion = body.tip_motion(position, velocity)
+        ahead, _ = body.tip_pose(position + 1e-6 * velocity)
+        behind, _ = body.tip_pose(position - 1e-6 * velocity)
+        assert motion.velocity_world_m_s == pytest.approx((ahead - behind) / 2e-6, abs=1e-8)
+
+
+def test_results_are_not_overwritten_by_the_next_call():
+    body = test_arm()
+    (first, rate, acceleration), (second, *_), *_ = random_states(2)
+    calls = (
+        lambda q: body.inverse_dynamics(q, rate, acceleration),
+        lambda q: body.forward_dynamics(q, rate, acceleration),
+        body.tip_jacobian,
+        body.mass_matrix,
+        body.gravity,
+        lambda q: body.bias(q, rate),
+        lambda q: body.regressor(q, rate, acceleration),
+        lambda q: body.tip_motion(q, rate).position_world_m,
+        lambda q: body.tip_motion(q, rate).rotation_world_tip,
+        lambda q: body.tip_motion(q, rate).jacobian_world,
+    )
+    for call in calls:
+        kept = call(first)
+        copy = kept.copy()
+        call(second)
+        assert (kept == copy).all()
+
+
+def test_inverse_dynamics_is_mass_matrix_and_bias():
+    for body in bodies():
+        for position, velocity, acceleration in random_states():
+            torque = body.inverse_dynamics(position, velocity, acceleration)
+            mass, bias = body.mass_matrix(position), body.bias(position, velocity)
+            assert torque == pytest.approx(mass @ acceleration + bias, abs=1e-10)
+            assert np.linalg.eigvalsh(mass).min() > 0.0
+            assert body.forward_dynamics(position, velocity, torque) == pytest.approx(acceleration, abs=1e-7)
+            assert body.gravity(position) == pytest.approx(body.bias(position, np.zeros(3)), abs=1e-12)
+
+
+def test_gravity_is_the_gradient_of_potential_energy():
+    body = test_arm()
+
+    def potential_j(position):
+        # Masses and lengths of the reference arm, by hand: each rod's middle above the base, z up.
+        angles = np.cumsum(position)
+        heights = -np.sin(angles) * (0.32, 0.28, 0.12)
+        middles = np.cumsum(heights) - heights / 2
+        return 9.81 * float(middles @ (1.8, 1.2, 0.5))
+
+    for position, _, _ in random_states(5):
+        slope = [
+            (potential_j(position + 1e-6 * e) - potential_j(position - 1e-6 * e)) / 2e-6 for e in np.eye(3)
+        ]
+        assert body.gravity(position) == pytest.approx(slope, abs=1e-7)
+
+
+def test_regressor_times_parameters_is_inverse_dynamics():
+    for body in bodies():
+        for position, velocity, acceleration in random_states(5):
+            matrix = body.regressor(position, velocity, acceleration)
+            assert matrix.shape == (3, 30)
+            torque = body.inverse_dynamics(position, velocity, acceleration)
+            assert matrix @ body.parameters == pytest.approx(torque, abs=1e-12)
+
+
+def test_other_parameters_make_another_arm():
+    body = test_arm()
+    position, velocity, acceleration = random_states(1)[0]
+    heavier = body.parameters.copy()
+    heavier[20:] *= 1.5
+    other = body.with_parameters(heavier)
+    expected = body.regressor(position, velocity, acceleration) @ heavier
+    assert other.inverse_dynamics(position, velocity, acceleration) == pytest.approx(expected, abs=1e-12)
+    assert other.tip_pose(position)[0] == pytest.approx(body.tip_pose(position)[0])
+    weightless = body.parameters.copy()
+    weightless[10] = 0.0
+    with pytest.raises(InputError, match="mass of link 2 is 0 kg"):
+        body.with_parameters(weightless)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_inverse_dynamics_agrees_with_pybullet(path, tmp_path):
+    bullet = pytest.importorskip("pybullet", reason="PyBullet is not installed")
+    # PyBullet gives a link without <inertial> 1 kg; both engines get the same speck of mass instead.
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(path.read_text().replace('<link name="tip"/>', SPECK))
+    client = bullet.connect(bullet.DIRECT)
+    try:
+        bullet.setGravity(0, 0, -9.81, physicsClientId=client)
+        arm = bullet.loadURDF(
+            str(urdf), useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
+        )
+        for link in range(-1, bullet.getNumJoints(arm, physicsClientId=client)):
+            bullet.changeDynamics(arm, link, linearDamping=0, angularDamping=0, physicsClientId=client)
+        body = RigidBody.from_urdf(urdf, "tip")
+        for state in random_states():
+            ours = body.inverse_dynamics(*state)
+            theirs = bullet.calculateInverseDynamics(
+                arm, *(row.tolist() for row in state), physicsClientId=client
+            )
+            assert ours == pytest.approx(theirs, abs=1e-9)
+    finally:
+        bullet.disconnect(client)
+
+
+def test_joint_axes_are_where_the_urdf_puts_them():
+    axes = test_arm().joint_axes()
+    assert [axis.name for axis in axes] == ["joint_1", "joint_2", "joint_3"]
+    assert axes[2].origin_world_m == pytest.approx((0.60, 0.0, 0.0), abs=1e-12)
+    assert all(axis.axis_world == pytest.approx((0.0, 1.0, 0.0), abs=1e-12) for axis in axes)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "tip", "message"),
+    [
+        (PENDULUM.format(kind="continuous"), "tip", "'pivot': only revolute"),
+        (URDF, "finger", "no frame is called 'finger'. Valid: .*joint_1_link.*tip"),
+        ("<robot", "tip", "URDF text: not a readable URDF"),
+        ("<table/>", "tip", "its root is <table>"),
+        ('<robot name="r"><link name="tip"/></robot>', "tip", "has no movable joint"),
+        ("missing.urdf", "tip", "missing.urdf: not a readable URDF .No such file"),
+    ],
+)
+def test_a_bad_urdf_is_one_clear_line(urdf, tip, message):
+    with pytest.raises(InputError, match=message) as caught:
+        RigidBody.from_urdf(urdf, tip)
+    assert "\n" not in str(caught.value)
