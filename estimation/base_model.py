@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
-from estimation.channel import ChannelKind
+from estimation.channel import ChannelData, ChannelKind
 from estimation.model import Model
 
 
@@ -47,3 +47,11 @@ class BaseModel(ABC):
         Raises:
             InputError: the context lacks something that the model needs.
         """
+
+    def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
+        """The channel with the signals that the model and the effects beside it need.
+
+        Raises:
+            InputError: the channel or the context lacks something that the model needs.
+        """
+        return data

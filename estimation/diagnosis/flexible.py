@@ -131,12 +131,13 @@ def _memory(signal: FloatArray, run: IntArray, share: float) -> FloatArray:
 
 
 def _hats(signal: FloatArray) -> FloatArray:
-    """Piecewise linear bumps with knots at quantiles, shape (n, knots)."""
+    """Piecewise linear bumps with knots at quantiles, without the one at zero: a constant is not theirs."""
     knots = np.unique(np.quantile(signal, np.linspace(0.0, 1.0, _KNOTS)))
     if len(knots) < 3:
         return signal[:, None]
     place = np.interp(signal, knots, np.arange(len(knots)))
-    return np.maximum(1.0 - np.abs(place[:, None] - np.arange(len(knots))), 0.0)
+    hats = np.maximum(1.0 - np.abs(place[:, None] - np.arange(len(knots))), 0.0)
+    return np.delete(hats, int(np.argmin(np.abs(knots))), axis=1)
 
 
 def _waves(frame: Frame, position: FloatArray) -> list[FloatArray]:

@@ -1,0 +1,33 @@
+"""The arm's own masses, as its URDF says."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner
+from robot_io.types import FloatArray
+
+
+class RigidBody(AdditiveEffect):
+    """torque = ID(q, v, a) of the URDF, taken as it is; the signal `rigid_body_torque`."""
+
+    name = "rigid_body"
+    physics = "Inertia, Coriolis forces and weight of the links load the joint."
+    equation = "tau = M(q) a + C(q, v) v + g(q), row of the joint"
+    source = "R. Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5: RNEA"
+    signature = "torque follows posture and acceleration of all joints"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    needs = ("rigid_body_torque",)
+    confused_with: ClassVar[dict[str, str]] = {
+        "payload": "weigh the tool: a payload acts on all joints in proportion",
+        "torque_gain": "hold a known weight: a wrong gain changes its torque too",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 0): nothing is free."""
+        return np.zeros((len(data), 0))
+
+    def known(self, data: ChannelData) -> FloatArray:
+        """See `AdditiveEffect.known`."""
+        return data.context["rigid_body_torque"]

@@ -1,0 +1,44 @@
+"""The arm's own masses, found from the data."""
+
+from typing import ClassVar
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from robot_io.types import FloatArray
+
+_NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+_UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
+
+
+class RigidBodyFitted(AdditiveEffect):
+    """torque = Y(q, v, a) pi; the signal `rigid_body_regressor`.
+
+    Args:
+        chosen: columns of the regressor that are independent of each other, ten a link (see
+            `control.rigid_body.RigidBody.regressor`); what the others would add, these take over.
+    """
+
+    name = "rigid_body_fitted"
+    physics = "Inertia, Coriolis forces and weight of the links load the joint, by as much as the data say."
+    equation = "tau = Y(q, v, a) pi, row of the joint, base parameters only"
+    source = (
+        "C. G. Atkeson, C. H. An, J. M. Hollerbach, IJRR 5(3) (1986); M. Gautier, J. Robotic "
+        "Systems 8 (1991): numerical calculation of the base inertial parameters"
+    )
+    signature = "torque follows posture and acceleration of all joints"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    needs = ("rigid_body_regressor",)
+    confused_with: ClassVar[dict[str, str]] = {
+        "payload": "none in one recording: a payload belongs to the last link's parameters"
+    }
+
+    def __init__(self, chosen: tuple[int, ...] = ()) -> None:
+        self._chosen = list(chosen)
+        self.gains = tuple(  # type: ignore[misc]  # how many there are depends on the arm
+            Parameter(f"link{i // 10 + 1}_{_NAMES[i % 10]}", _UNITS[i % 10], -1e3, 1e3, (-5.0, 5.0))
+            for i in chosen
+        )
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, len(chosen))."""
+        return data.context["rigid_body_regressor"][:, self._chosen]

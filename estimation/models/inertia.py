@@ -1,0 +1,20 @@
+"""A joint that carries a constant inertia."""
+
+from estimation.base_model import BaseModel, ModelContext
+from estimation.channel import ChannelKind
+from estimation.effects.inertia import Inertia
+from estimation.effects.viscous_friction import ViscousFriction
+from estimation.model import Model
+
+
+class InertiaModel(BaseModel):
+    """effort = m a + d v."""
+
+    name = "inertia"
+    physics = "A mass or a moment of inertia is moved against viscous friction."
+    equation = "effort = m a + d v"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+
+    def build(self, context: ModelContext) -> Model:
+        """See `BaseModel.build`."""
+        return Model(self.name, (Inertia(), ViscousFriction()))

@@ -1,0 +1,27 @@
+"""An arm whose masses are found from the data."""
+
+from estimation.arm_signals import with_rigid_body
+from estimation.base_model import BaseModel, ModelContext
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effects.rigid_body_fitted import RigidBodyFitted
+from estimation.effects.viscous_friction import ViscousFriction
+from estimation.model import Model
+from estimation.models.arm import arm_of, base_columns
+
+
+class RigidBodyFittedModel(BaseModel):
+    """tau = Y(q, v, a) pi + d v, with the joint's base parameters pi."""
+
+    name = "rigid_body_fitted"
+    physics = "The links' masses, found from the data, and viscous friction load the joint."
+    equation = "tau = Y(q, v, a) pi + d v"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+
+    def build(self, context: ModelContext) -> Model:
+        """See `BaseModel.build`."""
+        effect = RigidBodyFitted(base_columns(*arm_of(context, self.name)))
+        return Model(self.name, (effect, ViscousFriction()))
+
+    def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
+        """See `BaseModel.prepare`."""
+        return with_rigid_body(data, *arm_of(context, self.name), regressor=True)
