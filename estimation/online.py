@@ -16,6 +16,7 @@ NONE_YET: Estimates = (math.nan, math.nan, math.nan)
 _GAINS = 3
 _ENOUGH = 30  # samples before which three gains are hardly determined
 _NOISE_FACTOR = 6.0  # standard deviations of the free-air force that are no noise any more
+_AIR_SAMPLES = 20  # at the start, taken for free air whatever they show: they tell the sensor's zero
 _RELEASE_SHARE = 0.5  # of the touch force
 _GAP = 1.5  # steps that are a gap
 
@@ -76,11 +77,14 @@ class OnlineContactEstimator:
         above_n = force_n - self._air.mean
         if self.in_contact:
             self._follow(time_s, along_m, above_n)
-        elif above_n > max(self._touch_force_n, _NOISE_FACTOR * self._air.standard_deviation):
+        elif self._air.count >= _AIR_SAMPLES and above_n > self._touch_limit_n():
             self._touch(along_m)
         else:
             self._air.add(force_n)
         return self._estimates
+
+    def _touch_limit_n(self) -> float:
+        return max(self._touch_force_n, _NOISE_FACTOR * self._air.standard_deviation)
 
     def _touch(self, along_m: float) -> None:
         """The first sample is left out: it was chosen for its force."""

@@ -2,9 +2,9 @@
 
 A cubic is fitted to the samples around each sample (local polynomial regression; A. Savitzky, M. J. E. Golay,
 Analytical Chemistry 36 (1964) for even sampling, W. S. Cleveland, JASA 74 (1979) in general). Each piece of
-the motion is taken by itself, so that nothing is smoothed across a touch or from one run into the next. How
-many samples go into a fit is found by cross-validation: as many as predict a left-out position nearly as well
-as the best number does.
+the motion is taken by itself, so that nothing is smoothed from one run into the next. How many samples go
+into a fit is found by cross-validation: as many as predict a left-out position nearly as well as the best
+number does.
 """
 
 from collections.abc import Iterator

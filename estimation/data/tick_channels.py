@@ -52,10 +52,7 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
     if len(chosen) == 0:
         return ()
     time_s, run = chosen["torque_at_s"], _with_moves(chosen["run"])
-    touching = np.zeros(len(chosen), dtype=np.bool_)
-    for contact in find_contacts(chosen["force_n"], run, chosen["phase"]):
-        touching[contact.rows] = True
-    piece = number_pieces(time_s, run, touching)
+    piece = number_pieces(time_s, run)
     measured = chosen.vector("joint_position_rad")
     position = np.column_stack([_at(time_s, chosen["encoder_at_s"], joint) for joint in measured.T])
     motions = [differentiate(time_s, joint, piece) for joint in position.T]
@@ -137,7 +134,7 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact]) -> Chan
     time_s, run = chosen["force_at_s"], chosen["run"].astype(np.int64)
     travel_m = np.einsum("ij,ij->i", chosen["tip_position_world_m"], chosen["press_direction_world"])
     along_m = _at(time_s, chosen["encoder_at_s"], travel_m)
-    motion = differentiate(time_s, along_m, number_pieces(time_s, run, touching))
+    motion = differentiate(time_s, along_m, number_pieces(time_s, run))
     baseline_n = np.array([contact.baseline_n for contact in contacts])
     above_n = chosen["force_n"] - baseline_n[np.searchsorted([contact.run for contact in contacts], run)]
     surface = find_surface(along_m[touching], motion.velocity[touching], above_n[touching], run[touching])

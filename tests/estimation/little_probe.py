@@ -1,4 +1,4 @@
-"""A little probing simulator of its own: a pushed mass that meets a spring and damper. No robot, no PyBullet."""
+"""A little probing simulator of its own: a pushed mass that meets a spring and damper; no robot in it."""
 
 from dataclasses import dataclass
 
@@ -94,7 +94,7 @@ def hunt_crossley(k, b, n):
 
 
 def ticks(recorded, lateral_m=0.0, **changed):
-    """The stream "tick" of a probe; the tip presses down, at `lateral_m` (a number, or one for each sample)."""
+    """The stream "tick" of a probe; the tip presses down, at `lateral_m` (one number or one each sample)."""
     count = len(recorded.time_s)
     stream = tick_stream(3)
     columns = {}

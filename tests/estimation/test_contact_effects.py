@@ -76,5 +76,5 @@ def test_every_base_model_says_what_it_is(name):
 
 
 def test_an_unknown_model_lists_the_valid_ones():
-    with pytest.raises(InputError, match="no model is called 'kelvin'.*kelvin_voigt"):
+    with pytest.raises(InputError, match=r"no model is called 'kelvin'.*kelvin_voigt"):
         MODELS["kelvin"]

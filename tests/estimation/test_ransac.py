@@ -86,7 +86,7 @@ def test_subsets_hold_no_sample_twice():
 def test_says_what_to_do_if_nothing_agrees():
     regression = problem(np.random.default_rng(5), noise=0.1)
     with pytest.raises(
-        InputError, match="samples agree within 1e-09; raise the threshold .* or take 'robust'"
+        InputError, match=r"samples agree within 1e-09; raise the threshold .* or take 'robust'"
     ):
         fit(regression, threshold=1e-9)
 

@@ -66,7 +66,7 @@ def test_sprls_without_perturbation_is_rls():
 
 
 def test_sprls_perturbs_when_the_error_is_large_and_not_when_it_is_small():
-    """One gain, worked by hand after Park and Jun: P' = P - P^2/(1 + P) + beta nint(gamma e^2), from P = 1."""
+    """One gain by hand, after Park and Jun: P' = P - P^2/(1 + P) + beta nint(gamma e^2), from P = 1."""
     row = np.array([1.0])
     for error, expected_gain in ((0.70, 0.5 / 1.5), (0.72, 20.5 / 21.5), (2.0, 80.5 / 81.5)):
         estimator = Sprls(beta=20.0, gamma=1.0, variance=1.0)

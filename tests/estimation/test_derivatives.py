@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import savgol_filter
+
+from estimation.data.derivatives import centre_slope, differentiate
+from estimation.data.pieces import number_pieces
+
+ONE_PIECE = lambda t: np.zeros(len(t), dtype=np.int64)  # noqa: E731
+
+
+@given(
+    st.lists(st.floats(-2, 2), min_size=4, max_size=4),
+    st.lists(st.floats(0.2, 3.0), min_size=12, max_size=40),
+    st.integers(2, 6),
+)
+def test_cubics_are_exact_at_any_sampling(coefficients, steps, half_window):
+    t = np.cumsum(steps) * 0.01
+    cubic = np.polynomial.Polynomial(coefficients)
+    found = differentiate(t, cubic(t), ONE_PIECE(t), half_window)
+    scale = 1 + np.abs(coefficients).max()
+    np.testing.assert_allclose(found.velocity, cubic.deriv()(t), atol=1e-6 * scale)
+    np.testing.assert_allclose(found.acceleration, cubic.deriv(2)(t), atol=1e-4 * scale)
+
+
+@pytest.mark.parametrize("half_window", [3, 8])
+def test_agrees_with_savitzky_and_golay_where_the_sampling_is_even(half_window):
+    t = np.arange(200) * 0.002
+    x = np.random.default_rng(0).standard_normal(200)
+    found = differentiate(t, x, ONE_PIECE(t), half_window)
+    width = 2 * half_window + 1
+    for order, values in ((1, found.velocity), (2, found.acceleration)):
+        expected = savgol_filter(x, width, 3, deriv=order, delta=0.002)
+        np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+
+
+def test_even_and_uneven_sampling_take_different_ways_to_the_same_result():
+    t = np.arange(300) * 1e-3
+    x = np.sin(20 * t) + 1e-3 * np.random.default_rng(1).standard_normal(300)
+    jittered = t + 2e-7 * np.random.default_rng(2).uniform(size=300)  # enough to count as uneven
+    even, uneven = (differentiate(times, x, ONE_PIECE(t), 5) for times in (t, jittered))
+    np.testing.assert_allclose(even.velocity, uneven.velocity, atol=2e-3)
+
+
+def test_no_phase_error():
+    t = np.arange(2000) * 1e-3
+    found = differentiate(t, np.sin(30 * t), ONE_PIECE(t), 7)
+    true = 30 * np.cos(30 * t)
+    lags = range(-5, 6)
+    inner = slice(100, -100)
+    fits = [np.dot(np.roll(found.velocity, lag)[inner], true[inner]) for lag in lags]
+    assert lags[int(np.argmax(fits))] == 0
+    np.testing.assert_allclose(found.velocity, true, atol=0.01)
+
+
+def test_a_kink_between_two_pieces_stays_sharp():
+    t = np.arange(400) * 1e-3
+    x = np.where(t < 0.2, 0.1 * t, 0.02 + 0.9 * (t - 0.2))
+    apart = differentiate(t, x, (t >= 0.2).astype(np.int64), 10).velocity
+    together = differentiate(t, x, ONE_PIECE(t), 10).velocity
+    np.testing.assert_allclose(apart, np.where(t < 0.2, 0.1, 0.9), atol=1e-6)
+    assert np.abs(together - np.where(t < 0.2, 0.1, 0.9)).max() > 0.1
+
+
+def test_the_window_grows_with_the_noise():
+    t = np.arange(3000) * 1e-3
+    x = 0.01 * np.sin(15 * t)
+    rng = np.random.default_rng(3)
+    windows = [
+        differentiate(t, x + noise * rng.standard_normal(3000), ONE_PIECE(t)).half_window
+        for noise in (1e-9, 1e-6, 1e-4)
+    ]
+    assert windows == sorted(windows)
+    assert windows[0] < windows[-1]
+
+
+def test_the_chosen_window_is_far_better_than_a_difference():
+    t = np.arange(3000) * 1e-3
+    rng = np.random.default_rng(4)
+    x = np.round((0.01 * np.sin(15 * t) + 1e-6 * rng.standard_normal(3000)) / 5e-6) * 5e-6
+    true = 0.15 * np.cos(15 * t)
+    found = differentiate(t, x, ONE_PIECE(t)).velocity
+    assert np.std(found - true) < 0.2 * np.std(np.gradient(x, t) - true)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5])
+def test_short_pieces_get_what_they_can_say(count):
+    t = 0.1 * np.arange(count)
+    found = differentiate(t, 3 * t, ONE_PIECE(t))
+    np.testing.assert_allclose(found.velocity, 3.0 if count > 1 else 0.0, atol=1e-9)
+    np.testing.assert_allclose(found.acceleration, 0.0, atol=1e-6)
+
+
+def test_centre_slope_is_the_slope_in_the_middle():
+    steps = np.arange(11.0)
+    assert centre_slope(5) @ (steps**2) == pytest.approx(10.0)
+
+
+def test_pieces_end_at_runs_and_gaps():
+    time_s = np.array([0, 1, 2, 3, 7, 8, 0, 1, 2], float)
+    run = np.array([0, 0, 0, 0, 0, 0, 1, 1, 1])
+    np.testing.assert_array_equal(number_pieces(time_s, run), [0, 0, 0, 0, 1, 1, 2, 2, 2])

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+
+from estimation.estimators import ESTIMATORS
+from estimation.estimators.rls import Rls
+from estimation.online import OnlineContactEstimator
+from robot_io.types import Status
+from tests.estimation.little_probe import hunt_crossley, kelvin_voigt, probe, ticks
+
+SURFACE_M = 0.4321
+
+
+def follow(recorded, estimator=None, **settings):
+    """Estimates after each sample, shape (n, 3)."""
+    online = OnlineContactEstimator(estimator or Rls(), **settings)
+    samples = zip(recorded.time_s.tolist(), recorded.along_m.tolist(), recorded.force_n.tolist(), strict=True)
+    return np.array([online.update(*sample) for sample in samples])
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(300.0, 0.0), (500.0, 100.0), (2000.0, 20.0)])
+@pytest.mark.parametrize("name", ["rls", "sprls"])
+def test_ends_at_stiffness_damping_and_surface(stiffness, damping, name):
+    found = follow(probe(kelvin_voigt(stiffness, damping), surface_m=SURFACE_M), ESTIMATORS[name]())[-1]
+    assert found[0] == pytest.approx(stiffness, rel=0.01)
+    assert found[1] == pytest.approx(damping, rel=0.02, abs=0.3)
+    assert found[2] == pytest.approx(SURFACE_M, abs=1e-4)
+
+
+def test_nothing_is_claimed_before_there_is_enough_to_go_by():
+    recorded = probe(kelvin_voigt(500.0, 20.0))
+    found = follow(recorded)
+    known = np.isfinite(found[:, 0])
+    first = int(np.argmax(known))
+    assert known[first:].all()
+    touch = int(np.argmax(recorded.force_n > 0.3))
+    assert touch + 30 < first < touch + 80
+
+
+def test_estimates_get_better_from_run_to_run():
+    recorded = probe(kelvin_voigt(500.0, 100.0))
+    found = follow(recorded)
+    ends = [np.flatnonzero(recorded.run == run)[-1] for run in range(3)]
+    errors = np.abs(found[ends, 1] - 100.0)
+    assert errors[2] < 1.0
+    assert errors[2] <= errors[0] + 0.1
+
+
+def test_a_biased_sensor_is_tared_in_free_air():
+    recorded = probe(kelvin_voigt(800.0, 30.0), surface_m=SURFACE_M)
+    recorded.force_n = recorded.force_n + 0.8
+    found = follow(recorded)[-1]
+    assert found[0] == pytest.approx(800.0, rel=0.01)
+    assert found[2] == pytest.approx(SURFACE_M, abs=1e-4)
+
+
+def test_works_on_tick_records_and_skips_what_is_stale():
+    recorded = probe(kelvin_voigt(800.0, 30.0), surface_m=SURFACE_M)
+    samples = ticks(recorded)
+    records = samples.stream.records(dict(samples.columns))
+    online = OnlineContactEstimator(Rls())
+    for index, record in enumerate(records):
+        found = online.observe(record)
+        stale = record.copy()
+        stale["force_status"], stale["force_n"] = Status.STALE, 1e3
+        if index % 3 == 0:
+            assert online.observe(stale) == found or np.isnan(found).all()
+    assert found[0] == pytest.approx(800.0, rel=0.01)
+    assert found[2] == pytest.approx(SURFACE_M, abs=1e-4)
+
+
+def test_an_overrun_does_not_make_a_false_velocity():
+    recorded = probe(kelvin_voigt(800.0, 30.0))
+    kept = np.ones(len(recorded.time_s), bool)
+    kept[700:-1:23] = False
+    for name, values in vars(recorded).items():
+        setattr(recorded, name, values[kept])
+    found = follow(recorded)[-1]
+    assert found[0] == pytest.approx(800.0, rel=0.01)
+    assert found[1] == pytest.approx(30.0, rel=0.02)
+
+
+def test_an_object_that_is_no_kelvin_voigt_still_gives_numbers():
+    found = follow(probe(hunt_crossley(5000.0, 8000.0, 1.4)))[-1]
+    assert np.isfinite(found).all()
+    assert found[0] > 0

@@ -1,0 +1,142 @@
+"""Channels out of ticks that a little simulator of its own made."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from control.phases import Phase
+from estimation.channel import ChannelKind
+from estimation.data.contact import contact_rows, find_contacts
+from estimation.data.tick_channels import contact_channels, joint_channels
+from estimation.estimate_channel import fitting_rows
+from robot_io.types import Status
+from tests.estimation.little_probe import NOISE_N, Probe, hunt_crossley, kelvin_voigt, probe, ticks
+
+SURFACE_M = 0.4321
+
+
+@cache
+def recorded():
+    return probe(kelvin_voigt(800.0, 40.0), surface_m=SURFACE_M)
+
+
+def test_contact_has_depth_speed_and_force():
+    (channel,) = contact_channels(ticks(recorded()))
+    truth = recorded()
+    assert (channel.name, channel.kind) == ("contact", ChannelKind.CONTACT)
+    np.testing.assert_allclose(channel.position, truth.true_along_m - SURFACE_M, atol=2e-5)
+    np.testing.assert_array_equal(channel.effort, truth.force_n)
+    rows = fitting_rows(channel)
+    assert np.std(channel.velocity[rows] - truth.true_speed_m_s[rows]) < 1e-3
+
+
+def test_the_surface_is_found_within_its_error():
+    for seed in range(3):
+        again = probe(kelvin_voigt(800.0, 40.0), surface_m=SURFACE_M, seed=seed)
+        (channel,) = contact_channels(ticks(again))
+        assert abs(channel.surface.position_m - SURFACE_M) < 4 * channel.surface.std_err_m < 1e-4
+
+
+def test_the_surface_of_a_soft_start_is_not_put_deeper_than_the_first_contact():
+    (channel,) = contact_channels(ticks(probe(hunt_crossley(5000.0, 8000.0, 1.4), surface_m=SURFACE_M)))
+    assert 0 <= channel.surface.position_m - SURFACE_M < 1e-3
+
+
+def test_the_touch_hardly_disturbs_the_velocity():
+    """A dashpot takes the speed away within milliseconds."""
+    truth = probe(kelvin_voigt(500.0, 100.0), surface_m=SURFACE_M)
+    (channel,) = contact_channels(ticks(truth))
+    touches = [np.flatnonzero(fitting_rows(channel) & (channel.run == run))[:8] for run in channel.runs]
+    after = np.concatenate(touches)
+    assert np.std(channel.velocity[after] - truth.true_speed_m_s[after]) < 0.02 * 0.15
+
+
+def test_rows_in_contact_are_chosen_by_time_and_not_by_force():
+    truth = recorded()
+    rows = contact_rows(truth.force_n, truth.run, truth.phase)
+    true_n = 800.0 * (truth.true_along_m - SURFACE_M) + 40.0 * truth.true_speed_m_s
+    pressed = (truth.true_along_m > SURFACE_M) & (true_n > 0)
+    assert not rows[~pressed].any()
+    assert rows[pressed].mean() > 0.97
+    for contact in find_contacts(truth.force_n, truth.run, truth.phase):
+        assert np.all(np.diff(contact.rows) == 1)
+        assert contact.noise_n == pytest.approx(NOISE_N, rel=0.3)
+
+
+def test_a_bounce_is_no_contact():
+    force = np.concatenate([np.zeros(50), np.full(30, 5.0), np.zeros(20), np.full(100, 5.0), np.zeros(50)])
+    force = force + 0.02 * np.random.default_rng(0).standard_normal(len(force))
+    phase = np.where(np.arange(len(force)) < 50, Phase.FREE_AIR, Phase.LOADING)
+    rows = contact_rows(force, np.zeros(len(force), int), phase)
+    assert not rows[80:100].any()
+    assert rows[55:75].all()
+    assert rows[105:195].all()
+
+
+def test_nothing_touched_gives_no_channel():
+    truth = recorded()
+    air = truth.phase == Phase.FREE_AIR
+    only_air = Probe(**{name: values[air] for name, values in vars(truth).items()})
+    assert contact_channels(ticks(only_air)) == ()
+
+
+def test_a_force_that_was_sampled_later_gets_the_motion_of_its_own_time():
+    late_s = 0.0004
+    truth = recorded()
+    at = truth.time_s + late_s
+    shifted = 800.0 * np.interp(at, truth.time_s, truth.true_along_m - SURFACE_M)
+    (channel,) = contact_channels(ticks(truth, force_at_s=at))
+    rows = fitting_rows(channel)
+    np.testing.assert_allclose(800.0 * channel.position[rows], shifted[rows], atol=0.02)
+    np.testing.assert_array_equal(channel.time_s, at)
+
+
+def test_repeated_and_faulty_samples_are_left_out():
+    truth = recorded()
+    status = np.zeros(len(truth.time_s), np.int32)
+    status[::2] = Status.STALE
+    (channel,) = contact_channels(ticks(truth, force_status=status))
+    assert len(channel) == np.count_nonzero(status == Status.OK)
+    np.testing.assert_array_equal(channel.effort, truth.force_n[1::2])
+
+
+def test_ticks_between_runs_are_left_out_of_the_contact():
+    truth = recorded()
+    between = truth.run.copy()
+    between[truth.phase == Phase.FREE_AIR] = -1
+    (channel,) = contact_channels(ticks(truth, run=between.astype(np.int32)))
+    assert len(channel) == np.count_nonzero(between >= 0)
+
+
+def test_two_places_are_two_channels():
+    truth = recorded()
+    lateral = np.where(truth.run < 2, 0.40, 0.45)
+    first, second = contact_channels(ticks(truth, lateral))
+    assert (first.name, second.name) == ("contact_1", "contact_2")
+    np.testing.assert_array_equal(first.runs, [0, 1])
+    np.testing.assert_array_equal(second.runs, [2])
+
+
+def test_joints_carry_the_whole_arm_s_motion():
+    truth = recorded()
+    channels = joint_channels(ticks(truth))
+    assert [channel.name for channel in channels] == ["joint_1", "joint_2", "joint_3"]
+    second = channels[1]
+    assert second.kind is ChannelKind.REVOLUTE
+    np.testing.assert_array_equal(second.effort, 0.2 * truth.force_n)
+    np.testing.assert_array_equal(second.position, -2 * truth.true_along_m)
+    np.testing.assert_array_equal(second.context["joint_velocity"][:, 1], second.velocity)
+    assert second.context["press_direction_world"].shape == (len(second), 3)
+    np.testing.assert_allclose(second.velocity, -2 * truth.true_speed_m_s, atol=0.02)
+
+
+def test_a_move_belongs_to_the_run_after_it_and_useless_phases_to_none():
+    truth = recorded()
+    run, phase = truth.run.copy(), truth.phase.copy()
+    moving = np.flatnonzero(truth.run == 1)[:40]
+    run[moving], phase[moving] = -1, Phase.MOVE
+    phase[-30:] = Phase.STOPPED
+    channel = joint_channels(ticks(truth, run=run.astype(np.int32), phase=phase.astype(np.int32)))[0]
+    assert len(channel) == len(truth.time_s) - 30
+    np.testing.assert_array_equal(channel.run[moving], 1)
