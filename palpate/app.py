@@ -1,20 +1,43 @@
-"""The command line: every module of `palpate.commands` is one command, and every failure is one line."""
+"""The command line: every module of `palpate.commands` is one command, loaded when it is called."""
 
+import ast
 import importlib
+import importlib.util
 import pkgutil
 from importlib.metadata import version
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
+from typer.main import get_command
 
 import palpate.commands
 from palpate.failures import OneLineGroup
 
 ORDER = ("demo", "probe", "estimate", "inspect", "import", "info", "doctor")
 
+
+class CommandGroup(OneLineGroup):
+    """Knows every command by name and first line; imports a command's module only to run it.
+
+    What is behind a command (simulator, viewer, statistics) takes a second or two to import, and nobody who
+    asks for help should wait for it.
+    """
+
+    def __init__(self, **attributes: Any) -> None:  # noqa: ANN401
+        super().__init__(**attributes)
+        self.commands = {name: TyperCommand(name, help=text) for name, text in _first_lines().items()}
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:  # noqa: ANN401
+        """Find the command that is called, and load it; see `TyperGroup.resolve_command`."""
+        name, found, rest = super().resolve_command(ctx, args)
+        return name, found if name is None else load_command(name), rest
+
+
 app = typer.Typer(
     name="palpate",
-    cls=OneLineGroup,
+    cls=CommandGroup,
     rich_markup_mode="rich",
     invoke_without_command=True,
     add_completion=False,
@@ -44,17 +67,30 @@ def root(
         typer.echo(context.get_help())
 
 
-def _register() -> None:
-    """Add the function `command` of each module, under the module's name without a trailing underscore."""
-    names = [info.name for info in pkgutil.iter_modules(palpate.commands.__path__)]
-    ranked = sorted(names, key=lambda name: (_rank(name.rstrip("_")), name))
-    for name in ranked:
-        module = importlib.import_module(f"palpate.commands.{name}")
-        app.command(name=name.rstrip("_"))(module.command)
+def load_command(name: str) -> Any:  # noqa: ANN401, typer's own command
+    """The function `command` of a module of `palpate.commands`, as typer runs it."""
+    module = importlib.import_module(f"palpate.commands.{_module_of(name)}")
+    single = typer.Typer(rich_markup_mode="rich", add_completion=False)
+    single.command(name=name, context_settings={"help_option_names": ["-h", "--help"]})(module.command)
+    return get_command(single)
+
+
+def _first_lines() -> dict[str, str]:
+    """What each command does, in its module's words after the colon; modules are read, not imported."""
+    found = {}
+    for module in pkgutil.iter_modules(palpate.commands.__path__):
+        source = Path(palpate.commands.__path__[0], f"{module.name}.py").read_text(encoding="utf-8")
+        first_line = (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
+        words = first_line.partition(": ")[2]
+        found[module.name.rstrip("_")] = words[:1].upper() + words[1:]
+    return dict(sorted(found.items(), key=lambda item: (_rank(item[0]), item[0])))
+
+
+def _module_of(command: str) -> str:
+    """A command that is a Python keyword lives in a module with an underscore behind."""
+    exists = importlib.util.find_spec(f"palpate.commands.{command}") is not None
+    return command if exists else f"{command}_"
 
 
 def _rank(name: str) -> int:
     return ORDER.index(name) if name in ORDER else len(ORDER)
-
-
-_register()

@@ -2,13 +2,18 @@
 
 import json
 import math
+import shutil
+import sys
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD as SIMPLE
 from rich.console import Console
 from rich.table import Table
+
+from palpate.words import shown
 
 PIPE_WIDTH = 120  # columns when the output is no terminal, so that tables are not squeezed into 80
 
@@ -50,14 +55,25 @@ def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
     )
     aligned = set(right)
     for column in columns:
-        made.add_column(column, justify="right" if column in aligned else "left")
+        made.add_column(column, justify="right" if column in aligned else "left", no_wrap=column in aligned)
     return made
+
+
+def as_typed(command: str) -> str:
+    """A command as it can be typed here: with its folder, where the shell would not find it otherwise."""
+    program, _, rest = command.partition(" ")
+    folder = Path(sys.argv[0]).parent
+    started = folder / program
+    if not started.is_file() or shutil.which(program) == str(started.absolute()):
+        return command
+    return f"{shown(started)} {rest}"
 
 
 def next_steps(*commands: tuple[str, str]) -> None:
     """Show commands to try next, each with what it does."""
     console = stderr()
     console.print("\n[bold]Next[/bold]")
-    width = max(len(command) for command, _ in commands)
-    for command, purpose in commands:
+    runnable = [(as_typed(command), purpose) for command, purpose in commands]
+    width = max(len(command) for command, _ in runnable)
+    for command, purpose in runnable:
         console.print(f"  [cyan]{command:<{width}}[/cyan]  [dim]{purpose}[/dim]", soft_wrap=True)

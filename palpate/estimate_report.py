@@ -15,6 +15,7 @@ from palpate.words import significant
 MILLI = 1e3
 PERCENT = 100.0
 SIGMAS_95 = 1.96
+WIDE = 104  # characters that the whole table needs
 JUDGED = {
     Identifiability.GOOD: "[green]good[/green]",
     Identifiability.WEAK: "[yellow]weak[/yellow]",
@@ -22,22 +23,28 @@ JUDGED = {
 }
 
 
-def estimate_table(found: ChannelEstimates, truth: Mapping[str, float]) -> Table:
-    """One row an estimator; errors where the truth is known."""
+def estimate_table(found: ChannelEstimates, truth: Mapping[str, float], width: int) -> Table:
+    """One row an estimator; errors where the truth is known.
+
+    Args:
+        found: a channel with its estimates.
+        truth: true parameters, as far as they are known.
+        width: of the terminal [characters]; a narrow one gets fewer columns.
+    """
     parameters = shown_parameters(found.estimates[0])
     columns = ["estimator"]
     for parameter in parameters:
         columns.append(f"{short_name(parameter.name)}\n[{parameter.unit}]")
         columns += ["error"] if parameter.name in truth else []
-    columns += ["rmse\n[N]", "cond.", "used", "determined"]
+    columns += ["rmse\n[N]", "cond.", "used"] if width >= WIDE else []
+    columns += ["determined"]
     table = console.table(_title(found), *columns, right=columns[1:-1])
     for estimate in found.estimates:
         cells = [estimate.estimator]
         for parameter in shown_parameters(estimate):
             cells.append(with_interval(parameter))
             cells += [error_text(parameter, truth)] if parameter.name in truth else []
-        used = f"{PERCENT * np.mean(estimate.inliers):.0f} %"
-        cells += [f"{estimate.rmse:.4f}", f"{estimate.condition_number:.2f}", used]
+        cells += _quality(estimate) if width >= WIDE else []
         table.add_row(*cells, JUDGED[estimate.identifiability])
     if any(parameter.name in truth for parameter in parameters):
         cells = ["[dim]truth[/dim]"]
@@ -47,6 +54,11 @@ def estimate_table(found: ChannelEstimates, truth: Mapping[str, float]) -> Table
         table.add_section()
         table.add_row(*cells)
     return table
+
+
+def _quality(estimate: Estimate) -> list[str]:
+    used = f"{PERCENT * np.mean(estimate.inliers):.0f} %"
+    return [f"{estimate.rmse:.4f}", f"{estimate.condition_number:.2f}", used]
 
 
 def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:

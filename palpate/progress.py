@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from control.phases import Phase
 from control.probing_plan import ProbingPlan
@@ -52,10 +52,11 @@ def probing_progress(plan: ProbingPlan, *, live: bool) -> Iterator[OnTick | None
 class _Ticker:
     """Moves the bar at most every `REFRESH_S`."""
 
-    def __init__(self, progress: Progress, task: object, speeds_m_s: list[float]) -> None:
+    def __init__(self, progress: Progress, task: TaskID, speeds_m_s: list[float]) -> None:
         self._progress, self._task, self._speeds_m_s = progress, task, speeds_m_s
         self._next_s = 0.0
         self._run = 0
+        self._completed = 0.0
 
     def __call__(self, record: np.void) -> None:
         now_s = time.monotonic()
@@ -69,5 +70,6 @@ class _Ticker:
             f"run {self._run + 1} of {len(self._speeds_m_s)} at {speed_mm_s:.0f} mm/s, "
             f"{record['time_s']:.1f} s simulated"
         )
-        self._progress.update(self._task, completed=self._run + share, description=words)  # type: ignore[arg-type]
+        self._completed = max(self._completed, self._run + share)
+        self._progress.update(self._task, completed=self._completed, description=words)
         self._progress.refresh()

@@ -6,9 +6,8 @@ from typing import Annotated
 
 import typer
 
-from control.probing_plan import ProbingPlan
 from palpate import console
-from palpate.demo import Demo, run_demo
+from palpate.demo import PLAN, Demo, probe_demo, show_demo
 from palpate.estimate_report import as_data, estimate_table, remarks
 from palpate.files import output_file
 from palpate.progress import probing_progress
@@ -32,8 +31,10 @@ def command(
     session = output_file(out or _default_session())
     talk = console.stderr()
     talk.print(f"A simulated arm probes [bold]{world.description or scenario}[/bold] at three speeds.")
-    with probing_progress(ProbingPlan(), live=True) as on_tick:
-        demo = run_demo(session, world, seed, on_tick, lambda words: talk.print(f"[dim]{words} ...[/dim]"))
+    with probing_progress(PLAN, live=True) as on_tick:
+        probe_demo(session, world, seed, on_tick)
+    with talk.status("estimating, recording and plotting"):
+        demo = show_demo(session)
     if as_json:
         console.print_json(_as_data(demo))
     else:
@@ -55,7 +56,7 @@ def _as_data(demo: Demo) -> dict[str, object]:
 
 def _print(demo: Demo) -> None:
     out = console.stdout()
-    out.print(estimate_table(demo.found, demo.material.truth))
+    out.print(estimate_table(demo.found, demo.material.truth, out.width))
     for remark in remarks(demo.found, demo.material.truth):
         out.print(f"  {remark}")
     out.print(f"\nsession    [bold]{shown(demo.session)}[/bold]")

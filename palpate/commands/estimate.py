@@ -80,7 +80,7 @@ def _print(material: Material, found: list[ChannelEstimates]) -> None:
     out = console.stdout()
     out.print(f"[bold]{safe(shown(material.path))}[/bold]: {count(len(found), 'contact')}")
     for each in found:
-        out.print(estimate_table(each, material.truth))
+        out.print(estimate_table(each, material.truth, out.width))
         for remark in remarks(each, material.truth):
             out.print(f"  {safe(remark)}")
     if material.session is not None:

@@ -1,15 +1,20 @@
 """`palpate probe` on the simulated arm."""
 
 import json
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
 
+from control.phases import Phase
 from palpate.probing_run import PLAN
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
 from sim_backend.scenario import parse_scenario
-from tests.palpate.cli import assert_refused, run, run_process
+from tests.palpate.cli import ROOT, assert_refused, run, run_process
 
 
 def test_it_says_how_it_ended(probed):
@@ -114,6 +119,29 @@ def test_a_broken_robot_file_is_refused_with_line_and_key(tmp_path):
     robot = tmp_path / "arm.yaml"
     robot.write_text("name: arm\nurdf: arm.urdf\ntip_frame: tip\nsensor_axis_tip: [0, 0]\n")
     assert_refused(run("probe", "-o", tmp_path / "x.mcap", "--robot", robot), "arm.yaml")
+
+
+def test_ctrl_c_brings_the_arm_to_rest_and_keeps_the_session(tmp_path):
+    path = tmp_path / "broken_off.mcap"
+    command = [sys.executable, "-m", "palpate.main", "probe", "-o", str(path), "--realtime", "--json"]
+    with subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        deadline_s = time.monotonic() + 60
+        while not path.exists() and process.poll() is None and time.monotonic() < deadline_s:
+            time.sleep(0.05)
+        time.sleep(1.0)
+        process.send_signal(signal.SIGINT)
+        said, _ = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert json.loads(said)["outcome"] == "stopped"
+    session = Session.open(path)
+    assert not session.truncated
+    ticks = session.samples("tick")
+    assert ticks["guard_tripped"][-1]
+    assert ticks["phase"][-1] == Phase.STOPPED
+    np.testing.assert_array_equal(ticks["torque_sent_nm"][-1], 0.0)
+    assert run("inspect", path, "--save", tmp_path / "x.rrd").exit_code == 0
 
 
 def test_as_a_process_json_is_all_that_stdout_holds(tmp_path):
