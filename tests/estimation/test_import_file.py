@@ -1,0 +1,375 @@
+import gzip
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from control.phases import Phase
+from estimation.channel import ChannelKind
+from estimation.data import ImportOptions, import_file, load_channels, parse_pairs
+from robot_io.errors import InputError
+
+T = np.arange(50) * 0.01
+X = 0.002 + 0.001 * np.sin(9 * T)
+F = 500 * X
+
+
+def write_csv(path, columns, delimiter=","):
+    names = list(columns)
+    rows = zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True)
+    lines = [delimiter.join(names), *(delimiter.join(str(value) for value in row) for row in rows)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture
+def contact(tmp_path):
+    """Writes a contact file with changed or added columns; None removes one."""
+
+    def write(name="data.csv", **changed):
+        columns = {"time_s": T, "displacement_m": X, "force_N": F} | changed
+        return write_csv(tmp_path / name, {n: v for n, v in columns.items() if v is not None})
+
+    return write
+
+
+def only(imported):
+    (channel,) = imported.channels
+    return channel
+
+
+def refusal(path, **options):
+    with pytest.raises(InputError) as caught:
+        import_file(path, ImportOptions(**options))
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+def test_contact(contact):
+    channel = only(import_file(contact()))
+    assert (channel.name, channel.kind) == ("contact", ChannelKind.CONTACT)
+    np.testing.assert_allclose(channel.position, X)
+    np.testing.assert_allclose(channel.effort, F)
+    np.testing.assert_allclose(channel.velocity, 0.009 * np.cos(9 * T), atol=2e-5)
+    np.testing.assert_allclose(channel.acceleration[5:-5], -0.081 * np.sin(9 * T)[5:-5], atol=2e-3)
+    np.testing.assert_array_equal(channel.phase, -1)
+    assert channel.surface is None
+
+
+def test_joints(tmp_path):
+    columns = {"time_s": T, "position_1_rad": X, "torque_1_Nm": F, "position_2_rad": -X, "torque_2_Nm": 2 * F}
+    first, second = import_file(write_csv(tmp_path / "arm.csv", columns)).channels
+    assert (first.name, second.name) == ("joint_1", "joint_2")
+    assert second.kind is ChannelKind.REVOLUTE
+    np.testing.assert_allclose(second.effort, 2 * F)
+    np.testing.assert_allclose(first.context["joint_position"], np.column_stack([X, -X]))
+
+
+def test_a_prismatic_joint(tmp_path):
+    channel = only(
+        import_file(write_csv(tmp_path / "axis.csv", {"time_s": T, "position_m": X, "force_N": F}))
+    )
+    assert (channel.name, channel.kind) == ("joint_1", ChannelKind.PRISMATIC)
+
+
+def test_all_formats_hold_the_same(tmp_path, contact):
+    csv = contact()
+    packed = tmp_path / "data.csv.gz"
+    packed.write_bytes(gzip.compress(csv.read_bytes()))
+    parquet, npz = tmp_path / "data.parquet", tmp_path / "data.npz"
+    pa.parquet.write_table(pa.table({"time_s": T, "displacement_m": X, "force_N": F}), parquet)
+    np.savez(npz, time_s=T, displacement_m=X, force_N=F)
+    semicolons = write_csv(tmp_path / "e.csv", {"time_s": T, "displacement_m": X, "force_N": F}, ";")
+    tabs = write_csv(tmp_path / "e.tsv", {"time_s": T, "displacement_m": X, "force_N": F}, "\t")
+    expected = only(import_file(csv))
+    for path in (packed, parquet, npz, semicolons, tabs):
+        channel = only(import_file(path))
+        for what in ("time_s", "position", "velocity", "acceleration", "effort", "run"):
+            np.testing.assert_array_equal(getattr(channel, what), getattr(expected, what))
+    assert load_channels(csv)[0].name == "contact"
+
+
+def test_a_byte_order_mark_and_quotes_do_not_matter(tmp_path):
+    text = '"time_s","displacement_m","force_N"\r\n' + "".join(
+        f'{t},"{x}", {x}\r\n' for t, x in zip(T, X, strict=True)
+    )
+    path = tmp_path / "windows.csv"
+    path.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    np.testing.assert_allclose(only(import_file(path)).effort, X)
+
+
+@pytest.mark.parametrize(
+    ("columns", "scale"),
+    [
+        ({"time_ms": 1e3 * T, "displacement_mm": 1e3 * X, "force_mN": 1e3 * F}, 1.0),
+        ({"time_s": T, "displacement_um": 1e6 * X, "force_kN": 1e-3 * F}, 1.0),
+    ],
+)
+def test_units_in_names_become_si(tmp_path, columns, scale):
+    channel = only(import_file(write_csv(tmp_path / "units.csv", columns)))
+    np.testing.assert_allclose(channel.time_s, T, atol=1e-12)
+    np.testing.assert_allclose(channel.position, scale * X)
+    np.testing.assert_allclose(channel.effort, F)
+
+
+def test_degrees_become_radians(tmp_path):
+    columns = {"time_s": T, "position_deg": np.degrees(X), "torque_mNm": 1e3 * F}
+    channel = only(import_file(write_csv(tmp_path / "deg.csv", columns)))
+    np.testing.assert_allclose(channel.position, X)
+    np.testing.assert_allclose(channel.effort, F)
+
+
+def test_columns_of_other_names_and_units(tmp_path):
+    columns = {"t": 1e3 * T, "indent_mm": 1e3 * X, "load": 1e3 * F}
+    path = write_csv(tmp_path / "own.csv", columns)
+    options = ImportOptions(
+        columns={"time": "t", "displacement_m": "indent_mm", "force_N": "load"},
+        units={"time": "ms", "load": "mN"},
+    )
+    channel = only(import_file(path, options))
+    np.testing.assert_allclose(channel.time_s, T, atol=1e-12)
+    np.testing.assert_allclose(channel.position, X)  # the column's own name says mm
+    np.testing.assert_allclose(channel.effort, F)
+
+
+def test_a_unit_of_something_else_is_taken_as_it_stands_and_said(tmp_path):
+    path = write_csv(tmp_path / "cell.csv", {"time_s": T, "weight_N": F, "force_N": F})
+    imported = import_file(path, ImportOptions(columns={"displacement_m": "weight_N"}))
+    np.testing.assert_allclose(only(imported).position, F)
+    assert "'weight_N' is taken as displacement in m" in imported.notes[0]
+
+
+def test_text_runs_get_numbers_in_order_of_appearance(contact):
+    path = contact(run=["b"] * 20 + ["a"] * 30, time_s=np.concatenate([T[:20], T[:30]]))
+    imported = import_file(path)
+    assert imported.run_labels == {0: "b", 1: "a"}
+    np.testing.assert_array_equal(only(imported).run, [0] * 20 + [1] * 30)
+
+
+def test_numbered_runs_keep_their_numbers_and_are_put_together(contact):
+    run = np.tile([7, 3], 25)
+    channel = only(import_file(contact(run=run)))
+    np.testing.assert_array_equal(channel.run, [3] * 25 + [7] * 25)
+    np.testing.assert_allclose(channel.time_s[:25], T[1::2])
+
+
+def test_derivatives_do_not_reach_across_runs(contact):
+    x = np.where(np.arange(50) < 25, 0.001, 0.05)
+    channel = only(import_file(contact(run=[0] * 25 + [1] * 25, displacement_m=x)))
+    np.testing.assert_allclose(channel.velocity, 0.0, atol=1e-12)
+
+
+def test_phases_by_name_or_number(contact):
+    channel = only(import_file(contact(phase=["loading"] * 25 + ["4"] * 25)))
+    np.testing.assert_array_equal(channel.phase, [Phase.LOADING] * 25 + [Phase.HOLD] * 25)
+
+
+def test_a_given_velocity_and_acceleration_are_kept(contact):
+    velocity = 0.009 * np.cos(9 * T)
+    channel = only(import_file(contact(velocity_mm_s=1e3 * velocity, acceleration_m_s2=np.full(50, 0.5))))
+    np.testing.assert_allclose(channel.velocity, velocity)
+    np.testing.assert_allclose(channel.acceleration, 0.5)
+
+
+def test_where_chooses_rows_and_context_keeps_signals(contact):
+    path = contact(specimen=["P1"] * 30 + ["P2"] * 20, temperature_C=20 + T)
+    channel = only(import_file(path, ImportOptions(where={"specimen": "P1"}, context=("temperature_C",))))
+    assert len(channel) == 30
+    np.testing.assert_allclose(channel.context["temperature_C"], 20 + T[:30])
+
+
+def test_an_empty_or_bad_number_is_named_by_row_and_column(contact):
+    force = F.astype(object)
+    force[16] = "oops"
+    assert "row 17, column 'force_N': 'oops' is no finite number; remove such rows" in refusal(
+        contact(force_N=force)
+    )
+    force[16] = ""
+    assert "row 17, column 'force_N'" in refusal(contact(force_N=force))
+    force[16:19] = "nan"
+    assert "row 17, column 'force_N': 'nan' is no finite number (2 more like it)" in refusal(
+        contact(force_N=force)
+    )
+    force[16:19] = "1,5"
+    assert "cannot be read" in refusal(contact(force_N=force))  # three columns, four fields
+
+
+def test_row_numbers_are_those_of_the_file_after_a_choice_of_rows(contact):
+    force = F.astype(object)
+    force[40] = "inf"
+    path = contact(force_N=force, specimen=["P1"] * 30 + ["P2"] * 20)
+    assert "row 41, column 'force_N'" in refusal(path, where={"specimen": "P2"})
+
+
+def test_nulls_in_parquet_are_named(tmp_path):
+    path = tmp_path / "holes.parquet"
+    force = [*F[:10].tolist(), None, *F[11:].tolist()]
+    pa.parquet.write_table(pa.table({"time_s": T, "displacement_m": X, "force_N": force}), path)
+    assert "row 11, column 'force_N': None is no finite number" in refusal(path)
+
+
+def test_times_must_increase_within_a_run(contact):
+    time_s = T.copy()
+    time_s[30:] -= 0.2
+    text = refusal(contact(time_s=time_s))
+    assert "row 31, column 'time_s': 0.1 s does not come after 0.29 s in row 30" in text
+    assert "--column run=COLUMN" in text
+    only(import_file(contact(time_s=time_s, run=[0] * 30 + [1] * 20)))
+    assert "of run 'two'" in refusal(contact(time_s=np.zeros(50), run=["one"] + ["two"] * 49))
+
+
+def test_a_missing_column_says_what_is_needed_and_what_is_there(contact):
+    text = refusal(contact(force_N=None))
+    assert "a contact needs time_s, displacement_m, force_N" in text
+    assert "time_s, displacement_m" in text
+    assert "--column NAME=COLUMN" in text
+    assert "no time; name it time_s" in refusal(contact(time_s=None))
+
+
+def test_a_column_that_is_not_there_lists_those_that_are(contact):
+    assert "has only time_s, displacement_m, force_N" in refusal(contact(), columns={"force_N": "load"})
+    text = refusal(contact(), where={"specimn": "P1"})
+    assert "no column 'specimn'" in text
+    assert "no such row. There are: P1" in refusal(contact(specimen=["P1"] * 50), where={"specimen": "P2"})
+
+
+def test_units_that_cannot_be_are_refused(contact):
+    assert "does not say its unit" in refusal(contact(force_N=None, force=F))
+    assert "measures no displacement" in refusal(contact(), units={"displacement": "N"})
+    assert "Valid: " in refusal(contact(), units={"displacement": "furlong"})
+    assert "no such quantity or column is in use" in refusal(contact(), units={"torque": "Nm"})
+    assert "no quantity with its unit" in refusal(contact(), columns={"weight_N": "force_N"})
+
+
+def test_two_columns_for_one_quantity_are_ambiguous(contact):
+    text = refusal(contact(displacement_mm=1e3 * X))
+    assert "'displacement_m' and 'displacement_mm' both hold displacement" in text
+    chosen = ImportOptions(columns={"displacement_m": "displacement_mm"})
+    np.testing.assert_allclose(only(import_file(contact(displacement_mm=2e3 * X), chosen)).position, 2 * X)
+
+
+def test_a_velocity_in_the_wrong_unit_is_noticed(contact):
+    velocity = 0.009 * np.cos(9 * T)
+    text = refusal(contact(velocity_m_s=1e3 * velocity))
+    assert "column 'velocity_m_s' is 1e+03 times the rate of change of 'displacement_m'" in text
+
+
+def test_units_of_position_and_velocity_must_go_together(tmp_path):
+    columns = {"time_s": T, "position_rad": X, "velocity_m_s": X, "torque_Nm": F}
+    assert "units that do not go together" in refusal(write_csv(tmp_path / "mixed.csv", columns))
+
+
+def test_a_run_that_is_too_short_is_named(contact):
+    text = refusal(contact(run=["long"] * 47 + ["short"] * 3))
+    assert "run 'short' has 3 rows, at least 5" in text
+
+
+def test_an_unknown_phase_lists_the_known_ones(contact):
+    assert "row 2, column 'phase': no phase is called 'squeeze'. Valid: idle" in refusal(
+        contact(phase=["hold", "squeeze"] + ["hold"] * 48)
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("empty.csv", b"", "cannot be read"),
+        ("header.csv", b"time_s,displacement_m,force_N\n", "no rows of data"),
+        ("numbers.csv", b"0,1,2\n1,2,3\n", "first line holds numbers"),
+        ("twice.csv", b"time_s,force_N,force_N\n1,2,3\n", "column 'force_N' is there twice"),
+        ("ragged.csv", b"time_s,displacement_m,force_N\n0,1,2\n1,2\n", "Expected 3 columns, got 2"),
+        (
+            "torn.csv.gz",
+            gzip.compress(b"time_s,displacement_m,force_N\n" + b"1,2,3\n" * 9)[:25],
+            "cannot be read",
+        ),
+        ("not.csv.gz", b"time_s,displacement_m,force_N\n0,1,2\n", "cannot be read"),
+        ("binary.csv", bytes(range(256)), "cannot be read"),
+        ("broken.parquet", b"PAR1 nonsense", "cannot be read"),
+        ("broken.npz", b"PK nonsense", "cannot be read"),
+        ("data.xlsx", b"PK", "unknown kind of file"),
+    ],
+)
+def test_broken_files_get_one_line(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.write_bytes(content)
+    text = refusal(path)
+    assert message in text
+    assert str(path) in text
+
+
+def test_arrays_of_objects_are_not_unpickled(tmp_path):
+    path = tmp_path / "objects.npz"
+    np.savez(path, time_s=np.array([{"a": 1}], dtype=object))
+    assert "cannot be read" in refusal(path)
+
+
+def test_arrays_of_different_length(tmp_path):
+    path = tmp_path / "uneven.npz"
+    np.savez(path, time_s=T, displacement_m=X[:-1], force_N=F)
+    assert "different lengths" in refusal(path)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    assert "no such file" in refusal(tmp_path / "absent.csv")
+
+
+def outcome(path):
+    """The channels, or the line that refuses the file."""
+    try:
+        return import_file(path).channels
+    except InputError as error:
+        return str(error)
+
+
+@given(st.text(max_size=400), st.sampled_from([".csv", ".tsv", ".csv.gz", ".npz", ".parquet"]))
+def test_any_text_gives_channels_or_one_clear_line(tmp_path_factory, text, ending):
+    path = tmp_path_factory.mktemp("any") / f"any{ending}"
+    data = text.encode()
+    path.write_bytes(gzip.compress(data) if ending.endswith("gz") else data)
+    found = outcome(path)
+    assert isinstance(found, tuple) or (len(found) < 1000 and "\n" not in found)
+
+
+cell = st.one_of(st.floats(allow_nan=True, width=32), st.just(""), st.just("x"), st.integers(-5, 5))
+
+
+@given(st.lists(st.tuples(cell, cell, cell, st.sampled_from(["a", "b"])), min_size=1, max_size=30))
+def test_any_table_gives_channels_or_one_clear_line(tmp_path_factory, rows):
+    path = tmp_path_factory.mktemp("table") / "table.csv"
+    lines = ["time_s,displacement_m,force_N,run", *(",".join(str(v) for v in row) for row in rows)]
+    path.write_text("\n".join(lines))
+    found = outcome(path)
+    if isinstance(found, tuple):
+        assert len(found[0]) == len(rows)
+        assert np.isfinite(found[0].velocity).all()
+    else:
+        assert "\n" not in found
+
+
+@given(
+    st.lists(st.floats(1e-3, 1.0), min_size=5, max_size=25),
+    st.lists(st.floats(-1e3, 1e3), min_size=25, max_size=25),
+)
+def test_any_increasing_times_and_finite_forces_are_accepted(tmp_path_factory, steps, forces):
+    path = tmp_path_factory.mktemp("good") / "good.csv"
+    time_s = np.cumsum(steps)
+    force = np.array(forces[: len(steps)])
+    channel = only(
+        import_file(write_csv(path, {"time_s": time_s, "displacement_m": force, "force_N": force}))
+    )
+    np.testing.assert_array_equal(channel.effort, force)
+    assert np.isfinite(channel.acceleration).all()
+
+
+def test_pairs():
+    assert parse_pairs(["force_N = load", "run=log"], "--column") == {"force_N": "load", "run": "log"}
+    for wrong in (["force_N"], ["=load"], ["force_N="]):
+        with pytest.raises(InputError, match=r"--column .*write it as NAME=VALUE"):
+            parse_pairs(wrong, "--column")
+    with pytest.raises(InputError, match="is given twice"):
+        parse_pairs(["a=1", "a=2"], "--unit")

@@ -1,0 +1,104 @@
+"""Real measurements, which are no part of the project: see docs for where they come from."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimation.data import ImportOptions, import_file
+from estimation.estimate_channel import estimate_channel
+from estimation.estimators import ESTIMATORS
+from estimation.fit import fit
+from tests.estimation.contact_data import base_model
+
+DATA = Path(os.environ.get("PALPATE_DATA") or Path(__file__).resolve().parents[2].parent / "shared" / "data")
+pytestmark = pytest.mark.skipif(
+    not (DATA / "soft_indentation").is_dir(),
+    reason=f"the measured data are not at {DATA} (set PALPATE_DATA to where they are)",
+)
+FIRST_P002 = "230515-P002-10"
+
+
+def indentation(specimen):
+    return import_file(DATA / "soft_indentation" / "runs.csv.gz", ImportOptions(where={"specimen": specimen}))
+
+
+def test_soft_specimen_is_as_stiff_as_its_curve_says():
+    (channel,) = indentation(FIRST_P002).channels
+    assert channel.runs.tolist() == [19]
+    found = estimate_channel(
+        channel, base_model("kelvin_voigt"), ESTIMATORS["lsq"](), rng=np.random.default_rng(0)
+    )
+    stiffness = found["stiffness.k"]
+    assert stiffness.value == pytest.approx(97.0, rel=0.03)
+    assert stiffness.interval[0] < 97.0 < stiffness.interval[1]
+    assert stiffness.unit == "N/m"
+
+
+@pytest.mark.parametrize("name", sorted(set(ESTIMATORS) - {"ransac"}))
+def test_every_estimator_but_one_gives_something_reasonable(name):
+    """RANSAC's threshold of 0.01 N is far below what the model leaves here; the others must stay near."""
+    (channel,) = indentation(FIRST_P002).channels
+    found = estimate_channel(
+        channel, base_model("kelvin_voigt"), ESTIMATORS[name](), rng=np.random.default_rng(0)
+    )
+    assert found["stiffness.k"].value == pytest.approx(97.0, rel=0.12)
+
+
+def test_hunt_crossley_finds_the_stiffening_and_fits_better():
+    (channel,) = indentation(FIRST_P002).channels
+    curved = fit(base_model("hunt_crossley"), channel, rows=channel.engaged)
+    straight = fit(base_model("kelvin_voigt"), channel, rows=channel.engaged)
+    assert 1.2 < curved.parameters["hunt_crossley.n"] < 1.5
+    assert curved.rmse < 0.75 * straight.rmse
+
+
+def test_all_runs_of_all_specimens_are_read():
+    imported = import_file(DATA / "soft_indentation" / "runs.csv.gz")
+    (channel,) = imported.channels
+    assert len(channel) == 15507
+    assert len(channel.runs) == 23
+
+
+@pytest.mark.parametrize(
+    ("file", "options", "kind", "rows"),
+    [
+        ("emps/train.csv.gz", {"columns": {"force_N": "motor_force_N"}}, "prismatic", 24841),
+        (
+            "silverbox/silverbox.csv.gz",
+            {"columns": {"position_m": "output_voltage_V", "force_N": "input_voltage_V"}},
+            "prismatic",
+            131072,
+        ),
+        ("xl330_pendulum/runs.csv.gz", {"columns": {"torque_Nm": "load_register"}}, "revolute", 19452),
+        (
+            "servo_backlash/telemetry.csv.gz",
+            {"columns": {"torque_Nm": "load_register", "run": "log"}, "where": {"motor_id": "1"}},
+            "revolute",
+            1392,
+        ),
+        (
+            "load_cell/load_cell.csv",
+            {"columns": {"displacement_m": "nominal_force_N", "force_N": "load_cell_1_counts"}},
+            "contact",
+            1324,
+        ),
+    ],
+)
+def test_other_people_s_files_are_read(file, options, kind, rows):
+    (channel,) = import_file(DATA / file, ImportOptions(**options)).channels
+    assert (channel.kind, len(channel)) == (kind, rows)
+    assert np.isfinite(channel.acceleration).all()
+
+
+def test_a_linear_drive_s_mass_is_found_through_its_derivatives():
+    """EMPS: Janot, Gautier, Brunot (2019) give 95.1 kg."""
+    options = ImportOptions(columns={"force_N": "motor_force_N"})
+    (channel,) = import_file(DATA / "emps" / "train.csv.gz", options).channels
+    columns = np.column_stack(
+        [channel.acceleration, channel.velocity, np.ones(len(channel)), np.sign(channel.velocity)]
+    )
+    gains = np.linalg.lstsq(columns, channel.effort, rcond=None)[0]
+    assert gains[0] == pytest.approx(95.1, rel=0.01)
+    assert gains[3] == pytest.approx(20.4, rel=0.05)
