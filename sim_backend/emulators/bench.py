@@ -1,8 +1,10 @@
 """Runs emulated devices and the world behind them, in lock-step with a simulated clock or in real time."""
 
+import select
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from math import inf
 
 from robot_io.clock import Clock, SimulatedClock
 from sim_backend.emulators.plant import Plant
@@ -24,6 +26,14 @@ class EmulatedWire(ABC):
     @abstractmethod
     def close(self) -> None:
         """Let go of the wire. Can be called again."""
+
+    def fileno(self) -> int:
+        """A file that becomes readable when something has come, or -1: in real time it is heeded at once."""
+        return -1
+
+    def next_due_s(self) -> float:
+        """When something is due on the wire [s]."""
+        return inf
 
 
 class Bench:
@@ -65,11 +75,19 @@ class Bench:
         self._thread.start()
 
     def _run(self) -> None:
-        next_s = self._clock.now_s()
         while not self._stop.is_set():
-            next_s = max(next_s + STEP_S, self._clock.now_s())
-            self._clock.sleep_until(next_s)
+            self._await_traffic()
             self.advance_to(self._clock.now_s())
+            for wire in self._wires:  # what has come by now is answered now, not a step later
+                wire.receive(self._now_s)
+                wire.send(self._now_s)
+
+    def _await_traffic(self) -> None:
+        """Wait until something comes over a wire or is due on one, and at most for a step."""
+        now_s = self._clock.now_s()
+        due_s = min((wire.next_due_s() for wire in self._wires), default=inf)
+        files = [file for wire in self._wires if (file := wire.fileno()) >= 0]
+        select.select(files, [], [], max(0.0, min(now_s + STEP_S, due_s) - now_s))
 
     def close(self) -> None:
         """End the thread, the wires and the world. Can be called again."""
