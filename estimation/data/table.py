@@ -2,8 +2,7 @@
 
 import gzip
 import os
-import zipfile
-import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -18,8 +17,8 @@ from numpy.typing import NDArray
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-_TEXT_ENDINGS = (".csv", ".tsv", ".txt")
 _DELIMITERS = (",", ";", "\t")
+_LONGEST_LABEL = 60
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ class Table:
             values = np.array([_number_or_nan(text) for text in column.to_pylist()], dtype=np.float64)
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
-            shown = column[int(bad[0])].as_py()
+            shown = str(column[int(bad[0])].as_py())[:_LONGEST_LABEL]
             more = f" ({len(bad) - 1} more like it)" if len(bad) > 1 else ""
             raise InputError(
                 f"{self.path}: row {self.rows[bad[0]]}, column '{name}': {shown!r} is no finite number{more}"
@@ -97,21 +96,23 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     if not place.is_file():
         raise InputError(f"{place}: no such file")
     ending = Path(place.name.lower().removesuffix(".gz")).suffix
+    read = next((reader for endings, reader in _READERS if ending in endings), None)
+    if read is None:
+        known = ", ".join(known for endings, _ in _READERS for known in endings)
+        raise InputError(
+            f"{place}: unknown kind of file. Valid: {known}; a text file may be packed, as .csv.gz"
+        )
     try:
-        if ending in _TEXT_ENDINGS:
-            columns = _read_text(place)
-        elif ending in (".parquet", ".pq"):
-            columns = pa.parquet.read_table(place)
-        elif ending == ".npz":
-            columns = _read_npz(place)
-        else:
-            raise InputError(
-                f"{place}: unknown kind of file. Valid: .csv, .tsv, .txt (also .gz), .parquet, .npz"
-            )
-    except (OSError, EOFError, ValueError, pa.ArrowException, zipfile.BadZipFile, zlib.error) as error:
-        if isinstance(error, InputError):
-            raise
+        found = read(place)
+        names = [" ".join(name.split()) for name in found.column_names]
+        columns = found.rename_columns(names)
+    except InputError:
+        raise
+    except Exception as error:  # a broken file can make the libraries raise almost anything
         raise InputError(f"{place}: cannot be read: {' '.join(str(error).split())[:200]}") from error
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"{place}: column {', '.join(map(repr, twice))} is there twice; rename one")
     if columns.num_rows == 0:
         raise InputError(f"{place}: no rows of data")
     return Table(place, columns, np.arange(1, columns.num_rows + 1))
@@ -123,9 +124,6 @@ def _read_text(path: Path) -> pa.Table:
         header = file.readline().rstrip("\r\n")
     delimiter = max(_DELIMITERS, key=header.count)
     names = [name.strip().strip('"') for name in header.split(delimiter)]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InputError(f"{path}: column {', '.join(map(repr, twice))} is there twice; rename one")
     if all(not np.isnan(_number_or_nan(name)) for name in names):
         raise InputError(f"{path}: the first line holds numbers; put the names of the columns there")
     return pa.csv.read_csv(
@@ -134,6 +132,10 @@ def _read_text(path: Path) -> pa.Table:
         parse_options=pa.csv.ParseOptions(delimiter=delimiter),
         convert_options=pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
     )
+
+
+def _read_parquet(path: Path) -> pa.Table:
+    return pa.parquet.read_table(path)
 
 
 def _read_npz(path: Path) -> pa.Table:
@@ -163,4 +165,11 @@ def _text(value: object) -> str:
     """Text of a value; whole numbers without decimal point, so that runs read the same in every format."""
     if isinstance(value, float) and value.is_integer():
         return str(int(value))
-    return str(value).strip()
+    return " ".join(str(value).split())[:_LONGEST_LABEL]
+
+
+_READERS: tuple[tuple[tuple[str, ...], Callable[[Path], pa.Table]], ...] = (
+    ((".csv", ".tsv", ".txt"), _read_text),
+    ((".parquet", ".pq"), _read_parquet),
+    ((".npz",), _read_npz),
+)

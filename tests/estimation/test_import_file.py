@@ -209,7 +209,7 @@ def test_nulls_in_parquet_are_named(tmp_path):
     path = tmp_path / "holes.parquet"
     force = [*F[:10].tolist(), None, *F[11:].tolist()]
     pa.parquet.write_table(pa.table({"time_s": T, "displacement_m": X, "force_N": force}), path)
-    assert "row 11, column 'force_N': None is no finite number" in refusal(path)
+    assert "row 11, column 'force_N': 'None' is no finite number" in refusal(path)
 
 
 def test_times_must_increase_within_a_run(contact):
