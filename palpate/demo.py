@@ -8,7 +8,7 @@ from estimation.estimators import ESTIMATORS
 from palpate.estimation_run import DEFAULT_MODEL, ChannelEstimates, Material, estimate_contact, load_material
 from palpate.files import output_folder
 from palpate.inspection import look_into
-from palpate.probing_run import OnTick, ProbingJob, run_probing
+from palpate.probing_run import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.robots import DEFAULT, find_robot
 from robot_io.session import Session
 from sim_backend.scenario import Scenario
@@ -37,14 +37,14 @@ class Demo:
     plots: tuple[Path, ...]
 
 
-def probe_demo(session: Path, scenario: Scenario, seed: int | None, on_tick: OnTick | None = None) -> None:
+def probe_demo(session: Path, scenario: Scenario, seed: int | None, watcher: Watcher = NOBODY) -> None:
     """Probe a simulated object at three speeds.
 
     Args:
         session: the new session file.
         scenario: what is simulated.
         seed: of all noise, or None for the scenario's.
-        on_tick: called in each tick of the probing.
+        watcher: told how far it is.
 
     Raises:
         PalpateError: the arm was stopped, or the session cannot be written.
@@ -52,7 +52,7 @@ def probe_demo(session: Path, scenario: Scenario, seed: int | None, on_tick: OnT
     job = ProbingJob(
         find_robot(DEFAULT), PLAN, session, scenario=scenario, seed=seed, command_line="palpate demo"
     )
-    run_probing(job.with_callback(on_tick)).loop.raise_for_trip()
+    run_probing(job, watcher).loop.raise_for_trip()
 
 
 def show_demo(session: Path) -> Demo:

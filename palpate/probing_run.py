@@ -1,9 +1,8 @@
 """Puts a probing run together: robot, clock, guard, task, loop, session log, online estimation."""
 
 import sys
-from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -34,8 +33,6 @@ from sim_backend.scenario import Scenario
 SIMULATED_DRIVERS = "sim_backend.drivers"
 PLAN = "plan"  # key of the plan's text in the session's metadata
 
-OnTick = Callable[[np.void], None]
-
 
 @dataclass(frozen=True)
 class ProbingJob:
@@ -49,9 +46,9 @@ class ProbingJob:
         seed: of all simulated noise instead of the scenario's; None leaves that.
         paced: let simulated time pass as fast as real time, not as fast as possible.
         online: name of the online estimator, or None for none.
+        drivers: packages or modules with drivers beside palpate's own.
         command_line: how the program was started.
         extra: further texts for the session's metadata.
-        on_tick: called in each tick with its record, which is valid during the call only.
     """
 
     robot_file: RobotFile
@@ -61,13 +58,22 @@ class ProbingJob:
     seed: int | None = None
     paced: bool = False
     online: str | None = "rls"
+    drivers: tuple[str, ...] = ()
     command_line: str = ""
     extra: dict[str, str] = field(default_factory=dict)
-    on_tick: OnTick | None = None
 
-    def with_callback(self, on_tick: OnTick | None) -> "ProbingJob":
-        """The same job, calling `on_tick` in each tick."""
-        return replace(self, on_tick=on_tick)
+
+class Watcher:
+    """Somebody who looks on; this one does nothing."""
+
+    def started(self) -> None:
+        """The arm is ready, and begins to move after this."""
+
+    def tick(self, record: np.void) -> None:
+        """A tick has passed; its record is valid during the call only. With a real arm, take no time here."""
+
+
+NOBODY = Watcher()
 
 
 @dataclass(frozen=True)
@@ -85,8 +91,12 @@ class ProbingOutcome:
     failures: tuple[str, ...]
 
 
-def run_probing(job: ProbingJob) -> ProbingOutcome:
+def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     """Probe, and write the session file; it is complete when this returns.
+
+    Args:
+        job: what to do.
+        watcher: told how far it is.
 
     Raises:
         InputError: robot file, plan and scenario do not fit each other, or the session cannot be written.
@@ -94,9 +104,9 @@ def run_probing(job: ProbingJob) -> ProbingOutcome:
     """
     simulated = is_simulated(job.robot_file)
     clock = _clock(simulated, job.paced)
-    observer = _observer(job)
+    observer = _watched(_online_observer(job.online), watcher)
     task = ProbingTask.from_robot_file(job.robot_file, job.plan)
-    robot = build_robot(job.robot_file, DriverCatalogue(SIMULATED_DRIVERS), clock)
+    robot = build_robot(job.robot_file, DriverCatalogue(SIMULATED_DRIVERS, *job.drivers), clock)
     scenario = _use_scenario(robot, job)
     guard = Guard(job.robot_file.limits, job.robot_file.safe_state, robot.joint_count)
     with ExitStack() as stack:
@@ -112,6 +122,7 @@ def run_probing(job: ProbingJob) -> ProbingOutcome:
         if not simulated:
             stack.enter_context(realtime())
         rate_hz = job.robot_file.control_rate_hz
+        watcher.started()
         result = run_loop(robot, guard, task, clock, log, rate_hz=rate_hz, observer=observer)
     return ProbingOutcome(job.session, result, task.failures)
 
@@ -132,14 +143,9 @@ def _clock(simulated: bool, paced: bool) -> Clock:
     return SimulatedClock(MonotonicClock() if paced else None)
 
 
-def _observer(job: ProbingJob) -> Observer:
-    estimate = _online_observer(job.online)
-    on_tick = job.on_tick
-    if on_tick is None:
-        return estimate
-
+def _watched(estimate: Observer, watcher: Watcher) -> Observer:
     def observe(record: np.void) -> tuple[float, float, float]:
-        on_tick(record)
+        watcher.tick(record)
         return estimate(record)
 
     return observe

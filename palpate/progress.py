@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from control.phases import Phase
 from control.probing_plan import ProbingPlan
 from palpate import console
-from palpate.probing_run import OnTick
+from palpate.probing_run import Watcher
 from palpate.words import count
 
 REFRESH_S = 0.1
@@ -26,31 +26,37 @@ MILLI = 1e3
 
 
 @contextmanager
-def probing_progress(plan: ProbingPlan, *, live: bool) -> Iterator[OnTick | None]:
+def probing_progress(plan: ProbingPlan, *, live: bool) -> Iterator[Watcher]:
     """Show how far the runs have come, on stderr.
 
     Args:
         plan: what is going to be done.
         live: draw a bar that moves. Never with a real arm: drawing would take time from its control loop.
-
-    Yields:
-        What is to be called in each tick, or None.
     """
     runs = list(plan.runs())
-    shown = console.stderr()
     if not live:
-        shown.print(f"probing, {count(len(runs), 'run')}; Ctrl-C brings the arm to rest")
-        yield None
+        yield _Announcer(len(runs))
         return
     bar = BarColumn(bar_width=32)
     words = TextColumn("{task.description}")
-    with Progress(bar, words, console=shown, transient=True, auto_refresh=False) as progress:
+    with Progress(bar, words, console=console.stderr(), transient=True, auto_refresh=False) as progress:
         task = progress.add_task("starting", total=len(runs))
-        yield _Ticker(progress, task, [run.speed_m_s for run in runs])
+        yield _Bar(progress, task, [run.speed_m_s for run in runs])
 
 
-class _Ticker:
-    """Moves the bar at most every `REFRESH_S`."""
+class _Announcer(Watcher):
+    """Says what begins, and nothing while it lasts."""
+
+    def __init__(self, run_count: int) -> None:
+        self._run_count = run_count
+
+    def started(self) -> None:
+        """See `Watcher.started`."""
+        console.stderr().print(f"probing, {count(self._run_count, 'run')}; Ctrl-C brings the arm to rest")
+
+
+class _Bar(Watcher):
+    """Moves a bar, at most every `REFRESH_S`."""
 
     def __init__(self, progress: Progress, task: TaskID, speeds_m_s: list[float]) -> None:
         self._progress, self._task, self._speeds_m_s = progress, task, speeds_m_s
@@ -58,7 +64,8 @@ class _Ticker:
         self._run = 0
         self._completed = 0.0
 
-    def __call__(self, record: np.void) -> None:
+    def tick(self, record: np.void) -> None:
+        """See `Watcher.tick`."""
         now_s = time.monotonic()
         if now_s < self._next_s:
             return

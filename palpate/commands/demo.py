@@ -31,8 +31,8 @@ def command(
     session = output_file(out or _default_session())
     talk = console.stderr()
     talk.print(f"A simulated arm probes [bold]{world.description or scenario}[/bold] at three speeds.")
-    with probing_progress(PLAN, live=True) as on_tick:
-        probe_demo(session, world, seed, on_tick)
+    with probing_progress(PLAN, live=True) as watcher:
+        probe_demo(session, world, seed, watcher)
     with talk.status("estimating, recording and plotting"):
         demo = show_demo(session)
     if as_json:

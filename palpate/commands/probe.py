@@ -1,5 +1,6 @@
 """`palpate probe`: touch an object at several speeds and log every tick."""
 
+import importlib.util
 import sys
 from datetime import datetime
 from pathlib import Path
@@ -49,6 +50,9 @@ def command(  # noqa: PLR0917, one parameter an option
     online: Annotated[
         str, typer.Option(help=f"Estimator that runs along: {', '.join(online_estimators())}, or none.")
     ] = "rls",
+    drivers: Annotated[
+        list[str] | None, typer.Option(help="Python package with drivers of your own.", metavar="PACKAGE")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
     """Probe an object: approach at several speeds, touch, load to a force, hold, retract.
@@ -73,11 +77,12 @@ def command(  # noqa: PLR0917, one parameter an option
         scenario=load_scenario(scenario) if scenario is not None else None,
         seed=seed,
         paced=realtime,
+        drivers=_importable(drivers or []),
         online=None if online == NO_ESTIMATOR else online,
         command_line=" ".join(["palpate", *sys.argv[1:]]),
     )
-    with probing_progress(plan, live=is_simulated(robot_file)) as on_tick:
-        outcome = run_probing(job.with_callback(on_tick))
+    with probing_progress(plan, live=is_simulated(robot_file)) as watcher:
+        outcome = run_probing(job, watcher)
     _report(outcome, plan, as_json)
 
 
@@ -92,6 +97,18 @@ def _speeds(text: str) -> list[float]:
     if not all(0 < speed <= 1000 for speed in speeds):
         raise InputError(f"--speed-mm-s {text!r}: each speed must be above 0 and at most 1000 mm/s")
     return [MILLI * speed for speed in speeds]
+
+
+def _importable(packages: list[str]) -> tuple[str, ...]:
+    """The packages, if Python finds them."""
+    for package in packages:
+        try:
+            found = importlib.util.find_spec(package)
+        except (ImportError, ValueError):
+            found = None
+        if found is None:
+            raise InputError(f"--drivers {package}: Python finds no such package (see PYTHONPATH)")
+    return tuple(packages)
 
 
 def _plan(experiment: Path | None, changes: dict[str, Any]) -> ProbingPlan:

@@ -14,6 +14,7 @@ from palpate.probing_run import PLAN
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
 from sim_backend.scenario import parse_scenario
+from tests.mock_robot import write_mock_files
 from tests.palpate.cli import ROOT, assert_refused, run, run_process
 
 
@@ -70,6 +71,30 @@ def test_equal_seeds_give_equal_measurements_and_others_do_not(tmp_path):
     assert not np.array_equal(forces[0][:500], forces[2][:500])
 
 
+def test_an_arm_of_ones_own_is_probed_by_the_same_code_in_real_time(tmp_path):
+    robot, path = write_mock_files(tmp_path), tmp_path / "own.mcap"
+    options = (
+        "--robot",
+        robot,
+        "--drivers",
+        "tests.mock_robot",
+        "--speed-mm-s",
+        50,
+        "--hold-s",
+        0.1,
+        "--json",
+    )
+    result = run("probe", "-o", path, *options)
+    assert result.exit_code == 0, result.stderr
+    assert json.loads(result.stdout)["wall_s"] > 1.0
+    session = Session.open(path)
+    assert session.metadata.extra["source"] == "measured"
+    assert (session.metadata.scenario, session.metadata.seed) == ("", None)
+    assert session.samples("tick")["stiffness_n_m"][-1] == pytest.approx(1000, rel=0.1)
+    assert_refused(run("probe", "-o", tmp_path / "x.mcap", *options, "--seed", 1), "not simulated")
+    assert_refused(run("probe", "-o", tmp_path / "x.mcap", "--drivers", "no.such"), "--drivers", "no.such")
+
+
 def test_an_object_that_is_not_there_is_said_in_words(tmp_path):
     deep = tmp_path / "deep.yaml"
     deep.write_text("object: {surface_height_m: -0.5}\n")
@@ -121,6 +146,11 @@ def test_a_broken_robot_file_is_refused_with_line_and_key(tmp_path):
     assert_refused(run("probe", "-o", tmp_path / "x.mcap", "--robot", robot), "arm.yaml")
 
 
+def is_under_way(session):
+    """Whether some ticks have reached the disk."""
+    return session.exists() and session.stat().st_size > 200_000
+
+
 def test_ctrl_c_brings_the_arm_to_rest_and_keeps_the_session(tmp_path):
     path = tmp_path / "broken_off.mcap"
     command = [sys.executable, "-m", "palpate.main", "probe", "-o", str(path), "--realtime", "--json"]
@@ -128,9 +158,8 @@ def test_ctrl_c_brings_the_arm_to_rest_and_keeps_the_session(tmp_path):
         command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         deadline_s = time.monotonic() + 60
-        while not path.exists() and process.poll() is None and time.monotonic() < deadline_s:
+        while not is_under_way(path) and process.poll() is None and time.monotonic() < deadline_s:
             time.sleep(0.05)
-        time.sleep(1.0)
         process.send_signal(signal.SIGINT)
         said, _ = process.communicate(timeout=60)
     assert process.returncode == 130

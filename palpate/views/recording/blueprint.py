@@ -21,6 +21,7 @@ from palpate.views.recording.entities import (
     TIMING,
     TIP,
     TORQUE,
+    TRACKING,
 )
 from palpate.views.recording.estimates import shown_range
 from palpate.views.scene import Scene
@@ -44,10 +45,8 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
         rrb.Tabs(
             rrb.Horizontal(_left(scene), _curves(scene), column_shares=[5, 6], name="Probing"),
             rrb.Vertical(
-                *(
-                    _plot(f"{POSITION}/joint_{j + 1}", f"Joint {j + 1} [°]", legend=LEFT_TOP)
-                    for j in range(joints)
-                ),
+                _plot(TRACKING, "Tracking error: measured less aimed at [°]", legend=LEFT_TOP),
+                *(_plot(f"{POSITION}/joint_{j + 1}", f"Joint {j + 1} [°]") for j in range(joints)),
                 name="Joints",
             ),
             rrb.Vertical(

@@ -1,16 +1,22 @@
-"""Joint torques and positions over time."""
+"""Joint torques, positions and tracking errors over time."""
+
+from itertools import cycle
 
 import numpy as np
 import rerun as rr
 
 from palpate.views import colors
-from palpate.views.recording.entities import POSITION, TORQUE, send_lines
+from palpate.views.recording.entities import POSITION, TORQUE, TRACKING, send_lines
 from palpate.views.scene import Scene
 
 
 def log(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log one entity a joint: torque measured and commanded, position measured and aimed at."""
-    for joint in range(scene.ticks["joint_position_rad"].shape[1]):
+    """Log one entity a joint for torque and one for position, each with what was wanted; and all errors."""
+    errors_deg = np.degrees(scene.ticks["joint_position_rad"] - scene.ticks["reference_position_rad"])
+    shades = cycle(colors.SECTIONS)
+    tracking = {f"joint {n}": (error, next(shades)) for n, error in enumerate(errors_deg.T, 1)}
+    send_lines(recording, TRACKING, scene.time_s, tracking, [1.5] * len(tracking))
+    for joint in range(errors_deg.shape[1]):
         torque = {
             "measured": (scene.ticks["torque_measured_nm"][:, joint], colors.MEASURED),
             "commanded": (scene.ticks["torque_sent_nm"][:, joint], colors.COMMANDED),
