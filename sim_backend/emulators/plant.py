@@ -1,7 +1,6 @@
 """What stands behind all emulated wires of one arm: the simulated world, one motor at a time."""
 
 from dataclasses import dataclass
-from math import nan
 
 from robot_io.robot_file import RobotFile
 from robot_io.types import Status
@@ -12,7 +11,7 @@ from sim_backend.world import ArmDescription, World
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """What a motor's own sensors show of its joint, NaN before their first sample.
+    """What a motor's own sensors show of its joint.
 
     Attributes:
         position_rad: joint angle [rad].
@@ -52,7 +51,7 @@ class Plant:
         self.world = World(arm, scenario, effects, start_s=start_s)
         self.world.held = True
         self._torque_nm = [0.0] * self.world.joint_count
-        self._joints = [JointState(nan, nan, nan)] * self.world.joint_count
+        self._joints = [JointState(angle, 0.0, 0.0) for angle in robot_file.home_rad]
         self._force: tuple[float, Status] | None = None
 
     def set_torque(self, joint: int, torque_nm: float) -> None:

@@ -1,5 +1,6 @@
 """The backends that keep the contract. A new one adds itself to `BACKENDS`; every test here runs on it."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +10,10 @@ import numpy as np
 from robot_io.clock import Clock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.robot import Robot, build_robot
-from robot_io.robot_file import RobotFile, load_robot_file
+from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
 from robot_io.types import Command, Measurement
+from sim_backend.emulators.wiring import wire_up
+from sim_backend.scenario import load_scenario
 from tests.mock_robot import WATCHDOG_S, mock_bus, mock_robot_file
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,6 +25,7 @@ class Bench:
 
     press: makes the force sensor feel about this force [N] at the next ticks, or None where nobody can.
     watchdog_s: after how long without commands the drives let go [s], or None where they have no watchdog.
+    clear_away: ends what stands behind the robot.
     """
 
     robot: Robot
@@ -29,6 +33,11 @@ class Bench:
     clock: Clock
     press: Callable[[float], None] | None = None
     watchdog_s: float | None = None
+    clear_away: Callable[[], None] = lambda: None
+
+    def close(self) -> None:
+        self.robot.close()
+        self.clear_away()
 
     @property
     def period_s(self) -> float:
@@ -91,8 +100,68 @@ def open_simulation() -> Bench:
     return Bench(robot, robot_file, clock, press)
 
 
+ROBOTS = ROOT / "robots"
+
+
+def open_wired(robot_file: RobotFile, watchdog_s: float | None) -> Bench:
+    """Real drivers in lock-step with emulated devices."""
+    clock = SimulatedClock()
+    arm = wire_up(robot_file, load_scenario("default", ROOT), clock)
+    robot = build_robot(arm.robot_file, DriverCatalogue(), clock)
+
+    def press(force_n: float) -> None:
+        """Hold the arm where it is, tool down, and bring the surface up to it."""
+        world = arm.plant.world
+        world.held = True
+        world.place(world.truth().joint_position_rad)
+        depth_m = force_n / world.object.law.stiffness_n_m if force_n else -0.05
+        world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
+
+    return Bench(robot, arm.robot_file, clock, press, watchdog_s, arm.bench.close)
+
+
+def open_odrive() -> Bench:
+    return open_wired(load_robot_file(ROBOTS / "odrive_3dof.yaml"), 0.05)
+
+
+def open_odrive_0_5() -> Bench:
+    """The older firmware, and a force gauge that writes lines and counts tension as positive."""
+    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
+    text = text.replace('firmware: "0.6"', 'firmware: "0.5"')
+    text = text.replace("max_torque_nm:", "torque_constant_nm_a: 0.05, max_torque_nm:")
+    pattern = r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)"
+    gauge = (
+        f"{{driver: force_lines, bus: load_cell, capacity_n: 100.0, reversed: true, pattern: '{pattern}'}}"
+    )
+    text = text.replace("{driver: loadstar, bus: load_cell, capacity_n: 100.0}", gauge)
+    return open_wired(parse_robot_file(text, ROBOTS / "odrive_3dof.yaml"), 0.05)
+
+
+def open_cubemars() -> Bench:
+    return open_wired(load_robot_file(ROBOTS / "cubemars_3dof.yaml"), 0.1)
+
+
+def open_dynamixel() -> Bench:
+    """Servos that know the fast sync read. Their watchdog counts reading as a sign of life too."""
+    return open_wired(load_robot_file(ROBOTS / "dynamixel_3dof.yaml"), None)
+
+
+def open_small_dynamixel() -> Bench:
+    """Small servos with the plain sync read, and the velocity by differentiation."""
+    text = (ROBOTS / "dynamixel_3dof.yaml").read_text(encoding="utf-8")
+    text = re.sub("XM...-W...", "XL330-M288", text).replace("baud_rate: 4000000", "fast_sync_read: false")
+    text = text.replace("velocity: servo", "velocity: difference")
+    text = text.replace("torque_nm: [8.0, 8.0, 3.0]", "torque_nm: [0.6, 0.6, 0.6]")
+    return open_wired(parse_robot_file(text, ROBOTS / "dynamixel_3dof.yaml"), None)
+
+
 BACKENDS = [
     Backend("mock", open_mock),
+    Backend("odrive_0.6_loadstar", open_odrive),
+    Backend("odrive_0.5_force_lines", open_odrive_0_5),
+    Backend("cubemars_lorenz", open_cubemars),
+    Backend("dynamixel_fast", open_dynamixel),
+    Backend("dynamixel_plain", open_small_dynamixel),
     Backend(
         "simulation",
         open_simulation,

@@ -24,7 +24,7 @@ def open_bench(backend):
 
     yield make
     for bench in opened:
-        bench.robot.close()
+        bench.close()
 
 
 @pytest.fixture

@@ -1,0 +1,286 @@
+"""ODrive axes on a CAN bus, in torque mode through CANSimple.
+
+The axes send by themselves; nothing is asked for in a tick. Set up over USB beforehand: node id, bit rate,
+the rates of the cyclic messages (encoder estimates, and motor current with firmware 0.5 or torques with 0.6,
+at the control rate), current limit and watchdog.
+"""
+
+from collections.abc import Mapping
+from math import inf, tau
+from typing import Annotated, ClassVar
+
+from pydantic import Field, StrictBool, model_validator
+
+from robot_io.can import odrive
+from robot_io.can.frame import CanFrame
+from robot_io.can.line import CanLineSettings
+from robot_io.can.motor_joints import MotorBus, MotorMounting
+from robot_io.can.odrive import Heartbeat
+from robot_io.can.odrive_tables import (
+    MAX_NODE_ID,
+    PASSTHROUGH,
+    TORQUE_CONTROL,
+    WATCHDOG_EXPIRED,
+    AxisState,
+    Firmware,
+    OdriveCommand,
+    axis_error_names,
+)
+from robot_io.driver import DriverContext
+from robot_io.errors import DeviceError
+from robot_io.file_model import Positive
+
+_LOST_HEARTBEATS = 3.5  # heartbeat periods without one: it is lost
+_ENCODER_ERRORS = {"ENCODER_FAILED", "MISSING_ESTIMATE", "SPINOUT_DETECTED", "UNKNOWN_POSITION"}
+
+
+class OdriveAxis(MotorMounting):
+    """One axis.
+
+    Attributes:
+        node_id: its CAN node id.
+        max_torque_nm: largest motor torque, from its current limit [N m].
+        torque_constant_nm_a: motor torque per ampere, needed with firmware 0.5, which reports current [N
+            m/A].
+    """
+
+    node_id: Annotated[int, Field(ge=0, le=MAX_NODE_ID, strict=True)]
+    max_torque_nm: Positive
+    torque_constant_nm_a: Positive | None = None
+
+
+class OdriveBusSettings(CanLineSettings):
+    """What the robot file says.
+
+    Attributes:
+        firmware: "0.5" or "0.6".
+        axes: one per joint, from base to tip.
+        heartbeat_s: period of the heartbeats [s].
+        watchdog_s: after how long without a command an axis disarms itself [s], as set on the axis.
+        check_watchdog: at each activation, let every watchdog expire once to see that it works.
+    """
+
+    firmware: Firmware
+    axes: Annotated[tuple[OdriveAxis, ...], Field(min_length=1)]
+    heartbeat_s: Annotated[Positive, Field(le=1)] = 0.1
+    watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
+    check_watchdog: StrictBool = True
+
+    @model_validator(mode="after")
+    def _agree(self) -> "OdriveBusSettings":
+        ids = [axis.node_id for axis in self.axes]
+        if len(set(ids)) != len(ids):
+            raise ValueError(f"axes: node ids {ids} are not all different")
+        if self.firmware is Firmware.V0_5 and any(axis.torque_constant_nm_a is None for axis in self.axes):
+            raise ValueError(
+                "axes: firmware 0.5 reports current, so that each needs its torque_constant_nm_a"
+            )
+        return self
+
+
+class OdriveBus(MotorBus):
+    """ODrive axes on a CAN bus.
+
+    Heartbeats are watched: an axis that reports an error, leaves closed-loop control by itself, or whose
+    heartbeat is lost has failed. CANSimple cannot read the watchdog's settings, so it is proven by letting
+    it expire.
+
+    Args:
+        settings: as `OdriveBusSettings`.
+        context: clock and robot file.
+    """
+
+    name: ClassVar[str] = "odrive_bus"
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        own = context.settings_as(OdriveBusSettings, settings)
+        super().__init__(own, own.axes, context)
+        self._own = own
+        self._axes = own.axes
+        self._joint_by_node = {axis.node_id: joint for joint, axis in enumerate(own.axes)}
+        self._heartbeats: list[Heartbeat | None] = [None] * len(own.axes)
+        self._heartbeat_at_s = [-inf] * len(own.axes)
+        self._versions: dict[int, tuple[int, int, int]] = {}
+        self._expected_error = 0  # of the watchdog, while it is being checked
+
+    def motor_label(self, joint: int) -> str:
+        """See `MotorBus.motor_label`."""
+        return f"joint {joint + 1} (node {self._axes[joint].node_id})"
+
+    def configure(self) -> None:
+        """Open the adapter, hear every axis, check the firmware, and set all axes to idle.
+
+        Raises:
+            DeviceError: the adapter cannot be opened, or an axis is silent or of another firmware.
+        """
+        self.line.open()
+        self._send_all(self._to_every_axis(AxisState.IDLE))
+        if self._own.firmware is Firmware.V0_6:
+            self._send_all([odrive.ask(axis.node_id, OdriveCommand.GET_VERSION) for axis in self._axes])
+        self._wait_for(self._all_heard, self._heartbeat_timeout_s)
+        for joint, axis in enumerate(self._axes):
+            self._check_heard(joint, axis)
+
+    def power_on(self) -> None:
+        """See `MotorBus.power_on`; checks the watchdogs first."""
+        if self._own.check_watchdog:
+            self._arm()
+            self._check_watchdogs()
+        self._arm()
+        self._powered = True
+
+    def power_off(self) -> None:
+        """See `MotorBus.power_off`; each axis must confirm by a heartbeat."""
+        self._powered = False
+        self._staged = []
+        if not self.line.is_open:
+            return
+        told_s = self._clock.now_s()
+        self._send_all(
+            [
+                *(odrive.encode_input_torque(axis.node_id, 0.0) for axis in self._axes),
+                *self._to_every_axis(AxisState.IDLE),
+            ]
+        )
+
+        def still_on() -> list[str]:
+            return [
+                self.motor_label(joint)
+                for joint, beat in enumerate(self._heartbeats)
+                if beat is None or beat.state is not AxisState.IDLE or self._heartbeat_at_s[joint] < told_s
+            ]
+
+        if not self._wait_for(lambda: not still_on(), self._heartbeat_timeout_s):
+            raise DeviceError(f"{self.line.label}: did not confirm that it is idle: {', '.join(still_on())}")
+
+    @property
+    def _heartbeat_timeout_s(self) -> float:
+        return _LOST_HEARTBEATS * self._own.heartbeat_s
+
+    def _to_every_axis(self, state: AxisState) -> list[CanFrame]:
+        return [odrive.encode_axis_state(axis.node_id, state) for axis in self._axes]
+
+    def _all_heard(self) -> bool:
+        versions = self._own.firmware is Firmware.V0_5 or len(self._versions) == len(self._axes)
+        return versions and None not in self._heartbeats and -inf not in self._motion_at_s
+
+    def _check_heard(self, joint: int, axis: OdriveAxis) -> None:
+        place = f"{self.line.label}: {self.motor_label(joint)}"
+        if self._heartbeats[joint] is None:
+            raise DeviceError(f"{place}: no heartbeat in {self._heartbeat_timeout_s:.2g} s")
+        if self._motion_at_s[joint] == -inf:
+            raise DeviceError(f"{place}: sends no encoder estimates; set its cyclic message rates")
+        if self._own.firmware is Firmware.V0_5:
+            return
+        version = self._versions.get(axis.node_id)
+        if version is None:
+            raise DeviceError(f"{place}: does not answer Get_Version, as firmware 0.6 would")
+        if version[:2] != (0, 6):
+            raise DeviceError(f"{place}: has firmware {'.'.join(map(str, version))}, the robot file says 0.6")
+
+    def _arm(self) -> None:
+        """Clear errors and go to closed-loop torque control at zero torque."""
+        nodes = [axis.node_id for axis in self._axes]
+        armed_s = self._clock.now_s()
+        self._send_all([odrive.encode_clear_errors(node) for node in nodes])
+        self._send_all([odrive.encode_controller_mode(node, TORQUE_CONTROL, PASSTHROUGH) for node in nodes])
+        self._send_all([odrive.encode_input_torque(node, 0.0) for node in nodes])
+        self._send_all(self._to_every_axis(AxisState.CLOSED_LOOP_CONTROL))
+        zero_torque = [odrive.encode_input_torque(node, 0.0) for node in nodes]
+
+        def armed() -> bool:
+            self._send_all(zero_torque)  # so that the watchdogs do not expire meanwhile
+            return all(
+                beat is not None
+                and beat.state is AxisState.CLOSED_LOOP_CONTROL
+                and not beat.axis_error
+                and self._heartbeat_at_s[joint] > armed_s
+                for joint, beat in enumerate(self._heartbeats)
+            )
+
+        if not self._wait_for(armed, self._heartbeat_timeout_s):
+            raise DeviceError(f"{self.line.label}: no closed-loop control: {self._states()}")
+
+    def _check_watchdogs(self) -> None:
+        bit = WATCHDOG_EXPIRED[self._own.firmware]
+
+        def expired() -> list[bool]:
+            return [beat is not None and bool(beat.axis_error & bit) for beat in self._heartbeats]
+
+        limit_s = self._own.watchdog_s + self._heartbeat_timeout_s
+        if self._wait_for(lambda: all(expired()), limit_s):
+            return
+        alive = ", ".join(self.motor_label(joint) for joint, over in enumerate(expired()) if not over)
+        raise DeviceError(
+            f"{self.line.label}: the watchdog of {alive} did not expire in {limit_s:.2g} s without commands; "
+            "set axis.config.enable_watchdog and watchdog_timeout"
+        )
+
+    def _states(self) -> str:
+        return "; ".join(
+            f"{self.motor_label(joint)} is {self._describe(beat) if beat else 'silent'}"
+            for joint, beat in enumerate(self._heartbeats)
+        )
+
+    def _describe(self, beat: Heartbeat) -> str:
+        names = axis_error_names(beat.axis_error, self._own.firmware)
+        parts = tuple(f"{part} error" for part in beat.component_errors)
+        return " ".join((beat.state.name, *names, *parts))
+
+    def _joint_of(self, frame: CanFrame) -> int | None:
+        node, _ = odrive.split_odrive_id(frame.can_id)
+        return None if frame.extended else self._joint_by_node.get(node)
+
+    def _take(self, frame: CanFrame, at_s: float) -> bool:
+        joint = self._joint_of(frame)
+        if joint is None or frame.remote:
+            return False
+        axis = self._axes[joint]
+        node, command = odrive.split_odrive_id(frame.can_id)
+        match command:
+            case OdriveCommand.ENCODER_ESTIMATES:
+                position_rev, velocity_rev_s = odrive.decode_encoder_estimates(frame)
+                self._position_rad[joint] = axis.joint_angle_rad(tau * position_rev)
+                self._velocity_rad_s[joint] = tau * velocity_rev_s / axis.signed_ratio
+                self._motion_at_s[joint] = at_s
+            case OdriveCommand.GET_IQ if self._own.firmware is Firmware.V0_5:
+                _, current_a = odrive.decode_iq(frame)
+                self._keep_torque(joint, current_a * (axis.torque_constant_nm_a or 0.0), at_s)
+            case OdriveCommand.TORQUES if self._own.firmware is Firmware.V0_6:
+                _, torque_nm = odrive.decode_torques(frame)
+                self._keep_torque(joint, torque_nm, at_s)
+            case OdriveCommand.HEARTBEAT:
+                self._keep_heartbeat(joint, odrive.decode_heartbeat(frame, self._own.firmware), at_s)
+            case OdriveCommand.GET_VERSION:
+                self._versions[node] = odrive.decode_version(frame)
+            case _:
+                return False
+        return True
+
+    def _keep_torque(self, joint: int, motor_torque_nm: float, at_s: float) -> None:
+        self._torque_nm[joint] = motor_torque_nm * self._axes[joint].signed_ratio
+        self._torque_at_s[joint] = at_s
+
+    def _keep_heartbeat(self, joint: int, beat: Heartbeat, at_s: float) -> None:
+        self._heartbeats[joint], self._heartbeat_at_s[joint] = beat, at_s
+        names = axis_error_names(beat.axis_error, self._own.firmware)
+        self._motion_is_wrong[joint] = "encoder" in beat.component_errors or not _ENCODER_ERRORS.isdisjoint(
+            names
+        )
+
+    def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
+        axis = self._axes[joint]
+        motor_nm = min(max(torque_nm / axis.signed_ratio, -axis.max_torque_nm), axis.max_torque_nm)
+        return odrive.encode_input_torque(axis.node_id, motor_nm), odrive.as_sent(
+            motor_nm
+        ) * axis.signed_ratio
+
+    def _fault(self, joint: int, now_s: float) -> str:
+        beat = self._heartbeats[joint]
+        silent_s = now_s - self._heartbeat_at_s[joint]
+        if silent_s > self._heartbeat_timeout_s:
+            return f"heartbeat lost, the last came {silent_s:.2g} s ago"
+        if beat is None or not (beat.axis_error or beat.component_errors):
+            left = self._powered and beat is not None and beat.state is not AxisState.CLOSED_LOOP_CONTROL
+            return f"left closed-loop control, is {beat.state.name}" if left and beat else ""
+        return self._describe(beat) if self._powered else ""

@@ -1,0 +1,146 @@
+"""A motor in MIT mode as the CubeMars AK manual describes it: it answers every frame to its id.
+
+Written from the "AK Series Actuator Driver Manual" V1.0.8, section 5.3, and its float and integer conversions
+(which cut off where another would round). The CAN timeout lets the motor go when no frame comes.
+"""
+
+import math
+
+import can
+
+from sim_backend.emulators.can.wire import CanNode
+from sim_backend.emulators.faults import Fault, FaultKind
+from sim_backend.emulators.plant import JointState, Plant
+
+_ALERT = 6  # MOSFET over temperature
+
+
+def _to_uint(value: float, limit: float, bits: int) -> int:
+    """Manual: (x - x_min) (2^bits - 1) / (x_max - x_min), cut off to an integer."""
+    value = min(max(value, -limit), limit)
+    return int((value + limit) * ((1 << bits) - 1) / (2 * limit))
+
+
+def _to_float(number: int, low: float, high: float, bits: int) -> float:
+    return number * (high - low) / ((1 << bits) - 1) + low
+
+
+class EmulatedMitMotor(CanNode):
+    """One motor.
+
+    Args:
+        number: motor id.
+        joint: which joint of the plant it moves, from 0.
+        plant: the arm.
+        limits: ends of the ranges of position [rad], velocity [rad/s] and torque [N m].
+        gear_ratio: turns of its output for one turn of the joint, negative if it is reversed.
+        zero_rad: joint angle where its output is at zero [rad].
+        host_id: arbitration id of its answers.
+        timeout_s: CAN timeout [s]; None is none.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        joint: int,
+        plant: Plant,
+        *,
+        limits: tuple[float, float, float],
+        gear_ratio: float = 1.0,
+        zero_rad: float = 0.0,
+        host_id: int = 0,
+        timeout_s: float | None = 0.1,
+    ) -> None:
+        self.number = number
+        self._joint, self._plant = joint, plant
+        self._position_limit, self._velocity_limit, self._torque_limit = limits
+        self._gear_ratio, self._zero_rad = gear_ratio, zero_rad
+        self._host_id, self.timeout_s = host_id, timeout_s
+        self._heard_s = self._silent_until_s = -math.inf
+        self._stuck: JointState | None = None
+        self.enabled = False
+        self.error = 0
+        self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+        """See `CanNode.hear`."""
+        for_me = message.arbitration_id == self.number and not message.is_extended_id
+        if not for_me or message.is_remote_frame or len(message.data) != 8 or now_s < self._silent_until_s:
+            return []
+        self._heard_s = now_s
+        data = bytes(message.data)
+        if data[:7] == b"\xff" * 7 and data[7] in (0xFC, 0xFD, 0xFE):
+            if data[7] != 0xFE:
+                self.enabled = data[7] == 0xFC
+            self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
+        else:
+            self._command = self._unpack(data)
+        self._drive()
+        return [self._reply()]
+
+    def _unpack(self, data: bytes) -> tuple[float, float, float, float, float]:
+        position = data[0] << 8 | data[1]
+        velocity = data[2] << 4 | data[3] >> 4
+        stiffness = (data[3] & 0xF) << 8 | data[4]
+        damping = data[5] << 4 | data[6] >> 4
+        torque = (data[6] & 0xF) << 8 | data[7]
+        return (
+            _to_float(position, -self._position_limit, self._position_limit, 16),
+            _to_float(velocity, -self._velocity_limit, self._velocity_limit, 12),
+            _to_float(stiffness, 0.0, 500.0, 12),
+            _to_float(damping, 0.0, 5.0, 12),
+            _to_float(torque, -self._torque_limit, self._torque_limit, 12),
+        )
+
+    def _drive(self) -> None:
+        torque_nm = 0.0
+        if self.enabled and not self.error:
+            position, velocity, stiffness, damping, feed_forward = self._command
+            joint = self._plant.joint(self._joint)
+            torque_nm = feed_forward
+            if stiffness or damping:
+                torque_nm += stiffness * (position - self._shaft_rad(joint))
+                torque_nm += damping * (velocity - joint.velocity_rad_s * self._gear_ratio)
+            torque_nm = min(max(torque_nm, -self._torque_limit), self._torque_limit)
+        self._plant.set_torque(self._joint, torque_nm * self._gear_ratio)
+
+    def tell(self, now_s: float) -> list[can.Message]:
+        """See `CanNode.tell`: nothing unasked, but here its timeout runs."""
+        if self.enabled and self.timeout_s is not None and now_s - self._heard_s > self.timeout_s:
+            self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
+            self._plant.set_torque(self._joint, 0.0)
+        return []
+
+    def strike(self, fault: Fault, now_s: float) -> None:
+        """See `CanNode.strike`."""
+        if fault.kind is FaultKind.ALERT:
+            self.error = _ALERT
+        elif fault.kind is FaultKind.STUCK:
+            self._stuck = self._stuck or self._plant.joint(self._joint)
+        elif fault.kind is FaultKind.REBOOT:
+            self.enabled = False
+            self._silent_until_s = now_s + fault.delay_s
+        self._drive()
+
+    def _shaft_rad(self, joint: JointState) -> float:
+        return (joint.position_rad - self._zero_rad) * self._gear_ratio
+
+    def _reply(self) -> can.Message:
+        motion = self._stuck or self._plant.joint(self._joint)
+        torque_nm = self._plant.joint(self._joint).torque_nm / self._gear_ratio
+        position = _to_uint(self._shaft_rad(motion), self._position_limit, 16)
+        velocity = _to_uint(motion.velocity_rad_s * self._gear_ratio, self._velocity_limit, 12)
+        torque = _to_uint(torque_nm, self._torque_limit, 12)
+        data = bytes(
+            (
+                self.number,
+                position >> 8,
+                position & 0xFF,
+                velocity >> 4,
+                (velocity & 0xF) << 4 | torque >> 8,
+                torque & 0xFF,
+                25,  # temperature
+                self.error,
+            )
+        )
+        return can.Message(arbitration_id=self._host_id, is_extended_id=False, data=data)

@@ -1,0 +1,186 @@
+"""An ODrive axis as its manual describes it: cyclic messages, state machine, watchdog, errors.
+
+Written from ODrive's documentation "CAN Protocol" (0.5.6 and 0.6.10) and the behaviour of fw-v0.5.6: any
+frame to the axis feeds its watchdog, an expired watchdog disarms it, an axis with errors does not arm.
+"""
+
+import math
+import struct
+
+import can
+
+from sim_backend.emulators.can.wire import CanNode
+from sim_backend.emulators.faults import Fault, FaultKind
+from sim_backend.emulators.plant import JointState, Plant
+
+IDLE, CLOSED_LOOP = 1, 8
+WATCHDOG_BIT = {"0.5": 1 << 11, "0.6": 1 << 24}
+ALERT_BIT = {"0.5": 1 << 6, "0.6": 1 << 14}  # MOTOR_FAILED; INVERTER_OVER_TEMP
+ESTOP_BIT = {"0.5": 1 << 14, "0.6": 1 << 25}
+
+
+class EmulatedOdrive(CanNode):
+    """One axis.
+
+    Args:
+        number: node id.
+        joint: which joint of the plant it moves, from 0.
+        plant: the arm.
+        firmware: "0.5" or "0.6".
+        gear_ratio: motor turns for one turn of the joint, negative if the motor is reversed.
+        zero_rad: joint angle where the motor counts zero [rad].
+        max_torque_nm: what its current limit allows [N m].
+        torque_constant_nm_a: motor torque per ampere [N m/A].
+        heartbeat_s: period of heartbeats [s].
+        cyclic_s: period of encoder estimates and torques [s].
+        watchdog_s: None is a watchdog that is not enabled [s].
+    """
+
+    def __init__(
+        self,
+        number: int,
+        joint: int,
+        plant: Plant,
+        *,
+        firmware: str,
+        gear_ratio: float,
+        zero_rad: float,
+        max_torque_nm: float,
+        torque_constant_nm_a: float = 1.0,
+        heartbeat_s: float = 0.1,
+        cyclic_s: float = 1e-3,
+        watchdog_s: float | None = 0.1,
+    ) -> None:
+        self.number = number
+        self._joint, self._plant, self._firmware = joint, plant, firmware
+        self._gear_ratio, self._zero_rad = gear_ratio, zero_rad
+        self._max_torque_nm, self._torque_constant = max_torque_nm, torque_constant_nm_a
+        self._heartbeat_s, self._cyclic_s, self.watchdog_s = heartbeat_s, cyclic_s, watchdog_s
+        self._next_heartbeat_s = self._next_cyclic_s = -math.inf
+        self._silent_until_s = -math.inf
+        self._stuck: JointState | None = None
+        self._start_up()
+
+    def _start_up(self) -> None:
+        self.state, self.error, self._control_mode = IDLE, 0, 3  # position control, as shipped
+        self._input_torque_nm = 0.0
+        self._fed_s = -math.inf
+
+    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+        """See `CanNode.hear`."""
+        if (
+            message.is_extended_id
+            or message.arbitration_id >> 5 != self.number
+            or now_s < self._silent_until_s
+        ):
+            return []
+        self._fed_s = now_s
+        command = message.arbitration_id & 0x1F
+        if message.is_remote_frame:
+            return self._answer(command)
+        self._obey(command, bytes(message.data), now_s)
+        return []
+
+    def _obey(self, command: int, data: bytes, now_s: float) -> None:
+        if command == 0x02:
+            self._disarm(ESTOP_BIT[self._firmware])
+        elif command == 0x07 and len(data) >= 4:
+            self._request_state(struct.unpack_from("<I", data)[0])
+        elif command == 0x0B and len(data) == 8:
+            self._control_mode = struct.unpack("<II", data)[0]
+        elif command == 0x0E and len(data) >= 4:
+            self._input_torque_nm = struct.unpack_from("<f", data)[0]
+        elif command == 0x18:
+            self.error = 0
+        self._drive()
+
+    def _request_state(self, state: int) -> None:
+        if state == IDLE:
+            self.state = IDLE
+        elif state == CLOSED_LOOP and not self.error:
+            self.state = CLOSED_LOOP
+
+    def _disarm(self, error: int) -> None:
+        self.error |= error
+        self.state = IDLE
+        self._drive()
+
+    def _drive(self) -> None:
+        armed = self.state == CLOSED_LOOP and self._control_mode == 1
+        torque_nm = (
+            min(max(self._input_torque_nm, -self._max_torque_nm), self._max_torque_nm) if armed else 0.0
+        )
+        self._plant.set_torque(self._joint, torque_nm * self._gear_ratio)
+
+    def _answer(self, command: int) -> list[can.Message]:
+        match command:
+            case 0x00 if self._firmware == "0.6":
+                return [
+                    self._message(0x00, bytes((2, 4, 4, 58, 0, 6, 10, 0)))
+                ]  # protocol 2, Pro v4.4, fw 0.6.10
+            case 0x01 if self._firmware == "0.6":
+                return [self._heartbeat()]
+            case 0x09:
+                return [self._encoder_estimates()]
+            case 0x17:
+                return [self._message(0x17, struct.pack("<ff", 24.0, 0.5))]
+        return []
+
+    def tell(self, now_s: float) -> list[can.Message]:
+        """See `CanNode.tell`."""
+        if now_s < self._silent_until_s:
+            return []
+        if (
+            self.watchdog_s is not None
+            and self.state == CLOSED_LOOP
+            and now_s - self._fed_s > self.watchdog_s
+        ):
+            self._disarm(WATCHDOG_BIT[self._firmware])
+        messages = []
+        if now_s >= self._next_cyclic_s - 1e-9:
+            self._next_cyclic_s = max(self._next_cyclic_s, now_s) + self._cyclic_s
+            messages += [self._encoder_estimates(), self._torque()]
+        if now_s >= self._next_heartbeat_s - 1e-9:
+            self._next_heartbeat_s = max(self._next_heartbeat_s, now_s) + self._heartbeat_s
+            messages.append(self._heartbeat())
+        return [message for message in messages if message is not None]
+
+    def strike(self, fault: Fault, now_s: float) -> None:
+        """See `CanNode.strike`."""
+        if fault.kind is FaultKind.ALERT:
+            self._disarm(ALERT_BIT[self._firmware])
+        elif fault.kind is FaultKind.STUCK:
+            self._stuck = self._stuck or self._plant.joint(self._joint)
+        elif fault.kind is FaultKind.REBOOT:
+            self._start_up()
+            self._drive()
+            self._silent_until_s = now_s + fault.delay_s
+
+    def _motor(self) -> JointState:
+        return self._stuck or self._plant.joint(self._joint)
+
+    def _encoder_estimates(self) -> can.Message:
+        motor = self._motor()
+        position_rev = (motor.position_rad - self._zero_rad) * self._gear_ratio / math.tau
+        velocity_rev_s = motor.velocity_rad_s * self._gear_ratio / math.tau
+        return self._message(0x09, struct.pack("<ff", position_rev, velocity_rev_s))
+
+    def _torque(self) -> can.Message:
+        motor_torque_nm = self._plant.joint(self._joint).torque_nm / self._gear_ratio
+        if self._firmware == "0.6":
+            return self._message(0x1C, struct.pack("<ff", self._input_torque_nm, motor_torque_nm))
+        constant = self._torque_constant
+        return self._message(
+            0x14, struct.pack("<ff", self._input_torque_nm / constant, motor_torque_nm / constant)
+        )
+
+    def _heartbeat(self) -> can.Message:
+        data = bytearray(struct.pack("<IB3x", self.error, self.state))
+        if self._firmware == "0.5":
+            data[5] = 1 if self.error & ALERT_BIT["0.5"] else 0
+        else:
+            data[5] = 3 if self.error else 0  # procedure result: disarmed
+        return self._message(0x01, bytes(data))
+
+    def _message(self, command: int, data: bytes) -> can.Message:
+        return can.Message(arbitration_id=self.number << 5 | command, is_extended_id=False, data=data)

@@ -1,0 +1,123 @@
+"""A Lorenz LCV-USB2 with its load cell: telegrams with checksums, and the fast stream.
+
+Written from the same description of the sensor interface protocol as LorenzTelegram follows: STX doubled
+within a telegram, sum and weighted sum as checksums, configuration blocks of 32 bytes, stream mode 3.
+"""
+
+import math
+
+from sim_backend.emulators.serial.pty_line import SerialSensor
+from sim_backend.emulators.serial.timer import StreamTimer
+
+ADDRESS = 1
+CONFIG_TIME_S = 200e-6  # the rate code counts periods of 200 us
+
+
+def _sums(content: bytes) -> bytes:
+    total, weighted = 0, 0
+    for byte in content:
+        total = (total + byte) % 256
+        weighted += total
+        if weighted > 255:
+            weighted = (weighted + 1) % 256
+    return bytes((total, weighted))
+
+
+def _telegram(command: int, to: int, parameters: bytes = b"") -> bytes:
+    content = bytes((command, to, ADDRESS, len(parameters))) + parameters
+    stuffed = b"".join(
+        bytes((byte, byte)) if byte == 2 else bytes((byte,)) for byte in content + _sums(content)
+    )
+    return b"\x02" + stuffed
+
+
+class EmulatedLorenz(SerialSensor):
+    """One sensor.
+
+    Args:
+        nominal_n: nominal load [N].
+        counts_at_nominal: counts at nominal load.
+        dimension_code: code of its unit.
+        load_code: code of its nominal load.
+        sign: -1 if it counts tension as positive.
+    """
+
+    def __init__(
+        self,
+        nominal_n: float,
+        counts_at_nominal: float = 25000.0,
+        dimension_code: int = 3,
+        load_code: int = 100,
+        sign: float = 1.0,
+    ) -> None:
+        self.range_n = nominal_n * 32767 / counts_at_nominal
+        self._counts_per_n = sign * counts_at_nominal / nominal_n
+        self._dimension_code, self._load_code = dimension_code, load_code
+        self._timer = StreamTimer(1000.0)
+        self._counter = 0
+        self._input = b""
+        self._stx_in_a_row = 0
+        self._silent_until_s = -math.inf
+
+    def hear(self, data: bytes, now_s: float) -> bytes:
+        """See `SerialSensor.hear`."""
+        if now_s < self._silent_until_s:
+            return b""
+        answers = b""
+        for byte in data:
+            self._stx_in_a_row = self._stx_in_a_row + 1 if byte == 2 else 0
+            if self._timer.running:
+                self._timer.running = self._stx_in_a_row < 3
+                continue
+            self._input = (self._input + bytes((byte,)))[-600:]
+            answers += self._try()
+        return answers
+
+    def _try(self) -> bytes:
+        """Obey the telegram that the input ends with, if it does."""
+        for start in (place for place, byte in enumerate(self._input) if byte == 2):
+            content = self._input[start + 1 :].replace(b"\x02\x02", b"\x02")
+            whole = len(content) >= 6 and len(content) == 6 + content[3]
+            if whole and _sums(content[:-2]) == content[-2:] and content[1] in (0, ADDRESS):
+                self._input = b""
+                return self._obey(content[0], content[2], content[4:-2])
+        return b""
+
+    def _obey(self, command: int, host: int, parameters: bytes) -> bytes:
+        if command == 0x40:
+            return _telegram(0x40, host, b"\x01")
+        if command == 0x44 and parameters == b"\x80":
+            return _telegram(0x44, host, b"\x80" + self._rotor_header())
+        if command == 0x5A and len(parameters) == 5 and parameters[0] == 3 and parameters[1] > 0:
+            self._timer = StreamTimer(1.0 / (parameters[1] * CONFIG_TIME_S))
+            self._timer.running, self._counter = True, 0
+            return _telegram(0x06, host)
+        return _telegram(0x15, host, bytes((41,)))
+
+    def _rotor_header(self) -> bytes:
+        block = bytearray(28)
+        block[0] = 0x40
+        block[4:8] = (123456).to_bytes(4, "big")
+        block[8] = self._dimension_code
+        block[10:12] = self._load_code.to_bytes(2, "big")
+        total = weighted = 0
+        for byte in block:
+            total = (total + byte) % 65536
+            weighted = (weighted + total) % 65536
+        return bytes(block) + total.to_bytes(2, "big") + weighted.to_bytes(2, "big")
+
+    def due(self, now_s: float) -> bool:
+        """See `SerialSensor.due`."""
+        return now_s >= self._silent_until_s and self._timer.due(now_s)
+
+    def reading(self, force_n: float) -> bytes:
+        """See `SerialSensor.reading`; a sensor without a value shows the end of its range."""
+        counts = -32768 if math.isnan(force_n) else round(force_n * self._counts_per_n)
+        sample = bytes((self._counter,)) + min(max(counts, -32768), 32767).to_bytes(2, "big", signed=True)
+        self._counter = (self._counter + 1) % 256
+        return sample
+
+    def restart(self, now_s: float, silent_s: float) -> None:
+        """See `SerialSensor.restart`."""
+        self._timer.running, self._input = False, b""
+        self._silent_until_s = now_s + silent_s

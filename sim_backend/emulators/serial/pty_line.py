@@ -1,0 +1,146 @@
+"""A serial line as a pseudo terminal, with an emulated force sensor at its end."""
+
+import errno
+import os
+import tty
+from abc import ABC, abstractmethod
+
+from sim_backend.emulators.bench import EmulatedWire
+from sim_backend.emulators.faults import FaultKind, Faults
+from sim_backend.emulators.plant import Plant
+
+_RANGE_N = 1e3  # what a reading of a saturated sensor shows, if it has no range of its own
+
+
+class SerialSensor(ABC):
+    """What speaks at the end of the line.
+
+    Attributes:
+        name: what faults name it by.
+        range_n: end of its range [N].
+    """
+
+    name = "force"
+    range_n: float = _RANGE_N
+
+    @abstractmethod
+    def hear(self, data: bytes, now_s: float) -> bytes:
+        """Act on bytes from the host; returns the answer."""
+
+    @abstractmethod
+    def due(self, now_s: float) -> bool:
+        """Whether a reading is to be sent now, of a stream that was asked for; each is due once."""
+
+    @abstractmethod
+    def reading(self, force_n: float) -> bytes:
+        """One reading of the stream; NaN where the sensor has none."""
+
+    @abstractmethod
+    def restart(self, now_s: float, silent_s: float) -> None:
+        """Power-up state, after a silence."""
+
+
+class PtyLine(EmulatedWire):
+    """A pseudo terminal and its sensor.
+
+    Faults of the sensor: readings dropped, late, corrupt, doubled, reordered; reboot; unplugged; stuck; not a
+    number; saturated; reversed.
+
+    Args:
+        sensor: what is connected.
+        plant: where its force comes from.
+        faults: what goes wrong.
+
+    Attributes:
+        path: device file for the driver.
+    """
+
+    def __init__(self, sensor: SerialSensor, plant: Plant, faults: Faults | None = None) -> None:
+        self._sensor, self._plant = sensor, plant
+        self.faults = faults or Faults()
+        self._master: int | None
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+        self._late: list[tuple[float, bytes]] = []
+        self._held_back: bytes | None = None
+        self._stuck_n: float | None = None
+
+    def receive(self, now_s: float) -> None:
+        """See `EmulatedWire.receive`."""
+        if self._master is None:
+            return
+        try:
+            data = os.read(self._master, 65536)
+        except BlockingIOError:
+            return
+        except OSError:  # nobody has the other end open
+            return
+        if data:
+            self._put(self._sensor.hear(data, now_s))
+
+    def send(self, now_s: float) -> None:
+        """See `EmulatedWire.send`."""
+        strikes, name = self.faults.strikes, self._sensor.name
+        if strikes(FaultKind.UNPLUG, name, now_s):
+            self.close()
+        reboot = strikes(FaultKind.REBOOT, name, now_s)
+        if reboot:
+            self._sensor.restart(now_s, reboot.delay_s)
+        for late in [late for late in self._late if late[0] <= now_s]:
+            self._late.remove(late)
+            self._put(late[1])
+        if self._sensor.due(now_s):
+            self._send_reading(self._sensor.reading(self._force_n(now_s)), now_s)
+
+    def close(self) -> None:
+        """See `EmulatedWire.close`: the host sees a port that has gone."""
+        if self._master is not None:
+            master, self._master = self._master, None
+            os.close(self._slave)
+            os.close(master)
+
+    def _force_n(self, now_s: float) -> float:
+        strikes, name, limit_n = self.faults.strikes, self._sensor.name, self._sensor.range_n
+        force_n = self._plant.force[0] if self._plant.force else float("nan")
+        if strikes(FaultKind.STUCK, name, now_s):
+            self._stuck_n = force_n if self._stuck_n is None else self._stuck_n
+            return self._stuck_n
+        self._stuck_n = None
+        if strikes(FaultKind.NOT_A_NUMBER, name, now_s):
+            return float("nan")
+        if strikes(FaultKind.REVERSED, name, now_s):
+            force_n = -force_n
+        if strikes(FaultKind.SATURATED, name, now_s):
+            return limit_n
+        return min(max(force_n, -limit_n), limit_n)
+
+    def _send_reading(self, data: bytes, now_s: float) -> None:
+        strikes, name = self.faults.strikes, self._sensor.name
+        if strikes(FaultKind.DROP, name, now_s):
+            return
+        if strikes(FaultKind.CORRUPT, name, now_s):
+            data = self.faults.flip_a_bit(data)
+        if strikes(FaultKind.REORDER, name, now_s) and self._held_back is None:
+            self._held_back = data
+            return
+        delay = strikes(FaultKind.DELAY, name, now_s)
+        if delay:
+            self._late.append((now_s + delay.delay_s, data))
+            return
+        self._put(data)
+        if strikes(FaultKind.DUPLICATE, name, now_s):
+            self._put(data)
+        if self._held_back is not None:
+            self._put(self._held_back)
+            self._held_back = None
+
+    def _put(self, data: bytes) -> None:
+        if self._master is None or not data:
+            return
+        try:
+            os.write(self._master, data)
+        except OSError as error:
+            if error.errno not in (errno.EAGAIN, errno.EIO):  # the host reads too slowly, or not at all
+                raise

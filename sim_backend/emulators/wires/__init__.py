@@ -1,0 +1,1 @@
+"""Which emulated wire stands in for which bus driver; one file each."""

@@ -1,0 +1,125 @@
+"""Puts emulated devices at the far end of every bus of a robot file: real drivers meet their bytes."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import yaml
+
+from robot_io.clock import Clock, SimulatedClock
+from robot_io.errors import InputError
+from robot_io.registry import Registry
+from robot_io.robot_file import BusSection, DeviceSection, RobotFile, parse_robot_file
+from sim_backend.emulators.bench import Bench, EmulatedWire
+from sim_backend.emulators.faults import Faults
+from sim_backend.emulators.plant import Plant
+from sim_backend.hooks import NO_EFFECTS, Effects
+from sim_backend.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class WireRequest:
+    """What an emulated wire is to stand in for.
+
+    Attributes:
+        section: the bus in the robot file.
+        force: the force sensor in the robot file if it hangs on this bus, else None.
+        plant: the arm.
+        faults: what goes wrong on this wire.
+        start_s: time on the bench's clock [s].
+        in_lock_step: whether the clock is a simulated one.
+    """
+
+    section: BusSection
+    force: DeviceSection | None
+    plant: Plant
+    faults: Faults
+    start_s: float
+    in_lock_step: bool
+
+
+class WireMaker(ABC):
+    """Makes the emulated wire for one bus driver, whose name it bears; found by a registry, one file each."""
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
+        """The wire, and the settings of the bus that let its driver find it.
+
+        Raises:
+            InputError: the settings are not valid.
+        """
+
+
+@dataclass(frozen=True)
+class WiredArm:
+    """A robot file whose buses lead to emulated devices.
+
+    Attributes:
+        robot_file: the same arm, with the ports of the emulators.
+        plant: the world behind them.
+        bench: what lets time pass; `start` it on a real clock, `close` it at the end.
+        wires: the emulated wires by bus name.
+    """
+
+    robot_file: RobotFile
+    plant: Plant
+    bench: Bench
+    wires: Mapping[str, EmulatedWire]
+
+
+def wire_makers() -> Registry[WireMaker]:
+    """All wires that can be emulated, by the name of the bus driver."""
+    return Registry("emulated bus", WireMaker, "sim_backend.emulators.wires")  # type: ignore[type-abstract]
+
+
+def wire_up(
+    robot_file: RobotFile,
+    scenario: Scenario,
+    clock: Clock,
+    faults: Mapping[str, Faults] | None = None,
+    effects: Effects = NO_EFFECTS,
+) -> WiredArm:
+    """Emulate every bus of a robot.
+
+    Args:
+        robot_file: a robot of hardware drivers.
+        scenario: the world.
+        clock: the robot's clock; on a simulated one devices run in lock-step with it.
+        faults: what goes wrong, by bus name.
+        effects: what is hidden in plant and sensors.
+
+    Raises:
+        InputError: a bus has no emulator, or its settings are not valid.
+    """
+    makers = wire_makers()
+    unknown = [section.driver for section in robot_file.buses.values() if section.driver not in makers]
+    if unknown:
+        raise InputError(f"{robot_file.path}: {makers.unknown(unknown[0])}")
+    start_s = clock.now_s()
+    plant = Plant(robot_file, scenario, start_s, effects)
+    data = deepcopy(robot_file.document.data)
+    wires: dict[str, EmulatedWire] = {}
+    try:
+        for bus, section in robot_file.buses.items():
+            request = WireRequest(
+                section,
+                robot_file.force if robot_file.force.bus == bus else None,
+                plant,
+                (faults or {}).get(bus) or Faults(start_s=start_s),
+                start_s,
+                isinstance(clock, SimulatedClock),
+            )
+            wires[bus], reach = makers[section.driver]().make(request)
+            data["buses"][bus].update(reach)  # type: ignore[index]
+        text = "# Wired to emulated devices.\n" + yaml.safe_dump(data, sort_keys=False)
+        wired_file = parse_robot_file(text, robot_file.path)
+    except InputError:
+        for wire in wires.values():
+            wire.close()
+        plant.close()
+        raise
+    return WiredArm(wired_file, plant, Bench(plant, list(wires.values()), clock), wires)
