@@ -1,0 +1,189 @@
+"""A bus of Dynamixel servos: one sync read and one sync write in each tick."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from robot_io.driver import DriverContext
+from robot_io.dynamixel import instructions
+from robot_io.dynamixel.feedback import Feedback
+from robot_io.dynamixel.feedback_reader import FeedbackReader
+from robot_io.dynamixel.health import feedback_problem, hardware_problem
+from robot_io.dynamixel.joints import ServoJoints
+from robot_io.dynamixel.port import SerialPort
+from robot_io.dynamixel.registers import GOAL_CURRENT
+from robot_io.dynamixel.servo_line import ServoIdentity, ServoLine
+from robot_io.dynamixel.settings import DynamixelSettings
+from robot_io.errors import DeviceError, LifecycleError
+from robot_io.interfaces import Bus
+from robot_io.types import FloatArray, Status
+
+
+@dataclass(frozen=True, slots=True)
+class ServoSample:
+    """What one sync read brought; positive along the joint axes.
+
+    Attributes:
+        sampled_at_s: when the servos were asked [s].
+        position_rad: shape (n,) [rad].
+        velocity_rad_s: as the servos derive it, shape (n,) [rad/s].
+        torque_nm: by the motor currents, shape (n,) [N m].
+        torque_status: FAULT if a servo has a hardware error.
+    """
+
+    sampled_at_s: float
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    torque_nm: FloatArray
+    torque_status: Status
+
+
+class DynamixelBus(Bus):
+    """Servos of the X series in current control, Protocol 2.0.
+
+    Args:
+        settings: as `DynamixelSettings`.
+        context: clock and robot file.
+
+    Attributes:
+        sample: what the last sync read brought that was answered by all, or None before the first.
+    """
+
+    name: ClassVar[str] = "dynamixel_bus"
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        self._settings = context.settings_as(DynamixelSettings, settings)
+        self._clock = context.clock
+        self._port = SerialPort(self._settings.port, self._settings.baud_rate, context.clock)
+        self._line = ServoLine(self._settings, self._port, context.clock)
+        self._ids = [servo.id for servo in self._settings.servos]
+        limits = context.robot_file.limits
+        middle_rad = 0.5 * (np.array(limits.position_min_rad) + np.array(limits.position_max_rad))
+        self._middle_rad = np.resize(middle_rad, len(self._ids))
+        self._joints = ServoJoints(self._settings.servos, self._middle_rad.tolist())
+        self._largest_current = np.array([s.servo_model.largest_current for s in self._settings.servos])
+        self._reader: FeedbackReader | None = None
+        self._turns_known = False
+        self._powered = False
+        self._staged: bytes | None = None
+        self.sample: ServoSample | None = None
+
+    @property
+    def joint_count(self) -> int:
+        """Number of servos n."""
+        return len(self._ids)
+
+    @property
+    def identities(self) -> tuple[ServoIdentity, ...]:
+        """Who answered when the bus was configured."""
+        return self._line.identities
+
+    def use_port(self, path: str) -> None:
+        """Take another port than the robot file's, such as one that an emulator made.
+
+        Raises:
+            LifecycleError: the port is open.
+        """
+        if self._port.is_open:
+            raise LifecycleError("the port can only be changed before the robot is configured")
+        self._port.path = path
+
+    def configure(self) -> None:
+        """Open the port, see that the servos are those of the robot file, and switch their torque off."""
+        self._port.open()
+        self._line.identify()
+        self._line.prepare_feedback()
+        self._reader = self._line.feedback_reader()
+        self._largest_current = np.array([identity.current_limit for identity in self.identities])
+        self._turns_known = False
+
+    def activate(self) -> None:
+        """Set current control, return delay and watchdog, and read them back."""
+        self._line.prepare_torque()
+        self._turns_known = False
+
+    def close(self) -> None:
+        """Let the port go."""
+        self._reader = None
+        self._port.close()
+
+    def poll(self, deadline_s: float) -> None:
+        """See `Bus.poll`; the samples are of all servos or of none.
+
+        Raises:
+            DeviceTimeoutError: a servo did not answer properly in time, by id.
+            DeviceError: the port failed, a servo has restarted, let go or has a hardware error, by name.
+        """
+        if self._reader is None:
+            raise LifecycleError("the servos can be read from configure to close")
+        feedback, asked_at_s = self._reader.read(deadline_s)
+        problem = feedback_problem(feedback, self._ids, self._settings.watchdog, powered=self._powered)
+        if problem:
+            raise DeviceError(problem)
+        hardware = hardware_problem(feedback, self._ids)
+        self._take(feedback, asked_at_s, Status.FAULT if hardware else Status.OK)
+        if hardware:
+            raise DeviceError(hardware)
+
+    def _take(self, feedback: list[Feedback], asked_at_s: float, torque_status: Status) -> None:
+        joints = self._joints
+        if not self._turns_known:
+            joints.choose_turns(feedback)
+            self._turns_known = True
+        self.sample = ServoSample(
+            sampled_at_s=asked_at_s,
+            position_rad=joints.position_rad(feedback),
+            velocity_rad_s=joints.velocity_rad_s(feedback),
+            torque_nm=joints.torque_nm(feedback),
+            torque_status=torque_status,
+        )
+
+    def stage(self, torque_nm: FloatArray) -> FloatArray:
+        """Keep torques (n) [N m] for the next flush; returns what the currents' range and step make of them.
+
+        Raises:
+            LifecycleError: the torque is off.
+        """
+        if not self._powered:
+            raise LifecycleError("the drives are off: activate them before the first command")
+        counts = self._joints.current_counts(torque_nm, self._largest_current)
+        data = {
+            servo_id: GOAL_CURRENT.encode(count)
+            for servo_id, count in zip(self._ids, counts.tolist(), strict=True)
+        }
+        self._staged = instructions.sync_write(GOAL_CURRENT.address, data)
+        return self._joints.torque_of_counts(counts)
+
+    def flush(self, deadline_s: float) -> None:
+        """See `Bus.flush`; nobody answers, but the next poll shows whether the servos still obey."""
+        if self._staged is not None:
+            staged, self._staged = self._staged, None
+            self._port.write(staged)
+
+    def torque_on(self) -> None:
+        """Torque on, at zero.
+
+        Raises:
+            DeviceError: a servo refused.
+        """
+        self._staged = None
+        self._line.switch_on()
+        self._powered = True
+
+    def torque_off(self) -> None:
+        """Torque off, and a staged command is dropped; does nothing on a port that was never opened.
+
+        Raises:
+            DeviceError: some servos did not confirm it.
+        """
+        self._staged = None
+        powered, self._powered = self._powered, False
+        if self._port.is_open:
+            self._line.switch_off()
+        elif powered:
+            reason = self._port.failure or "the port is closed"
+            raise DeviceError(
+                f"{self._port.path}: {reason}: torque not known to be off; {self._line.last_resort}"
+            )

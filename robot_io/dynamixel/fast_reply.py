@@ -1,0 +1,64 @@
+"""The one packet that several servos make together when they answer a fast sync read.
+
+Each servo in turn adds an error byte, its id, its data and a checksum; the first one puts a status packet's
+head before its part, with the broadcast id and the length of the whole. A checksum is over everything before
+it, earlier checksums included. No bytes are stuffed.
+Source: ROBOTIS e-manual, "DYNAMIXEL Protocol 2.0", Fast Sync Read (0x8A).
+"""
+
+from collections.abc import Sequence
+
+from robot_io.dynamixel.crc import crc16
+from robot_io.dynamixel.packet import BROADCAST_ID, HEADER, StatusPacket
+from robot_io.errors import ProtocolError
+
+_HEAD = 8  # bytes before the first servo's part
+_AROUND_DATA = 4  # error, id and checksum of a part
+_STATUS = 0x55
+
+
+class FastReply:
+    """How the answer to one fast sync read must look.
+
+    Args:
+        servo_ids: the servos in the order in which they were asked.
+        data_size: bytes asked of each.
+
+    Attributes:
+        size: bytes of the whole answer.
+    """
+
+    def __init__(self, servo_ids: Sequence[int], data_size: int) -> None:
+        self._ids = tuple(servo_ids)
+        self._part = data_size + _AROUND_DATA
+        self.size = _HEAD + len(self._ids) * self._part
+        self._head = HEADER + bytes((BROADCAST_ID,)) + (self.size - 7).to_bytes(2, "little")
+        self._head += bytes((_STATUS,))
+
+    def start_in(self, data: bytes) -> int:
+        """Where in `data` this answer starts, or -1."""
+        return data.find(self._head)
+
+    def answered(self, data: bytes) -> int:
+        """How many servos have added their part to an answer that is not complete."""
+        return max(0, (len(data) - _HEAD) // self._part)
+
+    def decode(self, packet: bytes) -> list[StatusPacket]:
+        """Each servo's part of a whole answer.
+
+        Raises:
+            ProtocolError: it is not such an answer, a checksum is wrong, or a part is another servo's.
+        """
+        if len(packet) != self.size or not packet.startswith(self._head):
+            raise ProtocolError(f"not the answer to a fast sync read: {packet[:16].hex(' ')}")
+        crc, start, parts = crc16(self._head), _HEAD, []
+        for servo_id in self._ids:
+            end = start + self._part
+            crc = crc16(packet[start : end - 2], crc)
+            if crc != packet[end - 2] | packet[end - 1] << 8:
+                raise ProtocolError(f"wrong checksum in servo {servo_id}'s part of a fast sync read")
+            if packet[start + 1] != servo_id:
+                raise ProtocolError(f"servo {packet[start + 1]} answered in place of servo {servo_id}")
+            parts.append(StatusPacket(servo_id, packet[start], packet[start + 2 : end - 2]))
+            crc, start = crc16(packet[end - 2 : end], crc), end
+        return parts

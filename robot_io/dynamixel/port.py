@@ -1,0 +1,157 @@
+"""A serial port with one owner: opened exclusively, never blocking, and closed once it has failed."""
+
+import fcntl
+import os
+import select
+import termios
+from contextlib import suppress
+
+import serial
+
+from robot_io.clock import Clock, SimulatedClock
+from robot_io.errors import DeviceError
+
+_LOOK_S = 50e-6  # on simulated time, how often to look whether something has come
+_CHUNK = 4096
+
+
+class SerialPort:
+    """A serial port, 8 data bits, no parity, 1 stop bit.
+
+    After a failure it is closed; it works again when it is opened again.
+
+    Args:
+        path: device file.
+        baud_rate: bits per second; each byte takes ten of them.
+        clock: what deadlines are on.
+
+    Attributes:
+        path: device file.
+        baud_rate: bits per second.
+        failure: why it was closed, or None.
+    """
+
+    def __init__(self, path: str, baud_rate: int, clock: Clock) -> None:
+        self.path = path
+        self.baud_rate = baud_rate
+        self.failure: str | None = None
+        self._clock = clock
+        self._serial: serial.Serial | None = None
+        self._fd = -1
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it can be used."""
+        return self._fd >= 0
+
+    def duration_s(self, byte_count: int) -> float:
+        """How long so many bytes take on the wire [s]."""
+        return byte_count * 10.0 / self.baud_rate
+
+    def open(self) -> None:
+        """Open it for this program alone, and forget earlier failures.
+
+        Raises:
+            DeviceError: there is no such port, no permission, or another program has it.
+        """
+        self.close()
+        try:
+            self._serial = serial.Serial(self.path, self.baud_rate, timeout=0, exclusive=True)
+        except (OSError, ValueError) as error:  # SerialException is an OSError
+            raise DeviceError(f"{self.path}: cannot be opened ({_reason(error)})") from error
+        self._fd = self._serial.fileno()
+        self.failure = None
+        with suppress(OSError):  # also against programs that do not ask for a lock
+            fcntl.ioctl(self._fd, termios.TIOCEXCL)
+        with suppress(
+            OSError, ValueError, AttributeError
+        ):  # USB adapters otherwise hold bytes back for 16 ms
+            self._serial.set_low_latency_mode(True)
+
+    def close(self) -> None:
+        """Let it go. Can be called again."""
+        port, fd, self._serial, self._fd = self._serial, self._fd, None, -1
+        if port is not None:
+            with suppress(OSError):
+                fcntl.ioctl(fd, termios.TIOCNXCL)
+            with suppress(OSError):
+                port.close()
+
+    def write(self, data: bytes) -> None:
+        """Send bytes.
+
+        Raises:
+            DeviceError: the port is closed or gone, or takes no more.
+        """
+        try:
+            sent = os.write(self._usable(), data)
+        except BlockingIOError:
+            sent = 0
+        except OSError as error:
+            raise self._failed(error) from error
+        if sent != len(data):
+            raise DeviceError(f"{self.path}: took {sent} of {len(data)} bytes; its output is blocked")
+
+    def read(self) -> bytes:
+        """What has come, without waiting.
+
+        Raises:
+            DeviceError: the port is closed or gone.
+        """
+        try:
+            return os.read(self._usable(), _CHUNK)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def wait(self, deadline_s: float) -> bytes:
+        """What has come as soon as something has, or nothing at the deadline.
+
+        Raises:
+            DeviceError: the port is closed or gone.
+        """
+        if isinstance(self._clock, SimulatedClock):
+            data = self._watch_in_simulated_time(deadline_s)
+            if data:
+                return data
+        remaining_s = max(0.0, deadline_s - self._clock.now_s())
+        try:
+            readable, _, _ = select.select([self._usable()], [], [], remaining_s)
+        except (OSError, ValueError) as error:
+            raise self._failed(error) from error
+        data = self.read() if readable else b""
+        if readable and not data:  # a port that is gone is always ready, and has nothing
+            raise self._failed(OSError("hung up"))
+        return data
+
+    def discard(self) -> int:
+        """Throw away what has come; returns how many bytes.
+
+        Raises:
+            DeviceError: the port is closed or gone.
+        """
+        count = 0
+        while data := self.read():
+            count += len(data)
+        return count
+
+    def _watch_in_simulated_time(self, deadline_s: float) -> bytes:
+        while not (data := self.read()) and self._clock.now_s() < deadline_s:
+            self._clock.sleep_until(min(deadline_s, self._clock.now_s() + _LOOK_S))
+        return data
+
+    def _usable(self) -> int:
+        if self._fd < 0:
+            raise DeviceError(f"{self.path}: {self.failure or 'the port is not open'}")
+        return self._fd
+
+    def _failed(self, error: Exception) -> DeviceError:
+        self.close()
+        self.failure = f"the port has failed ({_reason(error)}); unplugged?"
+        return DeviceError(f"{self.path}: {self.failure}")
+
+
+def _reason(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if number else " ".join(str(error).split())

@@ -1,0 +1,130 @@
+"""The control table of an X-series servo: which bytes mean what, and what may be written.
+
+From the ROBOTIS e-manual, "Control Table" of the models below.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+EEPROM_END = 64  # below, values outlive a reboot
+
+
+class Error(IntEnum):
+    """Error numbers of a status packet (e-manual, "DYNAMIXEL Protocol 2.0", Status Packet)."""
+
+    NONE = 0
+    RESULT_FAIL = 1
+    INSTRUCTION = 2
+    CRC = 3
+    DATA_RANGE = 4
+    DATA_LENGTH = 5
+    DATA_LIMIT = 6
+    ACCESS = 7
+
+
+@dataclass(frozen=True)
+class Item:
+    """One row of the table.
+
+    Attributes:
+        address: of the first byte.
+        size: bytes.
+        writable: RW, or else R.
+        initial: value after a factory reset or, in RAM, after power-up.
+        low: smallest value that may be written.
+        high: largest value that may be written.
+    """
+
+    address: int
+    size: int
+    writable: bool
+    initial: int = 0
+    low: int | None = None
+    high: int | None = None
+
+
+@dataclass(frozen=True)
+class Model:
+    """What is particular to a model.
+
+    Attributes:
+        number: model number.
+        current_unit_a: [A].
+        current_limit: initial and largest current limit.
+        torque_per_ampere_nm: stall torque over stall current at the recommended voltage [N m/A].
+        indirect_data: address of Indirect Data 1.
+        indirect_count: how many of them are in a row.
+        shutdown: initial value of Shutdown.
+        voltage: present input voltage [0.1 V].
+    """
+
+    number: int
+    current_unit_a: float
+    current_limit: int
+    torque_per_ampere_nm: float
+    indirect_data: int
+    indirect_count: int
+    shutdown: int
+    voltage: int
+
+
+MODELS = {
+    "XM430-W350": Model(1020, 0.00269, 1193, 4.1 / 2.3, 224, 28, 52, 120),
+    "XM540-W270": Model(1120, 0.00269, 2047, 10.6 / 4.4, 224, 28, 52, 120),
+    "XH540-W270": Model(1100, 0.00269, 2047, 9.9 / 4.9, 224, 28, 52, 120),
+    "XL330-M077": Model(1190, 0.001, 1750, 0.215 / 1.47, 208, 20, 53, 50),
+    "XL330-M288": Model(1200, 0.001, 1750, 0.52 / 1.47, 208, 20, 53, 50),
+}
+
+INDIRECT_ADDRESS = 168
+BUS_WATCHDOG, GOAL_CURRENT, CURRENT_LIMIT = 98, 102, 38
+OPERATING_MODE, DRIVE_MODE, SHUTDOWN, RETURN_DELAY = 11, 10, 63, 9
+TORQUE_ENABLE, STATUS_RETURN_LEVEL, HARDWARE_ERROR = 64, 68, 70
+PRESENT_CURRENT, PRESENT_VELOCITY, PRESENT_POSITION = 126, 128, 132
+GOALS = range(100, 120)
+
+
+def items_of(model: Model, servo_id: int, firmware: int) -> dict[int, Item]:
+    """The rows of a model's table by address; rows that nothing here depends on are left out."""
+    rows = [
+        Item(0, 2, False, model.number),
+        Item(2, 4, False),
+        Item(6, 1, False, firmware),
+        Item(7, 1, True, servo_id, 0, 252),
+        Item(8, 1, True, 1, 0, 7),
+        Item(RETURN_DELAY, 1, True, 250, 0, 254),
+        Item(DRIVE_MODE, 1, True, 0, 0, 13),
+        Item(OPERATING_MODE, 1, True, 3, 0, 16),
+        Item(12, 1, True, 255, 0, 255),
+        Item(13, 1, True, 2, 1, 22),
+        Item(20, 4, True, 0, -1044479, 1044479),
+        Item(CURRENT_LIMIT, 2, True, model.current_limit, 0, model.current_limit),
+        Item(SHUTDOWN, 1, True, model.shutdown, 0, 255),
+        Item(TORQUE_ENABLE, 1, True, 0, 0, 1),
+        Item(65, 1, True, 0, 0, 1),
+        Item(STATUS_RETURN_LEVEL, 1, True, 2, 0, 2),
+        Item(69, 1, False),
+        Item(HARDWARE_ERROR, 1, False),
+        Item(BUS_WATCHDOG, 1, True, 0, -1, 127),
+        Item(100, 2, True, 885, -885, 885),
+        Item(GOAL_CURRENT, 2, True, 0, -32768, 32767),
+        Item(104, 4, True, 0, -2047, 2047),
+        Item(116, 4, True, 0),
+        Item(120, 2, False),
+        Item(122, 1, False),
+        Item(123, 1, False),
+        Item(124, 2, False),
+        Item(PRESENT_CURRENT, 2, False),
+        Item(PRESENT_VELOCITY, 4, False),
+        Item(PRESENT_POSITION, 4, False),
+        Item(136, 4, False),
+        Item(140, 4, False),
+        Item(144, 2, False, model.voltage),
+        Item(146, 1, False, 32),
+    ]
+    end = model.indirect_data + model.indirect_count
+    for k in range(model.indirect_count):
+        default = model.indirect_data + k
+        rows.append(Item(INDIRECT_ADDRESS + 2 * k, 2, True, default, EEPROM_END, end - 1))
+        rows.append(Item(default, 1, True, 0, 0, 255))
+    return {row.address: row for row in rows}

@@ -1,0 +1,163 @@
+"""One emulated X-series servo: its control table, its motor in current control, its protections.
+
+From the ROBOTIS e-manual, "Control Table Description" of the X series: Bus Watchdog (98), Shutdown (63),
+Hardware Error Status (70), Torque Enable (64), Status Return Level (68). In modes other than current control
+the motor exerts nothing.
+"""
+
+from math import floor, isfinite, pi
+
+from sim_backend.emulators.dynamixel import control_table as table
+from sim_backend.emulators.dynamixel.control_table import Error, Item
+from sim_backend.emulators.dynamixel.memory import Memory
+from sim_backend.emulators.dynamixel.mounting import Mounting
+from sim_backend.emulators.plant import JointState, Plant
+
+COUNTS = 4096
+VELOCITY_UNIT_RAD_S = 0.229 * 2 * pi / 60
+WATCHDOG_UNIT_S = 0.020
+ALERT = 0x80
+OVERLOAD = 0x20
+CURRENT_CONTROL = 0
+
+
+class EmulatedServo:
+    """A servo that turns one joint of a plant.
+
+    Args:
+        mounting: which servo, and how it sits on its joint.
+        plant: the arm.
+        joint: which joint, from 0.
+        now_s: when it gets power [s].
+
+    Attributes:
+        id: its id.
+        memory: its control table.
+        stuck: whether its position sensor has frozen.
+    """
+
+    def __init__(self, mounting: Mounting, plant: Plant, joint: int, now_s: float) -> None:
+        self.id = mounting.id
+        self._mounting, self._plant, self._joint = mounting, plant, joint
+        self._model = table.MODELS[mounting.model]
+        self.memory = Memory(table.items_of(self._model, mounting.id, mounting.firmware), self._model)
+        per_ampere = mounting.torque_constant_nm_a or self._model.torque_per_ampere_nm
+        self._direction = -1 if mounting.reversed else 1
+        self._count_nm = self._direction * per_ampere * self._model.current_unit_a
+        self._heard_s = now_s
+        self._awake_s = now_s
+        self._turn_counts: int | None = None
+        self.stuck = False
+        self._frozen: JointState | None = None
+
+    def is_awake(self, now_s: float) -> bool:
+        """Whether it has power and has started."""
+        return now_s >= self._awake_s
+
+    def hear(self, now_s: float) -> None:
+        """Any instruction on the line, for whomever, shows that the controller lives."""
+        self._heard_s = now_s
+
+    @property
+    def alert(self) -> int:
+        """The alert bit of its answers."""
+        return ALERT if self.memory.get(table.HARDWARE_ERROR) else 0
+
+    @property
+    def answers_reading(self) -> bool:
+        """By its status return level."""
+        return self.memory.get(table.STATUS_RETURN_LEVEL) >= 1
+
+    @property
+    def answers_everything(self) -> bool:
+        """By its status return level."""
+        return self.memory.get(table.STATUS_RETURN_LEVEL) >= 2
+
+    @property
+    def return_delay_s(self) -> float:
+        """From the end of an instruction to the start of its answer [s]."""
+        return 2e-6 * self.memory.get(table.RETURN_DELAY)
+
+    def ping(self) -> bytes:
+        """Model number and firmware version."""
+        firmware = self.memory.get(6)
+        return self._model.number.to_bytes(2, "little") + bytes((firmware,))
+
+    def read(self, address: int, size: int) -> bytes | Error:
+        """What it answers to a read."""
+        self._look()
+        return self.memory.read(address, size)
+
+    def write(self, address: int, data: bytes) -> Error:
+        """Take a write, and do what it says."""
+        mode = self.memory.get(table.OPERATING_MODE)
+        error = self.memory.write(address, data, self._allowed)
+        if self.memory.get(table.OPERATING_MODE) != mode:
+            self.memory.put(table.GOAL_CURRENT, 0)
+        self._exert()
+        return error
+
+    def _allowed(self, item: Item, value: int) -> Error:
+        memory = self.memory
+        if item.address < table.EEPROM_END and memory.get(table.TORQUE_ENABLE):
+            return Error.ACCESS
+        if item.address in table.GOALS and memory.get(table.BUS_WATCHDOG) == -1:
+            return Error.DATA_RANGE
+        if item.address == table.BUS_WATCHDOG and value < 0:
+            return Error.DATA_RANGE
+        if item.address == table.GOAL_CURRENT and abs(value) > memory.get(table.CURRENT_LIMIT):
+            return Error.DATA_LIMIT
+        if item.address == table.TORQUE_ENABLE and value and self._shut_down:
+            return Error.RESULT_FAIL  # only a reboot helps
+        return Error.NONE
+
+    @property
+    def _shut_down(self) -> bool:
+        return bool(self.memory.get(table.HARDWARE_ERROR) & self.memory.get(table.SHUTDOWN))
+
+    def watch(self, now_s: float) -> None:
+        """Let its bus watchdog look at the time."""
+        limit = self.memory.get(table.BUS_WATCHDOG)
+        on = self.memory.get(table.TORQUE_ENABLE)
+        if on and limit > 0 and now_s - self._heard_s > limit * WATCHDOG_UNIT_S:
+            self.memory.put(table.BUS_WATCHDOG, -1)
+            self.memory.put(table.GOAL_CURRENT, 0)
+            self._exert()
+
+    def fail(self, error: int = OVERLOAD) -> None:
+        """Have a hardware error; it lets go if Shutdown names it."""
+        self.memory.put(table.HARDWARE_ERROR, self.memory.get(table.HARDWARE_ERROR) | error)
+        if self._shut_down:
+            self.memory.put(table.TORQUE_ENABLE, 0)
+            self._exert()
+
+    def reboot(self, now_s: float, away_s: float) -> None:
+        """Lose power for `away_s` [s]: RAM, turns and errors are forgotten."""
+        self.memory.lose_power()
+        self._turn_counts = None
+        self._awake_s = now_s + away_s
+        self._exert()
+
+    def _exert(self) -> None:
+        memory = self.memory
+        drives = memory.get(table.TORQUE_ENABLE) and memory.get(table.OPERATING_MODE) == CURRENT_CONTROL
+        goal = memory.get(table.GOAL_CURRENT) if drives else 0
+        self._plant.set_torque(self._joint, goal * self._count_nm)
+
+    def _look(self) -> None:
+        """Bring the present values up to date."""
+        state = self._plant.joint(self._joint)
+        if not isfinite(state.position_rad):
+            return  # the plant has not sampled yet: it still shows what it had
+        self._frozen = (self._frozen or state) if self.stuck else None
+        seen = self._frozen or state
+        shaft_rad = self._direction * (seen.position_rad - self._mounting.zero_rad)
+        counts = round(shaft_rad * COUNTS / (2 * pi))
+        if self._turn_counts is None:
+            self._turn_counts = floor(counts / COUNTS) * COUNTS
+        memory = self.memory
+        memory.put(table.PRESENT_POSITION, counts - self._turn_counts)
+        speed = 0.0 if self.stuck else seen.velocity_rad_s
+        memory.put(table.PRESENT_VELOCITY, round(self._direction * speed / VELOCITY_UNIT_RAD_S))
+        current = round(state.torque_nm / self._count_nm) if memory.get(table.TORQUE_ENABLE) else 0
+        memory.put(table.PRESENT_CURRENT, current)

@@ -1,0 +1,153 @@
+"""The servo's side of Dynamixel Protocol 2.0: bytes to instructions, answers to bytes.
+
+Written from the ROBOTIS e-manual, "DYNAMIXEL Protocol 2.0" (packet structure, processing order of reception
+and transmission, Fast Sync Read) and "CRC Calculation"; it shares no code with the driver.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+STATUS_INSTRUCTION = 0x55
+BROADCAST = 0xFE
+_START = bytes((0xFF, 0xFF, 0xFD))
+_STUFFING = 0xFD
+_TOO_LONG = 0x3FF  # no servo takes more
+
+
+@dataclass(frozen=True)
+class Instruction:
+    """An instruction packet as a servo has understood it.
+
+    Attributes:
+        target: id of the servo, or `BROADCAST`.
+        code: what to do.
+        parameters: with what, stuffing removed.
+        intact: whether the checksum was right.
+        wire_bytes: bytes that it took on the wire.
+    """
+
+    target: int
+    code: int
+    parameters: bytes
+    intact: bool
+    wire_bytes: int
+
+
+def checksum(data: bytes) -> int:
+    """Divide by x^16 + x^15 + x^2 + 1, most significant bit first, remainder 0 at the start."""
+    remainder = 0
+    for byte in data:
+        remainder = _after_byte(remainder, byte)
+    return remainder
+
+
+def _divide(byte: int) -> int:
+    remainder = byte << 8
+    for _ in range(8):
+        carry = remainder >> 15
+        remainder = (remainder << 1) & 0xFFFF
+        if carry:
+            remainder ^= 0x8005
+    return remainder
+
+
+_QUOTIENTS = [_divide(byte) for byte in range(256)]
+
+
+def _after_byte(remainder: int, byte: int) -> int:
+    return (remainder << 8 & 0xFFFF) ^ _QUOTIENTS[remainder >> 8 ^ byte]
+
+
+class Receiver:
+    """Picks instructions out of what comes over the wire."""
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+
+    def take(self, data: bytes) -> Iterator[Instruction]:
+        """The instructions that are complete with `data`."""
+        self._pending += data
+        while (instruction := self._next()) is not None:
+            yield instruction
+
+    def _next(self) -> Instruction | None:
+        pending = self._pending
+        while True:
+            begin = pending.find(_START)
+            if begin < 0:
+                del pending[: max(0, len(pending) - 2)]
+                return None
+            del pending[:begin]
+            if len(pending) < 7:
+                return None
+            length = pending[5] + 256 * pending[6]
+            if pending[3] == _STUFFING or not 3 <= length <= _TOO_LONG:
+                del pending[:3]  # stuffed data, or noise that looked like a start
+                continue
+            if len(pending) < 7 + length:
+                return None
+            packet = bytes(pending[: 7 + length])
+            del pending[: 7 + length]
+            return _understand(packet)
+
+
+def _understand(packet: bytes) -> Instruction:
+    sent = packet[-2] + 256 * packet[-1]
+    body = _unstuff(packet[7:-2])
+    intact = checksum(packet[:-2]) == sent
+    return Instruction(packet[4], body[0], bytes(body[1:]), intact, len(packet))
+
+
+def _unstuff(data: bytes) -> bytearray:
+    """Drop the FD after each FF FF FD."""
+    kept = bytearray()
+    skip = False
+    for byte in data:
+        if not skip:
+            kept.append(byte)
+        skip = not skip and len(kept) >= 3 and kept[-3:] == _START and byte == _STUFFING
+    return kept
+
+
+def _stuff(data: bytes) -> bytearray:
+    """Put an FD after each FF FF FD."""
+    sent = bytearray()
+    run = 0  # how many of FF FF FD have just been seen
+    for byte in data:
+        sent.append(byte)
+        if byte == 0xFF:
+            run = min(run + 1, 2)
+        elif byte == _STUFFING and run == 2:
+            sent.append(_STUFFING)
+            run = 0
+        else:
+            run = 0
+    return sent
+
+
+def status(servo_id: int, error: int, parameters: bytes = b"") -> bytes:
+    """A status packet."""
+    body = _stuff(bytes((STATUS_INSTRUCTION, error)) + parameters)
+    length = len(body) + 2
+    packet = _START + bytes((0, servo_id, length % 256, length // 256)) + body
+    return packet + _little(checksum(packet))
+
+
+def fast_status(parts: Sequence[tuple[int, int, bytes]], asked: int) -> bytes:
+    """What servos make together of a fast sync read.
+
+    Args:
+        parts: id, error and data of those that answer; the chain ends where one is silent.
+        asked: how many were asked; the head promises the answer of all.
+    """
+    each = len(parts[0][2]) + 4
+    length = 1 + asked * each
+    packet = _START + bytes((0, BROADCAST, length % 256, length // 256, STATUS_INSTRUCTION))
+    for servo_id, error, data in parts:
+        packet += bytes((error, servo_id)) + data
+        packet += _little(checksum(packet))
+    return packet
+
+
+def _little(value: int) -> bytes:
+    return bytes((value % 256, value // 256))

@@ -1,0 +1,211 @@
+"""The Dynamixel codec against the e-manual's published vectors, the SDK where it is right, and damage."""
+
+import pytest
+from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from robot_io.dynamixel import instructions
+from robot_io.dynamixel.crc import crc16
+from robot_io.dynamixel.fast_reply import FastReply
+from robot_io.dynamixel.packet import (
+    BROADCAST_ID,
+    StatusPacket,
+    StatusReader,
+    decode_status,
+    encode_packet,
+)
+from robot_io.errors import ProtocolError
+from sim_backend.emulators.dynamixel import wire
+
+IDS = st.integers(0, 252)
+# Bytes with many headers, stuffing and near-misses among them.
+TRICKY = st.lists(st.sampled_from([0xFF, 0xFD, 0x00, 0x55, 0x01]) | st.integers(0, 255), max_size=60).map(
+    bytes
+)
+
+
+def packet(text):
+    return bytes.fromhex(text)
+
+
+# ROBOTIS e-manual, "DYNAMIXEL Protocol 2.0": examples of Ping, Read, Write, Reboot, Sync Read, Sync Write,
+# Fast Sync Read (and one more of the last from the manual of the JA40).
+REQUESTS = {
+    "ping 1": (instructions.ping(1), "ff ff fd 00 01 03 00 01 19 4e"),
+    "ping all": (instructions.ping(BROADCAST_ID), "ff ff fd 00 fe 03 00 01 31 42"),
+    "read position": (instructions.read(1, 132, 4), "ff ff fd 00 01 07 00 02 84 00 04 00 1d 15"),
+    "write position": (
+        instructions.write(1, 116, packet("00 02 00 00")),
+        "ff ff fd 00 01 09 00 03 74 00 00 02 00 00 ca 89",
+    ),
+    "reboot": (instructions.reboot(1), "ff ff fd 00 01 03 00 08 2f 4e"),
+    "sync read": (
+        instructions.sync_read(132, 4, (1, 2)),
+        "ff ff fd 00 fe 09 00 82 84 00 04 00 01 02 ce fa",
+    ),
+    "sync write": (
+        instructions.sync_write(116, {1: packet("96 00 00 00"), 2: packet("aa 00 00 00")}),
+        "ff ff fd 00 fe 11 00 83 74 00 04 00 01 96 00 00 00 02 aa 00 00 00 82 87",
+    ),
+    "fast sync read": (
+        instructions.fast_sync_read(132, 4, (3, 7, 4)),
+        "ff ff fd 00 fe 0a 00 8a 84 00 04 00 03 07 04 20 f2",
+    ),
+    "fast sync read, JA40": (
+        instructions.fast_sync_read(580, 4, (1, 2)),
+        "ff ff fd 00 fe 09 00 8a 44 02 04 00 01 02 72 f2",
+    ),
+}
+ANSWERS = {
+    "ping 1": ("ff ff fd 00 01 07 00 55 00 06 04 26 65 5d", 1, "06 04 26"),
+    "ping 2": ("ff ff fd 00 02 07 00 55 00 06 04 26 6f 6d", 2, "06 04 26"),
+    "position 1": ("ff ff fd 00 01 08 00 55 00 a6 00 00 00 8c c0", 1, "a6 00 00 00"),
+    "position 2": ("ff ff fd 00 02 08 00 55 00 1f 08 00 00 ba be", 2, "1f 08 00 00"),
+    "written": ("ff ff fd 00 01 04 00 55 00 a1 0c", 1, ""),
+    "voltage": ("ff ff fd 00 01 06 00 55 00 77 00 c3 69", 1, "77 00"),
+    "temperature": ("ff ff fd 00 02 05 00 55 00 24 8b a9", 2, "24"),
+}
+FAST = "ff ff fd 00 fe 19 00 55 00 03 a6 00 00 00 84 08 00 07 1f 08 00 00 16 ca 00 04 ff 03 00 00 d1 9e"
+FAST_JA40 = "ff ff fd 00 fe 11 00 55 00 01 d0 07 00 00 0c 83 00 02 09 00 00 00 11 40"
+
+
+@pytest.mark.parametrize(("made", "published"), REQUESTS.values(), ids=REQUESTS)
+def test_requests_are_as_published(made, published):
+    assert made == packet(published)
+
+
+@pytest.mark.parametrize(("published", "servo_id", "data"), ANSWERS.values(), ids=ANSWERS)
+def test_published_answers_are_understood(published, servo_id, data):
+    assert decode_status(packet(published)) == StatusPacket(servo_id, 0, packet(data))
+
+
+def test_the_published_fast_answers_are_understood():
+    values = {
+        part.servo_id: int.from_bytes(part.data, "little")
+        for part in FastReply((3, 7, 4), 4).decode(packet(FAST))
+    }
+    assert values == {3: 166, 7: 2079, 4: 1023}
+    first, second = FastReply((1, 2), 4).decode(packet(FAST_JA40))
+    assert (first.data, second.data) == (packet("d0 07 00 00"), packet("09 00 00 00"))
+
+
+@given(st.binary(max_size=80))
+def test_the_checksum_is_the_sdks(data):
+    assert crc16(data) == Protocol2PacketHandler().updateCRC(0, data, len(data))
+
+
+@given(st.binary(max_size=40), st.binary(max_size=40))
+def test_the_checksum_can_be_continued(first, second):
+    assert crc16(second, crc16(first)) == crc16(first + second)
+
+
+def test_the_sdk_destuffs_a_first_pattern_likewise():
+    sent = wire.status(1, 0, packet("ff ff fd 07"))
+    theirs = Protocol2PacketHandler().removeStuffing(list(sent))
+    assert bytes(theirs[9:13]) == decode_status(sent).data == packet("ff ff fd 07")
+
+
+@example(servo_id=1, error=0, data=packet("ff ff ff ff fd ff ff ff ff ff fd"))  # the SDK gets this one wrong
+@given(IDS, st.integers(0, 255), TRICKY)
+def test_whatever_a_servo_sends_is_understood(servo_id, error, data):
+    sent = wire.status(servo_id, error, data)
+    assert b"\xff\xff\xfd" not in sent[7:-2].replace(b"\xff\xff\xfd\xfd", b"")
+    assert decode_status(sent) == StatusPacket(servo_id, error, data)
+
+
+@given(IDS | st.just(BROADCAST_ID), st.integers(0, 252), TRICKY)
+def test_whatever_is_asked_is_understood_by_a_servo(servo_id, code, parameters):
+    (understood,) = wire.Receiver().take(encode_packet(servo_id, code, parameters))
+    assert (understood.target, understood.code, understood.parameters) == (servo_id, code, parameters)
+    assert understood.intact
+
+
+@given(st.lists(st.tuples(IDS, st.integers(0, 255), TRICKY), max_size=4), st.data())
+def test_answers_are_found_in_any_pieces(answers, data):
+    stream = b"".join(wire.status(*answer) for answer in answers)
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=6)))
+    reader = StatusReader()
+    found = []
+    for start, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
+        found += reader.feed(stream[start:end])
+    assert found == [StatusPacket(*answer) for answer in answers]
+    assert reader.rejected == 0
+
+
+@given(TRICKY, IDS, TRICKY)
+def test_an_answer_is_found_behind_noise(noise, servo_id, data):
+    """Unless the noise ends in what could be a header, whose packet would then be awaited."""
+    noise = noise.replace(b"\xff\xff\xfd", b"") + b"\x00"
+    if b"\xff\xff\xfd" in noise:
+        return
+    assert StatusReader().feed(noise + wire.status(servo_id, 0, data)) == [StatusPacket(servo_id, 0, data)]
+
+
+@given(IDS, TRICKY, st.data())
+def test_no_single_damaged_bit_goes_unnoticed(servo_id, data, draw):
+    sent = bytearray(wire.status(servo_id, 0, data))
+    place = draw.draw(st.integers(0, 8 * len(sent) - 1))
+    sent[place // 8] ^= 1 << place % 8
+    with pytest.raises(ProtocolError):
+        decode_status(bytes(sent))
+    assert StatusReader().feed(bytes(sent)) == []
+
+
+@given(st.lists(IDS, min_size=1, max_size=4, unique=True), st.data())
+def test_no_single_damaged_bit_of_a_fast_answer_goes_unnoticed(servo_ids, draw):
+    parts = [(servo_id, 0, draw.draw(st.binary(min_size=13, max_size=13))) for servo_id in servo_ids]
+    sent = bytearray(wire.fast_status(parts, len(parts)))
+    reply = FastReply(servo_ids, 13)
+    assert reply.decode(bytes(sent)) == [StatusPacket(*part) for part in parts]
+    place = draw.draw(st.integers(0, 8 * len(sent) - 1))
+    sent[place // 8] ^= 1 << place % 8
+    with pytest.raises(ProtocolError):
+        reply.decode(bytes(sent))
+
+
+@given(st.binary(max_size=200))
+def test_random_bytes_only_ever_raise_the_codecs_own_error(data):
+    for decode in (decode_status, FastReply((1, 2), 4).decode):
+        with pytest.raises(ProtocolError):
+            decode(data)
+    StatusReader().feed(data)
+
+
+def test_a_damaged_length_does_not_swallow_what_follows():
+    endless = packet("ff ff fd 00 01 ff ff 55 00")
+    good = wire.status(2, 0, b"\x07")
+    assert StatusReader().feed(endless + good) == [StatusPacket(2, 0, b"\x07")]
+
+
+def test_an_echo_of_the_request_is_no_answer():
+    """Some adapters hear themselves."""
+    answer = wire.status(1, 0, packet("a6 00 00 00"))
+    assert StatusReader().feed(instructions.read(1, 132, 4) + answer) == [decode_status(answer)]
+
+
+def test_answers_of_others_and_short_ones_are_no_part_of_a_fast_answer():
+    reply = FastReply((1, 2), 2)
+    swapped = wire.fast_status([(2, 0, b"ab"), (1, 0, b"cd")], 2)
+    with pytest.raises(ProtocolError, match="servo 2 answered in place of servo 1"):
+        reply.decode(swapped)
+    cut = wire.fast_status([(1, 0, b"ab")], 2)
+    assert reply.answered(cut) == 1
+    with pytest.raises(ProtocolError):
+        reply.decode(cut)
+
+
+def test_the_alert_and_the_error_number_are_told_apart():
+    assert StatusPacket(1, 0x80, b"").alert
+    assert StatusPacket(1, 0x80, b"").refusal is None
+    assert "range" in StatusPacket(1, 0x84, b"").refusal
+    assert "9" in StatusPacket(1, 0x09, b"").refusal
+
+
+def test_requests_that_no_servo_could_understand_are_not_made():
+    with pytest.raises(ProtocolError, match="253"):
+        encode_packet(253, 1)
+    with pytest.raises(ProtocolError, match="too long"):
+        encode_packet(1, 3, bytes(2000))
+    with pytest.raises(ProtocolError, match="equally many"):
+        instructions.sync_write(102, {1: b"ab", 2: b"c"})
