@@ -18,7 +18,7 @@ def log(recording: rr.RecordingStream, scene: Scene) -> None:
     ends = scene.time_s[[0, -1]]
     for entity, (name, column) in PARAMETERS.items():
         online = {"online": (scene.ticks[column], colors.MEASURED)}
-        send_lines(recording, f"{entity}/online", scene.time_s, online, (1.5,))
+        send_lines(recording, f"{entity}/online", scene.time_s, online, (4.0,))
         found = scene.found(name)
         if found is not None:
             lower, upper = found.interval
@@ -30,7 +30,7 @@ def log(recording: rr.RecordingStream, scene: Scene) -> None:
             send_lines(recording, f"{entity}/afterwards", ends, band, (2.0, 1.0, 1.0))
         if name in scene.truth:
             truth = {"truth": (_level(scene.truth[name]), colors.TRUTH)}
-            send_lines(recording, f"{entity}/truth", ends, truth, (1.5,))
+            send_lines(recording, f"{entity}/truth", ends, truth, (1.0,))
 
 
 def shown_range(scene: Scene, entity: str) -> tuple[float, float] | None:
