@@ -1,6 +1,5 @@
 """The backends that keep the contract. A new one adds itself to `BACKENDS`; every test here runs on it."""
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -146,12 +145,11 @@ def open_dynamixel() -> Bench:
     return open_wired(load_robot_file(ROBOTS / "dynamixel_3dof.yaml"), None)
 
 
-def open_small_dynamixel() -> Bench:
-    """Small servos with the plain sync read, and the velocity by differentiation."""
+def open_plain_dynamixel() -> Bench:
+    """Other servos, with the plain sync read, and the velocity by differentiation."""
     text = (ROBOTS / "dynamixel_3dof.yaml").read_text(encoding="utf-8")
-    text = re.sub("XM...-W...", "XL330-M288", text).replace("baud_rate: 4000000", "fast_sync_read: false")
+    text = text.replace("XM540-W270", "XH540-W270").replace("baud_rate: 4000000", "fast_sync_read: false")
     text = text.replace("velocity: servo", "velocity: difference")
-    text = text.replace("torque_nm: [8.0, 8.0, 3.0]", "torque_nm: [0.6, 0.6, 0.6]")
     return open_wired(parse_robot_file(text, ROBOTS / "dynamixel_3dof.yaml"), None)
 
 
@@ -161,7 +159,7 @@ BACKENDS = [
     Backend("odrive_0.5_force_lines", open_odrive_0_5),
     Backend("cubemars_lorenz", open_cubemars),
     Backend("dynamixel_fast", open_dynamixel),
-    Backend("dynamixel_plain", open_small_dynamixel),
+    Backend("dynamixel_plain", open_plain_dynamixel),
     Backend(
         "simulation",
         open_simulation,

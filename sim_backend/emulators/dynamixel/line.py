@@ -13,7 +13,7 @@ from sim_backend.emulators.dynamixel import wire
 from sim_backend.emulators.dynamixel.control_table import Error
 from sim_backend.emulators.dynamixel.mounting import Mounting
 from sim_backend.emulators.dynamixel.servo import EmulatedServo
-from sim_backend.emulators.faults import FaultKind, Faults
+from sim_backend.emulators.faults import Fault, FaultKind, Faults
 from sim_backend.emulators.plant import Plant
 
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
@@ -204,41 +204,39 @@ class DynamixelLine(EmulatedWire):
             servo = answer.servo
             said_id = self._said_id(servo.id, now_s)
             packet = wire.status(said_id, answer.error | servo.alert, answer.data)
-            frame = self._transmit(servo.id, packet, servo.return_delay_s, now_s)
-            if frame:
-                frames.append(frame)
+            if not self.faults.strikes(FaultKind.DROP, servo.id, now_s):
+                frames.append(self._transmit([servo], packet, now_s))
         self._outgoing += self._misordered(frames, now_s)
 
     def _answer_fast(self, answers: Sequence[_Answer | None], size: int, now_s: float) -> None:
         """All in one packet; it ends before the first servo that is silent."""
         parts: list[tuple[int, int, bytes]] = []
+        speaking: list[EmulatedServo] = []
         for answer in answers:
             if answer is None or self.faults.strikes(FaultKind.DROP, answer.servo.id, now_s):
                 break
             data = answer.data.ljust(size, b"\0")
             parts.append((self._said_id(answer.servo.id, now_s), answer.error | answer.servo.alert, data))
-        first = answers[0]
-        if not parts or first is None:
-            return
-        packet = wire.fast_status(self._swapped(parts, now_s), len(answers))
-        frame = self._transmit(first.servo.id, packet, first.servo.return_delay_s, now_s, may_drop=False)
-        if frame:
-            self._outgoing.append(frame)
+            speaking.append(answer.servo)
+        if parts:
+            packet = wire.fast_status(self._swapped(parts, now_s), len(answers))
+            self._outgoing.append(self._transmit(speaking, packet, now_s))
 
-    def _transmit(
-        self, device: int, packet: bytes, return_delay_s: float, now_s: float, *, may_drop: bool = True
-    ) -> _Frame | None:
-        """Put a packet on the line after what is on it already."""
-        strikes = self.faults.strikes
-        if may_drop and strikes(FaultKind.DROP, device, now_s):
-            return None
-        if strikes(FaultKind.CORRUPT, device, now_s):
+    def _transmit(self, speaking: Sequence[EmulatedServo], packet: bytes, now_s: float) -> _Frame:
+        """Put what some servos say on the line, after what is on it already."""
+
+        def strikes(kind: FaultKind) -> list[Fault]:
+            found = (self.faults.strikes(kind, servo.id, now_s) for servo in speaking)
+            return [fault for fault in found if fault]
+
+        if strikes(FaultKind.CORRUPT):
             packet = self.faults.flip_a_bit(packet)
-        if strikes(FaultKind.DUPLICATE, device, now_s):
+        if strikes(FaultKind.DUPLICATE):
             packet += packet
-        self._quiet_s = max(self._quiet_s, now_s) + return_delay_s + self._byte_s * len(packet)
-        late = strikes(FaultKind.DELAY, device, now_s)
-        return _Frame(device, packet, self._quiet_s + (late.delay_s if late else 0.0))
+        self._quiet_s = max(self._quiet_s, now_s) + speaking[0].return_delay_s
+        self._quiet_s += self._byte_s * len(packet)
+        late_s = max((fault.delay_s for fault in strikes(FaultKind.DELAY)), default=0.0)
+        return _Frame(speaking[0].id, packet, self._quiet_s + late_s)
 
     def _said_id(self, servo_id: int, now_s: float) -> int:
         wrong = self.faults.strikes(FaultKind.WRONG_ID, servo_id, now_s)

@@ -1,0 +1,405 @@
+"""The Dynamixel driver against emulated servos: what it sets up, reads, sends, refuses and notices."""
+
+import numpy as np
+import pytest
+
+from robot_io.clock import SimulatedClock
+from robot_io.driver import DriverContext
+from robot_io.drivers.dynamixel_bus import DynamixelBus
+from robot_io.errors import DeviceError, DeviceTimeoutError, InputError, LifecycleError
+from robot_io.robot_file import load_robot_file
+from robot_io.types import Status
+from sim_backend.emulators.dynamixel import control_table as table
+from tests.robot_io.drivers.dynamixel_bench import READ_S, ROBOT_FILE, TICK_S, dynamixel_bench
+
+FAST, PLAIN = {"fast_sync_read": True}, {"fast_sync_read": False}
+BOTH = pytest.mark.parametrize("way", [FAST, PLAIN], ids=["fast", "plain"])
+WATCHDOG_S = 0.06
+
+
+@pytest.fixture(params=[FAST, PLAIN], ids=["fast", "plain"])
+def active(request):
+    with dynamixel_bench(**request.param) as bench:
+        bench.start()
+        bench.tick()
+        yield bench
+
+
+@pytest.fixture
+def fast():
+    with dynamixel_bench() as bench:
+        bench.start()
+        bench.tick()
+        yield bench
+
+
+# Setting up
+
+
+def test_activating_sets_what_the_robot_file_says():
+    with dynamixel_bench(return_delay_s=40e-6, watchdog_s=0.1) as bench:
+        bench.start()
+        for servo in bench.line.servos.values():
+            assert servo.memory.get(table.OPERATING_MODE) == 0
+            assert servo.memory.get(table.RETURN_DELAY) == 20
+            assert servo.memory.get(table.BUS_WATCHDOG) == 5
+            assert servo.memory.get(table.TORQUE_ENABLE) == 1
+            assert servo.memory.get(table.GOAL_CURRENT) == 0
+
+
+def test_configuring_powers_nothing_and_says_who_is_there():
+    with dynamixel_bench() as bench:
+        bench.bus.configure()
+        assert [identity.id for identity in bench.bus.identities] == [1, 2, 3]
+        assert bench.bus.identities[2].model == "XM430-W350"
+        assert bench.bus.identities[0].voltage_v == pytest.approx(12.0)
+        assert bench.bus.identities[0].hardware_error == "none"
+        assert not any(servo.memory.get(table.TORQUE_ENABLE) for servo in bench.line.servos.values())
+        with pytest.raises(LifecycleError):
+            bench.torque.stage_torque(np.zeros(3))
+
+
+def test_a_servo_that_does_not_answer_is_named():
+    said = r"no answer from servo 2 at 4000000 bit/s \(answering: 1, 3\)"
+    with dynamixel_bench(bolted={2: {"id": 9}}) as bench, pytest.raises(DeviceError, match=said):
+        bench.bus.configure()
+
+
+def test_another_model_than_the_robot_files_is_refused():
+    said = "servo 2 is a XM430-W350, the robot file says XM540-W270"
+    bolted = {2: {"model": "XM430-W350"}}
+    with dynamixel_bench(bolted=bolted) as bench, pytest.raises(DeviceError, match=said):
+        bench.bus.configure()
+
+
+def test_firmware_without_a_bus_watchdog_is_refused():
+    said = "servo 3 has firmware 37"
+    with dynamixel_bench(bolted={3: {"firmware": 37}}) as bench, pytest.raises(DeviceError, match=said):
+        bench.bus.configure()
+
+
+def test_older_firmware_is_read_the_plain_way():
+    with dynamixel_bench(bolted={3: {"firmware": 44}}) as bench:
+        bench.start()
+        assert np.isfinite(bench.tick().position_rad).all()
+
+
+@pytest.mark.parametrize(("mode", "word"), [(1, "reversed"), (8, "by itself")])
+def test_a_drive_mode_that_would_surprise_is_refused(mode, word):
+    with dynamixel_bench() as bench:
+        bench.line.servos[1].memory.put(table.DRIVE_MODE, mode)
+        with pytest.raises(DeviceError, match=f"servo 1.*{word}"):
+            bench.bus.configure()
+
+
+def test_a_servo_that_answers_nothing_but_pings_is_made_to_answer():
+    with dynamixel_bench() as bench:
+        for servo in bench.line.servos.values():
+            servo.memory.put(table.STATUS_RETURN_LEVEL, 1)
+        bench.start()
+        assert bench.tick() is not None
+
+
+@pytest.mark.parametrize(
+    ("settings", "problem"),
+    [
+        ({"servos": [{"id": 1, "model": "XM430-W999"}]}, "XM430-W350"),
+        ({"servos": [{"id": 1, "model": "XM430-W350"}] * 2}, "twice"),
+        ({"servos": [{"id": 253, "model": "XM430-W350"}]}, "253"),
+        ({"servos": [{"id": 1, "model": "XM430-W350"}, {"id": 2, "model": "XL330-M288"}]}, "two buses"),
+        ({"baud_rate": 1234}, "57600"),
+        ({"watchdog_s": 3.0}, "watchdog_s"),
+        ({"return_delay_s": 0.001}, "return_delay_s"),
+    ],
+)
+def test_settings_that_cannot_work_are_refused(settings, problem):
+    own = {"port": "none", "servos": [{"id": 1, "model": "XM430-W350"}]} | settings
+    context = DriverContext(SimulatedClock(), load_robot_file(ROBOT_FILE), section=("buses", "servos"))
+    with pytest.raises(InputError, match=problem):
+        DynamixelBus(own, context)
+
+
+# Reading and commanding
+
+
+def test_positions_are_the_arms_whatever_the_mounting():
+    servos = [
+        {"id": 1, "model": "XM540-W270", "zero_rad": 0.3},
+        {"id": 2, "model": "XM540-W270", "zero_rad": -2.0, "reversed": True},
+        {"id": 3, "model": "XM430-W350", "zero_rad": 6.0},
+    ]
+    with dynamixel_bench(servos=servos) as bench:
+        bench.bus.configure()
+        position = bench.read().position_rad
+        np.testing.assert_allclose(position, bench.robot_file.home_rad, atol=0.001)
+
+
+def test_a_wrong_zero_and_a_wrong_sign_show():
+    with dynamixel_bench(bolted={1: {"zero_rad": np.pi + 0.1}, 2: {"reversed": False}}) as bench:
+        bench.bus.configure()
+        off = bench.read().position_rad - bench.robot_file.home_rad
+        assert off[0] == pytest.approx(-0.1, abs=0.001)
+        assert abs(off[1]) > 1.0
+        assert off[2] == pytest.approx(0.0, abs=0.001)
+
+
+@BOTH
+def test_negative_values_are_negative(way):
+    """Minus one in a current beside minus three in a velocity is what byte stuffing is for."""
+    with dynamixel_bench(**way) as bench:
+        bench.start()
+        memory = bench.line.servos[1].memory
+        bench.line.servos[1]._look = lambda: None
+        for address, value in (
+            (table.PRESENT_CURRENT, -1),
+            (table.PRESENT_VELOCITY, -3),
+            (table.PRESENT_POSITION, -1),
+        ):
+            memory.put(address, value)
+        sample = bench.read()
+        assert sample.velocity_rad_s[0] == pytest.approx(-3 * 0.229 * 2 * np.pi / 60)
+        assert sample.torque_nm[0] == pytest.approx(-0.00269 * 10.6 / 4.4)
+        step_rad = 2 * np.pi / 4096
+        assert (sample.position_rad[0] - np.pi + step_rad + np.pi) % (2 * np.pi) == pytest.approx(np.pi)
+
+
+def test_what_is_sent_is_what_the_motors_exert(active):
+    wanted = np.array([0.7, -0.4, 0.11])
+    for _ in range(3):
+        active.read()
+        sent = active.torque.stage_torque(wanted)
+        active.bus.flush(active.clock.now_s())
+    active.clock.sleep_until(active.clock.now_s() + TICK_S)
+    np.testing.assert_allclose(sent, wanted, atol=0.004)
+    np.testing.assert_allclose(active.exerted_nm(), sent, rtol=1e-9)
+
+
+def test_a_calibrated_torque_constant_is_used():
+    constant = {1: {"torque_constant_nm_a": 2.0}}
+    with dynamixel_bench(bolted=constant) as bench:  # the servo is weaker than its data sheet says
+        bench.start()
+        bench.tick((1.0, 0.0, 0.0))
+        bench.clock.sleep_until(bench.clock.now_s() + TICK_S)
+        assert bench.exerted_nm()[0] == pytest.approx(1.0 * 2.0 / (10.6 / 4.4), rel=0.01)
+
+
+def test_the_configured_current_limit_is_kept():
+    with dynamixel_bench() as bench:
+        bench.line.servos[3].memory.put(table.CURRENT_LIMIT, 100)
+        bench.start()
+        sent = bench.torque.stage_torque(np.full(3, 100.0))
+        assert sent[2] == pytest.approx(100 * 0.00269 * 4.1 / 2.3)
+        bench.tick((0.0, 0.0, 100.0))
+        bench.clock.sleep_until(bench.clock.now_s() + TICK_S)
+        assert bench.exerted_nm()[2] == pytest.approx(sent[2])
+
+
+def test_the_velocity_by_difference_follows_the_servos():
+    with dynamixel_bench(encoder={"velocity": "difference", "bandwidth_hz": 40}) as bench:
+        bench.start()
+        speeds = []
+        for _ in range(60):
+            bench.tick((1.2, 0.5, 0.1))
+            speeds.append((bench.encoder.read_velocity().value, bench.bus.sample.velocity_rad_s))
+        by_difference, by_servo = np.array(speeds[20:]).transpose(1, 0, 2)
+        assert np.abs(by_servo).max() > 1.0
+        np.testing.assert_allclose(by_difference.mean(axis=0), by_servo.mean(axis=0), rtol=0.15, atol=0.1)
+
+
+def test_samples_carry_the_time_of_the_question_and_are_worth_the_bus_time(active):
+    before_s = active.clock.now_s() + TICK_S
+    sample = active.read()
+    assert sample.sampled_at_s == pytest.approx(before_s)
+    assert active.clock.now_s() - before_s < 0.4e-3  # at 4 Mbit/s
+
+
+# Faults on the wire: nothing wrong is accepted, nothing old is shown as new
+
+
+@pytest.mark.parametrize("kind", ["drop", "corrupt", "delay", "wrong_id"])
+def test_a_bad_answer_costs_the_tick_and_no_more(active, kind):
+    for servo_id in (1, 2, 3):
+        good = active.tick()
+        active.befall(kind=kind, device=servo_id, times=1, delay_s=0.01 if kind == "delay" else 0.0)
+        started_s = active.clock.now_s() + TICK_S
+        with pytest.raises(DeviceTimeoutError, match=r"servo"):
+            active.tick()
+        assert active.clock.now_s() - started_s <= READ_S + 1e-9
+        assert active.bus.sample is good
+        active.wait(0.02)
+        assert active.tick().sampled_at_s > good.sampled_at_s
+
+
+@pytest.mark.parametrize("servo_id", [1, 2, 3])
+def test_the_silent_servo_is_named(active, servo_id):
+    active.befall(kind="drop", device=servo_id)
+    with pytest.raises(DeviceTimeoutError, match=rf"servo {servo_id} did not answer in time"):
+        active.tick()
+
+
+def test_a_late_answer_is_not_taken_for_the_answer_to_the_next_question(active):
+    """Each answer comes a little more than a tick late: it arrives while the next question is waiting."""
+    good = active.tick()
+    active.befall(kind="delay", delay_s=1.2e-3, for_s=0.02)
+    for _ in range(8):
+        with pytest.raises(DeviceTimeoutError):
+            active.read()
+        assert active.bus.sample is good
+    active.wait(0.02)
+    active.tick()
+
+
+def test_a_doubled_answer_does_no_harm(active):
+    active.befall(kind="duplicate", for_s=0.01)
+    before = active.tick()
+    for _ in range(8):
+        after = active.tick()
+        assert after.sampled_at_s > before.sampled_at_s
+        before = after
+
+
+def test_answers_out_of_order_are_sorted_by_id_or_refused(active):
+    home = active.tick((0.0, 0.0, 0.0)).position_rad
+    active.befall(kind="reorder", device=1, times=1)
+    try:
+        position = active.read().position_rad
+    except DeviceTimeoutError:  # within a fast answer, the order is part of what must be right
+        position = active.read().position_rad
+    np.testing.assert_allclose(position, home, atol=0.05)
+
+
+# Faults of the servos: named, and nothing that they show is believed
+
+
+def test_an_alert_is_named(active):
+    active.befall(kind="alert", device=2, times=1)
+    with pytest.raises(DeviceError, match=r"servo 2 \(joint 2\): .*overload"):
+        active.tick()
+    with pytest.raises(DeviceError, match="overload"):
+        active.tick()
+
+
+def test_a_hardware_error_that_does_not_switch_off_is_a_fault_of_the_drives_alone(fast):
+    fast.line.servos[3].memory.put(table.SHUTDOWN, 0)
+    fast.befall(kind="alert", device=3, times=1)
+    with pytest.raises(DeviceError, match=r"servo 3.*overload"):
+        fast.tick()
+    assert fast.torque.read_torque().status is Status.FAULT
+    assert fast.encoder.read_position().status is Status.OK
+    assert fast.encoder.read_position().sampled_at_s == fast.bus.sample.sampled_at_s
+
+
+def test_a_servo_that_has_restarted_is_noticed_and_not_believed(active):
+    good = active.tick()
+    active.line.servos[2].reboot(active.clock.now_s(), 0.0)
+    with pytest.raises(DeviceError, match=r"servo 2 \(joint 2\): has forgotten its settings"):
+        active.read()
+    assert active.bus.sample is good
+
+
+def test_a_servo_that_is_away_is_silent_and_then_restarted(active):
+    active.befall(kind="reboot", device=1, times=1, delay_s=0.02)
+    with pytest.raises(DeviceTimeoutError, match="servo 1"):
+        active.tick()
+    active.wait(0.03)
+    with pytest.raises(DeviceError, match=r"servo 1.*restarted"):
+        active.tick()
+
+
+def test_a_hardware_error_keeps_the_torque_off_until_a_reboot(fast):
+    fast.befall(kind="alert", device=2, times=1)
+    with pytest.raises(DeviceError):
+        fast.tick()
+    fast.torque.deactivate()
+    fast.bus.activate()
+    with pytest.raises(DeviceError, match=r"servo 2: setting torque enable.*overload; it must be rebooted"):
+        fast.torque.activate()
+
+
+# Letting go
+
+
+def test_servos_that_hear_nothing_let_go_by_themselves(active):
+    active.tick((0.5, 0.3, 0.1))
+    active.wait(WATCHDOG_S - 0.005)
+    assert (active.exerted_nm() != 0).all()
+    active.wait(0.01)
+    assert (active.exerted_nm() == 0).all()
+    with pytest.raises(DeviceError, match=r"servo 1 \(joint 1\): its bus watchdog has fired"):
+        active.read()
+
+
+def test_after_the_watchdog_activating_again_helps(active):
+    active.wait(2 * WATCHDOG_S)
+    active.torque.deactivate()
+    active.read()
+    active.bus.activate()
+    active.torque.activate()
+    active.tick((0.5, 0.3, 0.1))
+    active.tick((0.5, 0.3, 0.1))
+    assert (active.exerted_nm() != 0).all()
+
+
+def test_switching_off_is_confirmed_by_every_servo(active):
+    active.tick()
+    active.torque.deactivate()
+    assert not any(servo.memory.get(table.TORQUE_ENABLE) for servo in active.line.servos.values())
+    assert (active.exerted_nm() == 0).all()
+    active.torque.deactivate()
+
+
+def test_switching_off_gets_through_a_bad_line(active):
+    active.befall(kind="corrupt", probability=0.3)
+    active.torque.deactivate()
+    assert (active.exerted_nm() == 0).all()
+
+
+def test_switching_off_that_nobody_confirms_is_an_error_that_says_what_follows(active):
+    active.befall(kind="drop", device=2)
+    with pytest.raises(DeviceError, match=r"torque not known to be off: servo 2.*watchdog lets go 0.06 s"):
+        active.torque.deactivate()
+
+
+def test_an_unplugged_port_is_an_error_and_the_watchdogs_let_go(active):
+    active.tick((0.5, 0.3, 0.1))
+    active.befall(kind="unplug", times=1)
+    for _ in range(3):
+        with pytest.raises(DeviceError, match="unplugged"):
+            active.tick()
+    with pytest.raises(DeviceError, match="torque not known to be off"):
+        active.torque.deactivate()
+    active.torque.deactivate()  # said once; there is nothing more to do
+    active.wait(1.1 * WATCHDOG_S)
+    assert (active.exerted_nm() == 0).all()
+
+
+def test_a_port_that_failed_can_be_used_again(active, tmp_path):
+    """After it is plugged in again, under the same name."""
+    active.bus.close()
+    name = tmp_path / "port"
+    name.symlink_to(active.line.path)
+    active.bus.use_port(str(name))
+    active.start()
+    active.bus._port.close()
+    active.bus._port.failure = "the port has failed"
+    with pytest.raises(DeviceError, match="failed"):
+        active.read()
+    active.start()
+    assert active.tick() is not None
+
+
+def test_a_port_has_one_owner(active):
+    with dynamixel_bench() as other:
+        other.bus.use_port(active.line.path)
+        with pytest.raises(DeviceError, match="cannot be opened"):
+            other.bus.configure()
+    with pytest.raises(LifecycleError):
+        active.bus.use_port("/dev/null")
+
+
+def test_a_port_that_is_not_there_is_an_error():
+    with dynamixel_bench() as bench:
+        bench.bus.use_port("/dev/no_such_port")
+        with pytest.raises(DeviceError, match="No such file"):
+            bench.bus.configure()
+        bench.torque.deactivate()  # nothing was ever powered
