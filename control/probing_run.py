@@ -121,7 +121,7 @@ class ProbingRun:
             "(search_depth_m, targets_world_m)"
         )
         self._event("missed_surface", self.failure)
-        self._leave()
+        self._go_back()
 
     def _loading(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         limit_n, set_m_s = self._plan.force_limit_n, self.spec.speed_m_s
@@ -231,12 +231,15 @@ class ProbingRun:
         if not output.in_contact or output.state.travel_m < half_way_m:
             kind = "still_in_contact" if output.in_contact else "release"
             self._event(kind, f"{kind.replace('_', ' ')}: {output.force_n:.3f} N", force_n=output.force_n)
-            plan = self._plan
-            self._return = LineReturn(
-                output.state, self._site.approach_travel_m, plan.travel_speed_m_s, plan.acceleration_m_s2
-            )
-            self._enter(Phase.RETRACT, self._retract)
+            self._go_back()
         return output
+
+    def _go_back(self) -> None:
+        """To where the next approach starts."""
+        plan, travel_m = self._plan, self._site.approach_travel_m
+        start = self._control.state
+        self._return = LineReturn(start, travel_m, plan.travel_speed_m_s, plan.acceleration_m_s2)
+        self._enter(Phase.RETRACT, self._retract)
 
     def _retract(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         reference = HybridReference(free=self._return.at(self._time_s))

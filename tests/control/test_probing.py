@@ -117,7 +117,8 @@ def test_a_surface_that_is_not_there_is_an_event_and_the_next_target_is_tried():
     assert task.failures == (missed[0].text,)
     assert "no touch within 60 mm" in missed[0].text
     assert "from z = 230 mm to 170 mm" in missed[0].text
-    assert record.kinds().count("limit_reached") == 2
+    assert record.kinds().count("limit_reached") == record.kinds().count("release") == 2
+    assert record.event("probing_done").data["runs"] == 2
     assert record.outputs[-1].done
 
 

@@ -1,0 +1,148 @@
+"""How well the force limit is kept while probing: both simulated arms, over the range of objects.
+
+Forces are the simulation's own, free of sensors. "late" is the highest force from 20 ms after the first
+contact on; "hold" is the largest deviation over the last 0.3 s of the hold; "lost" counts ticks without
+contact while loading and holding; "track" is the largest error of a joint.
+"""
+
+import argparse
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.table import Column, Table
+
+from control.loop import run_loop
+from control.phases import Phase
+from control.probing import ProbingTask
+from control.probing_plan import ProbingPlan
+from palpate.robots import find_robot, shipped_robots
+from robot_io.clock import SimulatedClock
+from robot_io.driver import DriverCatalogue
+from robot_io.guard import Guard
+from robot_io.robot import build_robot
+from sim_backend.scenario import load_scenario
+
+RATE_HZ = 1000.0
+SOFT = ((100.0, 200.0, 500.0, 1000.0, 2000.0), (0.15, 0.09, 0.06))  # stiffness [N/m], speeds [m/s]
+STIFF = ((4000.0, 7100.0, 10_000.0), (0.05, 0.02, 0.01))
+DAMPING_N_S_M = (0.0, 20.0, 100.0, 200.0)
+LATE_S = 0.020
+HEADER = (
+    "arm",
+    "k [N/m]",
+    "c [N s/m]",
+    "mm/s",
+    "peak [N]",
+    "late [N]",
+    "hold [N]",
+    "lost",
+    "tracking [mrad]",
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run."""
+
+    peak_n: float
+    late_n: float
+    hold_error_n: float
+    lost_ticks: int
+    tracking_rad: float
+
+
+class Ticks:
+    """A log in memory that keeps the true force beside each record."""
+
+    dropped = 0
+    failure = None
+
+    def __init__(self) -> None:
+        self.records: list[np.void] = []
+        self.force_n: list[float] = []
+
+    def append(self, stream_name: str, record: np.void) -> None:
+        """Keep a copy."""
+        self.records.append(record.copy())
+
+    def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
+        """Nothing is kept."""
+
+
+def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPlan) -> list[Row]:
+    """Probe one object at all speeds of the plan."""
+    robot_file, clock, log = find_robot(arm), SimulatedClock(), Ticks()
+    task = ProbingTask.from_robot_file(robot_file, plan)
+    guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
+    robot = build_robot(robot_file, DriverCatalogue("sim_backend.drivers"), clock)
+    law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness_n_m, "damping_n_s_m": damping_n_s_m}
+    bus = robot.buses["world"]
+    bus.use_scenario(load_scenario({"object": {"law": law}}))
+
+    def keep_truth(_record: np.void) -> tuple[float, float, float]:
+        log.force_n.append(bus.world.truth().force_n)
+        return np.nan, np.nan, np.nan
+
+    with robot:
+        run_loop(robot, guard, task, clock, log, rate_hz=RATE_HZ, observer=keep_truth).raise_for_trip()
+    records, force_n = np.array(log.records), np.array(log.force_n)
+    runs = range(len(plan.speeds_m_s))
+    return [summary(records[records["run"] == run], force_n[records["run"] == run], plan) for run in runs]
+
+
+def summary(records: np.ndarray, force_n: np.ndarray, plan: ProbingPlan) -> Row:
+    """What one run did to the force."""
+    time_s, phase = records["time_s"], records["phase"]
+    late = time_s >= time_s[force_n > 0.0][0] + LATE_S
+    held = force_n[phase == Phase.HOLD][-300:]
+    pressed = (phase == Phase.LOADING) | (phase == Phase.HOLD)
+    return Row(
+        peak_n=force_n.max(),
+        late_n=force_n[late].max(),
+        hold_error_n=np.abs(held - plan.force_limit_n).max(),
+        lost_ticks=int((force_n[pressed] <= 0.0).sum()),
+        tracking_rad=np.abs(records["joint_position_rad"] - records["reference_position_rad"]).max(),
+    )
+
+
+def objects() -> Iterator[tuple[float, float, tuple[float, ...]]]:
+    """Stiffness, damping, and the speeds at which it is probed."""
+    for stiffnesses, speeds in (SOFT, STIFF):
+        for stiffness in stiffnesses:
+            for damping in DAMPING_N_S_M:
+                yield stiffness, damping, speeds
+
+
+def cells(arm: str, stiffness_n_m: float, damping_n_s_m: float, speed_m_s: float, row: Row) -> list[str]:
+    """A row of the table."""
+    condition = [arm, f"{stiffness_n_m:.0f}", f"{damping_n_s_m:.0f}", f"{1e3 * speed_m_s:.0f}"]
+    forces = [f"{row.peak_n:.2f}", f"{row.late_n:.2f}", f"{row.hold_error_n:.3f}"]
+    return [*condition, *forces, f"{row.lost_ticks}", f"{1e3 * row.tracking_rad:.2f}"]
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--arm", choices=sorted(shipped_robots()), help="only this one")
+    only = parser.parse_args().arm
+    table = Table(*(Column(name, justify="right") for name in HEADER))
+    rows: list[Row] = []
+    for arm in [only] if only else sorted(shipped_robots()):
+        for stiffness, damping, speeds in objects():
+            found = probe(arm, stiffness, damping, ProbingPlan(speeds_m_s=speeds))
+            rows += found
+            for speed, row in zip(speeds, found, strict=True):
+                table.add_row(*cells(arm, stiffness, damping, speed, row))
+    console = Console()
+    console.print(table)
+    console.print(
+        f"{len(rows)} runs, no trips; worst: late {max(row.late_n for row in rows):.2f} N, hold "
+        f"{max(row.hold_error_n for row in rows):.3f} N, lost {max(row.lost_ticks for row in rows)}, "
+        f"tracking {1e3 * max(row.tracking_rad for row in rows):.2f} mrad"
+    )
+
+
+if __name__ == "__main__":
+    main()
