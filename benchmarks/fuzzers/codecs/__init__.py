@@ -1,0 +1,1 @@
+"""One file per protocol; a new one is found by its `name`."""

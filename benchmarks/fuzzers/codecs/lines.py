@@ -1,0 +1,72 @@
+"""Sensors that write lines: every accepted value must stand in the stream as a number."""
+
+import re
+from typing import ClassVar
+
+import numpy as np
+
+from robot_io.serial_force.loadstar import LoadstarStream
+from robot_io.serial_force.pattern import PatternStream, compile_pattern
+
+from ..fuzzer import Fuzzer
+
+_MEMORY = 400  # a value may have begun in earlier inputs
+
+
+class _LinesFuzzer(Fuzzer):
+    def __init__(self) -> None:
+        self._seen = b""
+
+    def _remember(self, data: bytes) -> None:
+        self._seen = (self._seen + data)[-_MEMORY - len(data) :]
+
+    def is_wrong(self, data: bytes, accepted: object) -> bool:
+        """See `Fuzzer.is_wrong`: the number must be the first word of a line."""
+        words = (line.split()[:1] for line in re.split(rb"[\r\n]", self._seen))
+        return not any(_is(word[0], accepted) for word in words if word)
+
+
+def _is(word: bytes, value: object) -> bool:
+    try:
+        return float(word) == value
+    except ValueError:
+        return False
+
+
+class LoadstarFuzzer(_LinesFuzzer):
+    """The continuous mode, in newtons."""
+
+    name: ClassVar[str] = "loadstar"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._stream = LoadstarStream(1.0, 100.0)
+
+    def frame(self, rng: np.random.Generator) -> bytes:
+        """See `Fuzzer.frame`."""
+        return f"{rng.normal(scale=30.0):12.4f}\r\n".encode()
+
+    def decode(self, data: bytes) -> list[object]:
+        """See `Fuzzer.decode`."""
+        self._remember(data)
+        return list(self._stream.feed(data))
+
+
+class PatternFuzzer(_LinesFuzzer):
+    """A gauge that names its unit."""
+
+    name: ClassVar[str] = "force_lines"
+
+    def __init__(self) -> None:
+        super().__init__()
+        pattern = compile_pattern(r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>N)")
+        self._stream = PatternStream(pattern, None, 1.0)
+
+    def frame(self, rng: np.random.Generator) -> bytes:
+        """See `Fuzzer.frame`."""
+        return f"{rng.normal(scale=30.0):.3f} N\r\n".encode()
+
+    def decode(self, data: bytes) -> list[object]:
+        """See `Fuzzer.decode`."""
+        self._remember(data)
+        return list(self._stream.feed(data))
