@@ -4,9 +4,11 @@ from enum import StrEnum
 
 import numpy as np
 
+from estimation.noise_level import robust_sigma
 from robot_io.types import FloatArray
 
 CAUCHY_CUT = 2.385  # in sigmas: 95 % efficient at Gaussian noise
+_SMALLEST_RESIDUAL = 0.05  # in sigmas: keeps 1 / |residual| finite
 
 
 class Loss(StrEnum):
@@ -29,3 +31,9 @@ class Loss(StrEnum):
         square = (standardised / CAUCHY_CUT) ** 2
         slope: FloatArray = (1.0 - square) / (1.0 + square) ** 2
         return slope
+
+
+def absolute_share(residuals: FloatArray) -> FloatArray:
+    """Squared weights with which least squares, repeated, minimises absolute residuals, shape (n,)."""
+    smallest = _SMALLEST_RESIDUAL * max(robust_sigma(residuals), np.finfo(float).tiny)
+    return np.asarray(1.0 / np.maximum(np.abs(residuals), smallest))

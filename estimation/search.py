@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from estimation.least_squares import solve
-from estimation.loss import Loss
+from estimation.loss import Loss, absolute_share
 from estimation.model import Parameters
 from estimation.noise_level import robust_sigma
 from estimation.problem import STEP, Problem
@@ -21,7 +21,6 @@ from robot_io.types import FloatArray
 
 _ROUNDS = 40
 _ABSOLUTE_ROUNDS = 5
-_SMALLEST_RESIDUAL = 0.05  # in sigmas: keeps 1 / |residual| finite
 _TOLERANCE = 1e-7
 
 
@@ -82,7 +81,7 @@ def _cost(problem: Problem, loss: Loss, values: Parameters) -> float:
     if loss is Loss.LINEAR:
         return float(np.mean((weights * residuals) ** 2))
     for _ in range(_ABSOLUTE_ROUNDS):
-        _, residuals = _project(regression, weights * np.sqrt(_absolute(weights * residuals)))
+        _, residuals = _project(regression, weights * np.sqrt(absolute_share(weights * residuals)))
     return float(np.mean(np.abs(weights * residuals)))
 
 
@@ -92,19 +91,13 @@ def _project(regression: Regression, weights: FloatArray) -> tuple[FloatArray, F
     return gains, regression.effort - regression.columns @ gains
 
 
-def _absolute(residuals: FloatArray) -> FloatArray:
-    """Weights with which least squares minimises absolute residuals, shape (n,)."""
-    smallest = _SMALLEST_RESIDUAL * max(robust_sigma(residuals), np.finfo(float).tiny)
-    return 1.0 / np.maximum(np.abs(residuals), smallest)
-
-
 def _reweight(problem: Problem, loss: Loss, vector: FloatArray, weights: FloatArray) -> Solution:
     """Repeat the search with weights from the residuals of the one before."""
     gains, residuals = _project(problem.regression(vector), weights)
     for number in range(_ROUNDS):
         noise = max(robust_sigma(weights * residuals), np.finfo(float).tiny)
         absolute = number < _ABSOLUTE_ROUNDS
-        share = _absolute(weights * residuals) if absolute else loss.weight(weights * residuals / noise)
+        share = absolute_share(weights * residuals) if absolute else loss.weight(weights * residuals / noise)
         before = gains, vector
         vector = _descend(problem, vector, weights * np.sqrt(share))
         gains, residuals = _project(problem.regression(vector), weights * np.sqrt(share))

@@ -5,17 +5,19 @@ import numpy as np
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
 from estimation.least_squares import solve
-from estimation.loss import Loss
-from estimation.noise_level import NoiseLevel, fit_noise_level
+from estimation.loss import Loss, absolute_share
+from estimation.noise_level import NoiseLevel, fit_noise_level, robust_sigma
 from estimation.regression import Regression
 from estimation.subsets import solve_subsets
 from estimation.uncertainty import assemble, sandwich
-from robot_io.types import FloatArray
+from robot_io.types import BoolArray, FloatArray
 
 _CUT = 4.685  # of the biweight, in sigmas: 95 % efficient at Gaussian noise
 _STARTS = 500  # subsets of the start: one of p = 4 is clean at 40 % outliers with probability 1 - 1e-30
 _START_SAMPLES = 2000  # samples on which the starts are compared
 _ROUNDS = 50
+_ABSOLUTE_ROUNDS = 15
+_FEWEST_INSIDE = 0.55  # share of samples below which the others are no outliers but a misfit
 _TOLERANCE = 1e-10
 
 
@@ -25,6 +27,10 @@ class Robust(Estimator):
     The start is the least median of squares over random subsets; the scale is the residuals' floor plus a
     share of the predicted effort (see `NoiseLevel`), so that a force sensor whose noise grows with the force
     is weighted as it deserves. Where the regression brings its own sigma, only its factor is estimated.
+
+    Such a start can settle on one half of the samples that happens to fit perfectly, as a long rest does, and
+    call the rest outliers. Where that many are left out it is not they who are wrong but the model; then the
+    estimate begins again from the least absolute residuals, which give every sample its say.
     """
 
     name = "robust"
@@ -39,29 +45,66 @@ class Robust(Estimator):
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         """See `Estimator.fit`."""
-        gains = _least_median(regression, rng)
-        for _ in range(_ROUNDS):
-            residuals = regression.effort - regression.columns @ gains
-            sigma, _ = _sigma(regression, residuals)
-            weights = np.sqrt(_biweight(residuals / sigma)) / sigma
-            before, gains = gains, solve(regression.columns, regression.effort, weights).gains
-            if np.all(np.abs(gains - before) <= _TOLERANCE * np.abs(gains).max()):
-                break
-        residuals = regression.effort - regression.columns @ gains
-        sigma, noise = _sigma(regression, residuals)
-        psi, slope = _influence(residuals / sigma)
+        settled = _settle(regression, _least_median(regression, rng))
+        if settled.inside.mean() < _FEWEST_INSIDE:
+            settled = _settle(regression, *_least_absolute(regression))
+        sigma = settled.sigma
+        psi, slope = _influence(settled.residuals / sigma)
         return assemble(
             self.name,
             regression.names,
             regression.units,
-            gains,
+            settled.gains,
             jacobian=regression.columns,
             effort=regression.effort,
-            residuals=residuals,
+            residuals=settled.residuals,
             covariance=sandwich(regression.columns, psi / sigma, slope / sigma**2, regression.run),
-            inliers=np.abs(residuals) < _CUT * sigma,
-            details={"noise_floor": noise.floor, "noise_share": noise.share},
+            inliers=settled.inside,
+            details={"noise_floor": settled.level.floor, "noise_share": settled.level.share},
         )
+
+
+class _State:
+    """Gains (p,) with the residuals (n,), noise (n,) and samples of any weight (n,) that follow from them.
+
+    Args:
+        regression: the problem.
+        gains: shape (p,).
+        level: noise that is known already; None to take it from the residuals.
+    """
+
+    def __init__(self, regression: Regression, gains: FloatArray, level: NoiseLevel | None = None) -> None:
+        self.gains = gains
+        self.residuals = regression.effort - regression.columns @ gains
+        shape = 1.0 / regression.weights
+        predicted = regression.effort - self.residuals if regression.sigma is None else np.zeros(len(shape))
+        self.level = level or fit_noise_level(self.residuals / shape, predicted)
+        self.sigma = shape * self.level.sigma(predicted)
+        self.inside: BoolArray = np.abs(self.residuals) < _CUT * self.sigma
+
+
+def _settle(regression: Regression, gains: FloatArray, level: NoiseLevel | None = None) -> _State:
+    """Reweight until the gains stay where they are."""
+    state = _State(regression, gains, level)
+    for _ in range(_ROUNDS):
+        weights = np.sqrt(_biweight(state.residuals / state.sigma)) / state.sigma
+        gains = solve(regression.columns, regression.effort, weights).gains
+        moved = np.abs(gains - state.gains)
+        state = _State(regression, gains, level)
+        if np.all(moved <= _TOLERANCE * np.abs(gains).max()):
+            break
+    return state
+
+
+def _least_absolute(regression: Regression) -> tuple[FloatArray, NoiseLevel]:
+    """Gains (p,) that nearly minimise the sum of absolute residuals, and the even noise that they leave."""
+    weights = regression.weights
+    share = np.ones(len(weights))
+    for _ in range(_ABSOLUTE_ROUNDS):
+        gains = solve(regression.columns, regression.effort, weights * np.sqrt(share)).gains
+        left = weights * (regression.effort - regression.columns @ gains)
+        share = absolute_share(left)
+    return gains, NoiseLevel(max(robust_sigma(left), float(np.finfo(float).tiny)), 0.0)
 
 
 def _influence(standardised: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -74,17 +117,6 @@ def _biweight(standardised: FloatArray) -> FloatArray:
     """Tukey's weights psi(u) / u, shape (n,)."""
     weights: FloatArray = np.clip(1 - (standardised / _CUT) ** 2, 0.0, None) ** 2
     return weights
-
-
-def _sigma(regression: Regression, residuals: FloatArray) -> tuple[FloatArray, NoiseLevel]:
-    """Noise of each sample, shape (n,), and the level it comes from."""
-    if regression.sigma is not None:
-        shape = 1.0 / regression.weights
-        level = fit_noise_level(residuals / shape, np.zeros(len(residuals)))
-        return level.floor * shape, level
-    predicted = regression.effort - residuals
-    level = fit_noise_level(residuals, predicted)
-    return level.sigma(predicted), level
 
 
 def _least_median(regression: Regression, rng: np.random.Generator) -> FloatArray:

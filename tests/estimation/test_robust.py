@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
 
+from estimation.estimators.lsq import Lsq
 from estimation.estimators.robust import Robust
 from estimation.estimators.weighted import Weighted
 from estimation.noise_level import fit_noise_level
-from tests.estimation.problems import TRUTH, covered, motion, problem, values
+from estimation.regression import Regression
+from tests.estimation.problems import NAMES, TRUTH, UNITS, covered, motion, problem, values
 
 
 def fit(estimator, regression, seed=0):
@@ -63,6 +65,20 @@ def test_a_given_sigma_is_used_and_only_its_factor_estimated():
         told = type(regression)(columns, noisy, regression.names, regression.units, sigma, regression.run)
         errors.append(values(fit(Robust(), told)) - TRUTH)
     assert np.all(np.std(errors, axis=0) < 1.3 * cramer_rao(0.01 * sigma))
+
+
+def test_a_long_rest_that_fits_perfectly_does_not_outvote_the_motion():
+    """Half of the samples rest where the model is exact; in the others it is a little wrong everywhere."""
+    columns, run = motion(1800)
+    columns = columns.copy()
+    columns[900:] = [0.004, 0.0]
+    rng = np.random.default_rng(5)
+    bent = columns @ TRUTH + 0.15 * np.sin(600 * columns[:, 0]) + 0.03 * rng.standard_normal(1800)
+    bent[900:] = 1.0 + 0.0005 * rng.standard_normal(900)
+    regression = Regression(columns, bent, NAMES, UNITS, run=run)
+    plain, robust = fit(Lsq(), regression), fit(Robust(), regression)
+    assert robust.inliers.mean() > 0.9
+    assert robust.rmse < 1.1 * plain.rmse
 
 
 def test_noise_level_finds_floor_and_share():
