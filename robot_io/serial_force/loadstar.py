@@ -22,7 +22,7 @@ STREAM = b"WC\r"
 STOP = b"\r"
 MODELS = ("DI-1000", "DI-100")
 
-_NUMBER = re.compile(r"[+-]?(\d{1,9}(\.\d{0,9})?|\.\d{1,9})")
+_NUMBER = re.compile(r"[+-]?([0-9]{1,9}(\.[0-9]{0,9})?|\.[0-9]{1,9})")
 
 
 def text_of(line: bytes) -> str:

@@ -1,0 +1,88 @@
+"""MIT motors against the manual's frames, and against an independent bit packer."""
+
+import bitstruct
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_io.can import mit
+from robot_io.can.frame import CanFrame
+from robot_io.can.mit_models import MIT_MODELS, mit_error_name
+from robot_io.errors import InputError, ProtocolError
+
+AK80_9 = MIT_MODELS["AK80-9"]
+
+
+def test_special_codes_of_the_manual():
+    """AK Series Actuator Driver Manual, 5.3: enter and exit motor control mode."""
+    assert mit.ENTER_MOTOR_MODE.hex() == "fffffffffffffffc"
+    assert mit.EXIT_MOTOR_MODE.hex() == "fffffffffffffffd"
+
+
+@pytest.mark.parametrize(
+    ("model", "ranges"),
+    [
+        ("AK10-9", (12.5, 50.0, 65.0)),
+        ("AK60-6", (12.5, 45.0, 15.0)),
+        ("AK70-10", (12.5, 50.0, 25.0)),
+        ("AK80-6", (12.5, 76.0, 12.0)),
+        ("AK80-9", (12.5, 50.0, 18.0)),
+        ("AK80-80", (12.5, 8.0, 144.0)),
+    ],
+)
+def test_full_range_of_each_model(model, ranges):
+    state = mit.decode_state(CanFrame(0, bytes.fromhex("01ffffffffff1900")), MIT_MODELS[model])
+    assert (state.position_rad, state.velocity_rad_s, state.torque_nm) == ranges
+    assert state.at_range_end
+    lowest = mit.decode_state(CanFrame(0, bytes.fromhex("010000000000")), MIT_MODELS[model])
+    assert (lowest.position_rad, lowest.velocity_rad_s, lowest.torque_nm) == tuple(-end for end in ranges)
+
+
+@given(*(st.floats(-1, 1) for _ in range(3)), st.floats(0, 500), st.floats(0, 5))
+def test_a_command_against_a_bit_packer(position, velocity, torque, stiffness, damping):
+    frame = mit.encode_command(7, 12.5 * position, 50 * velocity, stiffness, damping, 18 * torque, AK80_9)
+    assert frame.can_id == 7
+    numbers = bitstruct.unpack("u16u12u12u12u12", frame.data)
+    shares = (position / 2 + 0.5, velocity / 2 + 0.5, stiffness / 500, damping / 5, torque / 2 + 0.5)
+    for number, share, largest in zip(numbers, shares, (65535, 4095, 4095, 4095, 4095), strict=True):
+        assert abs(number - share * largest) <= 0.5 + 1e-9
+
+
+@given(st.integers(0, 65535), st.integers(0, 4095), st.integers(0, 4095), st.integers(0, 255))
+def test_a_state_against_a_bit_packer(position, velocity, torque, error):
+    data = bitstruct.pack("u8u16u12u12u8u8", 3, position, velocity, torque, 25, error)
+    state = mit.decode_state(CanFrame(0, data), AK80_9)
+    assert state.motor_id == 3
+    assert state.error == error
+    assert state.position_rad == pytest.approx(-12.5 + 25 * position / 65535)
+    assert state.velocity_rad_s == pytest.approx(-50 + 100 * velocity / 4095)
+    assert state.torque_nm == pytest.approx(-18 + 36 * torque / 4095)
+
+
+@given(st.floats(-30, 30))
+def test_what_is_sent_is_what_the_motor_will_read(torque_nm):
+    frame = mit.encode_torque(1, torque_nm, AK80_9)
+    _, _, stiffness, damping, torque = bitstruct.unpack("u16u12u12u12u12", frame.data)
+    assert (stiffness, damping) == (0, 0)
+    assert mit.as_sent(torque_nm, AK80_9) == pytest.approx(-18 + 36 * torque / 4095)
+    assert abs(mit.as_sent(torque_nm, AK80_9) - min(max(torque_nm, -18), 18)) <= 18 / 4095 + 1e-9
+
+
+def test_zero_torque_is_half_a_step_off_zero():
+    assert abs(mit.as_sent(0.0, AK80_9)) == pytest.approx(18 / 4095)
+
+
+@pytest.mark.parametrize("length", [0, 5, 7])
+def test_a_wrong_length_is_refused(length):
+    with pytest.raises(ProtocolError, match="expected 6 or 8"):
+        mit.decode_state(CanFrame(0, bytes(length)), AK80_9)
+
+
+def test_no_number_is_refused():
+    with pytest.raises(InputError):
+        mit.encode_torque(1, float("nan"), AK80_9)
+
+
+def test_errors_have_names():
+    assert mit_error_name(4) == "under voltage"
+    assert mit_error_name(99) == "unknown error 99"

@@ -1,0 +1,166 @@
+"""CANSimple against published vectors and against cantools with a DBC of our own."""
+
+from pathlib import Path
+
+import cantools
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_io.can import odrive
+from robot_io.can.frame import CanFrame
+from robot_io.can.odrive_tables import AxisState, Firmware, OdriveCommand, axis_error_names
+from robot_io.errors import InputError, ProtocolError
+
+DBC = {
+    firmware: cantools.database.load_file(Path(__file__).with_name(f"odrive_0_{firmware[2]}.dbc"))
+    for firmware in Firmware
+}
+NODE = 1  # as in the DBC
+FLOATS = st.floats(width=32, allow_nan=False, allow_infinity=False)
+
+
+def by_dbc(firmware: Firmware, name: str, **signals) -> CanFrame:
+    message = DBC[firmware].get_message_by_name(name)
+    return CanFrame(message.frame_id, message.encode(signals))
+
+
+def test_ids_of_the_manual():
+    """ODrive documentation, "CAN Frame": axis 1 and command 0x0C make 0x2C."""
+    assert odrive.split_odrive_id(0x2C) == (1, 0x0C)
+    assert odrive.odrive_id(1, OdriveCommand.SET_INPUT_TORQUE) == 0x2E
+    assert odrive.odrive_id(63, OdriveCommand.TORQUES) == 0x7FC
+    with pytest.raises(InputError, match="64"):
+        odrive.odrive_id(64, OdriveCommand.HEARTBEAT)
+
+
+def test_a_published_heartbeat():
+    """From the odrive-can project's documentation (0.5.6): an axis that is homing, with an invalid state."""
+    beat = odrive.decode_heartbeat(CanFrame(1, bytes.fromhex("010000000b000000")), Firmware.V0_5)
+    assert axis_error_names(beat.axis_error, Firmware.V0_5) == ("INVALID_STATE",)
+    assert beat.state is AxisState.HOMING
+    assert not beat.component_errors
+    assert not beat.trajectory_done
+
+
+def test_heartbeat_of_0_5_against_the_dbc():
+    frame = by_dbc(
+        Firmware.V0_5,
+        "Heartbeat",
+        Axis_Error=0x840,
+        Axis_State=1,
+        Motor_Error_Flag=1,
+        Encoder_Error_Flag=0,
+        Controller_Error_Flag=1,
+        Trajectory_Done_Flag=1,
+    )
+    beat = odrive.decode_heartbeat(frame, Firmware.V0_5)
+    assert axis_error_names(beat.axis_error, Firmware.V0_5) == ("MOTOR_FAILED", "WATCHDOG_TIMER_EXPIRED")
+    assert beat.component_errors == ("motor", "controller")
+    assert beat.trajectory_done
+
+
+def test_heartbeat_of_0_6_against_the_dbc():
+    frame = by_dbc(
+        Firmware.V0_6,
+        "Heartbeat",
+        Axis_Error=0x01000000,
+        Axis_State=8,
+        Procedure_Result=3,
+        Trajectory_Done_Flag=1,
+    )
+    beat = odrive.decode_heartbeat(frame, Firmware.V0_6)
+    assert axis_error_names(beat.axis_error, Firmware.V0_6) == ("WATCHDOG_TIMER_EXPIRED",)
+    assert beat.state is AxisState.CLOSED_LOOP_CONTROL
+    assert (beat.procedure_result, beat.trajectory_done, beat.component_errors) == (3, True, ())
+
+
+def test_the_generations_read_the_same_bytes_differently():
+    frame = CanFrame(0x21, bytes((0, 0, 0, 0, 1, 1, 0, 0)))
+    assert odrive.decode_heartbeat(frame, Firmware.V0_5).component_errors == ("motor",)
+    assert odrive.decode_heartbeat(frame, Firmware.V0_6).procedure_result == 1
+
+
+def test_an_error_bit_without_a_name_is_shown_as_a_number():
+    assert axis_error_names(0x80, Firmware.V0_6) == ("unknown bit 0x00000080",)
+
+
+@given(FLOATS, FLOATS)
+def test_measurements_against_the_dbc(first, second):
+    cases = (
+        (
+            Firmware.V0_6,
+            "Encoder_Estimates",
+            odrive.decode_encoder_estimates,
+            ("Pos_Estimate", "Vel_Estimate"),
+        ),
+        (Firmware.V0_5, "Iq", odrive.decode_iq, ("Iq_Setpoint", "Iq_Measured")),
+        (Firmware.V0_6, "Torques", odrive.decode_torques, ("Torque_Target", "Torque_Estimate")),
+        (
+            Firmware.V0_5,
+            "Bus_Voltage_Current",
+            odrive.decode_bus_voltage_current,
+            ("Bus_Voltage", "Bus_Current"),
+        ),
+    )
+    for firmware, name, decode, signals in cases:
+        frame = by_dbc(firmware, name, **dict(zip(signals, (first, second), strict=True)))
+        assert decode(frame) == (first, second)
+
+
+@given(FLOATS)
+def test_a_torque_command_against_the_dbc(torque_nm):
+    frame = odrive.encode_input_torque(NODE, torque_nm)
+    message = DBC[Firmware.V0_6].get_message_by_frame_id(frame.can_id)
+    assert message.name == "Set_Input_Torque"
+    assert message.decode(frame.data) == {"Input_Torque": torque_nm}
+    assert odrive.as_sent(torque_nm) == torque_nm
+
+
+def test_other_commands_against_the_dbc():
+    database = DBC[Firmware.V0_6]
+    state = odrive.encode_axis_state(NODE, AxisState.CLOSED_LOOP_CONTROL)
+    assert database.decode_message(state.can_id, state.data) == {"Axis_Requested_State": 8}
+    mode = odrive.encode_controller_mode(NODE, 1, 1)
+    assert database.decode_message(mode.can_id, mode.data) == {"Control_Mode": 1, "Input_Mode": 1}
+    version = by_dbc(
+        Firmware.V0_6,
+        "Version",
+        Protocol_Version=2,
+        Hw_Version_Major=4,
+        Hw_Version_Minor=4,
+        Hw_Version_Variant=58,
+        Fw_Version_Major=0,
+        Fw_Version_Minor=6,
+        Fw_Version_Revision=10,
+        Fw_Version_Unreleased=0,
+    )
+    assert odrive.decode_version(version) == (0, 6, 10)
+    assert odrive.ask(NODE, OdriveCommand.GET_VERSION) == CanFrame(0x20, b"", remote=True)
+
+
+@pytest.mark.parametrize("length", [0, 4, 7])
+@pytest.mark.parametrize(
+    "decode",
+    [
+        lambda frame: odrive.decode_heartbeat(frame, Firmware.V0_5),
+        lambda frame: odrive.decode_heartbeat(frame, Firmware.V0_6),
+        odrive.decode_encoder_estimates,
+        odrive.decode_iq,
+        odrive.decode_torques,
+        odrive.decode_version,
+    ],
+)
+def test_a_wrong_length_is_refused(decode, length):
+    with pytest.raises(ProtocolError, match=f"{length} bytes, expected 8"):
+        decode(CanFrame(0x21, bytes(length)))
+
+
+def test_what_means_nothing_is_refused():
+    with pytest.raises(ProtocolError, match="state 5 "):
+        odrive.decode_heartbeat(CanFrame(0x21, bytes((0, 0, 0, 0, 5, 0, 0, 0))), Firmware.V0_6)
+    with pytest.raises(ProtocolError, match="finite"):
+        odrive.decode_encoder_estimates(CanFrame(0x29, bytes.fromhex("0000c07f00000000")))
+    for torque_nm in (float("nan"), float("inf"), 1e39):
+        with pytest.raises(InputError):
+            odrive.encode_input_torque(NODE, torque_nm)
