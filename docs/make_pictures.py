@@ -12,7 +12,7 @@ from pathlib import Path
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
 from palpate.demo import Demo, probe_demo, show_demo
-from palpate.estimation_run import BEST, estimate_contact
+from palpate.estimation_run import BEST, estimate_with
 from palpate.views.plots import save_plots
 from palpate.views.viewer import take_picture
 from sim_backend.scenario import load_scenario
@@ -53,7 +53,7 @@ def draw_measured(file: Path) -> None:
     """A soft specimen under an indenter, with the simple model that does not describe it."""
     options = ImportOptions(where={"source_file": "230515_hold"})
     channel = import_file(file, options).channels[0]
-    found = estimate_contact(channel, "kelvin_voigt", BEST)
+    found = estimate_with(channel, "kelvin_voigt", BEST)
     with tempfile.TemporaryDirectory() as folder:
         save_plots(None, found, Path(folder))
         shutil.copyfile(Path(folder) / "force-displacement.png", PICTURES / "soft-indentation.png")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from control.probing_plan import ProbingPlan
 from estimation.estimators import ESTIMATORS
-from palpate.estimation_run import DEFAULT_MODEL, ChannelEstimates, Material, estimate_contact, load_material
+from palpate.estimation_run import DEFAULT_MODEL, ChannelEstimates, Material, estimate_with, load_material
 from palpate.files import output_folder
 from palpate.inspection import look_into
 from palpate.probing_run import NOBODY, ProbingJob, Watcher, run_probing
@@ -62,7 +62,7 @@ def show_demo(session: Path) -> Demo:
         InputError: something cannot be written.
     """
     material = load_material(session)
-    found = estimate_contact(material.contacts()[0], DEFAULT_MODEL, list(ESTIMATORS))
+    found = estimate_with(material.described_by(DEFAULT_MODEL)[0], DEFAULT_MODEL, list(ESTIMATORS))
     opened = Session.open(session)
     folder = output_folder(opened.derived_dir)
     inspection = look_into(opened, found)

@@ -1,13 +1,11 @@
-"""Shows estimates: as a table for people, as markdown for Rerun, as plain data for programs."""
+"""Says what was estimated: in words, as markdown for Rerun, as plain data for programs."""
 
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
-from palpate import console
 from palpate.estimation_run import BEST, MOST, OFFSET, ChannelEstimates
 from palpate.truth import SURFACE
 from palpate.words import significant
@@ -16,49 +14,6 @@ MILLI = 1e3
 PERCENT = 100.0
 SIGMAS_95 = 1.96
 WIDE = 104  # characters that the whole table needs
-JUDGED = {
-    Identifiability.GOOD: "[green]good[/green]",
-    Identifiability.WEAK: "[yellow]weak[/yellow]",
-    Identifiability.NONE: "[bold red]none[/bold red]",
-}
-
-
-def estimate_table(found: ChannelEstimates, truth: Mapping[str, float], width: int) -> Table:
-    """One row an estimator; errors where the truth is known.
-
-    Args:
-        found: a channel with its estimates.
-        truth: true parameters, as far as they are known.
-        width: of the terminal [characters]; a narrow one gets fewer columns.
-    """
-    parameters = shown_parameters(found.estimates[0])
-    columns = ["estimator"]
-    for parameter in parameters:
-        columns.append(f"{short_name(parameter.name)}\n[{parameter.unit}]")
-        columns += ["error"] if parameter.name in truth else []
-    columns += ["rmse\n[N]", "cond.", "used"] if width >= WIDE else []
-    columns += ["determined"]
-    table = console.table(_title(found), *columns, right=columns[1:-1])
-    for estimate in found.estimates:
-        cells = [estimate.estimator]
-        for parameter in shown_parameters(estimate):
-            cells.append(with_interval(parameter))
-            cells += [error_text(parameter, truth)] if parameter.name in truth else []
-        cells += _quality(estimate) if width >= WIDE else []
-        table.add_row(*cells, JUDGED[estimate.identifiability])
-    if any(parameter.name in truth for parameter in parameters):
-        cells = ["[dim]truth[/dim]"]
-        for parameter in parameters:
-            cells.append(f"[dim]{truth[parameter.name]:g}[/dim]" if parameter.name in truth else "")
-            cells += [""] if parameter.name in truth else []
-        table.add_section()
-        table.add_row(*cells)
-    return table
-
-
-def _quality(estimate: Estimate) -> list[str]:
-    used = f"{PERCENT * np.mean(estimate.inliers):.0f} %"
-    return [f"{estimate.rmse:.4f}", f"{estimate.condition_number:.2f}", used]
 
 
 def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:
@@ -70,6 +25,7 @@ def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:
         sure = f" ± {MILLI * SIGMAS_95 * surface.std_err_m:.3f} mm" if np.isfinite(surface.std_err_m) else ""
         true = f" (truth {MILLI * truth[SURFACE]:.3f} mm)" if SURFACE in truth else ""
         lines.append(f"surface found at {place}{sure}{true}")
+    lines += [f"{name}: {problem}" for name, problem in found.failures.items()]
     for estimate in found.estimates:
         left_out = 1.0 - float(np.mean(estimate.inliers))
         if estimate.estimator == BEST[0] and left_out > 1.0 - MOST:
@@ -87,6 +43,7 @@ def as_data(found: ChannelEstimates, truth: Mapping[str, float]) -> dict[str, An
         "runs": len(found.channel.runs),
         "samples": int(np.count_nonzero(found.rows)),
         "truth": dict(truth),
+        "failures": found.failures,
         "estimates": [_estimate_data(found, estimate, truth) for estimate in found.estimates],
     }
 
@@ -161,8 +118,3 @@ def error_text(parameter: ParameterEstimate, truth: Mapping[str, float]) -> str:
     if truth[parameter.name] == 0:
         return f"{parameter.value:+.2g}"
     return f"{error_percent(parameter, truth):+.2f} %"
-
-
-def _title(found: ChannelEstimates) -> str:
-    runs = len(found.channel.runs)
-    return f"{found.channel.name}: {found.model.name}, {runs} runs, {np.count_nonzero(found.rows)} samples"

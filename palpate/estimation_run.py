@@ -1,16 +1,16 @@
 """Runs estimators over the channels of a session or data file."""
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from estimation.base_model import ModelContext
-from estimation.channel import ChannelData, ChannelKind
+from estimation.channel import ChannelData
 from estimation.data.channels import is_session, load_channels, session_channels
 from estimation.data.import_options import ImportOptions
-from estimation.effects.contact_offset import ContactOffset
 from estimation.estimate import Estimate
 from estimation.estimate_channel import estimate_channel, fitting_rows
 from estimation.estimators import ESTIMATORS
@@ -20,6 +20,7 @@ from estimation.surface import Surface
 from palpate.files import existing_file
 from palpate.truth import true_parameters
 from robot_io.errors import InputError
+from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
 from robot_io.types import BoolArray, FloatArray
 
@@ -33,6 +34,22 @@ NO_OPTIONS = ImportOptions()
 
 
 @dataclass(frozen=True)
+class Arm:
+    """The arm that was measured.
+
+    Attributes:
+        urdf: text of its URDF, empty where it is not known.
+        tip_frame: the tip's frame in it.
+    """
+
+    urdf: str = ""
+    tip_frame: str = ""
+
+
+NO_ARM = Arm()
+
+
+@dataclass(frozen=True)
 class Material:
     """What estimators work on.
 
@@ -41,23 +58,27 @@ class Material:
         session: None for a data file.
         channels: what was measured.
         truth: true parameters, where the session was simulated.
+        arm: what the channels belong to.
     """
 
     path: Path
     session: Session | None
     channels: tuple[ChannelData, ...]
     truth: dict[str, float]
+    arm: Arm
 
-    def contacts(self) -> tuple[ChannelData, ...]:
-        """The channels that are contacts.
+    def described_by(self, model: str) -> tuple[ChannelData, ...]:
+        """The channels that a base model describes.
 
         Raises:
-            InputError: there are none.
+            InputError: there is no such model, or it describes none of the channels.
         """
-        found = tuple(channel for channel in self.channels if channel.kind is ChannelKind.CONTACT)
+        kinds = MODELS[model].channels
+        found = tuple(channel for channel in self.channels if channel.kind in kinds)
         if not found:
-            names = ", ".join(channel.name for channel in self.channels)
-            raise InputError(f"{self.path}: nothing was touched; its channels are {names}")
+            wanted = " or ".join(sorted(kinds))
+            there = ", ".join(f"{channel.name} ({channel.kind})" for channel in self.channels)
+            raise InputError(f"{self.path}: model '{model}' describes a {wanted}, its channels are: {there}")
         return found
 
 
@@ -69,13 +90,15 @@ class ChannelEstimates:
         channel: all samples.
         rows: samples that were fitted, shape (n,).
         model: what was fitted.
-        estimates: one for each estimator.
+        estimates: one for each estimator that could work on these samples; at least one.
+        failures: why the others could not, by name.
     """
 
     channel: ChannelData
     rows: BoolArray
     model: Model
     estimates: tuple[Estimate, ...]
+    failures: dict[str, str] = field(default_factory=dict)
 
     @property
     def best(self) -> Estimate:
@@ -111,9 +134,20 @@ def load_material(path: Path, options: ImportOptions = NO_OPTIONS) -> Material:
     """
     existing_file(path, "session or data file")
     if not is_session(path):
-        return Material(path, None, load_channels(path, options), {})
+        return Material(path, None, load_channels(path, options), {}, NO_ARM)
     session = Session.open(path)
-    return Material(path, session, session_channels(session), true_parameters(session))
+    return Material(path, session, session_channels(session), true_parameters(session), arm_of(session))
+
+
+def arm_of(session: Session) -> Arm:
+    """The arm as the session keeps it.
+
+    Raises:
+        InputError: its copy of the robot file is not valid.
+    """
+    text = session.metadata.robot_file
+    tip_frame = parse_robot_file(text, f"{session.path}, its robot file").tip_frame if text else ""
+    return Arm(session.metadata.urdf, tip_frame)
 
 
 def choose_estimators(names: str) -> list[str]:
@@ -130,28 +164,44 @@ def choose_estimators(names: str) -> list[str]:
     return [ESTIMATORS[name].name for name in chosen]
 
 
-def estimate_contact(channel: ChannelData, model_name: str, estimators: Sequence[str]) -> ChannelEstimates:
-    """Fit one model to one contact with several estimators.
+def estimate_with(
+    channel: ChannelData, model_name: str, estimators: Sequence[str], arm: Arm = NO_ARM
+) -> ChannelEstimates:
+    """Fit one model to one channel with several estimators.
 
-    Where the surface was found in the same data it is estimated along, so that the intervals say what not
-    knowing it costs.
+    Args:
+        channel: of a kind that the model describes.
+        model_name: a base model.
+        estimators: names.
+        arm: what the channel belongs to, for models that need it.
 
     Raises:
-        InputError: the model does not describe a contact, or there are too few samples.
+        InputError: the model lacks something or has nothing to estimate, or no estimator can work.
     """
-    model = _contact_model(model_name, surface_is_known=channel.surface is None)
+    base, context = MODELS[model_name](), context_of(channel, arm)
+    model = base.build(context)
+    if not model.gains:
+        raise InputError(f"model '{model_name}' has no free parameter: there is nothing to estimate")
+    channel = base.prepare(channel, context)
     rows = fitting_rows(channel)
-    estimates = tuple(
-        estimate_channel(channel, model, ESTIMATORS[name](), rng=np.random.default_rng(SEED), rows=rows)
-        for name in estimators
+    estimates, failures = [], {}
+    for name in estimators:
+        try:
+            rng = np.random.default_rng(SEED)
+            estimates.append(estimate_channel(channel, model, ESTIMATORS[name](), rng=rng, rows=rows))
+        except InputError as error:
+            failures[name] = str(error)
+    if not estimates:
+        raise InputError(next(iter(failures.values())))
+    return ChannelEstimates(channel, rows, model, tuple(estimates), failures)
+
+
+def context_of(channel: ChannelData, arm: Arm) -> ModelContext:
+    """What a base model may need to know of a channel."""
+    joint = re.fullmatch(r"joint_(\d+)", channel.name)
+    return ModelContext(
+        joint=int(joint[1]) - 1 if joint else None,
+        urdf=arm.urdf,
+        tip_frame=arm.tip_frame,
+        surface_found=channel.surface is not None,
     )
-    return ChannelEstimates(channel, rows, model, estimates)
-
-
-def _contact_model(name: str, *, surface_is_known: bool) -> Model:
-    base = MODELS[name]()
-    if ChannelKind.CONTACT not in base.channels:
-        valid = ", ".join(n for n, other in MODELS.items() if ChannelKind.CONTACT in other.channels)
-        raise InputError(f"model '{name}' does not describe a contact. Valid: {valid}")
-    model = base.build(ModelContext())
-    return model if surface_is_known else model.with_effect(ContactOffset())

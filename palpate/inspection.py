@@ -9,7 +9,7 @@ from control.phases import Phase
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.channels import session_channels
 from palpate.estimate_report import markdown_summary
-from palpate.estimation_run import BEST, DEFAULT_MODEL, ChannelEstimates, estimate_contact
+from palpate.estimation_run import BEST, DEFAULT_MODEL, ChannelEstimates, estimate_with
 from palpate.truth import true_parameters
 from palpate.views.plots import save_plots
 from palpate.views.recording import write_channels, write_recording
@@ -102,7 +102,7 @@ def _estimates(channels: tuple[ChannelData, ...]) -> ChannelEstimates | None:
     if contact is None:
         return None
     try:
-        return estimate_contact(contact, DEFAULT_MODEL, BEST)
+        return estimate_with(contact, DEFAULT_MODEL, BEST)
     except InputError:
         return None
 

@@ -8,7 +8,8 @@ import typer
 
 from palpate import console
 from palpate.demo import PLAN, Demo, probe_demo, show_demo
-from palpate.estimate_report import as_data, estimate_table, remarks
+from palpate.estimate_report import as_data, remarks
+from palpate.estimate_table import estimate_table
 from palpate.files import output_file
 from palpate.progress import probing_progress
 from palpate.words import shown

@@ -11,16 +11,19 @@ from estimation.estimators import ESTIMATORS
 from estimation.models import MODELS
 from palpate import console
 from palpate.data_options import ColumnOption, ContextOption, UnitOption, WhereOption, import_options
-from palpate.estimate_report import as_data, estimate_table, remarks
+from palpate.estimate_report import as_data, remarks
+from palpate.estimate_table import estimate_table
 from palpate.estimation_run import (
     ALL,
     DEFAULT_MODEL,
+    Arm,
     ChannelEstimates,
     Material,
     choose_estimators,
-    estimate_contact,
+    estimate_with,
     load_material,
 )
+from palpate.files import existing_file
 from palpate.words import count, safe, shown
 from robot_io.errors import InputError
 
@@ -34,25 +37,38 @@ def command(  # noqa: PLR0917, one parameter an option
         str, typer.Option(help=f"{ALL}, or some of {', '.join(ESTIMATORS)}, with commas.")
     ] = ALL,
     run: Annotated[str | None, typer.Option(help="Only these runs, such as 0,2.", metavar="N,...")] = None,
+    urdf: Annotated[
+        Path | None,
+        typer.Option(help="The arm's URDF, for models that need it and data files.", metavar="FILE"),
+    ] = None,
+    tip_frame: Annotated[str, typer.Option(help="The tip's frame in that URDF.")] = "tip",
     column: ColumnOption = None,
     unit: UnitOption = None,
     where: WhereOption = None,
     context: ContextOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the estimates as JSON.")] = False,
 ) -> None:
-    """Estimate the parameters of a contact model, by every method, with 95 % intervals.
+    """Estimate the parameters of a model, by every method, with 95 % intervals.
 
     Takes a session or a data file. Where the session was simulated, the truth and the errors are shown too.
     """
     names = choose_estimators(estimator)
     material = load_material(file, import_options(column, unit, where, context))
-    channels = [only_runs(channel, run) for channel in material.contacts()]
-    found = [estimate_contact(channel, model, names) for channel in channels]
+    arm = Arm(_text(urdf), tip_frame) if urdf is not None else material.arm
+    channels = [only_runs(channel, run) for channel in material.described_by(model)]
+    found = [estimate_with(channel, model, names, arm) for channel in channels]
     if as_json:
         results = [as_data(each, material.truth) for each in found]
         console.print_json({"file": str(file), "model": model, "channels": results})
     else:
         _print(material, found)
+
+
+def _text(urdf: Path) -> str:
+    try:
+        return existing_file(urdf, "URDF").read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"URDF {urdf}: is no text") from error
 
 
 def only_runs(channel: ChannelData, runs: str | None) -> ChannelData:
@@ -78,7 +94,7 @@ def only_runs(channel: ChannelData, runs: str | None) -> ChannelData:
 
 def _print(material: Material, found: list[ChannelEstimates]) -> None:
     out = console.stdout()
-    out.print(f"[bold]{safe(shown(material.path))}[/bold]: {count(len(found), 'contact')}")
+    out.print(f"[bold]{safe(shown(material.path))}[/bold]: {count(len(found), 'channel')}")
     for each in found:
         out.print(estimate_table(each, material.truth, out.width))
         for remark in remarks(each, material.truth):

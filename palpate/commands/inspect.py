@@ -44,12 +44,14 @@ def command(  # noqa: PLR0917, one parameter an option
         output_file(save, force=force)
     if screenshot is not None:
         output_file(screenshot, force=force)
+    if plots is not None:
+        output_folder(plots)
     recording = save or output_folder(found.derived_dir) / RECORDING
     inspection = look_into(found)
     moment_s = inspection.record(recording)
     out = console.stdout()
     out.print(f"recording: [bold]{shown(recording)}[/bold]")
-    for plot in inspection.plot(output_folder(plots)) if plots is not None else ():
+    for plot in inspection.plot(plots) if plots is not None else ():
         out.print(f"plot: [bold]{shown(plot)}[/bold]")
     if screenshot is not None:
         take_picture(recording, screenshot, moment_s if at_s is None else at_s, pixels)

@@ -110,7 +110,6 @@ def test_an_imported_session_gives_what_its_file_gives(tmp_path):
         (("--estimator", "magic"), ("magic", "robust")),
         (("--estimator", ""), ("estimator",)),
         (("--model", "magic"), ("magic", "kelvin_voigt")),
-        (("--model", "spring_mass_damper"), ("spring_mass_damper", "kelvin_voigt")),
         (("--run", "x"), ("--run", "x")),
         (("--run", "9"), ("no run 9", "0, 1, 2")),
     ],
@@ -143,11 +142,58 @@ def test_free_air_alone_is_no_contact(tmp_path):
     assert_refused(run("estimate", file), "contact")
 
 
-def test_a_joint_is_no_contact(tmp_path):
+@pytest.fixture
+def joint(tmp_path):
+    """A joint that swings 0.2 kg m2 against 0.5 N m s/rad, with a little noise."""
+    rng = np.random.default_rng(2)
+    t = np.arange(0, 6, 0.005)
+    position = 0.8 * np.sin(3 * t) + 0.2 * np.sin(11 * t)
+    velocity = 2.4 * np.cos(3 * t) + 2.2 * np.cos(11 * t)
+    acceleration = -7.2 * np.sin(3 * t) - 24.2 * np.sin(11 * t)
+    torque = 0.2 * acceleration + 0.5 * velocity + rng.normal(0, 0.01, len(t))
     file = tmp_path / "joint.csv"
-    rows = "\n".join(f"{i / 100},{np.sin(i / 20):.6f},{np.cos(i / 20):.6f}" for i in range(200))
-    file.write_text("time_s,position_rad,torque_Nm\n" + rows + "\n")
-    assert_refused(run("estimate", file), "joint_1")
+    columns = np.column_stack([t, position, torque])
+    np.savetxt(file, columns, delimiter=",", header="time_s,position_rad,torque_Nm", comments="", fmt="%.9f")
+    return file
+
+
+def test_a_joint_is_estimated_with_a_joint_model(joint):
+    (channel,) = estimate_json(joint, "--model", "inertia", "--estimator", "lsq")["channels"]
+    values = [parameter["value"] for parameter in channel["estimates"][0]["parameters"].values()]
+    assert values == pytest.approx([0.2, 0.5], rel=0.01)
+
+
+def test_a_joint_is_no_contact(joint):
+    assert_refused(run("estimate", joint), "kelvin_voigt", "contact", "joint_1 (revolute)")
+
+
+def test_a_model_without_what_it_needs_is_refused(joint, probed, tmp_path):
+    assert_refused(run("estimate", joint, "--model", "rigid_body_fitted"), "--urdf")
+    assert_refused(
+        run("estimate", joint, "--model", "rigid_body_fitted", "--urdf", tmp_path / "x"), "no such file"
+    )
+    assert_refused(run("estimate", probed[0], "--model", "rigid_body"), "no free parameter")
+
+
+def test_a_model_with_many_parameters_gets_a_row_for_each(probed):
+    result = run("estimate", probed[0], "--model", "rigid_body_fitted", "--estimator", "lsq")
+    assert result.exit_code == 0, result.stderr
+    rows = [line for line in result.stdout.splitlines() if "kg m" in line]
+    assert len(rows) > 6
+
+
+def test_one_estimator_that_cannot_work_does_not_end_the_others(tmp_path):
+    """Noise of newtons leaves RANSAC, with its threshold of 0.01 N, nothing to agree on."""
+    file = tmp_path / "rough.csv"
+    rng = np.random.default_rng(3)
+    depth = np.linspace(0.001, 0.02, 40)
+    force = 500 * depth + rng.normal(0, 3, 40)
+    rows = "".join(f"{i / 100},{x:.6f},{f:.6f}\n" for i, (x, f) in enumerate(zip(depth, force, strict=True)))
+    file.write_text(HEADER + rows)
+    (channel,) = estimate_json(file, "--estimator", "ransac,lsq")["channels"]
+    assert [estimate["estimator"] for estimate in channel["estimates"]] == ["lsq"]
+    assert "agree" in channel["failures"]["ransac"]
+    assert_refused(run("estimate", file, "--estimator", "ransac"), "ransac")
 
 
 def test_names_of_estimators():
