@@ -1,0 +1,85 @@
+"""Robots on emulated wires, in lock-step, with faults at hand."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from robot_io.clock import SimulatedClock
+from robot_io.driver import DriverCatalogue
+from robot_io.robot import Robot, build_robot
+from robot_io.robot_file import parse_robot_file
+from robot_io.types import Command, Measurement
+from sim_backend.emulators import Fault, FaultKind, Faults
+from sim_backend.emulators.wiring import WiredArm, wire_up
+from sim_backend.scenario import load_scenario
+
+ROOT = Path(__file__).resolve().parents[2]
+ODRIVE = ROOT / "robots" / "odrive_3dof.yaml"
+CUBEMARS = ROOT / "robots" / "cubemars_3dof.yaml"
+
+
+class WireBench:
+    """A robot of real drivers and the emulated devices behind it.
+
+    Args:
+        path: robot file.
+        changes: pairs of what is replaced in its text by what.
+    """
+
+    def __init__(self, path: Path = ODRIVE, changes: Sequence[tuple[str, str]] = ()) -> None:
+        text = path.read_text(encoding="utf-8")
+        for old, new in changes:
+            if old not in text:
+                raise ValueError(f"'{old}' is not in {path}")
+            text = text.replace(old, new)
+        self.clock = SimulatedClock()
+        self.faults = {"motors": Faults(), "load_cell": Faults()}
+        self.arm: WiredArm = wire_up(
+            parse_robot_file(text, path), load_scenario("default", ROOT), self.clock, self.faults
+        )
+        self.robot: Robot = build_robot(self.arm.robot_file, DriverCatalogue(), self.clock)
+
+    def start(self) -> "WireBench":
+        self.robot.configure()
+        self.robot.activate()
+        self.ticks(5)
+        return self
+
+    def strike(self, bus: str, kind: FaultKind, **details) -> None:
+        """From now on, unless `details` say otherwise."""
+        self.faults[bus].add(Fault(kind=kind, from_s=self.clock.now_s(), **details))
+
+    def tick(self, torque_nm: Sequence[float] | None = (0.0, 0.0, 0.0)) -> Measurement:
+        """Read, and command unless `torque_nm` is None."""
+        self.clock.sleep_until(self.clock.now_s() + 1e-3)
+        measurement = self.robot.read(self.clock.now_s())
+        if torque_nm is not None:
+            self.robot.write(Command(np.array(torque_nm, float)), self.clock.now_s())
+        return measurement
+
+    def ticks(self, count: int, torque_nm: Sequence[float] | None = (0.0, 0.0, 0.0)) -> Measurement:
+        for _ in range(count):
+            measurement = self.tick(torque_nm)
+        return measurement
+
+    def ticks_until(self, done, most: int = 500, torque_nm=(0.0, 0.0, 0.0)) -> int:
+        """How many ticks it took until `done(measurement)`."""
+        for count in range(1, most + 1):
+            if done(self.tick(torque_nm)):
+                return count
+        raise AssertionError(f"not within {most} ticks")
+
+    @property
+    def drive_torque_nm(self) -> np.ndarray:
+        """What the drives really exert."""
+        return self.arm.plant.world.truth().drive_torque_nm
+
+    @property
+    def problem(self) -> str:
+        """What the user reads."""
+        return "; ".join(self.robot.bus_errors.values())
+
+    def close(self) -> None:
+        self.robot.close()
+        self.arm.bench.close()

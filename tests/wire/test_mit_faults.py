@@ -1,0 +1,116 @@
+"""What goes wrong with MIT-mode motors, and what the robot makes of it."""
+
+import numpy as np
+import pytest
+
+from robot_io.errors import DeviceError, InputError
+from robot_io.types import Status
+from sim_backend.emulators import FaultKind
+from tests.wire.parts import CUBEMARS
+
+PUSH_NM = (3.0, -2.0, 1.0)
+
+
+def nodes(bench):
+    return bench.arm.wires["motors"]._nodes
+
+
+def test_torques_arrive_and_come_back_within_the_wire_s_steps(bench):
+    arm = bench(CUBEMARS).start()
+    measurement = arm.ticks(20, PUSH_NM)
+    np.testing.assert_allclose(arm.drive_torque_nm, PUSH_NM, atol=50 / 4095)
+    np.testing.assert_allclose(measurement.joint_torque_nm, PUSH_NM, atol=0.1)
+    truth = arm.arm.plant.world.truth()
+    since = measurement.joint_velocity_rad_s * (truth.time_s - measurement.encoder_at_s)
+    np.testing.assert_allclose(measurement.joint_position_rad + since, truth.joint_position_rad, atol=2e-3)
+
+
+def test_what_write_returns_is_what_acts(bench):
+    arm = bench(CUBEMARS).start()
+    from robot_io.types import Command
+
+    sent = arm.robot.write(Command(np.array(PUSH_NM)), arm.clock.now_s())
+    arm.clock.sleep_until(arm.clock.now_s() + 1e-3)
+    np.testing.assert_allclose(arm.drive_torque_nm, sent.joint_torque_nm, rtol=1e-9)
+
+
+@pytest.mark.parametrize("ask_with", ["exit", "enter"])
+def test_no_torque_before_it_is_activated(bench, ask_with):
+    arm = bench(CUBEMARS, [("driver: mit_bus", f"driver: mit_bus\n    ask_with: {ask_with}")])
+    arm.robot.configure()
+    measurement = arm.ticks(10, None)
+    assert np.abs(arm.drive_torque_nm).max() < 0.02  # zero on the wire is half a step off
+    assert measurement.encoder_status is Status.OK
+
+
+def test_a_motor_that_is_not_there_is_named(bench):
+    arm = bench(CUBEMARS)
+    arm.strike("motors", FaultKind.DROP, device=2)
+    with pytest.raises(DeviceError, match=r"no answer in 0.05 s from joint 2 \(motor 2\)"):
+        arm.robot.configure()
+
+
+def test_a_motor_s_error_is_named(bench):
+    arm = bench(CUBEMARS).start()
+    arm.strike("motors", FaultKind.ALERT, device=3, times=1)
+    ticks = arm.ticks_until(lambda m: m.torque_status is Status.FAULT)
+    assert ticks <= 3
+    assert "joint 3 (motor 3): MOSFET over temperature" in arm.problem
+    arm.robot.deactivate()
+    with pytest.raises(DeviceError, match="MOSFET"):
+        arm.robot.activate()
+
+
+def test_a_silent_motor_is_named_when_its_samples_are_too_old(bench):
+    arm = bench(CUBEMARS).start()
+    arm.strike("motors", FaultKind.DROP, device=1)
+    ticks = arm.ticks_until(lambda m: bool(arm.problem))
+    assert 4 <= ticks <= 7
+    assert "joint 1 (motor 1): nothing valid" in arm.problem
+
+
+def test_a_program_that_ends_leaves_no_torque(bench):
+    arm = bench(CUBEMARS).start()
+    arm.ticks(5, PUSH_NM)
+    arm.clock.sleep_until(arm.clock.now_s() + 0.11)
+    assert not arm.drive_torque_nm.any()
+
+
+def test_short_frames_and_foreign_ids_are_told_apart(bench):
+    arm = bench(CUBEMARS).start()
+    counts = arm.robot.buses["motors"].line.counts
+    arm.strike("motors", FaultKind.CORRUPT, device=1, for_s=0.002)
+    arm.strike("motors", FaultKind.WRONG_ID, device=2, for_s=0.002)
+    arm.ticks(4)
+    assert counts["not valid"] >= 1
+    assert counts["foreign id"] >= 1
+
+
+def test_a_position_at_the_end_of_the_wire_s_range_is_marked(bench):
+    ranges = "ranges: {position_rad: 1.0, velocity_rad_s: 50, torque_nm: 25}"
+    arm = bench(CUBEMARS, [("motor_id: 1, model: AK70-10", f"motor_id: 1, model: AK70-10, {ranges}")])
+    arm.robot.configure()
+    assert (
+        arm.ticks(3, None).encoder_status is Status.SATURATED
+    )  # joint 1 stands at 0.87 rad, the motor at 1.75
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("model: AK60-6", "model: AK60-7", "AK60-6"),
+        ("motor_id: 2", "motor_id: 1", "not all different"),
+        ("motor_id: 2", "motor_id: 0", "motor_id"),
+    ],
+)
+def test_a_wrong_robot_file_is_refused(old, new, problem):
+    from robot_io.clock import SimulatedClock
+    from robot_io.driver import DriverCatalogue
+    from robot_io.robot import build_robot
+    from robot_io.robot_file import parse_robot_file
+
+    text = CUBEMARS.read_text(encoding="utf-8")
+    with pytest.raises(InputError, match=problem):
+        build_robot(
+            parse_robot_file(text.replace(old, new, 1), CUBEMARS), DriverCatalogue(), SimulatedClock()
+        )

@@ -1,0 +1,200 @@
+"""What goes wrong with ODrive axes, and what the robot makes of it."""
+
+import can
+import numpy as np
+import pytest
+
+from robot_io.errors import DeviceError, InputError
+from robot_io.types import Status
+from sim_backend.emulators import FaultKind
+
+V0_5 = (
+    ('firmware: "0.6"', 'firmware: "0.5"'),
+    ("max_torque_nm:", "torque_constant_nm_a: 0.05, max_torque_nm:"),
+)
+PUSH_NM = (3.0, -2.0, 1.0)
+
+
+def nodes(bench):
+    return bench.arm.wires["motors"]._nodes
+
+
+@pytest.mark.parametrize("changes", [(), V0_5], ids=["0.6", "0.5"])
+def test_torques_arrive_and_come_back_through_gears_and_signs(bench, changes):
+    arm = bench(changes=changes).start()
+    measurement = arm.ticks(20, PUSH_NM)
+    np.testing.assert_allclose(arm.drive_torque_nm, PUSH_NM, rtol=1e-6)
+    np.testing.assert_allclose(measurement.joint_torque_nm, PUSH_NM, atol=0.05)
+    truth = arm.arm.plant.world.truth()
+    since = measurement.joint_velocity_rad_s * (truth.time_s - measurement.encoder_at_s)
+    np.testing.assert_allclose(measurement.joint_position_rad + since, truth.joint_position_rad, atol=1e-3)
+
+
+def test_an_axis_that_is_not_there_is_named(bench):
+    arm = bench(changes=[("node_id: 1, gear_ratio: 9, max", "node_id: 1, gear_ratio: 9, max")])
+    arm.strike("motors", FaultKind.DROP, device=2)
+    with pytest.raises(DeviceError, match=r"joint 3 \(node 2\): no heartbeat"):
+        arm.robot.configure()
+
+
+def test_another_firmware_than_stated_is_refused(bench):
+    arm = bench()
+    for node in nodes(arm):
+        node._firmware = "0.5"
+    with pytest.raises(DeviceError, match="Get_Version"):
+        arm.robot.configure()
+
+
+@pytest.mark.parametrize("watchdog_s", [None, 5.0])
+def test_a_watchdog_that_does_not_bite_is_refused(bench, watchdog_s):
+    arm = bench()
+    nodes(arm)[1].watchdog_s = watchdog_s
+    arm.robot.configure()
+    with pytest.raises(DeviceError, match=r"watchdog of joint 2 \(node 1\) did not expire"):
+        arm.robot.activate()
+    assert not arm.drive_torque_nm.any()
+    assert all(node.state == 1 for node in nodes(arm))
+
+
+def test_a_program_that_ends_leaves_no_torque(bench):
+    """Nothing is sent any more, nothing is read: the watchdogs of the axes do it."""
+    arm = bench().start()
+    arm.ticks(5, PUSH_NM)
+    assert arm.drive_torque_nm.all()
+    arm.clock.sleep_until(arm.clock.now_s() + 0.06)
+    assert not arm.drive_torque_nm.any()
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"), [((), "INVERTER_OVER_TEMP"), (V0_5, "MOTOR_FAILED motor error")], ids=["0.6", "0.5"]
+)
+def test_an_axis_error_is_named_and_a_fault_of_the_drives(bench, changes, name):
+    arm = bench(changes=changes).start()
+    arm.strike("motors", FaultKind.ALERT, device=1, times=1)
+    ticks = arm.ticks_until(lambda m: m.torque_status is Status.FAULT)
+    assert ticks <= 51  # with the next heartbeat
+    assert "joint 2 (node 1)" in arm.problem
+    assert name in arm.problem
+    assert arm.tick().encoder_status is Status.OK  # the others can still be braked
+
+
+def test_a_lost_heartbeat_is_told_from_lost_estimates(bench):
+    arm = bench().start()
+    nodes(arm)[0]._heartbeat_s = 1e9
+    nodes(arm)[0]._next_heartbeat_s = 1e9
+    ticks = arm.ticks_until(lambda m: m.torque_status is Status.FAULT)
+    assert 100 < ticks <= 176  # three and a half periods of 50 ms
+    assert "joint 1 (node 0): heartbeat lost" in arm.problem
+    assert "node 1" not in arm.problem
+
+
+def test_a_silent_axis_is_named_when_its_samples_are_too_old(bench):
+    arm = bench().start()
+    arm.strike("motors", FaultKind.DROP, device=2)
+    ticks = arm.ticks_until(lambda m: bool(arm.problem))
+    assert 5 <= ticks <= 7
+    assert "joint 3 (node 2): nothing valid for 5." in arm.problem
+    measurement = arm.tick()
+    assert measurement.time_s - measurement.encoder_at_s > 5e-3
+    assert measurement.encoder_status is Status.FAULT
+
+
+def test_a_short_frame_is_told(bench):
+    arm = bench().start()
+    arm.strike("motors", FaultKind.CORRUPT, device=0)
+    arm.ticks_until(lambda m: bool(arm.problem), most=10)
+    assert "bytes, expected 8" in arm.problem
+    assert arm.robot.buses["motors"].line.counts["not valid"] > 0
+
+
+def test_foreign_ids_are_counted_and_believed_by_nobody(bench):
+    arm = bench().start()
+    counts = arm.robot.buses["motors"].line.counts
+    before = counts["foreign id"]
+    arm.strike("motors", FaultKind.WRONG_ID, device=1)
+    arm.ticks_until(lambda m: bool(arm.problem), most=10)
+    assert counts["foreign id"] > before
+    assert "joint 2 (node 1): nothing valid" in arm.problem
+
+
+def test_doubled_frames_do_no_harm(bench):
+    arm = bench().start()
+    arm.strike("motors", FaultKind.DUPLICATE)
+    for _ in range(50):
+        measurement = arm.tick()
+        assert measurement.encoder_status is Status.OK
+    assert not arm.problem
+
+
+def test_an_axis_that_restarts_has_left_closed_loop_control(bench):
+    arm = bench().start()
+    arm.strike("motors", FaultKind.REBOOT, device=0, times=1, delay_s=0.001)
+    arm.ticks_until(lambda m: m.torque_status is Status.FAULT, most=60)
+    assert "joint 1 (node 0): left closed-loop control, is IDLE" in arm.problem
+
+
+def test_bus_off_is_named_and_nothing_is_sent(bench):
+    arm = bench().start()
+    arm.strike("motors", FaultKind.UNPLUG)
+    with pytest.raises(DeviceError, match="bus-off"):
+        arm.ticks(3, PUSH_NM)
+    assert "bus-off" in arm.problem
+    with pytest.raises(DeviceError):
+        arm.robot.deactivate()
+
+
+def test_torque_off_that_nobody_confirms_is_an_error(bench):
+    arm = bench().start()
+    arm.strike("motors", FaultKind.DROP, device=1)
+    arm.ticks(2, PUSH_NM)
+    with pytest.raises(DeviceError, match=r"did not confirm that it is idle: joint 2 \(node 1\)"):
+        arm.robot.deactivate()
+    assert not arm.drive_torque_nm.any()  # they were told all the same
+
+
+def test_a_babbling_node_does_not_hold_up_the_loop(bench):
+    arm = bench().start()
+    section = arm.arm.robot_file.buses["motors"].settings
+    with can.Bus(interface="virtual", channel=section["channel"], preserve_timestamps=True) as stranger:
+        for _ in range(5000):
+            stranger.send(can.Message(arbitration_id=0x7F0, data=bytes(8), is_extended_id=False))
+    line = arm.robot.buses["motors"].line
+    assert len(line.drain(arm.clock.now_s())) <= 1000
+    arm.ticks(8)
+    assert not arm.problem
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("node_id: 1", "node_id: 0", "not all different"),
+        ("node_id: 1", "node_id: 64", "63"),
+        ('firmware: "0.6"', 'firmware: "0.7"', "firmware"),
+        ('firmware: "0.6"', 'firmware: "0.5"', "torque_constant_nm_a"),
+        ("      - {node_id: 2, gear_ratio: 9, max_torque_nm: 2.2}\n", "", "one per joint"),
+        ("driver: odrive_encoder, bus: motors", "driver: odrive_encoder, bus: load_cell", "odrive_bus"),
+    ],
+)
+def test_a_wrong_robot_file_is_refused(old, new, problem):
+    from robot_io.clock import SimulatedClock
+    from robot_io.driver import DriverCatalogue
+    from robot_io.robot import build_robot
+    from robot_io.robot_file import parse_robot_file
+    from tests.wire.parts import ODRIVE
+
+    text = ODRIVE.read_text(encoding="utf-8")
+    assert old in text
+    with pytest.raises(InputError, match=problem):
+        build_robot(parse_robot_file(text.replace(old, new, 1), ODRIVE), DriverCatalogue(), SimulatedClock())
+
+
+def test_an_adapter_that_is_not_there_is_one_line(bench):
+    arm = bench()
+    settings = arm.arm.robot_file.buses["motors"]
+    from robot_io.can import CanLine, CanLineSettings
+
+    for interface in ("socketcan", "no_such_interface"):
+        line = CanLine(CanLineSettings(interface=interface, channel="can9"), arm.clock)
+        with pytest.raises(DeviceError, match="cannot be opened"):
+            line.open()
+    assert settings.driver == "odrive_bus"

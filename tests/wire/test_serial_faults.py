@@ -1,0 +1,256 @@
+"""What goes wrong with force sensors on a serial line, and what the robot makes of it."""
+
+import os
+import threading
+import tty
+
+import pytest
+
+from robot_io.clock import MonotonicClock, SimulatedClock
+from robot_io.errors import DeviceError, InputError
+from robot_io.serial_force import SerialReader
+from robot_io.serial_force.loadstar import LoadstarStream
+from robot_io.types import Status
+from sim_backend.emulators import FaultKind
+from tests.wire.parts import CUBEMARS, ODRIVE
+
+PATTERN = r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)"
+GAUGE = (
+    "{driver: loadstar, bus: load_cell, capacity_n: 100.0}",
+    f"{{driver: force_lines, bus: load_cell, capacity_n: 100.0, pattern: '{PATTERN}'}}",
+)
+SENSORS = {"loadstar": (ODRIVE, ()), "lorenz": (CUBEMARS, ()), "force_lines": (ODRIVE, (GAUGE,))}
+
+
+@pytest.fixture(params=SENSORS, ids=str)
+def sensor(request, bench):
+    """Any of the sensors, pressed with about 5 N."""
+    path, changes = SENSORS[request.param]
+    arm = bench(path, changes)
+    arm.robot.configure()
+    press(arm, 5.0)
+    arm.ticks(10, None)
+    return arm
+
+
+def press(arm, force_n):
+    world = arm.arm.plant.world
+    world.held = True
+    depth_m = force_n / world.object.law.stiffness_n_m
+    world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
+
+
+def test_the_force_arrives_in_newtons(sensor):
+    assert sensor.tick(None).force_n == pytest.approx(5.0, abs=0.1)
+
+
+def test_a_sensor_that_counts_tension_as_positive_is_reversed(bench):
+    arm = bench(ODRIVE, [("capacity_n: 100.0}", "capacity_n: 100.0, reversed: true}")])
+    arm.robot.configure()
+    press(arm, 5.0)
+    assert arm.ticks(10, None).force_n == pytest.approx(5.0, abs=0.1)
+
+
+def test_a_silent_sensor_keeps_its_value_and_its_time(sensor):
+    before = sensor.tick(None)
+    sensor.strike("load_cell", FaultKind.DROP)
+    after = sensor.ticks(30, None)
+    assert after.force_n == pytest.approx(before.force_n, abs=0.1)
+    assert after.force_at_s <= before.force_at_s + 2.1e-3
+    assert after.force_status is Status.FAULT
+    assert "no reading for" in sensor.problem
+
+
+def test_what_is_no_number_is_no_force(sensor):
+    sensor.strike("load_cell", FaultKind.NOT_A_NUMBER)
+    measurement = sensor.ticks(30, None)
+    assert measurement.force_status in (Status.FAULT, Status.SATURATED)  # Lorenz has but the end of its range
+
+
+def test_the_end_of_the_range_is_marked(sensor):
+    sensor.strike("load_cell", FaultKind.SATURATED)
+    sensor.ticks_until(lambda m: m.force_status is Status.SATURATED, most=10, torque_nm=None)
+
+
+def test_a_reversed_sensor_shows_at_once(sensor):
+    sensor.strike("load_cell", FaultKind.REVERSED)
+    assert sensor.ticks(5, None).force_n == pytest.approx(-5.0, abs=0.1)
+
+
+def test_corrupt_lines_give_no_wild_force(bench):
+    """A line has no checksum: a flipped digit is a number too; but none beyond the range is believed."""
+    arm = bench(ODRIVE)
+    arm.robot.configure()
+    arm.strike("load_cell", FaultKind.CORRUPT)
+    for _ in range(300):
+        measurement = arm.tick(None)
+        assert not abs(measurement.force_n) > 200.0
+    assert arm.robot.buses["load_cell"]._reader.rejected > 20
+
+
+def test_an_unplugged_sensor_is_named(sensor):
+    sensor.strike("load_cell", FaultKind.UNPLUG)
+    sensor.ticks(3, None)
+    assert "serial port /dev/pts/" in sensor.problem
+    assert "unplugged" in sensor.problem or "failed" in sensor.problem
+
+
+def test_a_sensor_that_restarts_falls_silent(bench):
+    arm = bench(ODRIVE)
+    arm.robot.configure()
+    arm.ticks(10, None)
+    arm.strike("load_cell", FaultKind.REBOOT, times=1, delay_s=0.01)
+    arm.ticks_until(lambda m: m.force_status is Status.FAULT, most=30, torque_nm=None)
+    assert "no reading for" in arm.problem
+
+
+def test_a_port_that_somebody_else_has_open_is_refused(bench):
+    arm = bench(ODRIVE)
+    arm.robot.configure()
+    from robot_io.driver import DriverCatalogue
+    from robot_io.robot import build_robot
+
+    second = build_robot(arm.arm.robot_file, DriverCatalogue(), arm.clock)
+    with pytest.raises(DeviceError, match="cannot be opened"):
+        second.buses["load_cell"].configure()
+
+
+@pytest.mark.parametrize(
+    ("path", "old", "new", "problem"),
+    [
+        (ODRIVE, "capacity_n: 100.0", "capacity_n: 200.0", "load cell of 100 N"),
+        (CUBEMARS, "dimension_code: 3", "dimension_code: 4", "has dimension_code 3"),
+        (CUBEMARS, "load_code: 100", "load_code: 50", "load_code 100"),
+    ],
+)
+def test_another_sensor_than_stated_is_refused(bench, path, old, new, problem):
+    arm = bench(path)
+    from robot_io.driver import DriverCatalogue
+    from robot_io.robot import build_robot
+    from robot_io.robot_file import parse_robot_file
+
+    stated = parse_robot_file(arm.arm.robot_file.text.replace(old, new), path)
+    robot = build_robot(stated, DriverCatalogue(), arm.clock)
+    with pytest.raises(DeviceError, match=problem):
+        robot.configure()
+
+
+def test_a_unit_that_is_no_force_is_refused(bench):
+    arm = bench(ODRIVE)
+    arm.arm.wires["load_cell"]._sensor._unit = "psi"
+    with pytest.raises(DeviceError, match="unit 'psi' is no force"):
+        arm.robot.configure()
+
+
+def test_a_port_where_nobody_answers_is_one_line(bench):
+    arm = bench(ODRIVE)
+    arm.arm.wires["load_cell"]._sensor.hear = lambda data, now_s: b""
+    with pytest.raises(DeviceError, match="no DI-100 or DI-1000 answers"):
+        arm.robot.configure()
+
+
+@pytest.mark.parametrize(
+    ("path", "old", "new", "problem"),
+    [
+        (CUBEMARS, "unit: N", "unit: bar", "no force"),
+        (CUBEMARS, "load_code: 100", "load_code: 100, rate_hz: 999", "1000"),
+        (ODRIVE, *(GAUGE[0], GAUGE[1].replace("?P<value>", "?P<force>")), "value"),
+        (ODRIVE, *(GAUGE[0], GAUGE[1].replace("(?P<unit>\\w+)", "((a+)+)")), "for ever"),
+    ],
+)
+def test_a_wrong_robot_file_is_refused(path, old, new, problem):
+    from robot_io.driver import DriverCatalogue
+    from robot_io.robot import build_robot
+    from robot_io.robot_file import parse_robot_file
+
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    with pytest.raises(InputError, match=problem):
+        build_robot(parse_robot_file(text.replace(old, new), path), DriverCatalogue(), SimulatedClock())
+
+
+# The reader alone, on a pseudo terminal.
+
+
+@pytest.fixture
+def terminal():
+    """Both ends of a pseudo terminal: what the sensor writes to, and what the reader reads from."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(slave, False)
+    open_ends = {master, slave}
+    yield master, slave, open_ends
+    for end in open_ends:
+        os.close(end)
+
+
+def reading(value):
+    return f"{value:12.4f}\r\n".encode()
+
+
+def test_a_reader_that_fell_behind_shows_an_old_reading_as_old(terminal):
+    """The sensor dies while nobody looks: its last line must not look fresh when it is found."""
+    master, slave, _ = terminal
+    clock = SimulatedClock()
+    reader = SerialReader(slave, LoadstarStream(1.0, 100.0), clock)
+    os.write(master, b"\r\n")
+    for i in range(5):
+        clock.sleep_until((i + 1) * 1e-3)
+        os.write(master, reading(i))
+        reader.look()
+        assert reader.newest == (float(i), clock.now_s())
+    for i in range(100):
+        os.write(master, reading(i))
+    clock.sleep_until(1.0)
+    reader.look()
+    assert reader.newest == (99.0, pytest.approx(5e-3))
+    clock.sleep_until(1.001)
+    os.write(master, reading(7.0))
+    reader.look()
+    assert reader.newest == (7.0, pytest.approx(1.001))
+
+
+def test_a_thread_reads_and_ends_with_a_word_when_the_port_goes(terminal):
+    master, slave, open_ends = terminal
+    clock = MonotonicClock()
+    reader = SerialReader(slave, LoadstarStream(1.0, 100.0), clock)
+    reader.start()
+    try:
+        os.write(master, b"\r\n")
+        for i in range(1000):
+            os.write(master, reading(i % 100))
+            if reader.newest is not None:
+                break
+            threading.Event().wait(0.005)
+        assert reader.newest is not None
+        assert 0.0 <= clock.now_s() - reader.newest.arrived_at_s < 10.0
+        os.close(master)
+        open_ends.remove(master)
+        for _ in range(1000):
+            if reader.failure:
+                break
+            threading.Event().wait(0.005)
+        assert "port" in reader.failure
+    finally:
+        reader.stop()
+    reader.stop()
+
+
+def test_a_defect_in_a_decoder_does_not_end_the_thread_unseen(terminal):
+    master, slave, _ = terminal
+
+    class Broken:
+        rejected = 0
+
+        def feed(self, data):
+            raise ZeroDivisionError("a defect")
+
+    reader = SerialReader(slave, Broken(), MonotonicClock())
+    reader.start()
+    os.write(master, b"x")
+    for _ in range(1000):
+        if reader.failure:
+            break
+        threading.Event().wait(0.005)
+    reader.stop()
+    assert reader.failure == "reading failed (ZeroDivisionError: a defect)"
