@@ -168,7 +168,6 @@ class DynamixelBus(Bus):
         Raises:
             DeviceError: a servo refused.
         """
-        self._staged = None
         self._line.switch_on()
         self._powered = True
 

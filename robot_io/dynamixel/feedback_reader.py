@@ -104,7 +104,7 @@ class FeedbackReader:
             for packet in reader.feed(self._port.wait(deadline_s)):
                 of_this_request = len(packet.data) == request.size or packet.refusal is not None
                 if packet.servo_id in self._ids and of_this_request:
-                    answers.setdefault(packet.servo_id, packet)
+                    answers[packet.servo_id] = packet
             if len(answers) == len(self._ids):
                 return [answers[servo_id] for servo_id in self._ids]
             if self._clock.now_s() >= deadline_s:

@@ -103,8 +103,8 @@ class EmulatedServo:
             return Error.ACCESS
         if item.address in table.GOALS and memory.get(table.BUS_WATCHDOG) == -1:
             return Error.DATA_RANGE
-        if item.address == table.BUS_WATCHDOG and value < 0:
-            return Error.DATA_RANGE
+        if item.address == table.BUS_WATCHDOG and (value < 0 or (value and memory.get(item.address) == -1)):
+            return Error.DATA_RANGE  # once it has fired, 0 clears it
         if item.address == table.GOAL_CURRENT and abs(value) > memory.get(table.CURRENT_LIMIT):
             return Error.DATA_LIMIT
         if item.address == table.TORQUE_ENABLE and value and self._shut_down:

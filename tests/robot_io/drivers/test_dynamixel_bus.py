@@ -92,6 +92,16 @@ def test_a_drive_mode_that_would_surprise_is_refused(mode, word):
             bench.bus.configure()
 
 
+def test_a_goal_that_somebody_left_behind_is_not_pursued():
+    with dynamixel_bench() as bench:
+        for servo in bench.line.servos.values():
+            servo.memory.put(table.OPERATING_MODE, 0)
+            servo.memory.put(table.GOAL_CURRENT, 300)
+        bench.start()
+        bench.read()
+        assert (bench.exerted_nm() == 0).all()
+
+
 def test_a_servo_that_answers_nothing_but_pings_is_made_to_answer():
     with dynamixel_bench() as bench:
         for servo in bench.line.servos.values():
@@ -238,9 +248,9 @@ def test_the_silent_servo_is_named(active, servo_id):
 
 
 def test_a_late_answer_is_not_taken_for_the_answer_to_the_next_question(active):
-    """Each answer comes a little more than a tick late: it arrives while the next question is waiting."""
+    """Each answer comes so late that it arrives while the next question is waiting for its own."""
     good = active.tick()
-    active.befall(kind="delay", delay_s=1.2e-3, for_s=0.02)
+    active.befall(kind="delay", delay_s=1.7e-3, for_s=0.02)
     for _ in range(8):
         with pytest.raises(DeviceTimeoutError):
             active.read()
@@ -304,6 +314,12 @@ def test_a_servo_that_is_away_is_silent_and_then_restarted(active):
     active.wait(0.03)
     with pytest.raises(DeviceError, match=r"servo 1.*restarted"):
         active.tick()
+
+
+def test_a_servo_that_somebody_else_switched_off_is_noticed(active):
+    active.line.servos[3].memory.put(table.TORQUE_ENABLE, 0)
+    with pytest.raises(DeviceError, match=r"servo 3 \(joint 3\): has switched its torque off"):
+        active.read()
 
 
 def test_a_hardware_error_keeps_the_torque_off_until_a_reboot(fast):
