@@ -7,7 +7,16 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.diagnosis.library import candidates
-from estimation.diagnosis.selection import LEAST_GAIN, TIE, Candidate, Evidence, choose, evidence, screen
+from estimation.diagnosis.selection import (
+    LEAST_GAIN,
+    TIE,
+    Candidate,
+    Evidence,
+    choose,
+    evidence,
+    hopeless,
+    screen,
+)
 from estimation.diagnosis.standing import Standing, stand
 from estimation.effect import Effect
 from estimation.model import Model
@@ -40,13 +49,13 @@ class Chain:
         start: the base model alone.
         steps: one for each effect accepted.
         ranking: all candidates beside the base model, best first.
-        refused: the candidate that came next, and why it was not taken; None if there was none left.
+        refused: the candidate that came next, and why it was not taken; None if there was none.
     """
 
     start: Standing
     steps: tuple[Step, ...]
     ranking: tuple[Candidate, ...]
-    refused: tuple[Candidate, Evidence] | None
+    refused: "Refusal | None"
 
     @property
     def end(self) -> Standing:
@@ -98,18 +107,31 @@ def build(search: Search) -> Chain:
         before = steps[-1].standing if steps else start
         found = search.screen(before)
         ranking = ranking or tuple(found)
-        if not found:
+        step, refused = _next(search, before, found, [step.effect for step in steps])
+        if step is None:
             break
-        chosen = choose(found)
-        names = [*(step.effect for step in steps), chosen.effect.name]
-        after = search.stand(names, chosen.search.best.parameters)
-        weighed = evidence(before, after, found, chosen, search.rng)
-        if not weighed.enough:
-            refused = (chosen, weighed)
-            break
-        steps = (*steps, Step(chosen.effect.name, weighed, after))
-        steps = _reconsider(search, start, steps)
+        steps = _reconsider(search, start, (*steps, step))
     return Chain(start, steps, ranking, refused)
+
+
+Refusal = tuple[Candidate, Evidence]
+
+
+def _next(
+    search: Search, before: Standing, found: Sequence[Candidate], names: Sequence[str]
+) -> tuple[Step | None, Refusal | None]:
+    """The first candidate with enough evidence, or the first that was refused."""
+    refused = None
+    for chosen in choose(before, found) if found else []:
+        if chosen.held_out > (1.0 - LEAST_GAIN) ** 2 * before.trial.held_out:
+            refused = refused or (chosen, hopeless(before, chosen))
+            continue
+        after = search.stand([*names, chosen.effect.name], chosen.search.best.parameters)
+        weighed = evidence(before, after, found, chosen, search.rng)
+        if weighed.enough:
+            return Step(chosen.effect.name, weighed, after), None
+        refused = refused or (chosen, weighed)
+    return None, refused
 
 
 def _reconsider(search: Search, start: Standing, steps: tuple[Step, ...]) -> tuple[Step, ...]:
@@ -121,7 +143,7 @@ def _reconsider(search: Search, start: Standing, steps: tuple[Step, ...]) -> tup
         if without.trial.held_out * (1.0 - LEAST_GAIN) ** 2 < end.trial.held_out:
             steps = _redo(search, start, others, without)
             continue
-        best = choose(search.screen(without))
+        best = choose(without, search.screen(without))[0]
         if best.effect.name != name:
             exchanged = search.stand([*others, best.effect.name], best.search.best.parameters)
             if exchanged.trial.held_out < (1.0 - TIE) * end.trial.held_out:
@@ -137,6 +159,8 @@ def _redo(search: Search, start: Standing, names: list[str], end: Standing) -> t
         after = end if count == len(names) else search.stand(names[:count], end.trial.parameters)
         fall = 1.0 - np.sqrt(after.trial.held_out / before.trial.held_out)
         better = float(np.mean(after.trial.scores.held_out < before.trial.scores.held_out))
-        steps.append(Step(names[count - 1], Evidence(float(fall), float(fall), better, 0.005), after))
+        steps.append(
+            Step(names[count - 1], Evidence(float(fall), float(fall), better, float(fall), 0.005), after)
+        )
         before = after
     return tuple(steps)

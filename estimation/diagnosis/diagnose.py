@@ -27,7 +27,7 @@ from estimation.diagnosis.result import (
     Verdict,
 )
 from estimation.diagnosis.standing import Standing
-from estimation.diagnosis.unexplained import depends_on, is_explained
+from estimation.diagnosis.unexplained import depends_on, is_explained, is_nearly_explained
 from estimation.effect import Effect
 from estimation.model import Model
 
@@ -84,7 +84,7 @@ def diagnose_channel(
 
 def _report(search: Search, chain: Chain) -> ChannelDiagnosis:
     explained = is_explained(chain.end)
-    named = explained and bool(chain.steps)
+    named = bool(chain.steps) and (explained or is_nearly_explained(chain.start, chain.end))
     standing = chain.end if named else chain.start
     accepted = _accepted(search, chain) if named else []
     signals = [] if explained else depends_on(chain.end)
@@ -98,7 +98,7 @@ def _report(search: Search, chain: Chain) -> ChannelDiagnosis:
         floor=Floor(**asdict(noise_floor(chain.end))),
         baseline=_fitted(chain.start),
         accepted=accepted,
-        suspects=[] if explained else _suspects(chain),
+        suspects=[] if named else _suspects(chain),
         ranking=_ranking(chain),
         final=_fitted(standing),
         depends_on=signals,
@@ -182,7 +182,10 @@ def _reason(verdict: Verdict, chain: Chain, signals: Sequence[str]) -> str:
     if verdict is Verdict.ADEQUATE:
         return "no effect of the library lowers the error in held-out runs, and nothing smooth is left in it"
     if verdict is Verdict.MISSING:
-        return "with " + " and ".join(s.effect for s in chain.steps) + ", nothing smooth is left in the error"
+        names = " and ".join(s.effect for s in chain.steps)
+        if is_explained(chain.end):
+            return f"with {names}, nothing smooth is left in the error"
+        return f"with {names}, {left} of the error could still be explained, next to nothing of what was"
     known = " even with " + " and ".join(s.effect for s in chain.steps) if chain.steps else ""
     return f"{left} of the error{known} could be explained, by {', '.join(signals) or 'a mix of signals'}"
 

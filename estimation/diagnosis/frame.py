@@ -10,7 +10,7 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 
 RATE_HZ = 200.0  # blocks per second aimed at; slower data is taken sample by sample
 FOLDS = 6
-_PIECES = 3  # that each run is cut into where there are too few runs to hold whole ones out
+_PIECES = 5  # that a single run is cut into
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def frame_of(data: ChannelData, good: BoolArray | None = None, rate_hz: float = 
     block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
     rows, folds = [], []
     runs = data.runs
-    pieces = 1 if len(runs) > _PIECES else _PIECES + (len(runs) == 1) * 2
+    pieces = 1 if len(runs) > 1 else _PIECES
     for number, run in enumerate(runs):
         of_run = np.flatnonzero(data.run == run)
         blocks = of_run[: len(of_run) // block * block].reshape(-1, block)

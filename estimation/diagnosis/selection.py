@@ -10,11 +10,15 @@ from estimation.diagnosis.surrogates import best_gains, p_value, surrogates
 from estimation.diagnosis.trial import Search, Trial, search
 from estimation.effect import Effect
 from estimation.model import Model
+from robot_io.types import FloatArray
 
 LEAST_GAIN = 0.02  # of the held-out error; less is not worth a name, whatever its significance
 LEAST_JUDGED_GAIN = 0.005
 LEAST_FOLDS = 0.6  # share of the folds in which the error must fall
+FEW = 6  # blocks, about one touch in each run, that must not decide alone
 LEVEL = 0.01  # of false alarms, over all candidates
+TRIES = 3  # candidates weighed before giving up
+MOST = 0.95  # of what the best candidate takes away; a simpler one that does as much comes first
 TIE = 0.02  # of the squared held-out error; candidates closer than this are told apart by simplicity only
 
 
@@ -58,10 +62,17 @@ def screen(
     return sorted(found, key=lambda candidate: candidate.held_out)
 
 
-def choose(found: Sequence[Candidate]) -> Candidate:
-    """The candidate with fewest parameters among those as good as the best."""
-    close = [c for c in found if c.held_out <= (1.0 + TIE) * found[0].held_out]
-    return min(close, key=lambda c: (c.size, c.held_out))
+def choose(standing: Standing, found: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates worth weighing: the simplest of those about as good as the best, then the next best.
+
+    About as good means an error as small, or nearly all of what the best takes away; what the simpler one
+    leaves can still be added.
+    """
+    best, before = found[0].held_out, standing.trial.held_out
+    limit = max((1.0 + TIE) * best, before - MOST * (before - best))
+    close = [c for c in found if c.held_out <= limit]
+    first = min(close, key=lambda c: (c.size, c.held_out))
+    return [first, *(c for c in found if c is not first)][:TRIES]
 
 
 @dataclass(frozen=True)
@@ -72,19 +83,29 @@ class Evidence:
         gain: share by which the error in held-out runs falls.
         judged_gain: the same, of what is new in each sample.
         folds: share of the folds in which it falls.
+        broad_gain: the judged gain without the few blocks that gain most.
         p_value: how often the best of all candidates does as well on noise.
     """
 
     gain: float
     judged_gain: float
     folds: float
+    broad_gain: float
     p_value: float
 
     @property
     def enough(self) -> bool:
         """Whether the candidate is accepted."""
-        gains = self.gain >= LEAST_GAIN and self.judged_gain >= LEAST_JUDGED_GAIN
-        return gains and self.folds >= LEAST_FOLDS and self.p_value <= LEVEL
+        gains = (
+            (self.gain, LEAST_GAIN),
+            (self.judged_gain, LEAST_JUDGED_GAIN),
+            (self.broad_gain, LEAST_JUDGED_GAIN),
+        )
+        return (
+            all(gain >= least for gain, least in gains)
+            and self.folds >= LEAST_FOLDS
+            and self.p_value <= LEVEL
+        )
 
 
 def evidence(
@@ -99,18 +120,34 @@ def evidence(
         chosen: the one in question.
         rng: for the surrogates.
     """
-    held_out = chosen.search.held_out
-    gain = _fall(before.trial.held_out, held_out.sum())
-    folds = float(np.mean(held_out < before.trial.scores.held_out))
+    gain, folds = _gain(before, chosen)
     without = after.judge.fit(before.trial.columns, before.trial.target)
     judged_gain = _fall(without.held_out.sum(), after.judged.held_out)
-    if gain < LEAST_GAIN:
-        return Evidence(gain, judged_gain, folds, 1.0)
+    broad_gain = _broad(after.judge.whiten(before.trial.residual), after.judge.whiten(after.judged.residual))
     noise = surrogates(after.noise, after.noise_run, rng)
     starts = (after.judge.whiten(t.columns) for c in found for t in c.search.starts)
     chance = best_gains(noise, after.judge.whiten(before.trial.columns), starts)
     observed = 1.0 - after.judged.sse / without.sse.sum()
-    return Evidence(gain, judged_gain, folds, p_value(observed, chance))
+    return Evidence(gain, judged_gain, folds, broad_gain, p_value(observed, chance))
+
+
+def hopeless(before: Standing, chosen: Candidate) -> Evidence:
+    """Evidence for a candidate whose gain is too small to be weighed."""
+    gain, folds = _gain(before, chosen)
+    return Evidence(gain, 0.0, folds, 0.0, 1.0)
+
+
+def _gain(before: Standing, chosen: Candidate) -> tuple[float, float]:
+    """Share by which the error in held-out runs falls, and share of the folds in which it does."""
+    held_out = chosen.search.held_out
+    better = float(np.mean(held_out < before.trial.scores.held_out))
+    return _fall(before.trial.held_out, held_out.sum()), better
+
+
+def _broad(before: FloatArray, after: FloatArray) -> float:
+    """Share by which the error (w,) falls without the blocks that gain most: a few may be an accident."""
+    order = np.argsort(before**2 - after**2)[: max(len(before) - FEW, 1)]
+    return _fall(float(np.sum(before[order] ** 2)), float(np.sum(after[order] ** 2)))
 
 
 def _fall(before: float, after: float) -> float:

@@ -43,11 +43,9 @@ class Standing:
 
     @property
     def left(self) -> float:
-        """Share of the held-out error that a flexible regression takes away, plainly or of what is new."""
-        return max(
-            _share(self.flexible.held_out.sum(), self.trial.held_out),
-            _share(self.flexible_judged.held_out.sum(), self.judged.held_out),
-        )
+        """Share of the error in held-out runs that a flexible regression takes away."""
+        after, before = float(self.flexible.held_out.sum()), self.trial.held_out
+        return float(1.0 - np.sqrt(after / before)) if before > 0.0 else 0.0
 
     @property
     def noise(self) -> FloatArray:
@@ -83,7 +81,3 @@ def stand(
 
 def _bench(data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None) -> Bench:
     return Bench(frame_of(with_load(data, model, parameters), good), WHITE)
-
-
-def _share(after: float, before: float) -> float:
-    return float(1.0 - np.sqrt(after / before)) if before > 0.0 else 0.0

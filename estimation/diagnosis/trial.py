@@ -171,7 +171,7 @@ def _line(grid: list[dict[str, float]], best: int, inner: Parameter) -> list[int
 def _between(
     grid: list[dict[str, float]], best: int, inner: Parameter, line: list[int]
 ) -> list[dict[str, float]]:
-    """The two points half-way to the best one's neighbours on a line."""
+    """The two points half-way to the best one's neighbours on a line, or further out where it ends."""
     here = grid[best]
     values = [grid[i][inner.name] for i in line]
     at = line.index(best)
@@ -179,9 +179,10 @@ def _between(
     low = values[at - 1] if at > 0 else _outside(values, inner, upwards=False)
     high = values[at + 1] if at + 1 < len(line) else _outside(values, inner, upwards=True)
     closer = []
-    for other in (low, high):
+    for other, outside in ((low, at == 0), (high, at + 1 == len(line))):
         middle = np.sqrt(value * other) if inner.log and value * other > 0.0 else 0.5 * (value + other)
-        closer.append({**here, inner.name: float(np.clip(middle, inner.lower, inner.upper))})
+        number = other if outside else middle
+        closer.append({**here, inner.name: float(np.clip(number, inner.lower, inner.upper))})
     return [point for point in closer if point[inner.name] != value]
 
 
@@ -208,9 +209,9 @@ def _vertex(
 
 
 def _outside(line: list[float], inner: Parameter, *, upwards: bool) -> float:
-    """Where the grid ends: as far outside as its last step was wide, within the bounds."""
+    """Where the grid ends: twice as far outside as its last step was wide, within the bounds."""
     if len(line) < 2:
         return inner.upper if upwards else inner.lower
     end, before = (line[-1], line[-2]) if upwards else (line[0], line[1])
-    beyond = end * end / before if inner.log and before > 0.0 else 2.0 * end - before
+    beyond = end * (end / before) ** 2 if inner.log and before > 0.0 else end + 2.0 * (end - before)
     return float(np.clip(beyond, inner.lower, inner.upper))

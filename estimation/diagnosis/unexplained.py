@@ -5,6 +5,7 @@ from estimation.diagnosis.standing import Standing
 LEFT = (
     0.03  # share of the held-out error that a flexible regression may still take away from a complete model
 )
+NEARLY = 0.01  # of the explainable energy
 _SHARE = 0.4  # of the most telling signal's share; signals with less are not named
 _LEAST = 0.01
 
@@ -12,6 +13,13 @@ _LEAST = 0.01
 def is_explained(standing: Standing) -> bool:
     """Whether no more is left than noise."""
     return standing.left <= LEFT
+
+
+def is_nearly_explained(start: Standing, end: Standing) -> bool:
+    """Whether what is left, though seen, is next to nothing beside what was found."""
+    floor = float(end.flexible.held_out.sum())
+    explainable = start.trial.held_out - floor
+    return end is not start and end.trial.held_out - floor <= NEARLY * explainable
 
 
 def depends_on(standing: Standing) -> list[str]:

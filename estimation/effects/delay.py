@@ -11,7 +11,7 @@ from robot_io.types import FloatArray
 
 
 class Delay(SensorEffect):
-    """reading(t) = effort(t - T)."""
+    """reading(t) = effort(t - T); T < 0 where it is the motion that is reported late."""
 
     name = "delay"
     physics = "Conversion, bus and buffers hold every reading back by the same time."
@@ -19,7 +19,7 @@ class Delay(SensorEffect):
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: dead time"
     signature = "readings keep their shape and come late against the motion"
     channels = frozenset(ChannelKind)
-    inner = (Parameter("time", "s", 0.0, 2.0, (0.001, 0.1), log=True),)
+    inner = (Parameter("time", "s", -0.5, 2.0, (0.001, 0.1)),)
     confused_with: ClassVar[dict[str, str]] = {
         "lag": "make a sharp touch: a lag rounds it, a delay only shifts it",
         "damping": "hold and probe at two speeds",
@@ -32,6 +32,7 @@ class Delay(SensorEffect):
         return shift(effort, data.time_s, data.run, inner["time"])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a quarter of a sample to 150 samples."""
+        """See `Effect.starts`: from a quarter of a sample to 150 samples, and to ten the other way."""
         step = sample_time(data.time_s, data.run)
-        return tuple({"time": float(step * n)} for n in np.geomspace(0.25, 150.0, 13))
+        late = np.geomspace(0.25, 150.0, 13)
+        return tuple({"time": float(step * n)} for n in (*-late[late < 12.0][::-1], 0.0, *late))

@@ -8,6 +8,8 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
 
+_LEAST_WAVES = 1.5  # within the range of motion; less of a wave could be any curve
+
 
 class TorqueRipple(AdditiveEffect):
     """effort = s sin(n q) + c cos(n q)."""
@@ -30,6 +32,8 @@ class TorqueRipple(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `AdditiveEffect.columns`; shape (n, 2)."""
+        if inner["cycles"] * np.ptp(data.position) < _LEAST_WAVES * 2.0 * np.pi:
+            return np.zeros((len(data), 2))
         angle = inner["cycles"] * data.position
         return np.column_stack([np.sin(angle), np.cos(angle)])
 

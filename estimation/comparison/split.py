@@ -1,0 +1,61 @@
+"""Ways to split samples, so that one sees where a model fails."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from control.phases import Phase
+from estimation.channel import ChannelData
+from robot_io.types import BoolArray, FloatArray
+
+_BINS = 4
+
+
+def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
+    """Masks of samples (n,) by label, for each way to split: phase, run, direction, speed and so on."""
+    found = {
+        "phase": _phases(data),
+        "run": {f"run {run}": data.run == run for run in data.runs},
+        "direction": _directions(data),
+        "speed": _bins(np.abs(data.velocity), f"{data.kind.position_unit}/s"),
+        "depth" if data.kind.value == "contact" else "position": _bins(
+            data.position, data.kind.position_unit
+        ),
+        "effort": _bins(data.effort, data.kind.effort_unit),
+    }
+    if "load" in data.context:
+        found["load"] = _bins(np.abs(data.context["load"]), data.kind.effort_unit)
+    return {by: kept for by, masks in found.items() if len(kept := _occupied(masks)) > 1}
+
+
+def _phases(data: ChannelData) -> dict[str, BoolArray]:
+    known = {int(phase): phase.name.lower().replace("_", " ") for phase in Phase}
+    return {known[p]: data.phase == p for p in np.unique(data.phase).tolist() if p in known}
+
+
+def _directions(data: ChannelData) -> dict[str, BoolArray]:
+    slow = 0.02 * (float(np.quantile(np.abs(data.velocity), 0.95)) or 1.0)
+    inwards, outwards = (
+        ("moving in", "moving out")
+        if data.kind.value == "contact"
+        else ("moving forwards", "moving backwards")
+    )
+    return {
+        inwards: data.velocity > slow,
+        outwards: data.velocity < -slow,
+        "at rest": np.abs(data.velocity) <= slow,
+    }
+
+
+def _bins(signal: FloatArray, unit: str) -> dict[str, BoolArray]:
+    """Bins of equal width over all but the outermost samples."""
+    low, high = np.quantile(signal, [0.005, 0.995])
+    if not high > low:
+        return {}
+    edges = np.linspace(low, high, _BINS + 1)
+    place = np.clip(np.digitize(signal, edges[1:-1]), 0, _BINS - 1)
+    return {f"{edges[i]:.3g} to {edges[i + 1]:.3g} {unit}": place == i for i in range(_BINS)}
+
+
+def _occupied(masks: Mapping[str, BoolArray]) -> dict[str, BoolArray]:
+    return {label: mask for label, mask in masks.items() if mask.any()}

@@ -1,0 +1,105 @@
+"""Adds effects to a model one by one and keeps each stage, so that one can see the error fall and go back."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from estimation.channel import ChannelData
+from estimation.diagnosis.gate import refuse, usable
+from estimation.diagnosis.held_out import held_out_residual, rmse
+from estimation.diagnosis.intervals import Value, final, values
+from estimation.diagnosis.library import library
+from estimation.diagnosis.noise_floor import noise_floor
+from estimation.diagnosis.selection import screen
+from estimation.diagnosis.standing import Standing, stand
+from estimation.effect import Effect
+from estimation.model import Model
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Revision:
+    """One stage of a model.
+
+    Attributes:
+        number: 0 for the base model.
+        added: effect that this stage added; empty for the base model.
+        model: all effects of the stage.
+        parameters: with standard errors, by "effect.parameter".
+        predicted: effort that it expects, shape (n,).
+        residual: effort less prediction from gains fitted to the other runs, shape (n,); NaN where left out.
+        rmse: of that residual.
+        noise_floor: error that a complete model would leave, judged from this stage.
+        share_left: share of the error that a flexible regression could still explain.
+    """
+
+    number: int
+    added: str
+    model: Model
+    parameters: dict[str, Value]
+    predicted: FloatArray
+    residual: FloatArray
+    rmse: float
+    noise_floor: float
+    share_left: float
+
+
+def revise(
+    data: ChannelData, model: Model, names: Sequence[str], effects: Iterable[Effect] | None = None
+) -> tuple[Revision, ...]:
+    """Add effects in this order, refitting everything at each stage.
+
+    Args:
+        data: the channel.
+        model: the base model.
+        names: effects to add.
+        effects: where they are found; by default all that palpate knows.
+
+    Returns:
+        The base model, and one revision for each effect.
+
+    Raises:
+        InputError: the channel cannot be judged, or an effect is unknown, there already, or does not apply.
+    """
+    reason = refuse(data)
+    if reason:
+        raise InputError(f"channel '{data.name}': {reason}")
+    known = {effect.name: effect for effect in (library() if effects is None else effects)}
+    good = usable(data)
+    standing = stand(data, model, {}, good)
+    revisions = [_revision(0, "", standing)]
+    for number, name in enumerate(names, start=1):
+        effect = _applicable(standing, known, name)
+        found = screen(standing, standing.trial.model, [effect])
+        start = found[0].search.best.parameters if found else standing.trial.parameters
+        standing = stand(data, standing.trial.model.with_effect(effect), start, good)
+        revisions.append(_revision(number, name, standing))
+    return tuple(revisions)
+
+
+def _applicable(standing: Standing, known: dict[str, Effect], name: str) -> Effect:
+    if name not in known:
+        raise InputError(f"no effect is called '{name}'. Valid: {', '.join(sorted(known))}")
+    effect = known[name]
+    if not effect.applies_to(standing.data):
+        lacking = [signal for signal in effect.needs if signal not in standing.data.context]
+        why = f"needs {', '.join(lacking)}" if lacking else f"is not for a {standing.data.kind.value} channel"
+        raise InputError(f"effect '{name}' {why} (channel '{standing.data.name}')")
+    return effect
+
+
+def _revision(number: int, added: str, standing: Standing) -> Revision:
+    residual = held_out_residual(standing.plain.frame, standing.trial)
+    trial = final(standing)
+    floor = noise_floor(standing)
+    return Revision(
+        number=number,
+        added=added,
+        model=trial.model,
+        parameters=values(standing, trial),
+        predicted=trial.model.predict(standing.data, trial.parameters),
+        residual=residual,
+        rmse=rmse(residual),
+        noise_floor=floor.value,
+        share_left=floor.share_left,
+    )
