@@ -1,0 +1,349 @@
+"""The emulated Dynamixel servos against the e-manual: its published packets, and its words on what servos do.
+
+The last tests let the vendor's SDK be the client, over the pseudo terminal and in real time.
+"""
+
+import os
+from math import pi
+
+import pytest
+import serial
+from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
+
+from robot_io.clock import MonotonicClock
+from sim_backend.emulators.bench import Bench
+from sim_backend.emulators.dynamixel import DynamixelLine, Mounting, wire
+from sim_backend.emulators.dynamixel.control_table import MODELS
+from sim_backend.emulators.faults import Fault, FaultKind, Faults
+from sim_backend.emulators.plant import JointState
+
+BYTE_S = 10 / 4e6
+
+
+class Joints:
+    """A plant of joints that stand where they are put."""
+
+    def __init__(self, *angles_rad):
+        self.states = [JointState(angle, 0.0, 0.0) for angle in angles_rad]
+        self.torque_nm = [0.0] * len(angles_rad)
+
+    def joint(self, joint):
+        return self.states[joint]
+
+    def set_torque(self, joint, torque_nm):
+        self.torque_nm[joint] = torque_nm
+
+    def advance_to(self, time_s):
+        pass
+
+    def close(self):
+        pass
+
+
+class Client:
+    """The other end of a line, in time that this class lets pass."""
+
+    def __init__(self, ids=(1, 2, 3), faults=None, model="XM430-W350"):
+        self.plant = Joints(*[0.1 * servo_id for servo_id in ids])
+        mountings = [Mounting(id=servo_id, model=model) for servo_id in ids]
+        self.line = DynamixelLine(mountings, self.plant, faults)
+        self.port = serial.Serial(self.line.path, 4_000_000, timeout=0)
+        self.now_s = 0.0
+
+    def say(self, text, wait_s=0.01):
+        """Send a packet written in hex, without its checksum; returns what comes back within `wait_s`."""
+        packet = bytes.fromhex(text)
+        self.port.write(packet + wire.checksum(packet).to_bytes(2, "little"))
+        return self.listen(wait_s)
+
+    def listen(self, wait_s):
+        self.line.receive(self.now_s)
+        self.now_s += wait_s
+        self.line.send(self.now_s)
+        return self.port.read(1000)
+
+    def read(self, servo_id, address, size=1):
+        answer = self.say(f"ff ff fd 00 {servo_id:02x} 07 00 02 {address:02x} 00 {size:02x} 00")
+        return answer[8], answer[9:-2]
+
+    def write(self, servo_id, address, *data):
+        text = f"ff ff fd 00 {servo_id:02x} {5 + len(data):02x} 00 03 {address:02x} 00 "
+        answer = self.say(text + bytes(byte & 0xFF for byte in data).hex())
+        return answer[8] if answer else None
+
+    def close(self):
+        self.port.close()
+        self.line.close()
+
+
+@pytest.fixture
+def client():
+    client = Client()
+    yield client
+    client.close()
+
+
+def status(servo_id, *body):
+    return wire.status(servo_id, body[0], bytes(body[1:]))
+
+
+def test_its_packets_are_as_published():
+    """ROBOTIS e-manual, "DYNAMIXEL Protocol 2.0", examples of Ping, Read and Fast Sync Read."""
+    assert (
+        wire.status(1, 0, bytes.fromhex("06 04 26")).hex(" ") == "ff ff fd 00 01 07 00 55 00 06 04 26 65 5d"
+    )
+    assert wire.status(1, 0, bytes.fromhex("a6 00 00 00")).hex(" ") == (
+        "ff ff fd 00 01 08 00 55 00 a6 00 00 00 8c c0"
+    )
+    parts = [(3, 0, b"\xa6\0\0\0"), (7, 0, b"\x1f\x08\0\0"), (4, 0, b"\xff\x03\0\0")]
+    assert wire.fast_status(parts, 3).hex(" ") == (
+        "ff ff fd 00 fe 19 00 55 00 03 a6 00 00 00 84 08 00 07 1f 08 00 00 16 ca 00 04 ff 03 00 00 d1 9e"
+    )
+
+
+def test_published_requests_are_understood():
+    request = bytes.fromhex("ff ff fd 00 fe 11 00 83 74 00 04 00 01 96 00 00 00 02 aa 00 00 00 82 87")
+    (understood,) = wire.Receiver().take(b"\xff\xff\xfd\xfd noise " + request)
+    assert (understood.target, understood.code, understood.intact) == (0xFE, 0x83, True)
+    assert understood.parameters == request[8:-2]
+
+
+def test_a_ping_is_answered_with_model_and_firmware(client):
+    assert client.say("ff ff fd 00 02 03 00 01") == status(2, 0, 0xFC, 0x03, 46)  # 1020
+    everybody = client.say("ff ff fd 00 fe 03 00 01")
+    assert everybody == b"".join(status(servo_id, 0, 0xFC, 0x03, 46) for servo_id in (1, 2, 3))
+    assert client.say("ff ff fd 00 09 03 00 01") == b""
+
+
+def test_a_damaged_request_is_answered_with_a_crc_error(client):
+    client.port.write(bytes.fromhex("ff ff fd 00 01 03 00 01 19 4f"))
+    assert client.listen(0.01) == status(1, 3)
+
+
+@pytest.mark.parametrize(
+    ("address", "data", "error"),
+    [
+        (64, (2,), 4),  # torque enable is 0 or 1
+        (102, (1,), 5),  # goal current has two bytes
+        (102, (0xFF, 0x7F), 6),  # beyond the current limit
+        (126, (0, 0), 7),  # present current can be read only
+        (70, (0,), 7),
+        (66, (0,), 7),  # nothing is there
+        (98, (-1,), 4),
+        (98, (128,), 4),
+    ],
+)
+def test_what_may_not_be_written_is_refused(client, address, data, error):
+    assert client.write(1, address, *data) == error
+
+
+def test_eeprom_is_locked_while_the_torque_is_on(client):
+    assert client.write(1, 11, 0) == 0
+    assert client.write(1, 64, 1) == 0
+    assert client.write(1, 11, 3) == 7
+    assert client.write(1, 64, 0) == 0
+    assert client.write(1, 11, 3) == 0
+
+
+def test_an_unknown_instruction_and_reading_beyond_the_table_are_errors(client):
+    assert client.say("ff ff fd 00 01 03 00 77") == status(1, 2)
+    assert client.read(1, 250, 10) == (7, b"")
+
+
+def test_only_current_control_with_torque_exerts_something(client):
+    constant_nm = 0.00269 * 4.1 / 2.3
+    client.write(1, 102, 100, 0)
+    assert client.plant.torque_nm[0] == 0
+    client.write(1, 64, 1)
+    assert client.plant.torque_nm[0] == 0  # still in position mode
+    client.write(1, 64, 0)
+    client.write(1, 11, 0)
+    client.write(1, 64, 1)
+    assert client.plant.torque_nm[0] == 0  # the goal was forgotten with the mode
+    client.write(1, 102, -100, -1)
+    assert client.plant.torque_nm[0] == pytest.approx(-100 * constant_nm)
+
+
+def test_the_bus_watchdog_counts_in_20_ms_and_takes_goals_only_after_it_is_cleared(client):
+    client.write(1, 11, 0)
+    client.write(1, 64, 1)
+    client.write(1, 98, 2)
+    client.write(1, 102, 50, 0)
+    client.listen(0.035)
+    assert client.plant.torque_nm[0] > 0
+    client.listen(0.010)
+    client.listen(0.001)
+    assert client.plant.torque_nm[0] == 0
+    assert client.read(1, 98) == (0, b"\xff")
+    assert client.write(1, 102, 50, 0) == 4
+    assert client.write(1, 98, 0) == 0
+    assert client.write(1, 102, 50, 0) == 0
+
+
+def test_reading_others_feeds_the_watchdog_too(client):
+    client.write(1, 11, 0)
+    client.write(1, 64, 1)
+    client.write(1, 98, 2)
+    client.write(1, 102, 50, 0)
+    for _ in range(10):
+        client.read(3, 70)
+    assert client.plant.torque_nm[0] > 0
+
+
+def test_after_power_up_the_position_is_within_one_turn(client):
+    client.plant.states[0] = JointState(pi + 3 * 2 * pi + 0.1, 0.0, 0.0)
+    _, data = client.read(1, 132, 4)
+    assert int.from_bytes(data, "little", signed=True) == round(0.1 * 4096 / (2 * pi))
+    client.plant.states[0] = JointState(pi + 3 * 2 * pi - 0.1, 0.0, 0.0)
+    _, data = client.read(1, 132, 4)
+    assert int.from_bytes(data, "little", signed=True) == -round(0.1 * 4096 / (2 * pi))
+
+
+def test_a_reboot_forgets_ram_and_keeps_eeprom(client):
+    client.write(1, 9, 5)
+    client.write(1, 98, 7)
+    assert client.say("ff ff fd 00 01 03 00 08") == status(1, 0)
+    assert client.say("ff ff fd 00 01 03 00 01") == b""
+    client.now_s += 1.0
+    assert client.read(1, 9) == (0, b"\x05")
+    assert client.read(1, 98) == (0, b"\x00")
+
+
+def test_a_hardware_error_sets_the_alert_and_lets_go_until_a_reboot(client):
+    client.write(1, 64, 1)
+    client.line.servos[1].fail()
+    assert client.read(1, 64) == (0x80, b"\x00")
+    assert client.read(1, 70) == (0x80, b"\x20")
+    assert client.write(1, 64, 1) == 0x81
+    client.say("ff ff fd 00 01 03 00 08")
+    client.now_s += 1.0
+    assert client.write(1, 64, 1) == 0
+
+
+def test_indirect_data_stands_for_what_it_was_told(client):
+    client.write(1, 168, 132, 0, 133, 0)
+    _, direct = client.read(1, 132, 2)
+    assert client.read(1, 224, 2) == (0, direct)
+    client.write(1, 170, 65, 0)
+    client.write(1, 225, 1)
+    assert client.read(1, 65) == (0, b"\x01")
+    assert client.write(1, 168, 10, 0) == 4  # EEPROM cannot be stood for
+
+
+@pytest.mark.parametrize("model", sorted(MODELS))
+def test_every_model_has_its_own_number_and_limits(model):
+    client = Client(model=model)
+    number = int.from_bytes(client.say("ff ff fd 00 01 03 00 01")[9:11], "little")
+    assert number == MODELS[model].number
+    _, limit = client.read(1, 38, 2)
+    assert int.from_bytes(limit, "little") == MODELS[model].current_limit
+    client.close()
+
+
+def test_bytes_take_their_time_on_the_line(client):
+    answer = client.say("ff ff fd 00 fe 09 00 82 46 00 01 00 01 02", wait_s=1e-6)
+    assert answer == b""
+    request, reply, delay_s = 16, 12, 250 * 2e-6
+    client.now_s = (request + reply) * BYTE_S + delay_s + 1e-6
+    client.line.send(client.now_s)
+    assert client.port.read(100) == status(1, 0, 0)
+    client.now_s += reply * BYTE_S + delay_s
+    client.line.send(client.now_s)
+    assert client.port.read(100) == status(2, 0, 0)
+
+
+SYNC = "ff ff fd 00 fe 0a 00 82 46 00 01 00 01 02 03"
+FAST = "ff ff fd 00 fe 0a 00 8a 46 00 01 00 01 02 03"
+ANSWERS = [status(servo_id, 0, 0) for servo_id in (1, 2, 3)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [
+        (FaultKind.DROP, ANSWERS[0] + ANSWERS[2]),
+        (FaultKind.DUPLICATE, ANSWERS[0] + ANSWERS[1] * 2 + ANSWERS[2]),
+        (FaultKind.REORDER, ANSWERS[0] + ANSWERS[2] + ANSWERS[1]),
+        (FaultKind.WRONG_ID, ANSWERS[0] + status(102, 0, 0) + ANSWERS[2]),
+    ],
+)
+def test_faults_on_the_wire_are_what_they_say(kind, expected):
+    client = Client(faults=Faults([Fault(kind=kind, device=2, times=1)]))
+    assert client.say(SYNC) == expected
+    assert client.say(SYNC) == b"".join(ANSWERS)
+    client.close()
+
+
+def test_a_silent_servo_ends_a_fast_answer_and_a_corrupt_one_differs_in_a_bit():
+    client = Client()
+    whole = client.say(FAST)
+    assert len(whole) == 8 + 3 * 5
+    client.line.faults.add(Fault(kind=FaultKind.DROP, device=2, times=1))
+    assert client.say(FAST) == whole[: 8 + 5]
+    client.line.faults.add(Fault(kind=FaultKind.CORRUPT, device=3, times=1))
+    damaged = client.say(FAST)
+    assert sum((a ^ b).bit_count() for a, b in zip(whole, damaged, strict=True)) == 1
+    client.close()
+
+
+def test_a_stuck_encoder_stays_while_the_joint_moves():
+    client = Client(faults=Faults([Fault(kind=FaultKind.STUCK, device=1, from_s=0.1, for_s=1.0)]))
+    _, before = client.read(1, 132, 4)
+    client.now_s = 0.2
+    client.read(1, 132, 4)
+    client.plant.states[0] = JointState(1.0, 2.0, 0.0)
+    assert client.read(1, 132, 4) == (0, before)
+    client.now_s = 2.0
+    _, after = client.read(1, 132, 4)
+    assert after != before
+    client.close()
+
+
+def test_an_unplugged_line_hangs_up():
+    client = Client(faults=Faults([Fault(kind=FaultKind.UNPLUG, times=1)]))
+    client.line.receive(0.0)
+    assert os.read(client.port.fileno(), 10) == b""
+    with pytest.raises(OSError, match="Input/output error"):
+        os.write(client.port.fileno(), b"x")
+    client.close()
+
+
+@pytest.fixture
+def sdk():
+    """The SDK's port and packet handler on a line that runs in real time."""
+    plant = Joints(0.1, -0.2, 0.3)
+    line = DynamixelLine([Mounting(id=i, model="XM430-W350") for i in (1, 2, 3)], plant, baud_rate=None)
+    bench = Bench(plant, [line], MonotonicClock())
+    bench.start()
+    port = PortHandler(line.path)
+    port.openPort()
+    yield port, PacketHandler(2.0), plant
+    port.closePort()
+    bench.close()
+
+
+def test_the_sdk_finds_and_sets_up_the_servos(sdk):
+    port, packets, _ = sdk
+    assert packets.ping(port, 2) == (1020, COMM_SUCCESS, 0)
+    assert packets.write1ByteTxRx(port, 1, 9, 0) == (COMM_SUCCESS, 0)
+    assert packets.read1ByteTxRx(port, 1, 9) == (0, COMM_SUCCESS, 0)
+    assert packets.write1ByteTxRx(port, 1, 64, 7) == (COMM_SUCCESS, 4)
+
+
+@pytest.mark.parametrize("way", ["txRxPacket", "fastSyncRead"])
+def test_the_sdk_reads_and_writes_in_groups(sdk, way):
+    port, packets, plant = sdk
+    for servo_id in (1, 2, 3):
+        packets.write1ByteTxRx(port, servo_id, 11, 0)
+        packets.write1ByteTxRx(port, servo_id, 64, 1)
+    reading = GroupSyncRead(port, packets, 132, 4)
+    for servo_id in (1, 2, 3):
+        reading.addParam(servo_id)
+    assert getattr(reading, way)() == COMM_SUCCESS
+    counts = [reading.getData(servo_id, 132, 4) for servo_id in (1, 2, 3)]
+    assert counts == [2048 + round(angle * 4096 / (2 * pi)) for angle in (0.1, -0.2, 0.3)]
+    writing = GroupSyncWrite(port, packets, 102, 2)
+    for servo_id in (1, 2, 3):
+        writing.addParam(servo_id, [10 * servo_id, 0])
+    assert writing.txPacket() == COMM_SUCCESS
+    packets.ping(port, 1)
+    assert plant.torque_nm == pytest.approx([10 * k * 0.00269 * 4.1 / 2.3 for k in (1, 2, 3)])
