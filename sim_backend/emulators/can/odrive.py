@@ -56,7 +56,8 @@ class EmulatedOdrive(CanNode):
         self._gear_ratio, self._zero_rad = gear_ratio, zero_rad
         self._max_torque_nm, self._torque_constant = max_torque_nm, torque_constant_nm_a
         self._heartbeat_s, self._cyclic_s, self.watchdog_s = heartbeat_s, cyclic_s, watchdog_s
-        self._next_heartbeat_s = self._next_cyclic_s = -math.inf
+        self._next_heartbeat_s = heartbeat_s
+        self._next_cyclic_s = cyclic_s
         self._silent_until_s = -math.inf
         self._stuck: JointState | None = None
         self._start_up()

@@ -19,7 +19,7 @@ class EmulatedGauge(SerialSensor):
         self.range_n = capacity_n
         self._sign = sign
         self._timer = StreamTimer(rate_hz)
-        self._timer.running = True
+        self._timer.start(0.0)
         self._silent_until_s = -math.inf
 
     def hear(self, data: bytes, now_s: float) -> bytes:

@@ -37,15 +37,15 @@ class EmulatedLoadstar(SerialSensor):
         if now_s < self._silent_until_s:
             return b""
         *commands, self._input = (self._input + data).split(b"\r")
-        return b"".join(self._answer(command.strip().upper()) for command in commands)
+        return b"".join(self._answer(command.strip().upper(), now_s) for command in commands)
 
-    def _answer(self, command: bytes) -> bytes:
+    def _answer(self, command: bytes, now_s: float) -> bytes:
         if self._timer.running:
-            self._timer.running = False
+            self._timer.stop()
             return b""
         word = command.decode("ascii", "replace")
         if word == "WC":
-            self._timer.running = True
+            self._timer.start(now_s)
             return b""
         if word in ("CT0", "TARE"):
             self._tare_n = self._last_n
@@ -71,5 +71,6 @@ class EmulatedLoadstar(SerialSensor):
 
     def restart(self, now_s: float, silent_s: float) -> None:
         """See `SerialSensor.restart`."""
-        self._timer.running, self._tare_n, self._input = False, 0.0, b""
+        self._timer.stop()
+        self._tare_n, self._input = 0.0, b""
         self._silent_until_s = now_s + silent_s

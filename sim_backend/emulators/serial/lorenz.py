@@ -67,30 +67,32 @@ class EmulatedLorenz(SerialSensor):
         for byte in data:
             self._stx_in_a_row = self._stx_in_a_row + 1 if byte == 2 else 0
             if self._timer.running:
-                self._timer.running = self._stx_in_a_row < 3
+                if self._stx_in_a_row == 3:
+                    self._timer.stop()
                 continue
             self._input = (self._input + bytes((byte,)))[-600:]
-            answers += self._try()
+            answers += self._try(now_s)
         return answers
 
-    def _try(self) -> bytes:
+    def _try(self, now_s: float) -> bytes:
         """Obey the telegram that the input ends with, if it does."""
         for start in (place for place, byte in enumerate(self._input) if byte == 2):
             content = self._input[start + 1 :].replace(b"\x02\x02", b"\x02")
             whole = len(content) >= 6 and len(content) == 6 + content[3]
             if whole and _sums(content[:-2]) == content[-2:] and content[1] in (0, ADDRESS):
                 self._input = b""
-                return self._obey(content[0], content[2], content[4:-2])
+                return self._obey(content[0], content[2], content[4:-2], now_s)
         return b""
 
-    def _obey(self, command: int, host: int, parameters: bytes) -> bytes:
+    def _obey(self, command: int, host: int, parameters: bytes, now_s: float) -> bytes:
         if command == 0x40:
             return _telegram(0x40, host, b"\x01")
         if command == 0x44 and parameters == b"\x80":
             return _telegram(0x44, host, b"\x80" + self._rotor_header())
         if command == 0x5A and len(parameters) == 5 and parameters[0] == 3 and parameters[1] > 0:
             self._timer = StreamTimer(1.0 / (parameters[1] * CONFIG_TIME_S))
-            self._timer.running, self._counter = True, 0
+            self._timer.start(now_s)
+            self._counter = 0
             return _telegram(0x06, host)
         return _telegram(0x15, host, bytes((41,)))
 
@@ -119,5 +121,6 @@ class EmulatedLorenz(SerialSensor):
 
     def restart(self, now_s: float, silent_s: float) -> None:
         """See `SerialSensor.restart`."""
-        self._timer.running, self._input = False, b""
+        self._timer.stop()
+        self._input = b""
         self._silent_until_s = now_s + silent_s
