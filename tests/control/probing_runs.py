@@ -47,10 +47,12 @@ class Recording:
         return (self.phase == phase) & (self.run == run)
 
 
-def plant_above(height_m: float = 0.08, x_m: float = 0.42, **settings) -> Plant:
+def plant_above(
+    height_m: float = 0.08, x_m: float = 0.42, elbow: Elbow = Elbow.POSITIVE, **settings
+) -> Plant:
     """The reference plant with its tool pointing down at a height."""
     arm = PlanarArm(test_arm(), TOOL_AXIS_TIP)
-    start = arm.solve(np.array([x_m, 0.0, height_m]), DOWN, Elbow.POSITIVE)
+    start = arm.solve(np.array([x_m, 0.0, height_m]), DOWN, elbow)
     return Plant(start.position_rad.copy(), **settings)
 
 

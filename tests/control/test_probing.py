@@ -3,12 +3,17 @@
 import numpy as np
 import pytest
 
+from control.dh_urdf import JointRange, dh_to_urdf
 from control.excitation import Excitation
 from control.gains import ContactGains, Gains
+from control.inverse_kinematics import Elbow
 from control.phases import Phase
+from control.probing import ProbingTask
 from control.probing_plan import ProbingPlan
+from control.rigid_body import RigidBody
 from robot_io.errors import InputError
 from tests.control.probing_runs import plant_above, probing_task, run_probing
+from tests.control.reference_plant import TABLE, TOOL_AXIS_TIP
 
 CORNERS = [(100.0, 0.0, 0.15), (500.0, 100.0, 0.15), (2000.0, 0.0, 0.15), (7100.0, 100.0, 0.05)]
 CORNERS += [(10_000.0, 200.0, 0.05), (100.0, 200.0, 0.06), (10_000.0, 0.0, 0.05)]
@@ -107,6 +112,23 @@ def test_speeds_repeats_and_targets_are_all_run():
     assert places[:, 2] == pytest.approx(np.full(8, 0.05), abs=5e-4)
     assert places[:, 0] == pytest.approx([0.42] * 4 + [0.40] * 4, abs=1e-6)
     assert set(record.run) == {-1, *range(8)}
+
+
+def test_the_next_approach_starts_above_the_surface_that_was_found():
+    plant = plant_above(height_m=0.15, stiffness_n_m=500.0)
+    record, _ = probe(plant=plant, speeds_m_s=(0.15, 0.15), hold_s=0.1, retract_m=0.02)
+    height = np.array([output.tip_position_world_m[2] for output in record.outputs])
+    assert height[record.in_phase(Phase.FREE_AIR, 0)] == pytest.approx(0.15, abs=1e-3)
+    assert height[record.in_phase(Phase.FREE_AIR, 1)] == pytest.approx(0.07, abs=1e-3)
+
+
+@pytest.mark.parametrize("elbow", list(Elbow))
+def test_the_elbow_stays_as_it_is(elbow):
+    plant = plant_above(elbow=elbow, stiffness_n_m=500.0)
+    start = plant.position_rad.copy()
+    record, task = probe(plant=plant)
+    assert task.failures == ()
+    assert np.abs(record.position_rad - start).max() < 0.6
 
 
 def test_a_surface_that_is_not_there_is_an_event_and_the_next_target_is_tried():
@@ -218,6 +240,19 @@ def test_joint_limits_bound_the_search():
     task = probing_task(plan, limits=(plant.position_rad - 0.001, plant.position_rad + 0.001))
     with pytest.raises(InputError, match="within its joint limits"):
         task.start(plant.measure())
+
+
+def test_without_other_limits_those_of_the_urdf_count():
+    ranges = [JointRange(low, high) for low, high in zip(*bounds_around(0.001), strict=True)]
+    body = RigidBody.from_urdf(dh_to_urdf(TABLE, ranges=ranges), "tip")
+    task = ProbingTask(body, TOOL_AXIS_TIP, Gains(), ProbingPlan())
+    with pytest.raises(InputError, match="within its joint limits"):
+        task.start(plant_above().measure())
+
+
+def bounds_around(margin_rad: float):
+    position = plant_above().position_rad
+    return position - margin_rad, position + margin_rad
 
 
 def test_without_force_feedforward_it_still_holds():
