@@ -64,10 +64,13 @@ class Bench:
         while not self._closed and self._now_s < time_s - 1e-9:
             for wire in self._wires:
                 wire.receive(self._now_s)
-            self._now_s = min(self._now_s + STEP_S, time_s)
-            self.plant.advance_to(self._now_s)
-            for wire in self._wires:
-                wire.send(self._now_s)
+            self._step_towards(time_s)
+
+    def _step_towards(self, time_s: float) -> None:
+        self._now_s = min(self._now_s + STEP_S, time_s)
+        self.plant.advance_to(self._now_s)
+        for wire in self._wires:
+            wire.send(self._now_s)
 
     def start(self) -> None:
         """Keep up with a real clock in a thread until `close`."""
@@ -77,10 +80,11 @@ class Bench:
     def _run(self) -> None:
         while not self._stop.is_set():
             self._await_traffic()
-            self.advance_to(self._clock.now_s())
-            for wire in self._wires:  # what has come by now is answered now, not a step later
+            now_s = self._clock.now_s()
+            while self._now_s < now_s:
+                self._step_towards(now_s)
+            for wire in self._wires:  # what has come by now has come now, not a step ago
                 wire.receive(self._now_s)
-                wire.send(self._now_s)
 
     def _await_traffic(self) -> None:
         """Wait until something comes over a wire or is due on one, and at most for a step."""
