@@ -51,14 +51,19 @@ class FastReply:
         """
         if len(packet) != self.size or not packet.startswith(self._head):
             raise ProtocolError(f"not the answer to a fast sync read: {packet[:16].hex(' ')}")
-        crc, start, parts = crc16(self._head), _HEAD, []
-        for servo_id in self._ids:
-            end = start + self._part
-            crc = crc16(packet[start : end - 2], crc)
-            if crc != packet[end - 2] | packet[end - 1] << 8:
-                raise ProtocolError(f"wrong checksum in servo {servo_id}'s part of a fast sync read")
+        if crc16(packet[:-2]) != packet[-2] | packet[-1] << 8:
+            raise ProtocolError(f"wrong checksum in {self._damaged_part(packet)} part of a fast sync read")
+        parts = []
+        for servo_id, start in zip(self._ids, range(_HEAD, self.size, self._part), strict=True):
             if packet[start + 1] != servo_id:
                 raise ProtocolError(f"servo {packet[start + 1]} answered in place of servo {servo_id}")
-            parts.append(StatusPacket(servo_id, packet[start], packet[start + 2 : end - 2]))
-            crc, start = crc16(packet[end - 2 : end], crc), end
+            parts.append(StatusPacket(servo_id, packet[start], packet[start + 2 : start + self._part - 2]))
         return parts
+
+    def _damaged_part(self, packet: bytes) -> str:
+        """Whose part has the first wrong checksum; the last one covers all, and is enough to accept."""
+        ends = range(_HEAD + self._part, self.size, self._part)
+        for servo_id, end in zip(self._ids, ends, strict=False):
+            if crc16(packet[: end - 2]) != packet[end - 2] | packet[end - 1] << 8:
+                return f"servo {servo_id}'s"
+        return f"servo {self._ids[-1]}'s"

@@ -69,7 +69,7 @@ class ServoJoints:
     def current_counts(self, torque_nm: FloatArray, largest: IntArray) -> IntArray:
         """Goal currents (n) for joint torques (n) [N m], cut at the `largest` counts (n)."""
         counts = np.rint(torque_nm / self._signed_torque_step_nm)
-        limited: IntArray = np.clip(counts, -largest, largest).astype(np.int64)
+        limited: IntArray = np.minimum(np.maximum(counts, -largest), largest).astype(np.int64)
         return limited
 
     def torque_of_counts(self, counts: IntArray) -> FloatArray:

@@ -187,6 +187,14 @@ def test_an_echo_of_the_request_is_no_answer():
     assert StatusReader().feed(instructions.read(1, 132, 4) + answer) == [decode_status(answer)]
 
 
+@pytest.mark.parametrize("place", range(3))
+def test_a_damaged_part_of_a_fast_answer_is_named(place):
+    damaged = bytearray(wire.fast_status([(servo_id, 0, b"abcd") for servo_id in (5, 6, 7)], 3))
+    damaged[8 + 8 * place + 3] ^= 1
+    with pytest.raises(ProtocolError, match=rf"servo {5 + place}'s part"):
+        FastReply((5, 6, 7), 4).decode(bytes(damaged))
+
+
 def test_answers_of_others_and_short_ones_are_no_part_of_a_fast_answer():
     reply = FastReply((1, 2), 2)
     swapped = wire.fast_status([(2, 0, b"ab"), (1, 0, b"cd")], 2)
