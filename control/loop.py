@@ -98,7 +98,7 @@ def _first_measurement(robot: Robot, clock: Clock, period_s: float) -> Measureme
         if not missing:
             return measurement
         if clock.now_s() >= give_up_s:
-            silent = ", ".join([*missing, *robot.bus_errors.values()])
+            silent = ", ".join([*missing, *robot.bus_errors.values(), *robot.bus_delays.values()])
             raise DeviceTimeoutError(f"{robot.name}: no sample within {FIRST_SAMPLE_S} s from: {silent}")
         clock.sleep_until(clock.now_s() + period_s)
 

@@ -85,7 +85,8 @@ class WayOut:
         """Log the trip, if there is one and it is new."""
         trip = self._guard.tripped
         if trip and not self._cause:
-            buses = (f"bus '{name}': {problem}" for name, problem in self._robot.bus_errors.items())
+            troubles = {**self._robot.bus_delays, **self._robot.bus_errors}
+            buses = (f"bus '{name}': {problem}" for name, problem in troubles.items())
             self._cause = "; ".join((trip.cause, *buses))
             self._journal.event(self._clock.now_s(), "stop" if self._on_request else "trip", self._cause)
 

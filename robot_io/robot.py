@@ -43,6 +43,7 @@ class Robot:
 
     Attributes:
         bus_errors: why the last `read` could not use a bus, by its name; empty when all is well.
+        bus_delays: why the last `read` got nothing new from a bus in time, by its name.
 
     Raises:
         InputError: encoder and drives disagree about the number of joints.
@@ -67,6 +68,7 @@ class Robot:
         self.name = name
         self.joint_count = torque.joint_count
         self.bus_errors: dict[str, str] = {}
+        self.bus_delays: dict[str, str] = {}
         self._state = RobotState.NEW
         self._newest_s = {"encoder": -inf, "torque": -inf, "force": -inf}
         # Started in this order and stopped in the other: the torque is the last on and the first off.
@@ -215,11 +217,12 @@ class Robot:
 
     def _poll(self, deadline_s: float) -> None:
         self.bus_errors.clear()
+        self.bus_delays.clear()
         for name, bus in self.buses.items():
             try:
                 bus.poll(deadline_s)
-            except DeviceTimeoutError:
-                continue  # the devices keep their old samples, and their age tells
+            except DeviceTimeoutError as error:  # the devices keep their old samples, and their age tells
+                self.bus_delays[name] = str(error)
             except DeviceError as error:
                 self.bus_errors[name] = str(error)
 

@@ -124,6 +124,10 @@ class TestReading:
             measurement.time_s + DT
         )  # waited to the deadline, no longer
         assert active.bus_errors == {}
+        assert active.bus_delays == {"world": "mock bus: no answer before the deadline"}
+        bus.faults.poll_takes_s = 0.0
+        tick(active)
+        assert active.bus_delays == {}
 
     def test_a_failed_bus_makes_its_devices_fail_and_says_why(self, active, bus):
         bus.faults.unplugged = True
