@@ -124,16 +124,16 @@ class TelegramReader:
 
     def _take(self, byte: int) -> bool:
         """Take one byte in; True if it was the last of a telegram."""
-        if self._half_stuffed:
-            self._half_stuffed = False
-            if byte != STX or self._content is None:  # that STX was a beginning
-                self.rejected += bool(self._content)
-                self._content = bytearray()
-        elif byte == STX:
+        if self._content is None:
+            self._content = bytearray() if byte == STX else None
+            return False
+        if byte == STX and not self._half_stuffed:
             self._half_stuffed = True
             return False
-        if self._content is None:
-            return False
+        if self._half_stuffed and byte != STX:  # that STX was a beginning
+            self.rejected += bool(self._content)
+            self._content = bytearray()
+        self._half_stuffed = False
         self._content.append(byte)
         return len(self._content) >= _HEADER and len(self._content) == _HEADER + self._content[3] + 2
 

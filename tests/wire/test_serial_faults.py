@@ -1,6 +1,9 @@
 """What goes wrong with force sensors on a serial line, and what the robot makes of it."""
 
+import fcntl
 import os
+import sys
+import termios
 import threading
 import tty
 
@@ -184,6 +187,11 @@ def terminal():
         os.close(end)
 
 
+def waiting(end):
+    """Bytes that can be read there; the kernel hands them on when it finds the time."""
+    return int.from_bytes(fcntl.ioctl(end, termios.FIONREAD, bytes(4)), sys.byteorder)
+
+
 def reading(value):
     return f"{value:12.4f}\r\n".encode()
 
@@ -193,19 +201,29 @@ def test_a_reader_that_fell_behind_shows_an_old_reading_as_old(terminal):
     master, slave, _ = terminal
     clock = SimulatedClock()
     reader = SerialReader(slave, LoadstarStream(1.0, 100.0), clock)
-    os.write(master, b"\r\n")
+
+    def send(data):
+        before = waiting(slave)
+        os.write(master, data)
+        for _ in range(1000):
+            if waiting(slave) >= before + len(data):
+                return
+            threading.Event().wait(0.001)
+        raise TimeoutError("the terminal swallowed something")
+
+    send(b"\r\n")
     for i in range(5):
         clock.sleep_until((i + 1) * 1e-3)
-        os.write(master, reading(i))
+        send(reading(i))
         reader.look()
         assert reader.newest == (float(i), clock.now_s())
     for i in range(100):
-        os.write(master, reading(i))
+        send(reading(i))
     clock.sleep_until(1.0)
     reader.look()
     assert reader.newest == (99.0, pytest.approx(5e-3))
     clock.sleep_until(1.001)
-    os.write(master, reading(7.0))
+    send(reading(7.0))
     reader.look()
     assert reader.newest == (7.0, pytest.approx(1.001))
 

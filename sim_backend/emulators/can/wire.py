@@ -73,6 +73,8 @@ class CanWire(EmulatedWire):
     def send(self, now_s: float) -> None:
         """See `EmulatedWire.send`."""
         if self._is_unplugged(now_s):
+            for node in self._nodes:
+                node.tell(now_s)  # to nobody; its watchdog runs all the same
             return
         for late in [late for late in self._late if late.due_s <= now_s]:
             self._late.remove(late)

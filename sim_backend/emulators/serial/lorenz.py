@@ -77,8 +77,10 @@ class EmulatedLorenz(SerialSensor):
     def _try(self, now_s: float) -> bytes:
         """Obey the telegram that the input ends with, if it does."""
         for start in (place for place, byte in enumerate(self._input) if byte == 2):
-            content = self._input[start + 1 :].replace(b"\x02\x02", b"\x02")
+            stuffed = self._input[start + 1 :]
+            content = stuffed.replace(b"\x02\x02", b"\x02")
             whole = len(content) >= 6 and len(content) == 6 + content[3]
+            whole = whole and content.replace(b"\x02", b"\x02\x02") == stuffed
             if whole and _sums(content[:-2]) == content[-2:] and content[1] in (0, ADDRESS):
                 self._input = b""
                 return self._obey(content[0], content[2], content[4:-2], now_s)

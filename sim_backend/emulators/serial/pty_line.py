@@ -1,7 +1,11 @@
 """A serial line as a pseudo terminal, with an emulated force sensor at its end."""
 
 import errno
+import fcntl
 import os
+import sys
+import termios
+import time
 import tty
 from abc import ABC, abstractmethod
 
@@ -9,6 +13,7 @@ from sim_backend.emulators.bench import EmulatedWire
 from sim_backend.emulators.faults import FaultKind, Faults
 from sim_backend.emulators.plant import Plant
 
+_HAND_ON_S = 0.02  # a full buffer never takes more
 _RANGE_N = 1e3  # what a reading of a saturated sensor shows, if it has no range of its own
 
 
@@ -50,13 +55,22 @@ class PtyLine(EmulatedWire):
         sensor: what is connected.
         plant: where its force comes from.
         faults: what goes wrong.
+        in_lock_step: whether what is sent is there for the driver before time goes on.
 
     Attributes:
         path: device file for the driver.
     """
 
-    def __init__(self, sensor: SerialSensor, plant: Plant, faults: Faults | None = None) -> None:
+    def __init__(
+        self,
+        sensor: SerialSensor,
+        plant: Plant,
+        faults: Faults | None = None,
+        *,
+        in_lock_step: bool = False,
+    ) -> None:
         self._sensor, self._plant = sensor, plant
+        self._in_lock_step = in_lock_step
         self.faults = faults or Faults()
         self._master: int | None
         self._master, self._slave = os.openpty()
@@ -139,8 +153,22 @@ class PtyLine(EmulatedWire):
     def _put(self, data: bytes) -> None:
         if self._master is None or not data:
             return
+        waiting = self._readable()
         try:
             os.write(self._master, data)
         except OSError as error:
             if error.errno not in (errno.EAGAIN, errno.EIO):  # the host reads too slowly, or not at all
                 raise
+            return
+        if self._in_lock_step:
+            self._wait_until_readable(waiting + len(data))
+
+    def _readable(self) -> int:
+        """How many bytes the driver could read."""
+        return int.from_bytes(fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)), sys.byteorder)
+
+    def _wait_until_readable(self, count: int) -> None:
+        """The kernel hands bytes on when it finds the time."""
+        give_up_s = time.monotonic() + _HAND_ON_S
+        while self._readable() < count and time.monotonic() < give_up_s:
+            time.sleep(0)

@@ -42,7 +42,9 @@ class SerialWires(WireMaker):
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         """See `WireMaker.make`."""
-        line = PtyLine(self._sensor(request), request.plant, request.faults)
+        line = PtyLine(
+            self._sensor(request), request.plant, request.faults, in_lock_step=request.in_lock_step
+        )
         return line, {"port": line.path}
 
     def _sensor(self, request: WireRequest) -> SerialSensor:

@@ -59,6 +59,12 @@ def test_a_telegram_that_lost_its_end_does_not_take_the_next_with_it():
     assert reader.rejected == 1
 
 
+@pytest.mark.parametrize("data", ["020201ff00020209", "42020201ff00020209", "020201ff02020202010718"])
+def test_a_command_that_is_not_doubled_is_no_telegram(data):
+    """Found by the fuzzer: the byte 02 right after STX belongs to a pair, or begins a telegram itself."""
+    assert TelegramReader().feed(bytes.fromhex(data)) == []
+
+
 def header_block(dimension=3, load=100):
     block = bytearray(28)
     block[0], block[8], block[10:12], block[4:8] = (

@@ -1,0 +1,181 @@
+"""The emulated motors and sensors against the manuals: cantools with our DBC, a bit packer, bytes by hand."""
+
+import struct
+from pathlib import Path
+
+import bitstruct
+import can
+import cantools
+import pytest
+
+from robot_io.robot_file import load_robot_file
+from sim_backend.emulators import Fault, FaultKind
+from sim_backend.emulators.can import EmulatedMitMotor, EmulatedOdrive
+from sim_backend.emulators.plant import Plant
+from sim_backend.emulators.serial import EmulatedGauge, EmulatedLoadstar, EmulatedLorenz
+from sim_backend.scenario import load_scenario
+
+ROOT = Path(__file__).resolve().parents[3]
+DBC = ROOT / "tests" / "robot_io" / "can"
+
+
+@pytest.fixture
+def plant():
+    made = Plant(
+        load_robot_file(ROOT / "robots" / "odrive_3dof.yaml"), load_scenario("default", ROOT), start_s=0.0
+    )
+    made.advance_to(0.01)
+    yield made
+    made.close()
+
+
+def frame(can_id, data=b"", *, remote=False):
+    return can.Message(arbitration_id=can_id, data=data, is_extended_id=False, is_remote_frame=remote)
+
+
+def odrive(plant, firmware="0.6", **details):
+    details = {"gear_ratio": -9.0, "zero_rad": 0.1, "max_torque_nm": 2.0} | details
+    return EmulatedOdrive(1, 0, plant, firmware=firmware, **details)
+
+
+def arm(node, now_s=0.01):
+    node.hear(frame(0x2B, struct.pack("<II", 1, 1)), now_s)
+    node.hear(frame(0x27, struct.pack("<I", 8)), now_s)
+
+
+@pytest.mark.parametrize("firmware", ["0.5", "0.6"])
+def test_what_an_axis_tells_is_what_the_dbc_says(plant, firmware):
+    node = odrive(plant, firmware, torque_constant_nm_a=0.5)
+    database = cantools.database.load_file(DBC / f"odrive_0_{firmware[2]}.dbc")
+    told = {}
+    for message in node.tell(0.2):
+        told[database.get_message_by_frame_id(message.arbitration_id).name] = database.decode_message(
+            message.arbitration_id, bytes(message.data)
+        )
+    assert told["Heartbeat"]["Axis_State"] == 1
+    assert told["Heartbeat"]["Axis_Error"] == 0
+    home_rad = plant.joint(0).position_rad
+    assert told["Encoder_Estimates"]["Pos_Estimate"] == pytest.approx(
+        -9 * (home_rad - 0.1) / 6.283185307, abs=1e-4
+    )
+    assert set(told) == {"Heartbeat", "Encoder_Estimates", "Iq" if firmware == "0.5" else "Torques"}
+
+
+def test_an_axis_obeys_only_in_closed_loop_torque_control_and_within_its_limit(plant):
+    node = odrive(plant)
+    torque = frame(0x2E, struct.pack("<f", -1.0))
+    node.hear(torque, 0.01)
+    assert not plant.world.truth().drive_torque_nm.any()
+    arm(node)
+    node.hear(torque, 0.01)
+    plant.advance_to(0.012)
+    assert plant.world.truth().drive_torque_nm[0] == pytest.approx(9.0)
+    node.hear(frame(0x2E, struct.pack("<f", -50.0)), 0.012)
+    assert plant.world.truth().drive_torque_nm[0] == pytest.approx(18.0)
+
+
+def test_an_unfed_axis_disarms_itself_and_does_not_arm_before_its_error_is_cleared(plant):
+    node = odrive(plant, watchdog_s=0.05)
+    arm(node)
+    node.hear(frame(0x2E, struct.pack("<f", -1.0)), 0.01)
+    node.tell(0.06)
+    assert node.state == 8
+    node.tell(0.0605)
+    assert (node.state, node.error) == (1, 1 << 24)
+    assert not plant.world.truth().drive_torque_nm.any()
+    arm(node, 0.061)
+    assert node.state == 1
+    node.hear(frame(0x38, b"\x00"), 0.061)
+    arm(node, 0.061)
+    assert node.state == 8
+
+
+def test_only_0_6_answers_get_version(plant):
+    (answer,) = odrive(plant).hear(frame(0x20, remote=True), 0.0)
+    assert bytes(answer.data)[4:7] == bytes((0, 6, 10))
+    assert odrive(plant, "0.5").hear(frame(0x20, remote=True), 0.0) == []
+    assert odrive(plant).hear(frame(0x40, remote=True), 0.0) == []  # another node
+
+
+def test_a_motor_answers_each_frame_with_its_state(plant):
+    motor = EmulatedMitMotor(3, 0, plant, limits=(12.5, 50.0, 25.0))
+    (answer,) = motor.hear(frame(3, b"\xff" * 7 + b"\xfc"), 0.01)
+    number, position, velocity, torque, _, error = bitstruct.unpack("u8u16u12u12u8u8", bytes(answer.data))
+    assert (answer.arbitration_id, number, error) == (0, 3, 0)
+    assert -12.5 + 25 * position / 65535 == pytest.approx(plant.joint(0).position_rad, abs=4e-4)
+    assert -50 + 100 * velocity / 4095 == pytest.approx(0.0, abs=0.03)
+    assert -25 + 50 * torque / 4095 == pytest.approx(0.0, abs=0.05)
+    assert motor.hear(frame(4, b"\xff" * 8), 0.01) == []
+    assert motor.hear(frame(3, b"\xff" * 7), 0.01) == []
+
+
+def test_a_motor_exerts_its_feed_forward_torque_and_its_gains_once_it_is_on(plant):
+    motor = EmulatedMitMotor(3, 0, plant, limits=(12.5, 50.0, 25.0), timeout_s=0.1)
+    push = bitstruct.pack("u16u12u12u12u12", 32768, 2048, 0, 0, 3000)
+    motor.hear(frame(3, push), 0.01)
+    assert not plant.world.truth().drive_torque_nm.any()
+    motor.hear(frame(3, b"\xff" * 7 + b"\xfc"), 0.01)
+    motor.hear(frame(3, push), 0.01)
+    plant.advance_to(0.011)
+    assert plant.world.truth().drive_torque_nm[0] == pytest.approx(-25 + 50 * 3000 / 4095)
+    spring = bitstruct.pack("u16u12u12u12u12", 32768, 2048, 82, 0, 2048)  # 10 N m/rad towards zero
+    motor.hear(frame(3, spring), 0.011)
+    assert plant.world.truth().drive_torque_nm[0] == pytest.approx(
+        -10.0 * plant.joint(0).position_rad, rel=0.02
+    )
+    motor.tell(0.12)
+    assert not plant.world.truth().drive_torque_nm.any()
+
+
+def test_a_load_cell_speaks_as_its_manual_says():
+    sensor = EmulatedLoadstar(100.0, unit="lb")
+    assert sensor.hear(b"\r", 0.0) == b"A\r\n"
+    assert b"DI-1000" in sensor.hear(b"MODEL\r", 0.0)
+    assert sensor.hear(b"UNI", 0.0) + sensor.hear(b"TS\r", 0.0) == b"lb\r\n"
+    assert float(sensor.hear(b"LC\r", 0.0)) == pytest.approx(100.0 / 4.44822, rel=1e-4)
+    assert not sensor.due(0.0)
+    assert sensor.hear(b"wc\r", 0.0) == b""
+    assert [sensor.due(time_s) for time_s in (0.001, 0.002, 0.003, 0.004)] == [False, True, False, True]
+    assert sensor.reading(4.4482216152605) == b"      1.0000\r\n"
+    sensor.hear(b"\r", 0.005)
+    assert not sensor.due(0.006)
+
+
+def test_a_lorenz_sensor_answers_hello_and_streams_until_three_stx():
+    sensor = EmulatedLorenz(100.0, counts_at_nominal=20000.0)
+    hello = bytes.fromhex("024001ff00400202")  # summed by hand, see the codec's test
+    answer = sensor.hear(hello, 0.0)
+    assert answer[:5] == bytes((2, 0x40, 0xFF, 1, 1))
+    assert sensor.hear(hello[:-1] + b"\x07", 0.0) == b""  # wrong checksum
+    start = bytes.fromhex("02 5a 01 ff 05 03 05 00 00 41")
+    plain = sum(start[1:]) & 0xFF
+    weighted = running = 0
+    for byte in start[1:]:
+        running = (running + byte) & 0xFF
+        weighted += running
+        weighted -= 255 if weighted > 255 else 0
+    assert sensor.hear(start + bytes((plain, weighted)), 0.0)[:2] == bytes((2, 6))
+    assert sensor.due(0.001)
+    assert sensor.reading(50.0) == b"\x00" + (10000).to_bytes(2, "big")
+    assert sensor.reading(-100.0) == b"\x01" + (-20000).to_bytes(2, "big", signed=True)
+    sensor.hear(b"\x02\x02\x02", 0.001)
+    assert not sensor.due(0.002)
+
+
+def test_a_gauge_writes_by_itself_and_rests_after_a_restart():
+    gauge = EmulatedGauge(100.0, sign=-1.0)
+    assert gauge.due(1.0)
+    assert gauge.reading(2.5) == b"-2.500 N\r\n"
+    gauge.restart(1.0, 0.5)
+    assert not gauge.due(1.4)
+    assert gauge.due(1.6)
+
+
+def test_a_stuck_encoder_stays_where_it_was(plant):
+    node = odrive(plant)
+    node.strike(Fault(kind=FaultKind.STUCK), 0.01)
+    before = [bytes(m.data) for m in node.tell(0.01) if m.arbitration_id == 0x29]
+    plant.set_torque(0, 5.0)
+    plant.advance_to(0.05)
+    after = [bytes(m.data) for m in node.tell(0.05) if m.arbitration_id == 0x29]
+    assert before == after != []
