@@ -14,6 +14,7 @@ from robot_io.types import FloatArray
 TORQUE = "rigid_body_torque"
 REGRESSOR = "rigid_body_regressor"
 PAYLOAD = "payload_effort_per_kg"
+TOUCH = "contact_torque"
 TILT = "tilt_effort_per_rad"
 _MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
 Motion = tuple[
@@ -32,7 +33,8 @@ def with_rigid_body(
 
     Adds `rigid_body_torque` (n,) [N m] (and `rigid_body_regressor` (n, 10 joints)) with its derivatives by
     the joint's own position and acceleration, `payload_effort_per_kg` (n,), and, where the first joint is
-    level, `tilt_effort_per_rad` (n,): the change of torque with a turn of the base about that axis.
+    level, `tilt_effort_per_rad` (n,): the change of torque with a turn of the base about that axis. Where the
+    tip's contact force is known, `contact_torque` (n,) is what the joint spends on pressing.
 
     Raises:
         InputError: the context lacks the motion of all joints, or their number differs from the body's.
@@ -50,6 +52,8 @@ def with_rigid_body(
         context |= _with_slopes(REGRESSOR, lambda *motion: body.regressor(*motion)[joint], (q, v, a), joint)
     context |= _with_slopes(TORQUE, lambda *motion: body.inverse_dynamics(*motion)[joint], (q, v, a), joint)
     context[PAYLOAD] = np.array([_payload(body, *rows)[joint] for rows in zip(q, v, a, strict=True)])
+    if "contact_force" in data.context:
+        context[TOUCH] = _touch(body, data)[:, joint]
     if abs(body.joint_axes()[0].axis_world[2]) < 1e-6:
         turn = np.zeros(body.joint_count)
         turn[0] = _STEP_RAD
@@ -83,4 +87,12 @@ def _payload(body: RigidBody, q: FloatArray, v: FloatArray, a: FloatArray) -> Fl
     acceleration = jacobian @ a + (turned - jacobian) @ v / _STEP_S
     acceleration[2] += _GRAVITY_M_S2
     torque: FloatArray = jacobian.T @ acceleration
+    return torque
+
+
+def _touch(body: RigidBody, data: ChannelData) -> FloatArray:
+    """Torques (n, joints) that press with the measured force: J^T F p, p the press direction."""
+    press = data.context["contact_force"][:, None] * data.context["press_direction_world"]
+    jacobians = np.array([body.tip_jacobian(row)[:3] for row in data.context["joint_position"]])
+    torque: FloatArray = np.einsum("nij,ni->nj", jacobians, press)
     return torque

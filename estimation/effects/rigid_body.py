@@ -10,7 +10,7 @@ from robot_io.types import FloatArray
 
 
 class RigidBody(AdditiveEffect):
-    """torque = ID(q, v, a) of the URDF, taken as it is; the signal `rigid_body_torque`."""
+    """torque = ID(q, v, a) of the URDF, taken as it is; the signal `rigid_body_torque`; and J^T F where the tip presses."""
 
     name = "rigid_body"
     physics = "Inertia, Coriolis forces and weight of the links load the joint."
@@ -30,4 +30,4 @@ class RigidBody(AdditiveEffect):
 
     def known(self, data: ChannelData) -> FloatArray:
         """See `AdditiveEffect.known`."""
-        return data.context["rigid_body_torque"]
+        return data.context["rigid_body_torque"] + data.context.get("contact_torque", 0.0)

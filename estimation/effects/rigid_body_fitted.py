@@ -2,6 +2,8 @@
 
 from typing import ClassVar
 
+import numpy as np
+
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
@@ -11,7 +13,7 @@ _UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 
 
 class RigidBodyFitted(AdditiveEffect):
-    """torque = Y(q, v, a) pi; the signal `rigid_body_regressor`.
+    """torque = Y(q, v, a) pi; the signal `rigid_body_regressor`; and J^T F where the tip presses.
 
     Args:
         chosen: columns of the regressor that are independent of each other, ten a link (see
@@ -42,3 +44,7 @@ class RigidBodyFitted(AdditiveEffect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `AdditiveEffect.columns`; shape (n, len(chosen))."""
         return data.context["rigid_body_regressor"][:, self._chosen]
+
+    def known(self, data: ChannelData) -> FloatArray:
+        """See `AdditiveEffect.known`."""
+        return data.context.get("contact_torque", np.zeros(len(data)))

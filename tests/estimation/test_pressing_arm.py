@@ -1,0 +1,65 @@
+"""What a joint spends on pressing with the tip."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sim_backend
+from control.rigid_body import RigidBody
+from estimation.arm_signals import with_rigid_body
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effects import EFFECTS
+
+URDF = Path(sim_backend.__file__).parent / "arms/follower/follower.urdf"
+PRESS = np.array([0.0, 0.0, -1.0])
+
+
+@pytest.fixture
+def body():
+    return RigidBody.from_urdf(URDF, "tip")
+
+
+def resting(joint, force_n, n=5):
+    """An arm that stands still in random postures and presses downwards."""
+    rng = np.random.default_rng(3)
+    zeros, q = np.zeros(n), rng.uniform(-1, 1, (n, 3))
+    context = {
+        "joint_position": q,
+        "joint_velocity": np.zeros((n, 3)),
+        "joint_acceleration": np.zeros((n, 3)),
+        "contact_force": np.full(n, force_n),
+        "press_direction_world": np.tile(PRESS, (n, 1)),
+    }
+    return ChannelData(
+        f"joint_{joint + 1}",
+        ChannelKind.REVOLUTE,
+        np.arange(n) * 0.1,
+        q[:, joint],
+        zeros,
+        zeros,
+        zeros,
+        zeros.astype(int),
+        zeros.astype(int),
+        context,
+    )
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+def test_the_work_of_the_joints_is_the_work_of_the_tip(body, joint):
+    """Turning a joint a little moves the tip by d; the torque for the pressing does the force's work along d."""
+    step = 1e-6
+    data = with_rigid_body(resting(joint, 7.0), body, joint)
+    bare = with_rigid_body(resting(joint, 0.0), body, joint)
+    extra = EFFECTS["rigid_body"]().known(data) - EFFECTS["rigid_body"]().known(bare)
+    for q, torque in zip(data.context["joint_position"], extra, strict=True):
+        turned = q.copy()
+        turned[joint] += step
+        moved = body.tip_pose(turned)[0] - body.tip_pose(q)[0]
+        assert torque * step == pytest.approx(7.0 * moved @ PRESS, abs=1e-9)
+
+
+def test_fitted_masses_leave_the_pressing_to_the_force_sensor(body):
+    data = with_rigid_body(resting(0, 7.0), body, 0, regressor=True)
+    fitted, given = EFFECTS["rigid_body_fitted"](), EFFECTS["rigid_body"]()
+    np.testing.assert_allclose(fitted.known(data), given.known(data) - data.context["rigid_body_torque"])
