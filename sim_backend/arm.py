@@ -136,6 +136,21 @@ class SimulatedArm:
                 self.body, self._tip, force, tip_position_m, bullet.WORLD_FRAME, self._client
             )
 
+    def brake(self, friction_nm: Sequence[float]) -> None:
+        """Resist the joints' motion with at most these torques (n) [N m], from the next step on.
+
+        A velocity motor towards zero of limited torque is dry friction: the engine solves for it with the
+        motion, and its torque is the limit while the joint moves and what is needed while it stands.
+        """
+        bullet.setJointMotorControlArray(
+            self.body, self._joints, bullet.VELOCITY_CONTROL, forces=friction_nm, physicsClientId=self._client
+        )
+
+    def mass_matrix(self, position_rad: Sequence[float]) -> FloatArray:
+        """Joint-space inertia (n, n) [kg m^2] at n positions [rad]."""
+        matrix = bullet.calculateMassMatrix(self.body, list(position_rad), physicsClientId=self._client)
+        return np.array(matrix)
+
     def inverse_dynamics(
         self, position_rad: ArrayLike, velocity_rad_s: ArrayLike, acceleration_rad_s2: ArrayLike
     ) -> FloatArray:

@@ -29,6 +29,15 @@ class ContactLaw(FileModel, ABC):
             rate_m_s: d(depth)/dt, positive while pressing in [m/s].
         """
 
+    def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
+        """The same before contact is limited to pushing: negative where the object would have to pull [N]."""
+        return self.force_n(depth_m, rate_m_s)
+
+    @property
+    def can_pull(self) -> bool:
+        """Whether the object may pull while the tip is below its surface."""
+        return False
+
 
 CONTACT_LAWS: Registry[ContactLaw] = Registry("contact law", ContactLaw, "sim_backend.contact_laws")  # type: ignore[type-abstract]
 

@@ -1,22 +1,24 @@
 """The scenario file: everything that the simulated world is and the robot does not know."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 import yaml
-from pydantic import BeforeValidator, Field, PlainSerializer
+from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
 from robot_io.errors import InputError
 from robot_io.file_model import FileModel, Number, validate
 from robot_io.safe_yaml import load_yaml, parse_yaml
 from sim_backend.contact_law import ContactLaw, describe_contact_law, parse_contact_law
-from sim_backend.contact_laws import KelvinVoigt
+from sim_backend.contact_laws import EngineContact, KelvinVoigt
+from sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
 from sim_backend.sensors import SensorSettings
 
 SHIPPED_DIR = Path(__file__).parent / "scenarios"
 
 Law = Annotated[ContactLaw, BeforeValidator(parse_contact_law), PlainSerializer(describe_contact_law)]
+Hidden = Annotated[Imperfection, BeforeValidator(parse_imperfection), PlainSerializer(describe_imperfection)]
 
 
 class ObjectSettings(FileModel):
@@ -65,6 +67,7 @@ class Scenario(FileModel):
         arm: the arm's deviations.
         sensors: how the robot perceives it.
         physics: how it is integrated.
+        hidden: effects that the robot's models do not know, from drives to links and from object to tip.
     """
 
     description: str = ""
@@ -73,11 +76,38 @@ class Scenario(FileModel):
     arm: ArmSettings = ArmSettings()
     sensors: SensorSettings = SensorSettings()
     physics: PhysicsSettings = PhysicsSettings()
+    hidden: Annotated[tuple[Hidden, ...], Field(max_length=100)] = ()
+
+    @model_validator(mode="after")
+    def _engine_answers_to_the_tip_only(self) -> Self:
+        if isinstance(self.object.law, EngineContact):
+            moved = [entry.name for entry in self.hidden if entry.needs_force_law]
+            if moved:
+                raise ValueError(
+                    f"hidden effect '{moved[0]}' needs a force law, not the engine's own contact"
+                )
+        return self
+
+    def public_yaml(self) -> str:
+        """The scenario without what is hidden, for those who are to find it."""
+        return _yaml(self.model_dump(mode="json", exclude={"hidden"}))
+
+    def with_hidden(self, hidden: Sequence[Imperfection]) -> Self:
+        """The same world with these effects in place of those that were hidden.
+
+        Raises:
+            InputError: they do not fit the scenario.
+        """
+        return validate(type(self), self.model_dump() | {"hidden": tuple(hidden)})
 
     def to_yaml(self) -> str:
         """The whole scenario, defaults included, in the form that `parse_scenario` reads."""
-        text: str = yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
-        return text
+        return _yaml(self.model_dump(mode="json"))
+
+
+def _yaml(data: dict[str, object]) -> str:
+    text: str = yaml.safe_dump(data, sort_keys=False)
+    return text
 
 
 def shipped_scenarios() -> list[str]:

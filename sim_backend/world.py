@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import floor
 from zlib import crc32
 
@@ -14,6 +15,7 @@ from sim_backend.arm import SimulatedArm
 from sim_backend.bullet import bullet
 from sim_backend.compliance_object import ComplianceObject
 from sim_backend.contact import Contact
+from sim_backend.hidden import hidden_effects
 from sim_backend.hooks import NO_EFFECTS, Effects, JointState
 from sim_backend.scenario import Scenario
 from sim_backend.sensors import SimulatedEncoder, SimulatedForceSensor, SimulatedTorqueSensor
@@ -66,12 +68,12 @@ class World:
 
     Args:
         arm: the robot.
-        scenario: everything else.
-        effects: what is hidden in plant and sensors.
+        scenario: everything else, and what is hidden.
+        effects: what is hidden in plant and sensors beside what the scenario hides.
         start_s: time of the initial state on the robot's clock [s].
 
     Raises:
-        InputError: PyBullet cannot load the robot, or its parts do not fit each other.
+        InputError: PyBullet cannot load the robot, or its parts or what is hidden do not fit each other.
 
     Attributes:
         object: what is probed; its law and height may be changed at any time.
@@ -85,11 +87,12 @@ class World:
         self, arm: ArmDescription, scenario: Scenario, effects: Effects = NO_EFFECTS, start_s: float = 0.0
     ) -> None:
         self.scenario = scenario
-        self._effects = effects
+        self._effects = effects = hidden_effects(scenario.hidden, len(arm.home_rad)) + effects
         self._sensor_axis_tip = tuple(arm.sensor_axis_tip)
         self._start_s = start_s
         self._step_s = 1.0 / scenario.physics.rate_hz
         self._steps = 0
+        self._joints: list[float] | None = None
         self.held = False
         self._client: int = bullet.connect(bullet.DIRECT)
         try:
@@ -98,16 +101,22 @@ class World:
             self.close()
             raise
         self._build_sensors()
-        self._torque_nm = [0.0] * self.joint_count
+        self._torque_nm: Sequence[float] = [0.0] * self.joint_count
+        self._alters_joints = bool(effects.joint or effects.friction)
         self._observe()
 
     def _build_plant(self, arm: ArmDescription) -> None:
         client, scenario = self._client, self.scenario
-        bullet.setGravity(0.0, 0.0, -scenario.physics.gravity_m_s2, client)
+        gravity_m_s2: Sequence[float] = (0.0, 0.0, -scenario.physics.gravity_m_s2)
+        urdf_text = arm.urdf_text
+        for effect in self._effects.plant:
+            gravity_m_s2 = effect.gravity_m_s2(gravity_m_s2)
+            urdf_text = effect.urdf(urdf_text, arm.tip_frame)
+        bullet.setGravity(*gravity_m_s2, client)
         bullet.setPhysicsEngineParameter(fixedTimeStep=self._step_s, contactSlop=0.0, physicsClientId=client)
         self._arm = SimulatedArm(
             client,
-            arm.urdf_text,
+            urdf_text,
             arm.tip_frame,
             mass_scale=scenario.arm.mass_scale,
             tip_radius_m=scenario.arm.tip_radius_m,
@@ -115,7 +124,7 @@ class World:
         )
         self._arm.place(arm.home_rad)
         self.object = ComplianceObject(client, scenario.object.law, scenario.object.surface_height_m)
-        self._contact = Contact(client, self._arm, self.object, self._step_s, self._effects.contact)
+        self._contact = Contact(client, self._arm, self.object, self._step_s, self._effects)
 
     def _build_sensors(self) -> None:
         settings, effects = self.scenario.sensors, self._effects
@@ -156,6 +165,8 @@ class World:
             InputError: wrong number of joints.
         """
         self._arm.place(position_rad, velocity_rad_s)
+        for effect in self._effects.joint:
+            effect.restart()
         self._contact.restart()
         self._observe()
 
@@ -179,22 +190,38 @@ class World:
             self._steps += 1
             self._observe()
 
-    def _joint_torque_nm(self) -> list[float]:
-        torque = self._torque_nm
-        if self._effects.joint:
-            n = self.joint_count
-            joints = self._arm.joint_state()
-            state = JointState(self.time_s, self._step_s, joints[:n], joints[n:])
-            for effect in self._effects.joint:
-                torque = effect.joint_torque_nm(state, torque)
+    def _joint_torque_nm(self) -> Sequence[float]:
+        """What reaches the links in the next step (n) [N m]; sets the friction of that step."""
+        if not self._alters_joints:
+            return self._torque_nm
+        state, torque = self._joint_state(), self._torque_nm
+        for effect in self._effects.joint:
+            torque = effect.joint_torque_nm(state, torque)
+        if self._effects.friction:
+            limit: Sequence[float] = [0.0] * self.joint_count
+            for friction in self._effects.friction:
+                limit = friction.friction_nm(state, limit)
+            self._arm.brake(limit)
         return torque
+
+    def _joint_state(self) -> JointState:
+        n, joints = self.joint_count, self._joint_values()
+        position = joints[:n]
+        mass_matrix = partial(self._arm.mass_matrix, position)
+        return JointState(self.time_s, self._step_s, position, joints[n:], self._torque_nm, mass_matrix)
+
+    def _joint_values(self) -> list[float]:
+        """Positions and velocities (2n) of the present state; the engine is asked once for it."""
+        if self._joints is None:
+            self._joints = self._arm.joint_state()
+        return self._joints
 
     def _observe(self) -> None:
         """Work out what holds at the state just reached, and show it to the sensors."""
-        time_s = self.time_s
+        time_s, self._joints = self.time_s, None
         self._contact.update(time_s)
         if time_s >= self.encoder.look_s:
-            self.encoder.observe(time_s, self._arm.joint_state())
+            self.encoder.observe(time_s, self._joint_values())
         if time_s >= self.torque_sensor.look_s:
             self.torque_sensor.observe(time_s, self._torque_nm)
         if time_s >= self.force_sensor.look_s:

@@ -31,3 +31,10 @@ class HuntCrossley(ContactLaw):
             return 0.0
         force_n = (self.stiffness + self.damping * rate_m_s) * depth_m**self.exponent
         return force_n if force_n > 0.0 else 0.0
+
+    def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
+        """See `ContactLaw.material_force_n`."""
+        if depth_m <= 0.0:
+            return 0.0
+        force_n: float = (self.stiffness + self.damping * rate_m_s) * depth_m**self.exponent
+        return force_n

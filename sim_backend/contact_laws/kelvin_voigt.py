@@ -32,3 +32,14 @@ class KelvinVoigt(ContactLaw):
             return 0.0
         force_n = self.stiffness_n_m * depth_m + self.damping_n_s_m * rate_m_s
         return force_n if self.sticky or force_n > 0.0 else 0.0
+
+    def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
+        """See `ContactLaw.material_force_n`."""
+        if depth_m <= 0.0:
+            return 0.0
+        return self.stiffness_n_m * depth_m + self.damping_n_s_m * rate_m_s
+
+    @property
+    def can_pull(self) -> bool:
+        """See `ContactLaw.can_pull`."""
+        return self.sticky

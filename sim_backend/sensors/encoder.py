@@ -44,16 +44,16 @@ class SimulatedEncoder(SampledSensor):
 
     def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
         joint_count = len(signal) // 2
-        position = list(signal[:joint_count])
+        position: Sequence[float] = signal[:joint_count]
         for effect in self._effects:
             position = effect.measure(time_s, position)
         count_rad = self._count_rad
-        position = [round(angle / count_rad) * count_rad for angle in position]
+        counted = [round(angle / count_rad) * count_rad for angle in position]
         if self._by_difference:
-            velocity = self._difference(time_s, position)
+            velocity = self._difference(time_s, counted)
         else:
             velocity = [speed + self._noise.draw() for speed in signal[joint_count:]]
-        return Sample(position + velocity, time_s)
+        return Sample(counted + velocity, time_s)
 
     def _difference(self, time_s: float, position: list[float]) -> list[float]:
         before_s, before = self._previous or (-inf, position)

@@ -36,11 +36,15 @@ class SimulatedForceSensor(SampledSensor):
         super().__init__(settings.rate_hz, settings.delay_s, start_s, low_pass=low_pass)
         self._settings = settings
         self._noise = GaussianNoise(settings.noise_std_n, generator)
-        self._effects = effects
+        self._ahead = [effect for effect in effects if effect.ahead_of_noise]
+        self._behind = [effect for effect in effects if not effect.ahead_of_noise]
 
     def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
-        value = [signal[0] + self._noise.draw()]
-        for effect in self._effects:
+        value: Sequence[float] = signal
+        for effect in self._ahead:
+            value = effect.measure(time_s, value)
+        value = [value[0] + self._noise.draw()]
+        for effect in self._behind:
             value = effect.measure(time_s, value)
         force_n, range_n = quantise(value[0], self._settings.resolution_n), self._settings.range_n
         if abs(force_n) < range_n:

@@ -31,10 +31,14 @@ class SimulatedTorqueSensor(SampledSensor):
         super().__init__(settings.rate_hz, settings.delay_s, start_s, settings.phase)
         self._settings = settings
         self._noise = GaussianNoise(settings.noise_std_nm, generator)
-        self._effects = effects
+        self._ahead = [effect for effect in effects if effect.ahead_of_noise]
+        self._behind = [effect for effect in effects if not effect.ahead_of_noise]
 
     def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
-        value = [torque_nm + self._noise.draw() for torque_nm in signal]
-        for effect in self._effects:
+        value: Sequence[float] = signal
+        for effect in self._ahead:
+            value = effect.measure(time_s, value)
+        value = [torque_nm + self._noise.draw() for torque_nm in value]
+        for effect in self._behind:
             value = effect.measure(time_s, value)
         return Sample([quantise(torque_nm, self._settings.resolution_nm) for torque_nm in value], time_s)

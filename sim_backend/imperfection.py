@@ -1,0 +1,217 @@
+"""What a hidden effect is: a name, a place, parameters with unit and range, and what it does to a world."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from pydantic import Field
+
+from robot_io.errors import InputError
+from robot_io.file_model import FileModel, validate
+from robot_io.registry import Registry
+from sim_backend.channel_effect import ChannelEffect, Transducer
+from sim_backend.hooks import Effects
+from sim_backend.noise_scale import CONTACT, NoiseScale, channel_of
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter of a hidden effect.
+
+    Attributes:
+        name: key in a scenario.
+        unit: "channel" stands for the unit of the sensor's signal.
+        low: least typical value.
+        high: largest typical value.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+
+def parameter(unit: str, low: float, high: float, **limits: Any) -> Any:  # noqa: ANN401, as pydantic's Field
+    """A field that is a parameter of a hidden effect.
+
+    Args:
+        unit: of its value; see `Parameter`.
+        low: least typical value.
+        high: largest typical value.
+        limits: what pydantic's `Field` takes, such as `ge`, `le` and `default`.
+    """
+    return Field(json_schema_extra={"parameter": [unit, low, high]}, **limits)
+
+
+class Imperfection(FileModel, ABC):
+    """One entry of a scenario's `hidden` section; its fields say where it is and how strong.
+
+    The class docstring states physics, equation and source. It is described in words and numbers here; what
+    happens in the simulation is made afresh by `effects`, with its own memory, for each world.
+
+    Attributes:
+        name: what a scenario calls it.
+        needs_force_law: whether it makes no sense with the engine's own contact.
+    """
+
+    name: ClassVar[str]
+    needs_force_law: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def channels(self) -> tuple[str, ...]:
+        """Where it shows: "contact", "joint_1", "joint_2" ..."""
+
+    @abstractmethod
+    def effects(self, joint_count: int) -> Effects:
+        """What it does to a world whose arm has `joint_count` joints.
+
+        Raises:
+            InputError: the arm has no such joint.
+        """
+
+    @classmethod
+    @abstractmethod
+    def can_show_in(cls, channel: str) -> bool:
+        """Whether a probing run of the shipped follower shows it in this channel."""
+
+    @classmethod
+    @abstractmethod
+    def at_strength(
+        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
+    ) -> Self:
+        """One that changes the channel's signal by about `strength` times its noise floor (rms).
+
+        Of a change that stiffness, damping and surface could take over, the part counts that they cannot.
+
+        Args:
+            strength: zero leaves everything as it is.
+            channel: where it is to show.
+            scale: how the arm moves and how noisy it is.
+            generator: for what the strength leaves open, such as a sign.
+        """
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """The parameters, without the place."""
+        extras = {name: field.json_schema_extra for name, field in cls.model_fields.items()}
+        stated: dict[str, Any] = {name: extra for name, extra in extras.items() if isinstance(extra, dict)}
+        return tuple(Parameter(name, *extra["parameter"]) for name, extra in stated.items())
+
+
+class ContactImperfection(Imperfection, ABC):
+    """A hidden effect between tip and object."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """See `Imperfection.channels`."""
+        return (CONTACT,)
+
+    @classmethod
+    def can_show_in(cls, channel: str) -> bool:
+        """See `Imperfection.can_show_in`."""
+        return channel == CONTACT
+
+
+class JointImperfection(Imperfection, ABC):
+    """A hidden effect in one joint or its drive.
+
+    Attributes:
+        joint: which joint, from 1 at the base.
+    """
+
+    joint: int = Field(ge=1, le=100, strict=True)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """See `Imperfection.channels`."""
+        return (channel_of(self.joint),)
+
+    @classmethod
+    def can_show_in(cls, channel: str) -> bool:
+        """See `Imperfection.can_show_in`."""
+        return channel != CONTACT
+
+    def index_in(self, joint_count: int) -> int:
+        """The joint's index from 0.
+
+        Raises:
+            InputError: the arm has no such joint.
+        """
+        if self.joint > joint_count:
+            raise InputError(
+                f"hidden effect '{self.name}': joint {self.joint} of an arm with {joint_count} joints"
+            )
+        return self.joint - 1
+
+
+class SensorImperfection(Imperfection, ABC):
+    """A hidden effect in a sensor.
+
+    Attributes:
+        channel: "contact" for the force sensor, "joint_2" for the torque sensor of the second joint,
+            "encoder_2" for its encoder (whose velocity, if it is a tachometer's, is not affected).
+        ahead_of_noise: see `SensorEffect`.
+    """
+
+    ahead_of_noise: ClassVar[bool] = False
+
+    channel: str = Field(pattern=r"^(contact|(joint|encoder)_[1-9][0-9]?)$")
+
+    @abstractmethod
+    def transducer(self) -> Transducer:
+        """A fresh one, which makes (time [s], value) into the value that the sensor takes it for."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """See `Imperfection.channels`; a wrong position shows in all that is worked out from it."""
+        slot, _, number = self.channel.partition("_")
+        return (CONTACT, channel_of(int(number))) if slot == "encoder" else (self.channel,)
+
+    @classmethod
+    def can_show_in(cls, channel: str) -> bool:
+        """See `Imperfection.can_show_in`."""
+        return True
+
+    def effects(self, joint_count: int) -> Effects:
+        """See `Imperfection.effects`."""
+        slot, _, number = self.channel.partition("_")
+        index = int(number or 1) - 1
+        if number and index >= joint_count:
+            raise InputError(
+                f"hidden effect '{self.name}': channel {self.channel} of an arm with {joint_count} joints"
+            )
+        changed = (ChannelEffect(index, self.transducer(), self.ahead_of_noise),)
+        if slot == CONTACT:
+            return Effects(force=changed)
+        return Effects(torque=changed) if slot == "joint" else Effects(encoder=changed)
+
+
+IMPERFECTIONS: Registry[Imperfection] = Registry(
+    "hidden effect",
+    Imperfection,  # type: ignore[type-abstract]
+    "sim_backend.imperfections",
+)
+
+
+def parse_imperfection(value: object) -> Imperfection:
+    """Make a hidden effect from a scenario's `{effect: ..., parameter: ...}`.
+
+    Raises:
+        InputError: no such effect, none named, or a parameter is unknown, missing or outside its range.
+    """
+    if isinstance(value, Imperfection):
+        return value
+    if not isinstance(value, Mapping) or not isinstance(value.get("effect"), str):
+        raise InputError(
+            f"a hidden effect is a mapping with an effect. Valid effects: {', '.join(IMPERFECTIONS)}"
+        )
+    parameters = {key: entry for key, entry in value.items() if key != "effect"}
+    return validate(IMPERFECTIONS[value["effect"]], parameters)
+
+
+def describe_imperfection(imperfection: Imperfection) -> dict[str, object]:
+    """The inverse of `parse_imperfection`."""
+    return {"effect": imperfection.name, **imperfection.model_dump()}

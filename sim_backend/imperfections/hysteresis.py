@@ -1,0 +1,54 @@
+"""A sensor that reads less on the way up than on the way down."""
+
+from typing import ClassVar, Self
+
+import numpy as np
+
+from robot_io.file_model import NotNegative
+from sim_backend.channel_effect import Transducer
+from sim_backend.imperfection import SensorImperfection, parameter
+from sim_backend.noise_scale import CONTACT, LOADED, NoiseScale
+
+
+class Hysteresis(SensorImperfection):
+    """y follows u with a play of +- w: up to w less while u rises, up to w more while it falls.
+
+    The play operator, of which Prandtl and Ishlinskii build all hysteresis; Brokate and Sprekels, "Hysteresis
+    and Phase Transitions", 1996.
+
+    Attributes:
+        channel: see `SensorImperfection`.
+        half_width: w [channel].
+    """
+
+    name: ClassVar[str] = "hysteresis"
+    ahead_of_noise: ClassVar[bool] = True
+
+    half_width: NotNegative = parameter("channel", 0.02, 1.0)
+
+    def transducer(self) -> Transducer:
+        """See `SensorImperfection.transducer`."""
+        return _Play(self.half_width).read
+
+    @classmethod
+    def can_show_in(cls, channel: str) -> bool:
+        """See `Imperfection.can_show_in`; the last joint has next to no torque to be wrong about."""
+        return channel == CONTACT or channel in LOADED
+
+    @classmethod
+    def at_strength(
+        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
+    ) -> Self:
+        """See `Imperfection.at_strength`."""
+        return cls(channel=channel, half_width=strength * scale.noise(channel))
+
+
+class _Play:
+    def __init__(self, half_width: float) -> None:
+        self._half_width = half_width
+        self._output: float | None = None
+
+    def read(self, _time_s: float, value: float) -> float:
+        output = value if self._output is None else self._output
+        self._output = max(value - self._half_width, min(value + self._half_width, output))
+        return self._output

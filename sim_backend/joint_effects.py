@@ -1,0 +1,44 @@
+"""Hidden effects in one joint of an arm."""
+
+from collections.abc import Callable, Sequence
+
+from sim_backend.hooks import FrictionEffect, JointEffect, JointState
+
+
+class JointTorque(JointEffect):
+    """A torque that comes on top of the drive's.
+
+    Args:
+        index: of the joint, from 0.
+        torque_nm: gives it [N m] from position [rad] and the drive's torque [N m].
+    """
+
+    def __init__(self, index: int, torque_nm: Callable[[float, float], float]) -> None:
+        self._index = index
+        self._torque_nm = torque_nm
+
+    def joint_torque_nm(self, state: JointState, torque_nm: Sequence[float]) -> Sequence[float]:
+        """See `JointEffect.joint_torque_nm`."""
+        i, changed = self._index, list(torque_nm)
+        changed[i] += self._torque_nm(state.position_rad[i], state.drive_torque_nm[i])
+        return changed
+
+
+class JointFriction(FrictionEffect):
+    """A resistance against the motion.
+
+    Args:
+        index: of the joint, from 0.
+        resistance_nm: gives the largest one [N m] from the speed without sign [rad/s] and the drive's torque
+            without sign [N m].
+    """
+
+    def __init__(self, index: int, resistance_nm: Callable[[float, float], float]) -> None:
+        self._index = index
+        self._resistance_nm = resistance_nm
+
+    def friction_nm(self, state: JointState, limit_nm: Sequence[float]) -> Sequence[float]:
+        """See `FrictionEffect.friction_nm`."""
+        i, changed = self._index, list(limit_nm)
+        changed[i] += self._resistance_nm(abs(state.velocity_rad_s[i]), abs(state.drive_torque_nm[i]))
+        return changed

@@ -1,0 +1,161 @@
+"""How large an effect must be to show: the noise floors, and how far, fast and hard a probing run moves."""
+
+from dataclasses import dataclass
+from math import hypot, sqrt
+
+from robot_io.errors import InputError
+from sim_backend.contact_law import ContactLaw
+from sim_backend.sensors import SensorSettings
+
+CONTACT = "contact"
+_JOINT = "joint_"
+LOADED = ("joint_1", "joint_2")
+"""Joints of the shipped follower that carry weight in a probing run; the tool hangs straight down."""
+
+
+def channel_of(joint: int) -> str:
+    """The channel of a joint, numbered from 1: "joint_1"."""
+    return f"{_JOINT}{joint}"
+
+
+def joint_of(channel: str) -> int:
+    """The inverse of `channel_of`.
+
+    Raises:
+        InputError: it is not the channel of a joint.
+    """
+    number = channel.removeprefix(_JOINT)
+    if number == channel or not number.isdecimal() or not int(number):
+        raise InputError(f"channel '{channel}': not that of a joint, such as joint_2")
+    return int(number)
+
+
+@dataclass(frozen=True, slots=True)
+class JointScale:
+    """How one joint moves in a probing run; root mean squares, but for the load.
+
+    Attributes:
+        speed_rad_s: while it moves [rad/s].
+        acceleration_rad_s2: over the run [rad/s^2].
+        middle_rad: mean position [rad].
+        swing_rad: about it [rad].
+        inertia_kg_m2: least inertia that the joint feels, the others being free [kg m^2].
+        load_nm: mean of the absolute torque [N m].
+        peak_nm: largest torque [N m].
+        load_rate_nm_s: change of the torque [N m/s].
+        weight_nm_kg: torque for a mass at the tip [N m/kg].
+        tilt_nm_rad: torque for a tilt of the base in the arm's plane [N m/rad].
+    """
+
+    speed_rad_s: float
+    acceleration_rad_s2: float
+    middle_rad: float
+    swing_rad: float
+    inertia_kg_m2: float
+    load_nm: float
+    peak_nm: float
+    load_rate_nm_s: float
+    weight_nm_kg: float
+    tilt_nm_rad: float
+
+    @property
+    def mastered_nm(self) -> float:
+        """Largest unknown torque that leaves the shipped controller within a tenth of a radian [N m]."""
+        return 250.0 * self.inertia_kg_m2
+
+
+FOLLOWER_JOINTS = (
+    JointScale(0.27, 2.2, 0.70, 0.10, 0.17, 6.5, 9.0, 60.0, 3.7, 1.2),
+    JointScale(0.06, 0.55, -1.50, 0.014, 0.030, 1.1, 2.1, 8.0, 1.5, 2.3),
+    JointScale(0.26, 1.4, -0.79, 0.11, 0.0018, 0.008, 0.04, 0.3, 0.02, 0.3),
+)
+"""Measured on `palpate probe` with the shipped follower and its default plan."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseScale:
+    """Noise floors, and the motion that effects come on top of.
+
+    Attributes:
+        contact_noise_n: of a force sample [N].
+        joint_noise_nm: of a torque sample [N m].
+        depth_m: at the largest force [m].
+        force_n: largest force [N].
+        speed_m_s: of the tip in contact, root mean square [m/s].
+        session_s: how long the whole probing takes [s].
+        joints: of each joint.
+    """
+
+    contact_noise_n: float
+    joint_noise_nm: float
+    depth_m: float
+    force_n: float = 10.0
+    speed_m_s: float = 0.046
+    session_s: float = 8.6
+    joints: tuple[JointScale, ...] = FOLLOWER_JOINTS
+
+    @classmethod
+    def of(cls, law: ContactLaw, sensors: SensorSettings) -> "NoiseScale":
+        """That of the shipped follower probing an object of this law up to 10 N."""
+        force, torque = sensors.force, sensors.torque
+        return cls(
+            contact_noise_n=_floor(force.noise_std_n, force.resolution_n),
+            joint_noise_nm=_floor(torque.noise_std_nm, torque.resolution_nm),
+            depth_m=_depth_m(law, 10.0),
+        )
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Where effects can show."""
+        return (CONTACT, *(channel_of(joint) for joint in range(1, len(self.joints) + 1)))
+
+    def joint(self, channel: str) -> JointScale:
+        """How the joint of a channel moves.
+
+        Raises:
+            InputError: there is no such joint.
+        """
+        joint = joint_of(channel)
+        if joint > len(self.joints):
+            raise InputError(f"channel '{channel}': valid are {', '.join(self.channels)}")
+        return self.joints[joint - 1]
+
+    def depth_left(self, strength: float, share: float) -> float:
+        """What is left of the depth, at the same force, once a second spring takes a part of it, from 1 down.
+
+        Args:
+            strength: of what the second spring adds and the first cannot pass for, times the noise floor.
+            share: of the second spring's force that this is.
+        """
+        return max(1.0 - strength * self.contact_noise_n / (share * self.force_n), 0.25)
+
+    def noise(self, channel: str) -> float:
+        """Noise floor of a sample, in the unit of the channel."""
+        return self.contact_noise_n if channel == CONTACT else self.joint_noise_nm
+
+    def peak(self, channel: str) -> float:
+        """Largest magnitude of the signal, in the unit of the channel."""
+        return self.force_n if channel == CONTACT else self.joint(channel).peak_nm
+
+    def rate(self, channel: str) -> float:
+        """Typical rate of the signal, in the unit of the channel per second, root mean square."""
+        if channel == CONTACT:
+            return 0.5 * self.force_n / self.depth_m * self.speed_m_s  # the other half passes for damping
+        return self.joint(channel).load_rate_nm_s
+
+
+def _floor(noise: float, resolution: float) -> float:
+    """Standard deviation of noise and rounding together; never nothing, so that strengths stay finite."""
+    return max(hypot(noise, resolution / sqrt(12.0)), 1e-9)
+
+
+def _depth_m(law: ContactLaw, force_n: float) -> float:
+    """Depth at which a law holds a force at rest, by bisection [m]."""
+    low_m, high_m = 0.0, 1.0
+    for _ in range(60):
+        middle_m = 0.5 * (low_m + high_m)
+        if law.force_n(middle_m, 0.0) < force_n:
+            low_m = middle_m
+        else:
+            high_m = middle_m
+    return high_m
