@@ -135,7 +135,7 @@ def main() -> None:
         said = text.replace("fast_sync_read: true", f"fast_sync_read: {str(way == 'fast').lower()}")
         robot_file = parse_robot_file(said, ROBOT)
         results[way, "palpate, with force"] = palpate(robot_file, ticks)
-        port = PortHandler(robot_file.buses["servos"].settings["port"])
+        port = PortHandler(robot_file.buses["motors"].settings["port"])
         port.openPort()
         results[way, "bare bytes"] = measure(ticks, bare(port, way))
         results[way, "dynamixel-sdk"] = measure(ticks, sdk(port, way))

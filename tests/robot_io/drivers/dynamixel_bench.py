@@ -26,7 +26,7 @@ class DynamixelBench:
     def __init__(self, bolted=None, encoder=None, **settings):
         """`settings` change the driver's; `bolted` changes how servos really are, by id."""
         self.robot_file = load_robot_file(ROBOT_FILE)
-        section = dict(self.robot_file.buses["servos"].settings) | settings
+        section = dict(self.robot_file.buses["motors"].settings) | settings
         self.clock = SimulatedClock()
         self.plant = Plant(self.robot_file, load_scenario("default"), 0.0)
         really = [Mounting(**servo | (bolted or {}).get(servo["id"], {})) for servo in section["servos"]]

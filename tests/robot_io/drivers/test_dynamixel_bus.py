@@ -124,7 +124,7 @@ def test_a_servo_that_answers_nothing_but_pings_is_made_to_answer():
 )
 def test_settings_that_cannot_work_are_refused(settings, problem):
     own = {"port": "none", "servos": [{"id": 1, "model": "XM430-W350"}]} | settings
-    context = DriverContext(SimulatedClock(), load_robot_file(ROBOT_FILE), section=("buses", "servos"))
+    context = DriverContext(SimulatedClock(), load_robot_file(ROBOT_FILE), section=("buses", "motors"))
     with pytest.raises(InputError, match=problem):
         DynamixelBus(own, context)
 
