@@ -10,11 +10,12 @@ from pydantic import StrictBool
 from robot_io.can.frame import CanFrame
 from robot_io.can.line import CanLine, CanLineSettings
 from robot_io.driver import DriverContext
-from robot_io.errors import DeviceError, ProtocolError
+from robot_io.errors import DeviceError, DeviceTimeoutError, ProtocolError
 from robot_io.file_model import FileModel, Number, Positive, input_error
 from robot_io.interfaces import Bus
 from robot_io.types import FloatArray, Reading, Status
 
+_SILENT_SHARE = 0.5  # of the age limit; said from then on, so that it is known when the limit is reached
 _LOOK_S = 1e-3  # how often to look while waiting for an answer
 
 
@@ -68,7 +69,7 @@ class MotorBus(Bus):
             raise input_error(context.robot_file.document, context.section, problem)
         self._clock = context.clock
         self._mountings = tuple(mountings)
-        self._oldest_s = context.robot_file.limits.encoder_age_s
+        self._silent_s = _SILENT_SHARE * context.robot_file.limits.encoder_age_s
         self.line = CanLine(line, context.clock)
         n = len(mountings)
         self._position_rad, self._velocity_rad_s, self._torque_nm = ([float("nan")] * n for _ in range(3))
@@ -137,19 +138,25 @@ class MotorBus(Bus):
         """See `Bus.poll`: takes what has arrived and does not wait.
 
         Raises:
-            DeviceError: adapter failed or bus-off, or a motor reports an error or has fallen silent.
+            DeviceError: adapter failed or bus-off, or a motor reports an error.
+            DeviceTimeoutError: a motor has fallen silent.
         """
         now_s = self._clock.now_s()
         self._drain(deadline_s)
         faults = [self._fault(joint, now_s) for joint in range(self.joint_count)]
         self._publish(faults)
+        silences = [
+            self._silence(joint, now_s) if now_s - at_s > self._silent_s else ""
+            for joint, at_s in enumerate(self._motion_at_s)
+        ]
         problems = [
-            f"{self.motor_label(joint)}: {fault or self._silence(joint, now_s)}"
-            for joint, fault in enumerate(faults)
-            if fault or now_s - self._motion_at_s[joint] > self._oldest_s
+            f"{self.motor_label(joint)}: {fault or silence}"
+            for joint, (fault, silence) in enumerate(zip(faults, silences, strict=True))
+            if fault or silence
         ]
         if problems:
-            raise DeviceError(f"{self.line.label}: {'; '.join(problems)}")
+            kind = DeviceError if any(faults) else DeviceTimeoutError
+            raise kind(f"{self.line.label}: {'; '.join(problems)}")
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
         """Stage torques (n) [N m] for the next flush; returns what will really be sent (n) [N m]."""

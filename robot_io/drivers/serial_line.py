@@ -8,7 +8,7 @@ import serial
 from pydantic import Field
 
 from robot_io.driver import DriverContext
-from robot_io.errors import DeviceError
+from robot_io.errors import DeviceError, DeviceTimeoutError
 from robot_io.file_model import FileModel, NotNegative
 from robot_io.interfaces import Bus
 from robot_io.serial_force import ForceSample, SerialReader, Stream
@@ -16,6 +16,7 @@ from robot_io.types import Reading, Status
 
 Answer = TypeVar("Answer")
 
+_SILENT_SHARE = 0.5  # of the age limit; said from then on, so that it is known when the limit is reached
 _LOOK_S = 1e-3
 
 
@@ -50,7 +51,7 @@ class SerialLine(Bus):
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._own = context.settings_as(SerialLineSettings, settings)
         self._clock = context.clock
-        self._oldest_s = context.robot_file.limits.force_age_s
+        self._silent_s = _SILENT_SHARE * context.robot_file.limits.force_age_s
         self._port: serial.Serial | None = None
         self._reader: SerialReader | None = None
         self.sample: ForceSample | None = None
@@ -130,7 +131,8 @@ class SerialLine(Bus):
         """See `Bus.poll`; never waits.
 
         Raises:
-            DeviceError: the port failed, or the sensor has fallen silent.
+            DeviceError: the port failed.
+            DeviceTimeoutError: the sensor has fallen silent.
         """
         reader = self._reader
         if reader is None:
@@ -141,9 +143,9 @@ class SerialLine(Bus):
         if self.sample is None:
             return
         age_s = self._clock.now_s() - self.sample.arrived_at_s
-        if age_s > self._oldest_s:
-            rejected = f", {reader.rejected} since then and before were damaged" if reader.rejected else ""
-            raise DeviceError(f"{self.label}: no reading for {age_s * 1e3:.1f} ms{rejected}")
+        if age_s > self._silent_s:
+            rejected = f"; {reader.rejected} were damaged so far" if reader.rejected else ""
+            raise DeviceTimeoutError(f"{self.label}: no reading for {age_s * 1e3:.1f} ms{rejected}")
 
     def flush(self, deadline_s: float) -> None:
         """See `Bus.flush`; nothing is sent to a sensor in a tick."""

@@ -77,8 +77,8 @@ class WireBench:
 
     @property
     def problem(self) -> str:
-        """What the user reads."""
-        return "; ".join(self.robot.bus_errors.values())
+        """What the user reads, once samples are too old."""
+        return "; ".join((*self.robot.bus_errors.values(), *self.robot.bus_delays.values()))
 
     def close(self) -> None:
         self.robot.close()

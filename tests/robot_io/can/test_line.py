@@ -1,0 +1,147 @@
+"""The adapter: when frames are taken to have arrived, and what an adapter's own failures look like."""
+
+import os
+import time
+import tty
+
+import can
+import pytest
+
+from robot_io.can import CanFrame, CanLine, CanLineSettings
+from robot_io.clock import SimulatedClock
+from robot_io.errors import DeviceError
+
+
+@pytest.fixture
+def ends(request):
+    """A line on a virtual bus, and somebody else on it."""
+    made = []
+
+    def make(timestamps, **options):
+        channel = f"{request.node.name}-{len(made)}"
+        settings = CanLineSettings(
+            interface="virtual", channel=channel, timestamps=timestamps, options={"preserve_timestamps": True}
+        )
+        line = CanLine(settings, SimulatedClock())
+        line.open()
+        other = can.Bus(interface="virtual", channel=channel, preserve_timestamps=True)
+        made.append((line, other))
+        return line, other, line._clock
+
+    yield make
+    for line, other in made:
+        line.close()
+        other.shutdown()
+
+
+def send(bus, stamp=0.0, data=b"\x01", **details):
+    bus.send(can.Message(arbitration_id=0x21, data=data, is_extended_id=False, timestamp=stamp, **details))
+
+
+def test_a_robot_s_time_stamp_is_the_time_of_the_sample(ends):
+    line, other, clock = ends("robot")
+    clock.sleep_until(1.0)
+    send(other, 0.4)
+    assert line.drain(1.0) == [(CanFrame(0x21, b"\x01"), 0.4)]
+
+
+@pytest.mark.parametrize(("stamp", "believed"), [(0.5, 1.0), (-3.0, 1.0), (1.5, 1.5), (7.0, 2.0), (1e9, 2.0)])
+def test_a_time_stamp_before_the_last_drain_or_in_the_future_is_not_believed(ends, stamp, believed):
+    line, other, clock = ends("robot")
+    clock.sleep_until(1.0)
+    line.drain(1.0)
+    clock.sleep_until(2.0)
+    send(other, stamp)
+    assert line.drain(2.0)[0][1] == believed
+
+
+def test_without_a_time_stamp_a_frame_is_as_old_as_it_can_be(ends):
+    line, other, clock = ends("none")
+    clock.sleep_until(1.0)
+    assert line.drain(1.0) == []
+    clock.sleep_until(1.25)
+    send(other, 1.2)
+    assert line.drain(1.25)[0][1] == 1.0
+
+
+@pytest.mark.parametrize("jump_s", [0.0, 3600.0, -3600.0])
+def test_a_jump_of_the_wall_clock_is_bounded_by_what_the_line_knows(ends, monkeypatch, jump_s):
+    line, other, clock = ends("wall")
+    wall_s = 1.7e9
+    monkeypatch.setattr(time, "time", lambda: wall_s)
+    clock.sleep_until(1.0)
+    line.drain(1.0)
+    clock.sleep_until(1.01)
+    send(other, wall_s + 0.006)
+    wall_s += 0.01 + jump_s
+    at_s = line.drain(1.01)[0][1]
+    assert 1.0 <= at_s <= 1.01
+    if not jump_s:
+        assert at_s == pytest.approx(1.006, abs=1e-6)
+
+
+def test_bus_off_lasts_until_the_adapter_says_that_it_has_restarted(ends):
+    line, other, _ = ends("robot")
+    send(other, is_error_frame=True)
+    other.send(can.Message(arbitration_id=0x40, is_error_frame=True, data=bytes(8)))
+    for _ in range(2):
+        with pytest.raises(DeviceError, match="bus-off"):
+            line.drain(0.0)
+        with pytest.raises(DeviceError, match="bus-off"):
+            line.send(CanFrame(1), 0.0)
+    other.send(can.Message(arbitration_id=0x100, is_error_frame=True, data=bytes(8)))
+    assert line.drain(0.0) == []
+    line.send(CanFrame(0x20, remote=True), 0.0)
+    heard = other.recv(timeout=0)
+    assert (heard.arbitration_id, heard.is_remote_frame) == (0x20, True)
+    assert line.counts["error frame"] == 3
+
+
+def test_an_ordinary_error_frame_is_only_counted(ends):
+    line, other, _ = ends("robot")
+    send(other, is_error_frame=True)
+    send(other, is_fd=True)
+    send(other)
+    assert [frame for frame, _ in line.drain(0.0)] == [CanFrame(0x21, b"\x01")]
+    assert line.counts == {"error frame": 1, "CAN FD": 1}
+
+
+def test_a_closed_line_says_so(ends):
+    line, _, _ = ends("robot")
+    line.close()
+    line.close()
+    for call in (lambda: line.drain(0.0), lambda: line.send(CanFrame(1), 0.0)):
+        with pytest.raises(DeviceError, match="not open"):
+            call()
+
+
+def test_a_serial_adapter_that_stammers_does_not_bring_the_line_down():
+    """Slcan writes frames as text; python-can raises ValueError over what is none."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    line = CanLine(
+        CanLineSettings(interface="slcan", channel=os.ttyname(slave), options={"sleep_after_open": 0}),
+        SimulatedClock(),
+    )
+    line.open()
+    try:
+        os.write(master, b"t0212XX\rt1232AABB\rT00zz\rt021201FF\r")
+        frames = []
+        for _ in range(200):
+            frames += [frame for frame, _ in line.drain(0.0)]
+            if len(frames) == 2:
+                break
+            time.sleep(0.005)
+        assert frames == [CanFrame(0x123, b"\xaa\xbb"), CanFrame(0x021, b"\x01\xff")]
+        assert line.counts["damaged"] == 2
+    finally:
+        line.close()
+        os.close(slave)
+        os.close(master)
+
+
+def test_multicast_stays_on_this_machine_unless_told_otherwise():
+    settings = CanLineSettings(interface="udp_multicast", channel="239.74.163.2")
+    assert settings.arguments()["hop_limit"] == 0
+    far = CanLineSettings(interface="udp_multicast", channel="239.74.163.2", options={"hop_limit": 1})
+    assert far.arguments()["hop_limit"] == 1
