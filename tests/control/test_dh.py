@@ -14,8 +14,8 @@ from robot_io.errors import InputError
 from robot_io.safe_yaml import parse_yaml
 from tests.control.reference_plant import TABLE
 
-ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
-TABLES = sorted(ARMS.glob("*/*.dh.yaml"))
+ROOT = Path(__file__).resolve().parents[2]
+TABLES = sorted([*(ROOT / "sim_backend" / "arms").glob("*/*.dh.yaml"), *(ROOT / "robots").glob("*.dh.yaml")])
 
 angles = st.floats(-3.2, 3.2)
 lengths = st.floats(-0.6, 0.6)
@@ -43,10 +43,10 @@ def assert_same_tip(table: DhTable, body: RigidBody, position: np.ndarray) -> No
     assert frame[:3, :3] == pytest.approx(rotation, abs=1e-9)
 
 
-@pytest.mark.parametrize("path", TABLES, ids=lambda path: path.parent.name)
+@pytest.mark.parametrize("path", TABLES, ids=lambda path: path.name)
 def test_a_shipped_table_describes_the_shipped_urdf(path):
     table = load_dh_table(path)
-    body = RigidBody.from_urdf(next(path.parent.glob("*.urdf")), "tip")
+    body = RigidBody.from_urdf(path.with_name(path.name.replace(".dh.yaml", ".urdf")), "tip")
     for position in np.random.default_rng(1).uniform(-2.5, 2.5, (20, 3)):
         assert_same_tip(table, body, position)
 
