@@ -143,7 +143,7 @@ def main() -> None:
     here.send("end")
     emulator.join(5)
     print(
-        f"{'read':<7}{'who':<22}{'p50':>9}{'p99':>9}{'p99.9':>9}{'added p50':>11}{'CPU p50':>9}{'lost':>6} [us]"
+        f"{'read':<7}{'who':<22}{'p50':>9}{'p99':>9}{'p99.9':>9}{'added p50':>11}{'CPU p50':>9}{'lost':>6} us"
     )
     for (way, who), (wall, cpu, lost) in results.items():
         p50, p99, p999 = np.percentile(wall, [50, 99, 99.9])
