@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from itertools import pairwise
-from math import exp
 
 import numpy as np
 from scipy.signal import lfilter, savgol_filter
@@ -106,17 +105,25 @@ def _play(values: FloatArray, half_width: float) -> FloatArray:
 
 def direction(velocity: FloatArray, time_s: FloatArray, run: IntArray, presliding: float) -> FloatArray:
     """Direction of motion in [-1, 1], (n,): it turns round over a path of `presliding`, and stays at rest."""
-    share = np.abs(velocity) * (sample_time(time_s, run) / presliding)
+    signed = velocity * (sample_time(time_s, run) / presliding)
+    return per_run(_direction, signed, run)
 
-    def one_run(signed: FloatArray) -> FloatArray:
-        state, states = 0.0, []
-        for step in signed.tolist():
-            kept = exp(-abs(step))
-            state = kept * state + (1.0 - kept if step > 0.0 else kept - 1.0)
-            states.append(state)
-        return np.array(states)
 
-    return per_run(one_run, np.copysign(share, velocity), run)
+def _direction(steps: FloatArray) -> FloatArray:
+    """Between turns s goes to the sign of motion as exp(-path), so only the turns need a loop; (n,)."""
+    sign = np.where(steps >= 0.0, 1.0, -1.0)
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(sign)) + 1])
+    piece = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(steps))))
+    path = np.cumsum(np.abs(steps))
+    path -= np.concatenate([[0.0], path[starts[1:] - 1]])[piece]
+    kept = np.exp(-path)
+    ends = np.append(starts[1:], len(steps)) - 1
+    state, states = 0.0, []
+    for way, left in zip(sign[starts].tolist(), kept[ends].tolist(), strict=True):
+        states.append(state)
+        state = way + (state - way) * left
+    moved: FloatArray = sign + (np.array(states)[piece] - sign) * kept
+    return moved
 
 
 def running_max(signal: FloatArray, run: IntArray) -> FloatArray:

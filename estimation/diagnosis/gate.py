@@ -109,7 +109,7 @@ def _contact(data: ChannelData) -> str | None:
 
 
 def _saturated(data: ChannelData) -> str | None:
-    size = np.abs(data.effort - np.median(data.effort))
+    size = np.abs(data.effort)
     loaded = size > 0.3 * size.max()
     for extreme in (data.effort.max(), data.effort.min()):
         share = float(np.mean(data.effort[loaded] == extreme))
@@ -147,7 +147,7 @@ _CHECKS: tuple[Callable[[ChannelData], str | None], ...] = (
     _runs,
     _units,
     _time,
+    _offset,
     _contact,
     _saturated,
-    _offset,
 )

@@ -1,0 +1,100 @@
+import json
+
+import numpy as np
+import pytest
+
+from estimation.base_model import ModelContext
+from estimation.diagnosis import Verdict, diagnose
+from estimation.diagnosis.library import library
+from estimation.models import MODELS
+from tests.estimation.diagnosis.presses import K, kelvin_voigt, maxwell, session
+
+MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
+
+
+def answer(data, without=()):
+    effects = [effect for effect in library() if effect.name not in without]
+    return diagnose(data, MODEL, effects, rng=np.random.default_rng(1)).channels[0]
+
+
+def cubic(t, x, v, run):
+    return kelvin_voigt(x, v, 1.5e6 * np.maximum(x, 0) ** 3)
+
+
+def relaxing(t, x, v, run):
+    return kelvin_voigt(x, v, 300.0 * maxwell(t, x, run, 0.4))
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.97])
+def test_finds_nothing_where_nothing_is_missing(correlation):
+    found = answer(session(3, correlation=correlation))
+    assert found.verdict is Verdict.ADEQUATE
+    assert found.accepted == []
+    assert found.noise_floor == pytest.approx(0.05, rel=0.15)
+    assert found.final.rmse == pytest.approx(found.baseline.rmse)
+
+
+def test_names_a_stiffening_spring_and_its_size():
+    found = answer(session(4, cubic))
+    assert found.verdict is Verdict.MISSING
+    assert [entry.effect for entry in found.accepted] == ["cubic_stiffness"]
+    assert found.ranking[0].effect == "cubic_stiffness"
+    k3 = found.accepted[0].parameters["k3"]
+    assert k3.value == pytest.approx(1.5e6, abs=4 * k3.std_err)
+    assert k3.unit == "N/m^3"
+    assert found.final.parameters["stiffness.k"].value == pytest.approx(K, rel=0.01)
+    assert found.final.rmse == pytest.approx(found.noise_floor, rel=0.05)
+    assert found.accepted[0].rmse_after < 0.3 * found.accepted[0].rmse_before
+
+
+def test_names_two_effects_at_once():
+    found = answer(session(5, lambda t, x, v, run: relaxing(t, x, v, run) + 0.8))
+    assert {entry.effect for entry in found.accepted} == {"stress_relaxation", "bias"}
+    tau = next(e for e in found.accepted if e.effect == "stress_relaxation").parameters["tau"]
+    assert tau.value == pytest.approx(0.4, abs=max(4 * tau.std_err, 0.02))
+
+
+def test_says_unexplained_when_the_library_lacks_the_effect():
+    found = answer(session(6, relaxing), without=("stress_relaxation",))
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert found.accepted == []
+    assert "past motion" in found.depends_on
+    assert found.next_experiment is not None
+    assert found.noise_floor < 0.5 * found.baseline.rmse
+
+
+def test_an_effect_that_nobody_has_named_gets_no_name():
+    found = answer(session(7, lambda t, x, v, run: kelvin_voigt(x, v) + 0.6 * np.sin(900.0 * x) * (x > 0)))
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert found.accepted == []
+    assert {"position", "effort"} & set(found.depends_on)
+
+
+def test_result_has_the_documented_keys():
+    found = json.loads(
+        diagnose(session(4, cubic), MODEL, rng=np.random.default_rng(0), file="a.csv").model_dump_json()
+    )
+    assert set(found) == {"file", "model", "channels"}
+    keys = {"channel", "verdict", "reason", "noise_floor", "baseline", "accepted", "ranking", "final"}
+    assert keys | {"depends_on", "next_experiment"} <= set(found["channels"][0])
+    entry = found["channels"][0]["accepted"][0]
+    assert {"effect", "parameters", "rmse_before", "rmse_after", "p_value", "confused_with"} <= set(entry)
+    assert set(entry["parameters"]["k3"]) == {"value", "std_err", "unit"}
+    assert set(found["channels"][0]["ranking"][0]) == {"effect", "rmse_held_out", "score"}
+
+
+def test_the_same_seed_gives_the_same_answer():
+    first, second = (answer(session(8, cubic)) for _ in range(2))
+    assert first == second
+
+
+def test_progress_is_told():
+    told = []
+    diagnose(
+        session(3),
+        MODEL,
+        rng=np.random.default_rng(0),
+        progress=lambda what, share: told.append((what, share)),
+    )
+    assert told
+    assert all("contact" in what and 0.0 <= share <= 1.0 for what, share in told)

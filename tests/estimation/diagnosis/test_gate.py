@@ -1,0 +1,65 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.channel import ChannelKind
+from estimation.diagnosis import Verdict, diagnose
+from estimation.diagnosis.gate import refuse, usable
+from tests.estimation.diagnosis.presses import session
+from tests.estimation.diagnosis.test_diagnose import MODEL
+
+DATA = session(3)
+BAD = {
+    "never changes": replace(DATA, effort=np.full(len(DATA), 2.0)),
+    "single run": replace(DATA, run=np.zeros(len(DATA), dtype=np.int64)),
+    "no contact: the displacement": replace(DATA, position=DATA.position - 1.0),
+    "no contact: the force": replace(DATA, effort=np.random.default_rng(0).normal(0, 0.05, len(DATA))),
+    "millimetres": replace(DATA, position=1e3 * DATA.position, velocity=1e3 * DATA.velocity),
+    "check times": replace(DATA, velocity=1e3 * DATA.velocity),
+    "sign": replace(DATA, effort=-DATA.effort),
+    "at its end": replace(DATA, effort=np.minimum(DATA.effort, 3.0)),
+    "align": replace(DATA, effort=np.roll(DATA.effort, 250)),
+    "samples": DATA.select(np.arange(50)),
+}
+
+
+@pytest.mark.parametrize("words", BAD)
+def test_bad_data_gets_a_reason_and_no_name(words):
+    found = diagnose(BAD[words], MODEL, rng=np.random.default_rng(0)).channels[0]
+    assert found.verdict is Verdict.INSUFFICIENT
+    assert words in found.reason
+    assert found.accepted == []
+
+
+def test_good_data_passes():
+    assert refuse(DATA) is None
+
+
+def test_a_single_recording_of_a_joint_passes_if_it_repeats_itself():
+    t = np.arange(4000) * 0.005
+    q = np.sin(2 * np.pi * 0.7 * t)
+    again = replace(
+        session(3),
+        kind=ChannelKind.REVOLUTE,
+        time_s=t,
+        position=q,
+        velocity=np.gradient(q, t),
+        acceleration=q,
+        effort=q,
+        run=np.zeros(4000, dtype=np.int64),
+        phase=np.zeros(4000, dtype=np.int64),
+    )
+    assert refuse(again) is None
+    once = replace(again, position=t, velocity=np.ones(4000))
+    assert "once" in refuse(once)
+
+
+def test_glitches_are_set_aside_and_steps_are_kept():
+    effort = DATA.effort.copy()
+    effort[[300, 900]] = -200.0
+    good = usable(replace(DATA, effort=effort))
+    assert not good[[300, 900]].any()
+    assert good.mean() > 0.99
+    step = np.where(np.arange(len(DATA)) > 1000, 5.0, 0.0) + DATA.effort
+    assert usable(replace(DATA, effort=step)).all()

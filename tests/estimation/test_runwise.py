@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from estimation.runwise import direction, low_pass, play, rate, relax, running_max, shift
+
+TIME = np.arange(1000) * 0.01
+ONE_RUN = np.zeros(1000, dtype=np.int64)
+
+
+def stepped_play(values, half_width):
+    state, out = values[0], []
+    for value in values:
+        state = min(max(state, value - half_width), value + half_width)
+        out.append(state)
+    return np.array(out)
+
+
+@given(arrays.arrays(np.float64, st.integers(1, 60), elements=st.floats(-5, 5)), st.floats(0.01, 3.0))
+def test_play_is_that_of_the_sample_by_sample_definition(values, half_width):
+    played = play(values, np.zeros(len(values), dtype=np.int64), half_width)
+    assert played == pytest.approx(stepped_play(values, half_width))
+
+
+def test_play_forgets_between_runs_and_keeps_columns_apart():
+    two = np.column_stack([np.sin(TIME), np.cos(3 * TIME)])
+    run = np.repeat([0, 1], 500)
+    played = play(two, run, 0.2)
+    for column in range(2):
+        assert played[500:, column] == pytest.approx(stepped_play(two[500:, column], 0.2))
+
+
+def test_lag_follows_a_step_and_delay_shifts():
+    step = (TIME > 2.0).astype(float)
+    lagged = low_pass(step, TIME, ONE_RUN, 0.5)
+    assert lagged[700] == pytest.approx(1 - np.exp(-(7.0 - 2.005) / 0.5), abs=2e-3)
+    slow = np.sin(0.5 * TIME)
+    assert shift(slow, TIME, ONE_RUN, 0.105)[100:] == pytest.approx(
+        np.sin(0.5 * (TIME - 0.105))[100:], abs=1e-5
+    )
+
+
+def test_a_held_strain_relaxes_with_its_time_constant():
+    held = np.where(TIME >= 1.0, 1.0, 0.0)
+    left = relax(held, TIME, ONE_RUN, 2.0)
+    assert left[500] / left[300] == pytest.approx(np.exp(-2.0 / 2.0), rel=1e-6)
+
+
+def test_direction_turns_over_its_path_and_stays_at_rest():
+    v = np.where(TIME < 3, 1.0, np.where(TIME < 6, 0.0, -1.0))
+    s = direction(v, TIME, ONE_RUN, 0.1)
+    assert s[[250, 550, 990]] == pytest.approx([1.0, 1.0, -1.0], abs=1e-6)
+    assert s[610] == pytest.approx(2 * np.exp(-1.1) - 1, abs=0.05)
+
+
+def test_rates_and_maxima():
+    assert rate(np.sin(TIME), TIME, ONE_RUN)[5:-5] == pytest.approx(np.cos(TIME)[5:-5], abs=1e-6)
+    assert rate(np.sin(TIME), TIME, ONE_RUN, 2)[5:-5] == pytest.approx(-np.sin(TIME)[5:-5], abs=1e-4)
+    assert running_max(np.sin(TIME), ONE_RUN)[-1] == pytest.approx(1.0, abs=1e-4)
