@@ -80,16 +80,6 @@ class DynamixelBus(Bus):
         """Who answered when the bus was configured."""
         return self._line.identities
 
-    def use_port(self, path: str) -> None:
-        """Take another port than the robot file's, such as one that an emulator made.
-
-        Raises:
-            LifecycleError: the port is open.
-        """
-        if self._port.is_open:
-            raise LifecycleError("the port can only be changed before the robot is configured")
-        self._port.path = path
-
     def configure(self) -> None:
         """Open the port, see that the servos are those of the robot file, and switch their torque off."""
         self._port.open()

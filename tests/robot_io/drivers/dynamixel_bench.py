@@ -23,20 +23,31 @@ READ_S = 0.6e-3  # as the control loop allows
 class DynamixelBench:
     """Attributes: clock, line (the emulated servos), plant, bus, encoder, torque (the drivers)."""
 
-    def __init__(self, bolted=None, encoder=None, **settings):
-        """`settings` change the driver's; `bolted` changes how servos really are, by id."""
+    def __init__(self, bolted=None, encoder=None, link=None, **settings):
+        """`settings` change the driver's; `bolted` changes how servos really are, by id; `link` is a path at
+        which the port is found, also after it is plugged in again."""
         self.robot_file = load_robot_file(ROBOT_FILE)
         section = dict(self.robot_file.buses["motors"].settings) | settings
         self.clock = SimulatedClock()
         self.plant = Plant(self.robot_file, load_scenario("default"), 0.0)
-        really = [Mounting(**servo | (bolted or {}).get(servo["id"], {})) for servo in section["servos"]]
-        self.line = DynamixelLine(really, self.plant, baud_rate=section["baud_rate"])
-        self._bench = Bench(self.plant, [self.line], self.clock)
-        self.bus = DynamixelBus(
-            section | {"port": self.line.path}, DriverContext(self.clock, self.robot_file)
-        )
+        bolted = bolted or {}
+        self._really = [Mounting(**servo | bolted.get(servo["id"], {})) for servo in section["servos"]]
+        self._baud_rate, self._link = section["baud_rate"], link
+        self._benches = []
+        self.plug_in()
+        port = settings.get("port") or str(link or self.line.path)
+        self.bus = DynamixelBus(section | {"port": port}, DriverContext(self.clock, self.robot_file))
         context = DriverContext(self.clock, self.robot_file, self.bus)
         self.encoder, self.torque = DynamixelEncoder(encoder or {}, context), DynamixelTorque({}, context)
+
+    def plug_in(self):
+        """Put a line of servos that have just got power at the end of the cable."""
+        now_s = self.clock.now_s()
+        self.line = DynamixelLine(self._really, self.plant, baud_rate=self._baud_rate, start_s=now_s)
+        self._benches.append(Bench(self.plant, [self.line], self.clock))
+        if self._link:
+            self._link.unlink(missing_ok=True)
+            self._link.symlink_to(self.line.path)
 
     def start(self):
         self.bus.configure()
@@ -70,7 +81,8 @@ class DynamixelBench:
 
     def close(self):
         self.bus.close()
-        self._bench.close()
+        for bench in self._benches:
+            bench.close()
 
 
 @contextmanager
