@@ -10,7 +10,7 @@ from robot_io.types import FloatArray
 
 
 class RigidBody(AdditiveEffect):
-    """torque = ID(q, v, a) of the URDF, taken as it is; the signal `rigid_body_torque`; and J^T F where the tip presses."""
+    """torque = ID(q, v, a) of the URDF as it is, the signal `rigid_body_torque`; and J^T F of the tip."""
 
     name = "rigid_body"
     physics = "Inertia, Coriolis forces and weight of the links load the joint."

@@ -47,7 +47,7 @@ def resting(joint, force_n, n=5):
 
 @pytest.mark.parametrize("joint", [0, 1, 2])
 def test_the_work_of_the_joints_is_the_work_of_the_tip(body, joint):
-    """Turning a joint a little moves the tip by d; the torque for the pressing does the force's work along d."""
+    """A small turn moves the tip by d; the torque for the pressing does the force's work along d."""
     step = 1e-6
     data = with_rigid_body(resting(joint, 7.0), body, joint)
     bare = with_rigid_body(resting(joint, 0.0), body, joint)
