@@ -12,6 +12,7 @@ from robot_io.file_model import FileModel, Positive
 from robot_io.interfaces import ForceSensor
 from robot_io.serial_force import lorenz, newtons_per
 from robot_io.serial_force.lorenz import LorenzCommand, Telegram
+from robot_io.serial_force.lorenz_stream import LorenzStream
 from robot_io.types import Reading
 
 _ANSWER_S = 0.3
@@ -100,7 +101,7 @@ class Lorenz(ForceSensor):
                 f"{own.dimension_code} and {own.load_code}"
             )
         self._command(lorenz.encode_start_stream(own.address, own.rate_hz), LorenzCommand.ACK, "the stream")
-        self._bus.listen(lorenz.LorenzStream(own.nominal_n / own.counts_at_nominal))
+        self._bus.listen(LorenzStream(own.nominal_n / own.counts_at_nominal))
 
     def close(self) -> None:
         """End the stream."""

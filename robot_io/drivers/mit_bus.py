@@ -6,90 +6,18 @@ poll takes in. While the torque is off, each poll asks again.
 
 from collections.abc import Mapping
 from math import inf
-from typing import Annotated, ClassVar, Literal
-
-from pydantic import Field, model_validator
+from typing import ClassVar
 
 from robot_io.can import mit
 from robot_io.can.frame import CanFrame
-from robot_io.can.line import CanLineSettings
-from robot_io.can.mit_models import MIT_MODELS, MitRanges, mit_error_name
-from robot_io.can.motor_joints import MotorBus, MotorMounting
+from robot_io.can.mit_models import mit_error_name
+from robot_io.can.mit_settings import MitBusSettings
+from robot_io.can.motor_joints import MotorBus
 from robot_io.driver import DriverContext
 from robot_io.errors import DeviceError
-from robot_io.file_model import FileModel, Positive
 
 _ANSWER_S = 0.05  # more than any motor takes
 _ENCODER_FAULT = 5
-
-
-class MitRangeSettings(FileModel):
-    """Ranges of a motor whose parameters were changed.
-
-    Attributes:
-        position_rad: position range, plus and minus [rad].
-        velocity_rad_s: velocity range, plus and minus [rad/s].
-        torque_nm: torque range, plus and minus [N m].
-    """
-
-    position_rad: Positive
-    velocity_rad_s: Positive
-    torque_nm: Positive
-
-
-class MitMotor(MotorMounting):
-    """One motor. It reports at its output shaft, so that `gear_ratio` is only what comes after it.
-
-    Attributes:
-        motor_id: its CAN id.
-        model: which ranges it has, see `MIT_MODELS`.
-        ranges: its ranges, if they are not those of the model.
-    """
-
-    motor_id: Annotated[int, Field(ge=1, le=255, strict=True)]
-    model: str
-    ranges: MitRangeSettings | None = None
-
-    @model_validator(mode="after")
-    def _know_the_model(self) -> "MitMotor":
-        if self.ranges is None and self.model not in MIT_MODELS:
-            raise ValueError(
-                f"no ranges are known for '{self.model}'. Valid: {', '.join(MIT_MODELS)}, or state 'ranges'"
-            )
-        return self
-
-    @property
-    def wire_ranges(self) -> MitRanges:
-        """What the numbers on the wire mean."""
-        if self.ranges is None:
-            return MIT_MODELS[self.model]
-        return MitRanges(self.ranges.position_rad, self.ranges.velocity_rad_s, self.ranges.torque_nm)
-
-
-class MitBusSettings(CanLineSettings):
-    """What the robot file says.
-
-    Attributes:
-        motors: one per joint, from base to tip.
-        host_id: arbitration id of the motors' answers; an answer under the motor's own id is taken too.
-        watchdog_s: after how long without a command a motor lets go [s], as set in it (CAN timeout). The
-            protocol can neither set nor read it. Without commands for so long the host sends zero torque as
-            well, for a motor can only be read by commanding it.
-        ask_with: what makes a motor without torque say its state: "exit" keeps it off, as in the firmware
-            that the protocol comes from; "enter" is what the AK manual names, and takes zero torque with it.
-    """
-
-    motors: Annotated[tuple[MitMotor, ...], Field(min_length=1)]
-    host_id: Annotated[int, Field(ge=0, le=0x7FF, strict=True)] = 0
-    watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
-    ask_with: Literal["exit", "enter"] = "exit"
-
-    @model_validator(mode="after")
-    def _agree(self) -> "MitBusSettings":
-        ids = [motor.motor_id for motor in self.motors]
-        if len(set(ids)) != len(ids):
-            raise ValueError(f"motors: ids {ids} are not all different")
-        return self
 
 
 class MitBus(MotorBus):

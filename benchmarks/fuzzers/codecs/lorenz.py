@@ -4,7 +4,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from robot_io.serial_force.lorenz import LorenzStream, Telegram, TelegramReader, encode_telegram
+from robot_io.serial_force.lorenz import Telegram, TelegramReader, encode_telegram
+from robot_io.serial_force.lorenz_stream import LorenzStream
 
 from ..fuzzer import Fuzzer
 

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from robot_io.errors import InputError, ProtocolError
 from robot_io.serial_force import lorenz
-from robot_io.serial_force.lorenz import LorenzCommand, LorenzStream, Telegram, TelegramReader
+from robot_io.serial_force.lorenz import LorenzCommand, Telegram, TelegramReader
+from robot_io.serial_force.lorenz_stream import LorenzStream
 
 TELEGRAMS = st.builds(
     Telegram,
