@@ -148,7 +148,7 @@ def open_dynamixel() -> Bench:
 def open_plain_dynamixel() -> Bench:
     """Other servos, with the plain sync read, and the velocity by differentiation."""
     text = (ROBOTS / "dynamixel_3dof.yaml").read_text(encoding="utf-8")
-    text = text.replace("XM540-W270", "XH540-W270").replace("baud_rate: 4000000", "fast_sync_read: false")
+    text = text.replace("XM540-W270", "XH540-W270").replace("fast_sync_read: true", "fast_sync_read: false")
     text = text.replace("velocity: servo", "velocity: difference")
     return open_wired(parse_robot_file(text, ROBOTS / "dynamixel_3dof.yaml"), None)
 
