@@ -59,6 +59,9 @@ class _Play(JointEffect, SensorEffect):
         self._index = index
         self._reach_rad = 0.5 * gap_rad
         self._film_nms_rad = film_nms_rad
+        self.restart()
+
+    def restart(self) -> None:
         self._ahead_rad = 0.0
 
     def joint_torque_nm(self, state: JointState, torque_nm: Sequence[float]) -> Sequence[float]:

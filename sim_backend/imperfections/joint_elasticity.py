@@ -59,6 +59,9 @@ class _Shaft(JointEffect, SensorEffect):
         self._index = index
         self._compliance_rad_nm = compliance_rad_nm
         self._retardation_s = retardation_s
+        self.restart()
+
+    def restart(self) -> None:
         self._twist_rad = 0.0
 
     def joint_torque_nm(self, state: JointState, torque_nm: Sequence[float]) -> Sequence[float]:
