@@ -2,13 +2,11 @@
 
 import os
 import resource
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from palpate.doctor.finding import Finding, fail, ok, warn
+from palpate.doctor.finding import Finding, ok, warn
 
-RING_BYTES = 64 * 2**20  # more than a session's ring buffer takes
 ARPHRD_CAN = "280"  # kernel's hardware type of a CAN interface, include/uapi/linux/if_arp.h
 USB_LATENCY_MS = 1
 RIGHTS = (
@@ -33,20 +31,6 @@ def memory_lock() -> Iterator[Finding]:
         yield ok("memory lock", "unlimited")
     else:
         yield warn("memory lock", f"limited to {soft // 2**20} MiB", RIGHTS)
-
-
-def shared_memory() -> Iterator[Finding]:
-    """The session log's ring buffer fits."""
-    folder = Path("/dev/shm")  # noqa: S108, looked at, not written to
-    if not folder.is_dir():
-        yield warn("shared memory", f"{folder} does not exist", "only Linux is tested")
-        return
-    free = shutil.disk_usage(folder).free
-    text = f"{free // 2**20} MiB free in {folder}"
-    if free < RING_BYTES:
-        yield fail("shared memory", text, "containers: docker run --shm-size=1g")
-    else:
-        yield ok("shared memory", text)
 
 
 def serial_ports() -> Iterator[Finding]:

@@ -15,7 +15,6 @@ CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
     viewer.viewer_port,
     hardware.real_time,
     hardware.memory_lock,
-    hardware.shared_memory,
     hardware.serial_ports,
     hardware.can_interfaces,
 )

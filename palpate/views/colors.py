@@ -19,10 +19,8 @@ SECTIONS: tuple[Color, ...] = (
 FORCE_ARROW: Color = (240, 92, 84)
 OBJECT_TOP: Color = (226, 168, 124)
 OBJECT_SIDE: Color = (168, 116, 84)
-TRAIL: Color = (120, 196, 210)
 BACKGROUND: Color = (24, 29, 36)
 GRID: tuple[int, int, int, int] = (120, 134, 150, 60)
-LINK: Color = (206, 214, 222)
 
 
 def from_hex(text: str) -> Color:

@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from typing import Any
 
 from matplotlib import font_manager, rc_context
-from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, to_hex
 from matplotlib.figure import Figure
 
@@ -84,25 +83,6 @@ def title(figure: Figure, text: str, remark: str) -> None:
 def new_figure(width_in: float, height_in: float) -> Figure:
     """An empty figure that lays itself out."""
     return Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained", facecolor=PAPER)
-
-
-def legend_above(axes: Axes, columns: int) -> None:
-    """A legend in one row above the data, where it can cover nothing."""
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns, borderaxespad=0.2)
-
-
-def label_end(axes: Axes, x: float, y: float, text: str, color: str) -> None:
-    """Name a curve at its right end."""
-    axes.annotate(
-        text,
-        (x, y),
-        xytext=(5, 0),
-        textcoords="offset points",
-        color=color,
-        size=9,
-        va="center",
-        annotation_clip=False,
-    )
 
 
 def _settings() -> dict[Any, Any]:

@@ -6,7 +6,8 @@ import rerun as rr
 from palpate.views.recording.entities import EVENTS, SUMMARY, time_column
 from palpate.views.scene import Scene
 
-LEVELS = {"trip": rr.TextLogLevel.ERROR, "stop": rr.TextLogLevel.WARN, "overrun": rr.TextLogLevel.WARN}
+TROUBLE = ("stop", "failure", "log_failed", "observer_failed", "obstacle", "missed_surface")
+LEVELS = {"trip": rr.TextLogLevel.ERROR} | dict.fromkeys(TROUBLE, rr.TextLogLevel.WARN)
 
 
 def log(recording: rr.RecordingStream, scene: Scene) -> None:
