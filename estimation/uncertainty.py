@@ -49,8 +49,8 @@ def sandwich(
 
     Args:
         jacobian: shape (n, m), of the prediction with respect to the parameters.
-        score: shape (n,), see `Estimator.influence`.
-        slope: shape (n,).
+        score: shape (n,), weighted psi of each residual: the residual itself for least squares.
+        slope: shape (n,), derivative of the score by the residual: 1 for least squares.
         run: shape (n,), see `Regression`.
     """
     count, parameters = jacobian.shape

@@ -2,8 +2,8 @@
 
 from estimation.base_model import BaseModel, ModelContext
 from estimation.channel import ChannelKind
-from estimation.effects import EFFECTS
 from estimation.effects.damping import Damping
+from estimation.effects.inertia import Inertia
 from estimation.effects.stiffness import Stiffness
 from estimation.model import Model
 
@@ -18,4 +18,4 @@ class SpringMassDamper(BaseModel):
 
     def build(self, context: ModelContext) -> Model:
         """See `BaseModel.build`."""
-        return Model(self.name, (EFFECTS["inertia"](), Damping(), Stiffness()))
+        return Model(self.name, (Inertia(), Damping(), Stiffness()))

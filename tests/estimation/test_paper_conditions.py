@@ -69,12 +69,6 @@ def test_an_uncertain_surface_widens_the_interval_of_the_stiffness():
 def test_a_stiffness_that_cannot_be_is_pointed_out():
     t = np.arange(500) * 1e-3
     x = 0.005 + 0.004 * np.sin(20 * t)
-    data = channel(3.0 - 200 * x, x, 0.08 * np.cos(20 * t), t)
-    found = estimate_channel(
-        data, base_model("kelvin_voigt"), ESTIMATORS["lsq"](), rng=np.random.default_rng(0)
-    )
-    if found["stiffness.k"].interval[1] < 0:
-        assert "below what is physical" in found.note
     data = channel(-200 * x, x, 0.08 * np.cos(20 * t), t)
     found = estimate_channel(
         data, base_model("kelvin_voigt"), ESTIMATORS["lsq"](), rng=np.random.default_rng(0)
