@@ -6,7 +6,6 @@
 from collections.abc import Mapping
 
 import numpy as np
-
 from synthetic.motion import RATE_HZ, Motion
 
 OBJECT = (

@@ -6,7 +6,6 @@
 from collections.abc import Mapping
 
 import numpy as np
-
 from synthetic.motion import RATE_HZ, Motion
 
 JOINT = (
@@ -36,7 +35,6 @@ def torque(motion: Motion, hidden: Mapping[str, float], shape: Mapping[str, floa
 def _one_run(
     q: np.ndarray, v: np.ndarray, a: np.ndarray, hidden: Mapping[str, float], shape: Mapping[str, float]
 ) -> np.ndarray:
-    dt = 1.0 / RATE_HZ
     if "backlash" in hidden:
         q, v, a = _through_gap(q, v, a, 0.2 * hidden["backlash"])
     load = INERTIA * a + GRAVITY * np.sin(q)

@@ -1,6 +1,7 @@
 """Motions of a probing arm and of a swinging joint, with what encoders make of them."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -30,11 +31,11 @@ class Motion:
     def parts(self) -> list[slice]:
         """The rows of each run."""
         borders = [0, *(np.flatnonzero(np.diff(self.run)) + 1), len(self.run)]
-        return [slice(start, stop) for start, stop in zip(borders[:-1], borders[1:], strict=True)]
+        return [slice(start, stop) for start, stop in pairwise(borders)]
 
 
 def assemble(paths: list[np.ndarray], pause_s: float = 2.0) -> Motion:
-    """One session out of each run's path, sampled at `RATE_HZ`, its ends cut where derivatives are one-sided."""
+    """One session out of each run's path at `RATE_HZ`, less its ends, where derivatives are one-sided."""
     dt, times, xs, vs, accs, runs, start = 1.0 / RATE_HZ, [], [], [], [], [], 0.0
     for number, path in enumerate(paths):
         v = np.gradient(path, dt)

@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-
-from estimation.channel import ChannelData, ChannelKind
 from synthetic import contact, joint
 from synthetic.motion import Motion, measured, presses, swings
 from synthetic.noise import coloured
 from synthetic.sensors import FAULTS
+
+from estimation.channel import ChannelData, ChannelKind
 
 FLOOR = {ChannelKind.CONTACT: 0.05, ChannelKind.REVOLUTE: 0.02}  # standard deviation of the noise
 ENCODER = {ChannelKind.CONTACT: (1e-6, 1e-6), ChannelKind.REVOLUTE: (2e-5, 1e-5)}  # noise and step
@@ -56,10 +56,7 @@ def make(scene: Scene) -> Made | None:
     base = _columns(motion, touching)
 
     def effort(sizes: Mapping[str, float], alone: bool = True) -> np.ndarray:
-        if touching:
-            clean = contact.force(motion, k, c, sizes, shape)
-        else:
-            clean = joint.torque(motion, sizes, shape)
+        clean = contact.force(motion, k, c, sizes, shape) if touching else joint.torque(motion, sizes, shape)
         scale = float(np.sqrt(np.mean(clean**2)))
         for name in sizes:
             if name in FAULTS and (name != "quantisation" or alone):

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import numpy as np
-
 from synthetic.motion import RATE_HZ, Motion
 
 

@@ -78,10 +78,11 @@ def compare(data: ChannelData, model: Model) -> Comparison:
     Raises:
         InputError: the channel cannot be judged; the reason is in the message.
     """
-    reason = refuse(data)
+    good = usable(data)
+    reason = refuse(data.select(good))
     if reason:
         raise InputError(f"channel '{data.name}': {reason}")
-    standing = stand(data, model, {}, usable(data))
+    standing = stand(data, model, {}, good)
     residual = held_out_residual(standing.plain.frame, standing.trial)
     floor = noise_floor(standing)
     parts = {

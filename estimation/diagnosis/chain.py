@@ -23,6 +23,7 @@ from estimation.model import Model
 from robot_io.types import BoolArray
 
 MOST_EFFECTS = 4
+DONE = 0.005  # share of the error that may be left for the search to end: no candidate can take more
 Progress = Callable[[str, float], None]
 
 
@@ -105,6 +106,8 @@ def build(search: Search) -> Chain:
     refused = None
     while len(steps) < MOST_EFFECTS:
         before = steps[-1].standing if steps else start
+        if steps and before.left <= DONE:
+            break
         found = search.screen(before)
         ranking = ranking or tuple(found)
         step, refused = _next(search, before, found, [step.effect for step in steps])

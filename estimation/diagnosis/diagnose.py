@@ -68,7 +68,8 @@ def diagnose_channel(
     data: ChannelData, model: Model, effects: tuple[Effect, ...], rng: np.random.Generator, progress: Progress
 ) -> ChannelDiagnosis:
     """Diagnose one channel; see `diagnose`."""
-    reason = refuse(data)
+    good = usable(data)
+    reason = refuse(data.select(good))
     if reason:
         return ChannelDiagnosis(
             channel=data.name,
@@ -77,7 +78,7 @@ def diagnose_channel(
             effort_unit=data.kind.effort_unit,
             next_experiment=sufficient(reason, data.kind),
         )
-    search = Search(data, model, usable(data), effects, rng, progress)
+    search = Search(data, model, good, effects, rng, progress)
     chain = build(search)
     return _report(search, chain)
 

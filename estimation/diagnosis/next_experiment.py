@@ -7,7 +7,7 @@ from estimation.channel import ChannelKind
 from estimation.diagnosis.result import NextExperiment
 from estimation.effect import Effect
 
-Settings = dict[str, float | int | str | list[float]]
+Settings = dict[str, float | int | str | list[float] | dict[str, float | str]]
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,13 @@ class Plan:
     settings: Settings = field(default_factory=dict)
 
 
+_REVERSALS: dict[str, float | str] = {
+    "quantity": "position",
+    "amplitude_n": 3.0,
+    "low_hz": 0.1,
+    "high_hz": 0.5,
+    "duration_s": 20.0,
+}
 _TWO_SPEEDS = Plan(
     "probe at a slow and a fast speed, with a long hold",
     {"speeds_m_s": [0.01, 0.05, 0.15], "hold_s": 3.0, "repeats": 3},
@@ -32,8 +39,8 @@ _LONG_HOLD = Plan(
     {"speeds_m_s": [0.02, 0.1], "hold_s": 10.0, "repeats": 3},
 )
 _DEEP = Plan(
-    "press to several depths, up to the largest force allowed",
-    {"speeds_m_s": [0.01, 0.03], "forces_n": [3.0, 6.0, 10.0], "hold_s": 1.0, "repeats": 3},
+    "press twice as hard, slowly",
+    {"speeds_m_s": [0.01, 0.03], "force_limit_n": 20.0, "hold_s": 1.0, "repeats": 3},
 )
 _FREE_AIR = Plan(
     "record free air before and after each press",
@@ -41,7 +48,7 @@ _FREE_AIR = Plan(
 )
 _SLOW_REVERSALS = Plan(
     "reverse slowly at several depths without leaving the object",
-    {"speeds_m_s": [0.002, 0.01], "reversals": 5, "hold_s": 1.0, "repeats": 3},
+    {"speeds_m_s": [0.005, 0.01], "excitation": _REVERSALS, "hold_s": 1.0, "repeats": 3},
 )
 _JOINT = Plan("move over a wider range, slowly and fast, in both directions, with two loads")
 _PLANS: Mapping[frozenset[str], Plan] = {

@@ -96,7 +96,7 @@ class NextExperiment(_Entry):
     purpose: str
     separates: list[str]
     instruction: str
-    probe: dict[str, float | int | str | list[float]]
+    probe: dict[str, float | int | str | list[float] | dict[str, float | str]]
 
 
 class Floor(_Entry):

@@ -13,7 +13,8 @@ from estimation.model import Model
 from robot_io.types import FloatArray
 
 LEAST_GAIN = 0.02  # of the held-out error; less is not worth a name, whatever its significance
-LEAST_JUDGED_GAIN = 0.005
+LEAST_JUDGED_GAIN = 0.0  # of what is new in each sample, which slow data says little about
+LEAST_BROAD_GAIN = 0.005
 LEAST_FOLDS = 0.6  # share of the folds in which the error must fall
 FEW = 6  # blocks, about one touch in each run, that must not decide alone
 LEVEL = 0.01  # of false alarms, over all candidates
@@ -99,7 +100,7 @@ class Evidence:
         gains = (
             (self.gain, LEAST_GAIN),
             (self.judged_gain, LEAST_JUDGED_GAIN),
-            (self.broad_gain, LEAST_JUDGED_GAIN),
+            (self.broad_gain, LEAST_BROAD_GAIN),
         )
         return (
             all(gain >= least for gain, least in gains)
@@ -124,10 +125,11 @@ def evidence(
     without = after.judge.fit(before.trial.columns, before.trial.target)
     judged_gain = _fall(without.held_out.sum(), after.judged.held_out)
     broad_gain = _broad(after.judge.whiten(before.trial.residual), after.judge.whiten(after.judged.residual))
-    noise = surrogates(after.noise, after.noise_run, rng)
-    starts = (after.judge.whiten(t.columns) for c in found for t in c.search.starts)
-    chance = best_gains(noise, after.judge.whiten(before.trial.columns), starts)
-    observed = 1.0 - after.judged.sse / without.sse.sum()
+    kept = after.plain.kept
+    noise = surrogates(after.flexible.residual[kept], after.plain.frame.run[kept], rng)
+    starts = (t.columns[kept] for c in found for t in c.search.starts)
+    chance = best_gains(noise, before.trial.columns[kept], starts)
+    observed = 1.0 - after.trial.sse / before.trial.sse
     return Evidence(gain, judged_gain, folds, broad_gain, p_value(observed, chance))
 
 

@@ -13,7 +13,7 @@ from estimation.diagnosis.load import with_load
 from estimation.diagnosis.polish import polish
 from estimation.diagnosis.trial import Bench, Trial, attempt
 from estimation.model import Model
-from robot_io.types import BoolArray, FloatArray, IntArray
+from robot_io.types import BoolArray
 
 
 @dataclass(frozen=True)
@@ -46,16 +46,6 @@ class Standing:
         """Share of the error in held-out runs that a flexible regression takes away."""
         after, before = float(self.flexible.held_out.sum()), self.trial.held_out
         return float(1.0 - np.sqrt(after / before)) if before > 0.0 else 0.0
-
-    @property
-    def noise(self) -> FloatArray:
-        """Whitened held-out residuals of the flexible regression: the noise, as far as can be told, (w,)."""
-        return self.judge.whiten(self.flexible.residual)
-
-    @property
-    def noise_run(self) -> IntArray:
-        """Run of each of those residuals, (w,)."""
-        return self.judge.frame.run[self.judge.kept]
 
 
 def stand(

@@ -61,11 +61,11 @@ def revise(
     Raises:
         InputError: the channel cannot be judged, or an effect is unknown, there already, or does not apply.
     """
-    reason = refuse(data)
+    good = usable(data)
+    reason = refuse(data.select(good))
     if reason:
         raise InputError(f"channel '{data.name}': {reason}")
     known = {effect.name: effect for effect in (library() if effects is None else effects)}
-    good = usable(data)
     standing = stand(data, model, {}, good)
     revisions = [_revision(0, "", standing)]
     for number, name in enumerate(names, start=1):
