@@ -1,0 +1,264 @@
+"""Every hidden effect has one form, is silent at strength zero, stable at its extremes, and drawn by seed."""
+
+import ast
+import inspect
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import sim_backend
+from robot_io.errors import InputError
+from sim_backend import Scenario, World, load_scenario, parse_scenario
+from sim_backend.contact_law import CONTACT_LAWS
+from sim_backend.hidden import STRONGEST, WEAKEST, draw_hidden, hidden_effects, noise_scale
+from sim_backend.imperfection import (
+    IMPERFECTIONS,
+    ContactImperfection,
+    SensorImperfection,
+    describe_imperfection,
+    parse_imperfection,
+)
+from sim_backend.noise_scale import CONTACT, channel_of, joint_of
+from tests.sim_backend.hidden_parts import ALL
+from tests.sim_backend.parts import shipped_arm
+
+SCALE = noise_scale(Scenario())
+# The vocabulary of the project; what is left out is the object's law or the arm's URDF.
+VOCABULARY = {
+    *("hunt_crossley", "cubic_stiffness", "layered_stiffness", "stress_relaxation", "quadratic_damping"),
+    *("adhesion", "plastic_set", "dry_friction", "contact_offset", "tool_compliance"),
+    *("viscous_friction", "coulomb_friction", "stribeck_friction", "asymmetric_friction"),
+    *("load_dependent_friction", "quadratic_friction", "payload", "armature", "gravity_tilt"),
+    *("torque_ripple", "joint_spring", "backlash", "joint_elasticity", "torque_gain"),
+    *("bias", "drift", "lag", "delay", "saturation", "deadband", "hysteresis", "quantisation"),
+}
+
+
+def any_channel(kind):
+    """A channel that the effect belongs to, whether probing shows it or not."""
+    if issubclass(kind, ContactImperfection):
+        return CONTACT
+    return "joint_1" if issubclass(kind, SensorImperfection) else "joint_2"
+
+
+def at_strength(name, strength, channel=None):
+    kind = IMPERFECTIONS[name]
+    return kind.at_strength(strength, channel or any_channel(kind), SCALE, np.random.default_rng(4))
+
+
+def fall(entry, duration_s=0.15):
+    """What the sensors of a falling arm show, its tip on the object at first, and the truth at the end."""
+    world = World(shipped_arm("follower"), Scenario().with_hidden([entry] if entry else []))
+    world.object.move_surface(world.truth().tip_position_world_m[2] + 0.004)
+    shown = []
+    for tick in range(1, round(duration_s * 1e3)):
+        world.set_torque([8.0 + np.sin(0.3 * tick), 1.5, 0.1 * np.sin(0.5 * tick)])
+        world.advance_to(tick * 1e-3)
+        samples = (world.encoder, world.torque_sensor, world.force_sensor)
+        shown.append(np.concatenate([sensor.read(world.time_s).value for sensor in samples]))
+    truth = world.truth()
+    world.close()
+    return np.array(shown), truth
+
+
+def test_the_whole_vocabulary_is_there():
+    assert set(ALL) == VOCABULARY
+
+
+@pytest.mark.parametrize("name", ALL)
+class TestEveryEffect:
+    def test_is_a_file_of_its_name_and_says_what_it_is(self, name):
+        kind = IMPERFECTIONS[name]
+        assert kind.__module__ == f"sim_backend.imperfections.{name}"
+        text = inspect.getdoc(kind)
+        for parameter in kind.parameters():
+            line = next(
+                entry for entry in re.split(r"\n(?=    \w+: )", text) if f"    {parameter.name}: " in entry
+            )
+            assert f"[{parameter.unit}]" in line
+            assert parameter.low < parameter.high
+        assert {parameter.name for parameter in kind.parameters()} == (
+            kind.model_fields.keys() - {"joint", "channel"}
+        )
+
+    def test_takes_its_typical_values(self, name):
+        kind = IMPERFECTIONS[name]
+        place = {"joint": 2} if "joint" in kind.model_fields else {}
+        place |= {"channel": "joint_1"} if "channel" in kind.model_fields else {}
+        for bound in ("low", "high"):
+            values = {parameter.name: getattr(parameter, bound) for parameter in kind.parameters()}
+            assert kind(**place, **values).effects(3)
+
+    def test_is_described_and_parsed_alike(self, name):
+        entry = at_strength(name, 10.0)
+        assert parse_imperfection(describe_imperfection(entry)) == entry
+        world = Scenario().with_hidden([entry])
+        assert parse_scenario(world.to_yaml(), "copy") == world
+
+    def test_is_silent_at_strength_zero(self, name):
+        expected, truth = fall(None)
+        shown, at_end = fall(at_strength(name, 0.0))
+        assert np.array_equal(shown, expected)
+        assert np.array_equal(at_end.joint_position_rad, truth.joint_position_rad)
+
+    def test_shows_when_it_is_strong(self, name):
+        assert not np.array_equal(fall(at_strength(name, 30.0))[0], fall(None)[0])
+
+    def test_keeps_its_memory_to_one_world(self, name):
+        entry = at_strength(name, 30.0)
+        first, second = fall(entry), fall(entry)
+        assert np.array_equal(first[0], second[0])
+
+    def test_is_stable_at_the_ends_of_its_typical_range(self, name):
+        kind = IMPERFECTIONS[name]
+        for joint in (1, 3):
+            place = {"joint": joint} if "joint" in kind.model_fields else {}
+            place |= {"channel": CONTACT} if "channel" in kind.model_fields else {}
+            values = {parameter.name: parameter.high for parameter in kind.parameters()}
+            shown, truth = fall(kind(**place, **values))
+            assert np.isfinite(shown).all()
+            assert np.abs(truth.joint_velocity_rad_s).max() < 60.0
+
+    def test_grows_with_its_strength(self, name):
+        weak, strong = (fall(at_strength(name, s))[0] for s in (1.0, 30.0))
+        calm = fall(None)[0]
+        assert np.abs(strong - calm).mean() > np.abs(weak - calm).mean()
+
+    def test_is_refused_in_a_joint_that_the_arm_does_not_have(self, name):
+        kind = IMPERFECTIONS[name]
+        if "joint" in kind.model_fields:
+            entry = at_strength(name, 5.0).model_copy(update={"joint": 4})
+        elif "channel" in kind.model_fields:
+            entry = at_strength(name, 5.0).model_copy(update={"channel": "joint_4"})
+        else:
+            return
+        with pytest.raises(InputError, match=rf"'{name}'.*4 of an arm with 3 joints"):
+            hidden_effects([entry], 3)
+
+
+def test_a_world_with_nothing_hidden_has_no_effects_at_work():
+    effects = hidden_effects(Scenario().hidden, 3)
+    assert not any(vars(effects).values())
+
+
+def test_effects_work_side_by_side():
+    entries = [at_strength(name, 5.0) for name in ALL if name != "plastic_set"]
+    world = World(shipped_arm("follower"), Scenario().with_hidden(entries))
+    world.object.move_surface(world.truth().tip_position_world_m[2] + 0.002)
+    world.advance_to(0.2)
+    assert np.isfinite(world.truth().joint_position_rad).all()
+    world.close()
+
+
+def test_a_scenario_says_in_public_nothing_of_what_it_hides():
+    world = Scenario(seed=7).with_hidden([at_strength(name, 10.0) for name in ALL])
+    public = world.public_yaml()
+    assert "hidden" not in public
+    assert not [name for name in VOCABULARY - {*CONTACT_LAWS} if re.search(rf"\b{name}\b", public)]
+    assert parse_scenario(public, "public") == Scenario(seed=7)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "words"),
+    [
+        (
+            "[{effect: coulomb_frictoin, joint: 2, coulomb_nm: 0.3}]",
+            "did you mean 'coulomb_friction'. Valid: ad",
+        ),
+        ("[{effect: coulomb_friction, coulomb_nm: 0.3}]", "joint: is missing"),
+        ("[{effect: coulomb_friction, joint: 0, coulomb_nm: 0.3}]", "joint: .*greater than or equal to 1"),
+        ("[{effect: coulomb_friction, joint: 1.5, coulomb_nm: 0.3}]", "joint: "),
+        ("[{effect: coulomb_friction, joint: 1, torque: 0.3}]", "torque: is not known.*coulomb_nm, joint"),
+        (
+            "[{effect: coulomb_friction, joint: 1, coulomb_nm: -1}]",
+            "coulomb_nm: .*greater than or equal to 0",
+        ),
+        ("[{effect: stress_relaxation, stiffness_n_m: 5, time_s: 0}]", "time_s: "),
+        ("[{effect: bias, channel: force, bias: 1}]", "channel: .*contact"),
+        ("[{effect: bias, channel: joint_0, bias: 1}]", "channel: "),
+        ("[{joint: 2}]", "a mapping with an effect. Valid effects: adhesion, armature"),
+        ("{effect: bias}", "hidden: "),
+        ("[bias]", "hidden entry 1: a hidden effect is a mapping"),
+    ],
+)
+def test_a_wrong_entry_is_refused_with_its_place_and_the_choices(hidden, words, tmp_path):
+    path = tmp_path / "wrong.yaml"
+    path.write_text(f"seed: 1\nhidden: {hidden}\n")
+    with pytest.raises(InputError, match=words) as caught:
+        load_scenario(str(path))
+    assert str(caught.value).startswith(f"{path} line 2, ")
+
+
+@pytest.mark.parametrize("name", ["contact_offset", "plastic_set", "tool_compliance"])
+def test_effects_of_geometry_need_a_force_law(name):
+    with pytest.raises(InputError, match=f"'{name}' needs a force law"):
+        load_scenario("engine").with_hidden([at_strength(name, 5.0)])
+    friction = at_strength("coulomb_friction", 5.0)
+    assert load_scenario("engine").with_hidden([friction]).hidden == (friction,)
+
+
+def test_equal_seeds_draw_the_same_and_different_ones_all_there_is():
+    drawn = [draw_hidden(seed)[0] for seed in range(600)]
+    assert drawn == [draw_hidden(seed)[0] for seed in range(600)]
+    shown = {n for n, kind in IMPERFECTIONS.items() if any(map(kind.can_show_in, SCALE.channels))}
+    assert {entry.name for entry in drawn} == shown
+    assert VOCABULARY - shown == {"contact_offset", "tool_compliance", "backlash", "joint_elasticity"}
+    in_contact = np.mean([CONTACT in entry.channels for entry in drawn])
+    assert in_contact == pytest.approx(0.5, abs=0.08)
+
+
+def test_strengths_are_drawn_evenly_on_a_logarithmic_scale():
+    strengths = [
+        draw_hidden(seed, CONTACT, effect="adhesion")[0].pull_off_n / SCALE.contact_noise_n
+        for seed in range(400)
+    ]
+    assert min(strengths) >= WEAKEST
+    assert max(strengths) <= STRONGEST
+    assert np.median(strengths) == pytest.approx(np.sqrt(WEAKEST * STRONGEST), rel=0.15)
+
+
+@given(st.integers(0, 10_000), st.sampled_from([None, *SCALE.channels]), st.sampled_from(["soft", "stiff"]))
+@settings(max_examples=60, deadline=None)
+def test_what_is_drawn_fits_its_world_and_shows_where_it_was_wanted(seed, channel, name):
+    scenario = load_scenario(name)
+    (entry,) = draw_hidden(seed, channel, scenario=scenario)
+    assert hidden_effects([entry], 3)
+    assert scenario.with_hidden([entry]).hidden == (entry,)
+    assert channel is None or channel in entry.channels
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"channel": "joint_9"}, "channel 'joint_9'.*Valid: contact, joint_1, joint_2, joint_3"),
+        ({"channel": "joint_3", "effect": "payload"}, "Valid: joint_1, joint_2"),
+        ({"effect": "contact_offset"}, "shows nowhere"),
+        ({"effect": "gremlin"}, "no hidden effect is called 'gremlin'"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(options, words):
+    with pytest.raises(InputError, match=words):
+        draw_hidden(1, **options)
+
+
+@given(st.integers(1, 99))
+def test_channels_and_joints_name_each_other(joint):
+    assert joint_of(channel_of(joint)) == joint
+
+
+@pytest.mark.parametrize("channel", ["contact", "joint_", "joint_0", "joint_x", "2"])
+def test_what_is_no_joint_s_channel_is_refused(channel):
+    with pytest.raises(InputError, match="not that of a joint"):
+        joint_of(channel)
+
+
+def test_the_simulator_s_physics_knows_nothing_of_the_estimator_s_hypotheses():
+    folder = Path(sim_backend.__file__).parent
+    for path in folder.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                assert not re.match(r"estimation(\.|$)", node.value), path
