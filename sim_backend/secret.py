@@ -1,0 +1,100 @@
+"""The sealed answer beside a session: what was hidden, in a file that nobody reads by accident."""
+
+import base64
+import binascii
+import json
+import os
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from robot_io.errors import InputError
+from sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
+
+SUFFIX = ".sealed"
+_TITLE = "palpate sealed answer, version 1"
+_HOW = "What was hidden in the session of this name. To open it: palpate reveal"
+_MAX_BYTES = 1_000_000
+_LINE = 76
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What was hidden in one session.
+
+    Attributes:
+        hidden: the effects.
+        seed: that they were drawn from; None where a scenario named them.
+        session: file name of the session.
+    """
+
+    hidden: tuple[Imperfection, ...]
+    seed: int | None
+    session: str
+
+
+def sealed_path(session: str | Path) -> Path:
+    """Where the sealed answer of a session file lies."""
+    return Path(session).with_suffix(SUFFIX)
+
+
+def seal(session: str | Path, hidden: Sequence[Imperfection], seed: int | None = None) -> Path:
+    """Write the sealed answer beside a session file, whole or not at all; one from before is replaced.
+
+    Returns:
+        the sealed file.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    session, path = Path(session), sealed_path(session)
+    answer = {
+        "hidden": [describe_imperfection(entry) for entry in hidden],
+        "seed": seed,
+        "session": session.name,
+    }
+    code = base64.b64encode(zlib.compress(json.dumps(answer).encode())).decode()
+    lines = [_TITLE, _HOW, "", *(code[start : start + _LINE] for start in range(0, len(code), _LINE)), ""]
+    draft = path.with_name(path.name + ".part")
+    try:
+        draft.write_text("\n".join(lines), encoding="ascii")
+        os.replace(draft, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+    return path
+
+
+def unseal(path: str | Path) -> Answer:
+    """Open a sealed answer.
+
+    Raises:
+        InputError: there is none, or it is damaged or of another version.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    title, *rest = content.split(b"\n")
+    if title.strip() != _TITLE.encode():
+        raise InputError(f"{path}: not a sealed answer; its first line would be '{_TITLE}'")
+    try:
+        return _parse(b"".join(rest[1:]), len(content))
+    except (ValueError, KeyError, TypeError, binascii.Error, zlib.error) as error:
+        raise InputError(f"{path}: damaged, its answer cannot be read ({error!s:.100})") from error
+
+
+def _parse(code: bytes, size: int) -> Answer:
+    if size > _MAX_BYTES:
+        raise ValueError(f"larger than {_MAX_BYTES} bytes")
+    inflater = zlib.decompressobj()
+    text = inflater.decompress(base64.b64decode(code, validate=True), _MAX_BYTES)
+    if not inflater.eof:
+        raise ValueError("cut off, or larger than any answer")
+    answer = json.loads(text)
+    seed, session = answer["seed"], answer["session"]
+    if not isinstance(seed, int | None) or not isinstance(session, str):
+        raise TypeError("seed or session is of the wrong type")
+    return Answer(tuple(parse_imperfection(entry) for entry in answer["hidden"]), seed, session)

@@ -1,0 +1,99 @@
+"""What was hidden comes back from the sealed file as it was, and cannot be read by accident."""
+
+import base64
+import json
+import zlib
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robot_io.errors import InputError
+from sim_backend.hidden import draw_hidden
+from sim_backend.imperfection import IMPERFECTIONS
+from sim_backend.secret import Answer, seal, sealed_path, unseal
+
+
+@given(st.lists(st.integers(0, 1000), max_size=4), st.none() | st.integers(0, 2**40))
+@settings(max_examples=30, deadline=None)
+def test_an_answer_comes_back_as_it_was(tmp_path_factory, seeds, seed):
+    session = tmp_path_factory.mktemp("sealed") / "a.mcap"
+    hidden = tuple(draw_hidden(number)[0] for number in seeds)
+    path = seal(session, hidden, seed)
+    assert path == sealed_path(session) == session.with_name("a.sealed")
+    assert unseal(path) == Answer(hidden, seed, "a.mcap")
+    assert [file.name for file in session.parent.iterdir()] == ["a.sealed"]
+
+
+def test_a_reader_of_the_file_learns_what_it_is_but_not_what_is_in_it(tmp_path):
+    for name, kind in IMPERFECTIONS.items():
+        channel = next((c for c in ("contact", "joint_1") if kind.can_show_in(c)), None)
+        if channel is None:
+            continue
+        text = seal(tmp_path / f"{name}.mcap", draw_hidden(3, channel, effect=name), 3).read_text()
+        assert text.startswith("palpate sealed answer")
+        assert "palpate reveal" in text
+        body = text.split("\n", 2)[2]
+        assert name not in body
+        assert not [p.name for p in kind.parameters() if len(p.name) > 4 and p.name in body]
+
+
+def test_a_second_answer_replaces_the_first(tmp_path):
+    session = tmp_path / "a.mcap"
+    seal(session, draw_hidden(1), 1)
+    seal(session, draw_hidden(2), 2)
+    assert unseal(sealed_path(session)).seed == 2
+
+
+def test_a_folder_that_is_not_there_is_one_clear_line(tmp_path):
+    with pytest.raises(InputError, match=r"a\.sealed: cannot be written"):
+        seal(tmp_path / "no" / "a.mcap", [], 1)
+
+
+def packed(data, title="palpate sealed answer, version 1"):
+    code = base64.b64encode(zlib.compress(json.dumps(data).encode())).decode()
+    return f"{title}\nhow\n\n{code}\n"
+
+
+GOOD = {"hidden": [], "seed": 1, "session": "a.mcap"}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "not a sealed answer"),
+        ("seed: 3\n", "not a sealed answer"),
+        (packed(GOOD, "palpate sealed answer, version 2"), "not a sealed answer"),
+        ("palpate sealed answer, version 1\nhow\n\n***\n", "damaged"),
+        ("palpate sealed answer, version 1\nhow\n\nQUJD\n", "damaged"),
+        (packed(GOOD)[:-10], "damaged"),
+        (packed({"seed": 1, "session": "a"}), "damaged.*hidden"),
+        (packed(GOOD | {"hidden": [{"effect": "gremlin"}]}), "damaged.*gremlin"),
+        (packed(GOOD | {"hidden": 3}), "damaged"),
+        (packed(GOOD | {"seed": "x"}), "damaged.*wrong type"),
+        (packed([1, 2]), "damaged"),
+        (packed("0" * 3_000_000), "damaged.*larger than any answer"),
+        (packed(GOOD) + "A" * 1_100_000, "damaged.*larger than 1000000 bytes"),
+    ],
+)
+def test_a_damaged_file_is_one_clear_line(content, words, tmp_path):
+    path = tmp_path / "a.sealed"
+    path.write_text(content)
+    with pytest.raises(InputError, match=words) as caught:
+        unseal(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_no_file_is_one_clear_line(tmp_path):
+    with pytest.raises(InputError, match=r"a\.sealed: cannot be read"):
+        unseal(tmp_path / "a.sealed")
+
+
+@given(st.binary(max_size=200))
+@settings(max_examples=60, deadline=None)
+def test_any_bytes_are_refused_in_one_line(tmp_path_factory, content):
+    path = tmp_path_factory.mktemp("sealed") / "a.sealed"
+    path.write_bytes(b"palpate sealed answer, version 1\nhow\n\n" + content)
+    with pytest.raises(InputError, match="damaged"):
+        unseal(path)
