@@ -74,7 +74,15 @@ def test_torques_show_each_joint_with_what_was_sent(ticks):
         sent, measured = line_data(figure, joint)
         np.testing.assert_array_equal(measured.get_ydata(), ticks["torque_measured_nm"][:, joint])
         np.testing.assert_array_equal(sent.get_ydata(), ticks["torque_sent_nm"][:, joint])
-    assert "0.0" in figure.axes[0].get_title(loc="right")
+
+
+def test_a_measured_torque_is_judged_by_the_command_that_held_when_it_was_sampled(ticks):
+    obeyed = dict(ticks)
+    obeyed["torque_measured_nm"] = np.roll(ticks["torque_sent_nm"], 1, axis=0) + 0.25
+    obeyed["torque_at_s"] = ticks["time_s"] - 0.5e-3
+    with style.house_style():
+        figure = torque_figure(obeyed)
+    assert [panel.get_title(loc="right") for panel in figure.axes[:3]] == ["rms difference 0.250 N m"] * 3
 
 
 def test_force_displacement_has_units_and_a_curve_for_each_run_and_its_model(contact):

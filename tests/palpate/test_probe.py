@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from control.phases import Phase
+from control.rigid_body import RigidBody
+from estimation.data import session_channels
 from palpate.probing_run import PLAN
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
@@ -58,6 +60,29 @@ def test_the_estimate_that_runs_along_ends_near_the_truth(probed):
     assert ticks["stiffness_n_m"][-1] == pytest.approx(500, rel=0.01)
     assert ticks["damping_n_s_m"][-1] == pytest.approx(20, rel=0.05)
     assert ticks["surface_m"][-1] == pytest.approx(-0.05, abs=1e-4)
+
+
+def test_measured_torques_follow_the_commands_and_are_what_the_rigid_body_needs(probed):
+    """The paper's figure 3a: the drives obey, and the inverse dynamics behind the commands hold in contact."""
+    session = Session.open(probed[0])
+    ticks = session.samples("tick")
+    obeyed = ticks["torque_measured_nm"][1:] - ticks["torque_sent_nm"][:-1]  # sampled before the tick's own
+    assert np.sqrt(np.mean(obeyed**2, axis=0)) == pytest.approx([0.01] * 3, rel=0.1)  # the sensor's noise
+
+    joints = [channel for channel in session_channels(session) if channel.name.startswith("joint")]
+    body, context = RigidBody.from_urdf(session.metadata.urdf, "tip"), joints[0].context
+    motion = zip(
+        *(context[f"joint_{what}"] for what in ("position", "velocity", "acceleration")), strict=True
+    )
+    push = context["contact_force"][:, None] * context["press_direction_world"]
+    needed = [
+        body.inverse_dynamics(q, v, a) + body.tip_jacobian(q)[:3].T @ f
+        for (q, v, a), f in zip(motion, push, strict=True)
+    ]
+    unexplained = np.array([joint.effort for joint in joints]).T - needed
+    for phase in (Phase.FREE_AIR, Phase.APPROACH, Phase.LOADING, Phase.HOLD):
+        rows = joints[0].phase == phase
+        assert np.abs(unexplained[rows].mean(axis=0)).max() < 0.02  # of up to 7 N m
 
 
 def test_equal_seeds_give_equal_measurements_and_others_do_not(tmp_path):
