@@ -63,7 +63,7 @@ def test_the_estimate_that_runs_along_ends_near_the_truth(probed):
 
 
 def test_measured_torques_follow_the_commands_and_are_what_the_rigid_body_needs(probed):
-    """The paper's figure 3a: the drives obey, and the inverse dynamics behind the commands hold in contact."""
+    """Figure 3a of the paper: the drives obey, and give what the rigid body needs, in contact too."""
     session = Session.open(probed[0])
     ticks = session.samples("tick")
     obeyed = ticks["torque_measured_nm"][1:] - ticks["torque_sent_nm"][:-1]  # sampled before the tick's own
