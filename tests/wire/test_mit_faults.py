@@ -1,5 +1,6 @@
 """What goes wrong with MIT-mode motors, and what the robot makes of it."""
 
+import can
 import numpy as np
 import pytest
 
@@ -15,8 +16,11 @@ def nodes(bench):
     return bench.arm.wires["motors"]._nodes
 
 
-def test_torques_arrive_and_come_back_within_the_wire_s_steps(bench):
-    arm = bench(CUBEMARS).start()
+@pytest.mark.parametrize(
+    "turned", [(), [("motor_id: 1,", "motor_id: 1, zero_rad: 0.4,")]], ids=["", "zero turned"]
+)
+def test_torques_arrive_and_come_back_within_the_wire_s_steps(bench, turned):
+    arm = bench(CUBEMARS, turned).start()
     measurement = arm.ticks(20, PUSH_NM)
     np.testing.assert_allclose(arm.drive_torque_nm, PUSH_NM, atol=50 / 4095)
     np.testing.assert_allclose(measurement.joint_torque_nm, PUSH_NM, atol=0.1)
@@ -48,6 +52,41 @@ def test_a_motor_that_is_not_there_is_named(bench):
     arm.strike("motors", FaultKind.DROP, device=2)
     with pytest.raises(DeviceError, match=r"no answer in 0.05 s from joint 2 \(motor 2\)"):
         arm.robot.configure()
+
+
+def test_what_a_motor_does_not_confirm_is_an_error(bench):
+    arm = bench(CUBEMARS)
+    arm.robot.configure()
+    arm.strike("motors", FaultKind.DROP, device=2, for_s=0.2)
+    with pytest.raises(DeviceError, match=r"motor mode is not confirmed by joint 2 \(motor 2\)"):
+        arm.robot.activate()
+    arm.clock.sleep_until(arm.clock.now_s() + 0.2)
+    arm.robot.activate()
+    assert all(node.enabled for node in nodes(arm))
+    arm.strike("motors", FaultKind.DROP, device=3, for_s=0.1)
+    with pytest.raises(DeviceError, match=r"torque off is not confirmed by joint 3 \(motor 3\)"):
+        arm.robot.deactivate()
+    assert not any(node.enabled for node in nodes(arm))  # they were told all the same
+
+
+def test_a_frame_under_a_stranger_s_id_is_not_taken_for_a_motor_s(bench):
+    arm = bench(CUBEMARS).start()
+    section = arm.arm.robot_file.buses["motors"].settings
+    before = arm.tick().joint_position_rad[0]
+    with can.Bus(interface="virtual", channel=section["channel"], preserve_timestamps=True) as stranger:
+        answer = bytes((1, 0x12, 0x34, 0, 0, 0, 0, 0))
+        stranger.send(can.Message(arbitration_id=0x123, data=answer, is_extended_id=False))
+    line = arm.robot.buses["motors"].line
+    foreign = line.counts["foreign id"]
+    assert arm.tick().joint_position_rad[0] == pytest.approx(before, abs=0.02)
+    assert line.counts["foreign id"] == foreign + 1
+
+
+def test_an_encoder_fault_is_no_velocity_to_brake_against(bench):
+    arm = bench(CUBEMARS).start()
+    nodes(arm)[0].error = 5
+    assert arm.ticks(3).encoder_status is Status.FAULT
+    assert "encoder fault" in arm.problem
 
 
 def test_a_motor_s_error_is_named(bench):

@@ -15,11 +15,14 @@ V0_5 = (
 PUSH_NM = (3.0, -2.0, 1.0)
 
 
+TURNED = (("node_id: 1, gear_ratio: 9,", "node_id: 1, gear_ratio: 9, zero_rad: 0.3,"),)
+
+
 def nodes(bench):
     return bench.arm.wires["motors"]._nodes
 
 
-@pytest.mark.parametrize("changes", [(), V0_5], ids=["0.6", "0.5"])
+@pytest.mark.parametrize("changes", [(), V0_5, TURNED], ids=["0.6", "0.5", "zero turned"])
 def test_torques_arrive_and_come_back_through_gears_and_signs(bench, changes):
     arm = bench(changes=changes).start()
     measurement = arm.ticks(20, PUSH_NM)
@@ -187,6 +190,72 @@ def test_a_wrong_robot_file_is_refused(old, new, problem):
     assert old in text
     with pytest.raises(InputError, match=problem):
         build_robot(parse_robot_file(text.replace(old, new, 1), ODRIVE), DriverCatalogue(), SimulatedClock())
+
+
+def test_an_axis_that_somebody_left_on_is_off_after_configuring(bench):
+    arm = bench()
+    node = nodes(arm)[1]
+    node.state, node._control_mode, node._input_torque_nm = 8, 1, 0.5
+    node._fed_s = arm.clock.now_s()
+    node._drive()
+    arm.robot.configure()
+    assert node.state == 1
+    assert not arm.drive_torque_nm.any()
+
+
+def test_an_old_heartbeat_confirms_nothing(bench):
+    """The last one said IDLE, but that was before it was told so."""
+    arm = bench()
+    arm.robot.configure()
+    arm.strike("motors", FaultKind.DROP, device=0)
+    with pytest.raises(DeviceError, match=r"did not confirm that it is idle: joint 1 \(node 0\)"):
+        arm.robot.deactivate()
+
+
+def test_a_version_other_than_0_6_is_named(bench):
+    arm = bench()
+    node = nodes(arm)[2]
+    node._answer = lambda command: [node._message(0x00, bytes((2, 3, 6, 56, 0, 5, 6, 0)))]
+    with pytest.raises(DeviceError, match=r"joint 3 \(node 2\): has firmware 0\.5\.6"):
+        arm.robot.configure()
+
+
+def test_flushing_does_not_say_an_old_command_again(bench):
+    arm = bench().start()
+    arm.tick(PUSH_NM)
+    for _ in range(60):
+        arm.tick(None)
+        arm.robot.buses["motors"].flush(arm.clock.now_s())
+    assert not arm.drive_torque_nm.any()
+
+
+def test_what_was_staged_before_the_power_went_off_is_forgotten(bench):
+    arm = bench().start()
+    arm.robot.torque.stage_torque(np.array(PUSH_NM))
+    arm.robot.deactivate()
+    arm.robot.activate()
+    arm.robot.buses["motors"].flush(arm.clock.now_s())
+    arm.tick(None)
+    assert not arm.drive_torque_nm.any()
+
+
+def test_an_encoder_that_has_failed_is_no_velocity_to_brake_against(bench):
+    arm = bench().start()
+    nodes(arm)[1]._disarm(1 << 26)
+    measurement = arm.ticks(12)
+    assert measurement.encoder_status is Status.FAULT
+    assert "SPINOUT_DETECTED" in arm.robot.bus_errors["motors"]
+
+
+def test_a_silent_axis_is_a_delay_and_an_axis_error_a_failure_of_the_bus(bench):
+    arm = bench().start()
+    arm.strike("motors", FaultKind.DROP, device=2, for_s=0.01)
+    arm.ticks(6)
+    assert "motors" in arm.robot.bus_delays
+    assert "motors" not in arm.robot.bus_errors
+    arm.strike("motors", FaultKind.ALERT, device=1, times=1)
+    arm.ticks(12)
+    assert "INVERTER_OVER_TEMP" in arm.robot.bus_errors["motors"]
 
 
 def test_an_adapter_that_is_not_there_is_one_line(bench):

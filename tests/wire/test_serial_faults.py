@@ -11,7 +11,7 @@ import pytest
 
 from robot_io.clock import MonotonicClock, SimulatedClock
 from robot_io.errors import DeviceError, InputError
-from robot_io.serial_force import SerialReader
+from robot_io.serial_force import SerialReader, lorenz
 from robot_io.serial_force.loadstar import LoadstarStream
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
@@ -52,6 +52,24 @@ def test_a_sensor_that_counts_tension_as_positive_is_reversed(bench):
     arm.robot.configure()
     press(arm, 5.0)
     assert arm.ticks(10, None).force_n == pytest.approx(5.0, abs=0.1)
+
+
+def test_a_known_delay_is_taken_off_the_time_of_the_sample(bench):
+    ages = []
+    for delay_s in ("0.0", "0.004"):
+        arm = bench(CUBEMARS, [("delay_s: 0.0", f"delay_s: {delay_s}")])
+        arm.robot.configure()
+        measurement = arm.ticks(10, None)
+        ages.append(measurement.time_s - measurement.force_at_s)
+    assert ages[1] - ages[0] == pytest.approx(0.004)
+
+
+def test_a_telegram_from_another_sensor_is_no_answer(bench):
+    arm = bench(CUBEMARS)
+    stranger = lorenz.encode_telegram(lorenz.Telegram(lorenz.LorenzCommand.HELLO, 255, 9, b"\x01"))
+    arm.arm.wires["load_cell"]._sensor.hear = lambda data, now_s: stranger
+    with pytest.raises(DeviceError, match="no answer to HELLO"):
+        arm.robot.configure()
 
 
 def test_a_silent_sensor_keeps_its_value_and_its_time(sensor):
@@ -224,6 +242,10 @@ def test_a_reader_that_fell_behind_shows_an_old_reading_as_old(terminal):
     clock.sleep_until(1.001)
     send(reading(7.0))
     reader.look()
+    assert reader.newest == (7.0, pytest.approx(1.001))
+    reader.stop()
+    send(reading(8.0))
+    reader.look()  # its port may be somebody else's by now
     assert reader.newest == (7.0, pytest.approx(1.001))
 
 
