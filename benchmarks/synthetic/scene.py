@@ -34,11 +34,19 @@ class Scene:
 
 @dataclass(frozen=True)
 class Made:
-    """A session made: its channel, the sizes that gave the strengths, and the effort without noise."""
+    """A session made.
+
+    Attributes:
+        data: its channel.
+        sizes: of the hidden effects, that gave the strengths.
+        clean: effort without noise, shape (n,).
+        truth: the base model's own parameters.
+    """
 
     data: ChannelData
     sizes: dict[str, float]
     clean: np.ndarray
+    truth: dict[str, float]
 
 
 def names(kind: ChannelKind) -> tuple[str, ...]:
@@ -70,7 +78,16 @@ def make(scene: Scene) -> Made | None:
             return None
         sizes[name] = size
     clean = effort(sizes, alone=False)
-    return Made(_channel(scene, motion, clean, sizes, rng), sizes, clean)
+    truth = {
+        "pendulum.inertia": joint.INERTIA,
+        "pendulum.gravity": joint.GRAVITY,
+        "viscous_friction.d": joint.VISCOUS,
+    }
+    if touching:
+        truth = {"stiffness.k": k, "damping.c": c}
+    if "hunt_crossley" in sizes:
+        truth = {}  # it takes the place of spring and damper
+    return Made(_channel(scene, motion, clean, sizes, rng), sizes, clean, truth)
 
 
 def _columns(motion: Motion, touching: bool) -> np.ndarray:

@@ -22,7 +22,7 @@ from estimation.effect import Effect
 from estimation.model import Model
 from robot_io.types import BoolArray
 
-MOST_EFFECTS = 4
+MOST_EFFECTS = 3  # with more, almost anything can be imitated
 DONE = 0.005  # share of the error that may be left for the search to end: no candidate can take more
 Progress = Callable[[str, float], None]
 

@@ -5,7 +5,7 @@ from estimation.diagnosis.standing import Standing
 LEFT = (
     0.03  # share of the held-out error that a flexible regression may still take away from a complete model
 )
-NEARLY = 0.02  # of the explainable energy
+NEARLY = 0.005  # of the explainable energy
 _SHARE = 0.4  # of the most telling signal's share; signals with less are not named
 _LEAST = 0.01
 

@@ -1,0 +1,207 @@
+"""Hides effects in made-up sessions and counts how often the diagnosis is right.
+
+    python benchmarks/hidden_effects.py [--quick] [--kind contact|revolute] [--processes 2]
+
+The sessions come from `synthetic/`, which shares no code with the effects that find them. Strength is the RMS
+of what the base model cannot mimic over the noise. Cells that an effect cannot reach at any size are left out.
+"""
+
+import argparse
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from synthetic.scene import FLOOR, Scene, make, names
+from threadpoolctl import threadpool_limits
+
+from estimation.base_model import ModelContext
+from estimation.channel import ChannelKind
+from estimation.diagnosis import ChannelDiagnosis, Verdict, diagnose
+from estimation.diagnosis.library import library
+from estimation.models import MODELS
+
+BASE = {ChannelKind.CONTACT: "kelvin_voigt", ChannelKind.REVOLUTE: "pendulum"}
+# Signals that a hidden effect depends on, by any of which the remaining error may be told.
+SIGNALS = {
+    "bias": {"offset", "effort"},
+    "drift": {"time"},
+    "coulomb_friction": {"direction"},
+    "stribeck_friction": {"direction", "velocity"},
+    "asymmetric_friction": {"direction", "velocity"},
+    "load_dependent_friction": {"direction", "load", "effort"},
+    "quadratic_friction": {"velocity"},
+    "quadratic_damping": {"velocity", "effort", "direction"},
+    "dry_friction": {"direction", "past motion", "velocity"},
+    "stress_relaxation": {"past motion"},
+    "plastic_set": {"past motion", "position"},
+    "hysteresis": {"effort", "past motion"},
+    "lag": {"effort", "past motion"},
+    "delay": {"effort", "past motion"},
+    "saturation": {"effort", "direction"},
+    "deadband": {"effort", "position"},
+    "quantisation": {"effort", "position"},
+    "backlash": {"past motion", "direction"},
+    "joint_elasticity": {"acceleration", "effort", "past motion"},
+    "hunt_crossley": {"velocity", "position", "effort"},
+    "adhesion": {"past motion", "direction", "position"},
+    "contact_offset": {"position", "effort", "velocity"},
+    "tool_compliance": {"effort", "past motion"},
+}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One session to make and diagnose."""
+
+    part: str
+    scene: Scene
+    without: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out of a job."""
+
+    job: Job
+    found: ChannelDiagnosis
+    seconds: float
+    truth: dict[str, float]
+
+
+def run(job: Job) -> Outcome | None:
+    """Make the session and diagnose it; None where the effect cannot be made that strong."""
+    made = make(job.scene)
+    if made is None:
+        return None
+    started = time.process_time()
+    model = MODELS[BASE[job.scene.kind]]().build(ModelContext())
+    effects = [effect for effect in library() if effect.name not in job.without]
+    found = diagnose(made.data, model, effects, rng=np.random.default_rng(job.scene.seed)).channels[0]
+    return Outcome(job, found, time.process_time() - started, made.truth)
+
+
+def jobs(kind: ChannelKind, quick: bool) -> Iterator[Job]:
+    """The grid."""
+    seeds, strengths = (range(1), (10.0,)) if quick else (range(4), (3.0, 10.0, 30.0))
+    for colour in (0.0, 0.9, 0.97):
+        for seed in range(4 if quick else 70):
+            yield Job("none", Scene(kind, {}, colour, 1000 + seed))
+    for name in names(kind):
+        for seed in seeds:
+            for strength in strengths:
+                colour = 0.97 if seed % 2 else 0.0
+                yield Job("one", Scene(kind, {name: strength}, colour, seed))
+                yield Job("removed", Scene(kind, {name: strength}, 0.0, seed), (name,))
+    for seed in range(4 if quick else 60):
+        pair = np.random.default_rng(seed).choice(names(kind), 2, replace=False)
+        yield Job("pair", Scene(kind, {str(name): 10.0 for name in pair}, 0.0, 2000 + seed))
+
+
+def stated(found: ChannelDiagnosis) -> list[set[str]]:
+    """Each accepted effect with those it is said to be confused with."""
+    return [{entry.effect, *entry.confused_with} for entry in found.accepted]
+
+
+def is_first(outcome: Outcome) -> bool:
+    """Whether the one hidden effect leads the ranking or is in the first group stated."""
+    (hidden,) = outcome.job.scene.hidden
+    ranking, groups = outcome.found.ranking, stated(outcome.found)
+    return bool(ranking and ranking[0].effect == hidden) or bool(groups and hidden in groups[0])
+
+
+def share(hits: Sequence[bool]) -> str:
+    """Hits of all, and percent."""
+    return f"{sum(hits)}/{len(hits)} = {100.0 * float(np.mean(hits)):.1f} %" if hits else "none"
+
+
+def covered(outcome: Outcome) -> list[bool]:
+    """Whether each base parameter's 95 % interval holds the truth, where all hidden effects were found."""
+    if outcome.found.final is None or {e.effect for e in outcome.found.accepted} != set(
+        outcome.job.scene.hidden
+    ):
+        return []
+    fitted = outcome.found.final.parameters
+    return [
+        abs(fitted[name].value - true) < 1.96 * (fitted[name].std_err or np.inf)
+        for name, true in outcome.truth.items()
+    ]
+
+
+def report(outcomes: Sequence[Outcome]) -> None:
+    """Print all figures."""
+    parts: dict[str, list[Outcome]] = defaultdict(list)
+    for outcome in outcomes:
+        parts[outcome.job.part].append(outcome)
+    for colour in (0.0, 0.9, 0.97):
+        alarms = [bool(o.found.accepted) for o in parts["none"] if o.job.scene.correlation == colour]
+        print(f"nothing hidden, AR(1) {colour}: false alarms {share(alarms)}")
+    for strength in (3.0, 10.0, 30.0):
+        chosen = [o for o in parts["one"] if strength in o.job.scene.hidden.values()]
+        leading = share([is_first(o) for o in chosen])
+        print(f"one at {strength:g} times the floor: first or in its group {leading}")
+        exact = [
+            stated(o.found) != [] and all(g & set(o.job.scene.hidden) for g in stated(o.found))
+            for o in chosen
+        ]
+        print(f"  accepted, and nothing beside it: {share(exact)}")
+    pairs = [all(any(h in g for g in stated(o.found)) for h in o.job.scene.hidden) for o in parts["pair"]]
+    print(f"two at once: both found {share(pairs)}")
+    removed = parts["removed"]
+    print(f"not in the library: a wrong name accepted {share([bool(o.found.accepted) for o in removed])}")
+    print(f"  verdict unexplained {share([o.found.verdict is Verdict.UNEXPLAINED for o in removed])}")
+    right = [
+        bool(set(o.found.depends_on) & SIGNALS.get(next(iter(o.job.scene.hidden)), {"position"}))
+        for o in removed
+        if o.found.verdict is Verdict.UNEXPLAINED
+    ]
+    print(f"  of these, right signals {share(right)}")
+    solved = [o for o in parts["one"] if [e.effect for e in o.found.accepted] == list(o.job.scene.hidden)]
+    floors = [
+        o.found.final.rmse / FLOOR[o.job.scene.kind] < 1.05
+        for o in solved
+        if o.found.final is not None and "quantisation" not in o.job.scene.hidden
+    ]
+    print(f"final error within 5 % of the true floor: {share(floors)}")
+    intervals = share([hit for outcome in outcomes for hit in covered(outcome)])
+    print(f"95 % intervals of base parameters hold the truth: {intervals}")
+    seconds = [o.seconds for o in outcomes]
+    print(f"processor time: median {np.median(seconds):.1f} s, worst {max(seconds):.1f} s")
+    confusion(parts["one"], "hidden -> accepted")
+    confusion([o for o in removed if o.found.accepted], "removed -> wrongly accepted")
+
+
+def confusion(outcomes: Sequence[Outcome], title: str) -> None:
+    """Print what was taken for what."""
+    taken: dict[str, Counter[str]] = defaultdict(Counter)
+    for outcome in outcomes:
+        names_found = (
+            " + ".join(sorted(e.effect for e in outcome.found.accepted)) or outcome.found.verdict.value
+        )
+        taken[next(iter(outcome.job.scene.hidden))][names_found] += 1
+    print(title)
+    for hidden, counts in taken.items():
+        print(f"  {hidden:24s} " + ", ".join(f"{name} {count}" for name, count in counts.most_common()))
+
+
+def main() -> None:
+    """Run the grid."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="one seed, one strength")
+    parser.add_argument("--kind", choices=["contact", "revolute"], help="one kind of channel only")
+    parser.add_argument("--processes", type=int, default=2)
+    options = parser.parse_args()
+    kinds = [ChannelKind(options.kind)] if options.kind else list(BASE)
+    for kind in kinds:
+        print(f"\n== {kind.value}, base model {BASE[kind]}", flush=True)
+        with ProcessPoolExecutor(options.processes, initializer=threadpool_limits, initargs=(1,)) as pool:
+            outcomes = [o for o in pool.map(run, jobs(kind, options.quick), chunksize=1) if o is not None]
+        report(outcomes)
+
+
+if __name__ == "__main__":
+    main()
