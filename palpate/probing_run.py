@@ -20,6 +20,7 @@ from control.tick_record import tick_stream
 from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator
+from palpate.hiding import hide, seal_hidden
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError
@@ -44,6 +45,7 @@ class ProbingJob:
         session: the new session file.
         scenario: simulated world instead of the one that the robot file names; None leaves that.
         seed: of all simulated noise instead of the scenario's; None leaves that.
+        hidden: what to hide in the simulated world, see `palpate.hiding`; None leaves the scenario's.
         paced: let simulated time pass as fast as real time, not as fast as possible.
         online: name of the online estimator, or None for none.
         drivers: packages or modules with drivers beside palpate's own.
@@ -56,6 +58,7 @@ class ProbingJob:
     session: Path
     scenario: Scenario | None = None
     seed: int | None = None
+    hidden: str | None = None
     paced: bool = False
     online: str | None = "rls"
     drivers: tuple[str, ...] = ()
@@ -84,11 +87,13 @@ class ProbingOutcome:
         session: the session file; it holds what happened until the end, also after a trip.
         loop: how the loop ended.
         failures: one line for each run that failed, such as one that touched nothing.
+        sealed: file with what was hidden in the simulated world, None if nothing was.
     """
 
     session: Path
     loop: LoopResult
     failures: tuple[str, ...]
+    sealed: Path | None = None
 
 
 def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
@@ -111,11 +116,13 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     guard = Guard(job.robot_file.limits, job.robot_file.safe_state, robot.joint_count)
     with ExitStack() as stack:
         stack.enter_context(robot)
+        metadata = _metadata(job, scenario)
+        sealed = seal_hidden(job.session, scenario, job.hidden, metadata.created_utc) if scenario else None
         log = stack.enter_context(
             SessionWriter(
                 job.session,
                 [tick_stream(robot.joint_count)],
-                _metadata(job, scenario),
+                metadata,
                 wait_for_room=simulated and not job.paced,
             )
         )
@@ -124,7 +131,7 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
         rate_hz = job.robot_file.control_rate_hz
         watcher.started()
         result = run_loop(robot, guard, task, clock, log, rate_hz=rate_hz, observer=observer)
-    return ProbingOutcome(job.session, result, task.failures)
+    return ProbingOutcome(job.session, result, task.failures, sealed)
 
 
 def is_simulated(robot_file: RobotFile) -> bool:
@@ -165,13 +172,17 @@ def _use_scenario(robot: Robot, job: ProbingJob) -> Scenario | None:
     """Hand the scenario to the simulated world; the one that will be simulated, or None with hardware."""
     worlds = [bus for bus in robot.buses.values() if isinstance(bus, PyBulletBus)]
     if not worlds:
-        if job.scenario is not None or job.seed is not None:
-            raise InputError(f"robot '{robot.name}' is not simulated: scenario and seed mean nothing to it")
+        if any(wish is not None for wish in (job.scenario, job.seed, job.hidden)):
+            raise InputError(
+                f"robot '{robot.name}' is not simulated: scenario, seed and hidden effects mean nothing to it"
+            )
         return None
     world = worlds[0]
     scenario = job.scenario or world.scenario
     if job.seed is not None:
         scenario = scenario.model_copy(update={"seed": job.seed})
+    if job.hidden is not None:
+        scenario = hide(scenario, job.hidden)
     world.use_scenario(scenario)
     return scenario
 
@@ -182,7 +193,7 @@ def _metadata(job: ProbingJob, scenario: Scenario | None) -> SessionMetadata:
     return SessionMetadata(
         robot_file=job.robot_file.text,
         urdf=job.robot_file.urdf_path.read_text(encoding="utf-8"),
-        scenario=scenario.to_yaml() if scenario else "",
+        scenario=scenario.public_yaml() if scenario else "",
         software_version=version("palpate"),
         seed=scenario.seed if scenario else None,
         created_utc=datetime.now(UTC).isoformat(timespec="seconds"),

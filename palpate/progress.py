@@ -39,9 +39,13 @@ def probing_progress(plan: ProbingPlan, *, live: bool) -> Iterator[Watcher]:
         return
     bar = BarColumn(bar_width=32)
     words = TextColumn("{task.description}")
-    with Progress(bar, words, console=console.stderr(), transient=True, auto_refresh=False) as progress:
-        task = progress.add_task("starting", total=len(runs))
-        yield _Bar(progress, task, [run.speed_m_s for run in runs])
+    progress = Progress(bar, words, console=console.stderr(), transient=True, auto_refresh=False)
+    task = progress.add_task("starting", total=len(runs))
+    watcher = _Bar(progress, task, [run.speed_m_s for run in runs])
+    try:
+        yield watcher
+    finally:
+        watcher.ended()
 
 
 class _Announcer(Watcher):
@@ -63,6 +67,17 @@ class _Bar(Watcher):
         self._next_s = 0.0
         self._run = 0
         self._completed = 0.0
+        self._is_drawn = False
+
+    def started(self) -> None:
+        """See `Watcher.started`; what is refused before leaves nothing but its error on stderr."""
+        self._progress.start()
+        self._is_drawn = True
+
+    def ended(self) -> None:
+        """Take the bar away."""
+        if self._is_drawn:
+            self._progress.stop()
 
     def tick(self, record: np.void) -> None:
         """See `Watcher.tick`."""

@@ -58,8 +58,10 @@ def draw_hidden(
         place: [name for name in names if IMPERFECTIONS[name].can_show_in(place)] for place in scale.channels
     }
     place = _draw_channel(shows, generator) if channel is None else channel
+    if effect is not None and not any(shows.values()):
+        raise InputError(f"hidden effect '{effect}': no probing run shows it; name its place and strength")
     if not shows.get(place):
-        valid = ", ".join(key for key, found in shows.items() if found) or "none (it shows nowhere)"
+        valid = ", ".join(key for key, found in shows.items() if found)
         raise InputError(f"channel '{place}': no hidden effect to draw there. Valid: {valid}")
     kind = IMPERFECTIONS[str(generator.choice(shows[place]))]
     strength = float(np.exp(generator.uniform(np.log(WEAKEST), np.log(STRONGEST))))

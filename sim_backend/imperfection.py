@@ -15,6 +15,8 @@ from sim_backend.channel_effect import ChannelEffect, Transducer
 from sim_backend.hooks import Effects
 from sim_backend.noise_scale import CONTACT, NoiseScale, channel_of
 
+CHANNEL_UNIT = "channel"
+
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
@@ -22,7 +24,7 @@ class Parameter:
 
     Attributes:
         name: key in a scenario.
-        unit: "channel" stands for the unit of the sensor's signal.
+        unit: `CHANNEL_UNIT` stands for that of the sensor's signal.
         low: least typical value.
         high: largest typical value.
     """
@@ -92,6 +94,10 @@ class Imperfection(FileModel, ABC):
             scale: how the arm moves and how noisy it is.
             generator: for what the strength leaves open, such as a sign.
         """
+
+    def values(self) -> dict[str, tuple[float, str]]:
+        """Value and unit of each parameter."""
+        return {about.name: (getattr(self, about.name), about.unit) for about in self.parameters()}
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
@@ -169,6 +175,12 @@ class SensorImperfection(Imperfection, ABC):
         """See `Imperfection.channels`; a wrong position shows in all that is worked out from it."""
         slot, _, number = self.channel.partition("_")
         return (CONTACT, channel_of(int(number))) if slot == "encoder" else (self.channel,)
+
+    def values(self) -> dict[str, tuple[float, str]]:
+        """See `Imperfection.values`; in the unit of the sensor's signal."""
+        unit = {CONTACT: "N", "joint": "N m", "encoder": "rad"}[self.channel.partition("_")[0]]
+        found = super().values().items()
+        return {name: (value, text.replace(CHANNEL_UNIT, unit)) for name, (value, text) in found}
 
     @classmethod
     def can_show_in(cls, channel: str) -> bool:

@@ -5,7 +5,6 @@ import binascii
 import json
 import os
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,12 +25,12 @@ class Answer:
     Attributes:
         hidden: the effects.
         seed: that they were drawn from; None where a scenario named them.
-        session: file name of the session.
+        made_utc: when the session was made, as it says itself; tells answers of equal name apart.
     """
 
     hidden: tuple[Imperfection, ...]
     seed: int | None
-    session: str
+    made_utc: str
 
 
 def sealed_path(session: str | Path) -> Path:
@@ -39,7 +38,7 @@ def sealed_path(session: str | Path) -> Path:
     return Path(session).with_suffix(SUFFIX)
 
 
-def seal(session: str | Path, hidden: Sequence[Imperfection], seed: int | None = None) -> Path:
+def seal(session: str | Path, answer: Answer) -> Path:
     """Write the sealed answer beside a session file, whole or not at all; one from before is replaced.
 
     Returns:
@@ -48,13 +47,13 @@ def seal(session: str | Path, hidden: Sequence[Imperfection], seed: int | None =
     Raises:
         InputError: it cannot be written.
     """
-    session, path = Path(session), sealed_path(session)
-    answer = {
-        "hidden": [describe_imperfection(entry) for entry in hidden],
-        "seed": seed,
-        "session": session.name,
+    path = sealed_path(session)
+    data = {
+        "hidden": [describe_imperfection(entry) for entry in answer.hidden],
+        "seed": answer.seed,
+        "made_utc": answer.made_utc,
     }
-    code = base64.b64encode(zlib.compress(json.dumps(answer).encode())).decode()
+    code = base64.b64encode(zlib.compress(json.dumps(data).encode())).decode()
     lines = [_TITLE, _HOW, "", *(code[start : start + _LINE] for start in range(0, len(code), _LINE)), ""]
     draft = path.with_name(path.name + ".part")
     try:
@@ -94,7 +93,7 @@ def _parse(code: bytes, size: int) -> Answer:
     if not inflater.eof:
         raise ValueError("cut off, or larger than any answer")
     answer = json.loads(text)
-    seed, session = answer["seed"], answer["session"]
-    if not isinstance(seed, int | None) or not isinstance(session, str):
-        raise TypeError("seed or session is of the wrong type")
-    return Answer(tuple(parse_imperfection(entry) for entry in answer["hidden"]), seed, session)
+    seed, made_utc = answer["seed"], answer["made_utc"]
+    if not isinstance(seed, int | None) or not isinstance(made_utc, str):
+        raise TypeError("seed or date is of the wrong type")
+    return Answer(tuple(parse_imperfection(entry) for entry in answer["hidden"]), seed, made_utc)

@@ -13,6 +13,7 @@ from control.probing_plan import ProbingPlan, load_probing_plan
 from palpate import console
 from palpate.failures import INTERRUPTED
 from palpate.files import existing_file, output_file
+from palpate.hiding import RANDOM
 from palpate.probing_run import ProbingJob, ProbingOutcome, is_simulated, online_estimators, run_probing
 from palpate.progress import probing_progress
 from palpate.robots import DEFAULT, find_robot, shipped_robots
@@ -44,6 +45,13 @@ def command(  # noqa: PLR0917, one parameter an option
     repeats: Annotated[int | None, typer.Option(help="How often all speeds are run.")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of all simulated noise.", min=0)] = None,
+    hidden: Annotated[
+        str | None,
+        typer.Option(
+            help="Hide effects in the simulated world: random, one's name, or a YAML file with a list.",
+            metavar="WHAT",
+        ),
+    ] = None,
     realtime: Annotated[
         bool, typer.Option("--realtime", help="Simulate no faster than time passes.")
     ] = False,
@@ -76,14 +84,21 @@ def command(  # noqa: PLR0917, one parameter an option
         session=output_file(out or _default_session(robot_file)),
         scenario=load_scenario(scenario) if scenario is not None else None,
         seed=seed,
+        hidden=hidden,
         paced=realtime,
         drivers=_importable(drivers or []),
         online=None if online == NO_ESTIMATOR else online,
-        command_line=" ".join(["palpate", *sys.argv[1:]]),
+        command_line=_command_line(sys.argv[1:], hidden),
     )
     with probing_progress(plan, live=is_simulated(robot_file)) as watcher:
         outcome = run_probing(job, watcher)
     _report(outcome, plan, as_json)
+
+
+def _command_line(arguments: list[str], hidden: str | None) -> str:
+    """How the program was started; the session keeps it, so that it does not tell what is hidden."""
+    line = " ".join(["palpate", *arguments])
+    return line if hidden in (None, "", RANDOM) else line.replace(str(hidden), "(sealed)")
 
 
 def _speeds(text: str) -> list[float]:
@@ -137,6 +152,7 @@ def _as_data(outcome: ProbingOutcome) -> dict[str, Any]:
     loop = outcome.loop
     return {
         "session": str(outcome.session),
+        "sealed": str(outcome.sealed) if outcome.sealed else None,
         "outcome": str(loop.outcome),
         "cause": loop.cause,
         "failed_runs": list(outcome.failures),
@@ -165,6 +181,8 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
         out.print(f"  [yellow]{loop.one_line()}[/yellow]")
     session = shown(outcome.session)
     out.print(f"written: [bold]{session}[/bold]")
+    if outcome.sealed:
+        out.print(f"sealed:  [bold]{shown(outcome.sealed)}[/bold] (to open it: palpate reveal {session})")
     console.next_steps(
         (f"palpate estimate {session}", "stiffness and damping with their intervals"),
         (f"palpate inspect {session}", "see it in Rerun"),

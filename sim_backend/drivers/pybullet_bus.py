@@ -8,7 +8,7 @@ import numpy as np
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverContext
 from robot_io.errors import InputError, LifecycleError
-from robot_io.file_model import FileModel
+from robot_io.file_model import FileModel, input_error
 from robot_io.interfaces import Bus
 from robot_io.types import FloatArray
 from sim_backend.scenario import Scenario, load_scenario
@@ -50,6 +50,9 @@ class PyBulletBus(Bus):
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         own = context.settings_as(PyBulletSettings, settings)
+        if isinstance(own.scenario, Mapping) and own.scenario.get("hidden"):
+            problem = "belongs in a scenario file: a session keeps the robot file, for everybody to read"
+            raise input_error(context.robot_file.document, (*context.section, "scenario", "hidden"), problem)
         self._clock = context.clock
         self._robot_file = context.robot_file
         self._world: World | None = None

@@ -13,15 +13,18 @@ from sim_backend.hidden import draw_hidden
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.secret import Answer, seal, sealed_path, unseal
 
+MADE = "2025-01-02T03:04:05+00:00"
+
 
 @given(st.lists(st.integers(0, 1000), max_size=4), st.none() | st.integers(0, 2**40))
 @settings(max_examples=30, deadline=None)
 def test_an_answer_comes_back_as_it_was(tmp_path_factory, seeds, seed):
     session = tmp_path_factory.mktemp("sealed") / "a.mcap"
     hidden = tuple(draw_hidden(number)[0] for number in seeds)
-    path = seal(session, hidden, seed)
+    answer = Answer(hidden, seed, MADE)
+    path = seal(session, answer)
     assert path == sealed_path(session) == session.with_name("a.sealed")
-    assert unseal(path) == Answer(hidden, seed, "a.mcap")
+    assert unseal(path) == answer
     assert [file.name for file in session.parent.iterdir()] == ["a.sealed"]
 
 
@@ -30,7 +33,8 @@ def test_a_reader_of_the_file_learns_what_it_is_but_not_what_is_in_it(tmp_path):
         channel = next((c for c in ("contact", "joint_1") if kind.can_show_in(c)), None)
         if channel is None:
             continue
-        text = seal(tmp_path / f"{name}.mcap", draw_hidden(3, channel, effect=name), 3).read_text()
+        answer = Answer(tuple(draw_hidden(3, channel, effect=name)), 3, MADE)
+        text = seal(tmp_path / f"{name}.mcap", answer).read_text()
         assert text.startswith("palpate sealed answer")
         assert "palpate reveal" in text
         body = text.split("\n", 2)[2]
@@ -40,14 +44,14 @@ def test_a_reader_of_the_file_learns_what_it_is_but_not_what_is_in_it(tmp_path):
 
 def test_a_second_answer_replaces_the_first(tmp_path):
     session = tmp_path / "a.mcap"
-    seal(session, draw_hidden(1), 1)
-    seal(session, draw_hidden(2), 2)
+    seal(session, Answer((), 1, MADE))
+    seal(session, Answer((), 2, MADE))
     assert unseal(sealed_path(session)).seed == 2
 
 
 def test_a_folder_that_is_not_there_is_one_clear_line(tmp_path):
     with pytest.raises(InputError, match=r"a\.sealed: cannot be written"):
-        seal(tmp_path / "no" / "a.mcap", [], 1)
+        seal(tmp_path / "no" / "a.mcap", Answer((), 1, MADE))
 
 
 def packed(data, title="palpate sealed answer, version 1"):
@@ -55,7 +59,7 @@ def packed(data, title="palpate sealed answer, version 1"):
     return f"{title}\nhow\n\n{code}\n"
 
 
-GOOD = {"hidden": [], "seed": 1, "session": "a.mcap"}
+GOOD = {"hidden": [], "seed": 1, "made_utc": MADE}
 
 
 @pytest.mark.parametrize(
@@ -67,7 +71,7 @@ GOOD = {"hidden": [], "seed": 1, "session": "a.mcap"}
         ("palpate sealed answer, version 1\nhow\n\n***\n", "damaged"),
         ("palpate sealed answer, version 1\nhow\n\nQUJD\n", "damaged"),
         (packed(GOOD)[:-10], "damaged"),
-        (packed({"seed": 1, "session": "a"}), "damaged.*hidden"),
+        (packed({"seed": 1, "made_utc": MADE}), "damaged.*hidden"),
         (packed(GOOD | {"hidden": [{"effect": "gremlin"}]}), "damaged.*gremlin"),
         (packed(GOOD | {"hidden": 3}), "damaged"),
         (packed(GOOD | {"seed": "x"}), "damaged.*wrong type"),

@@ -1,0 +1,54 @@
+"""`palpate reveal`: what was hidden in a simulated session?"""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from palpate import console
+from palpate.files import open_session
+from palpate.hiding import open_answer
+from palpate.words import shown, significant
+from sim_backend.imperfection import Imperfection
+from sim_backend.secret import Answer, sealed_path
+
+
+def command(
+    session: Annotated[Path, typer.Argument(help="Session file (.mcap) that was probed with --hidden.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")] = False,
+) -> None:
+    """Open the sealed answer beside a session: which effects were hidden, where, and how strong."""
+    made_utc = open_session(session).metadata.created_utc
+    answer = open_answer(sealed_path(session), made_utc)
+    if as_json:
+        console.print_json(describe(session, answer))
+    else:
+        _print(session, answer)
+
+
+def describe(session: Path, answer: Answer) -> dict[str, Any]:
+    """The answer as plain data; the keys are stable."""
+    return {
+        "session": str(session),
+        "seed": answer.seed,
+        "hidden": [
+            {"effect": entry.name, "channels": entry.channels, "parameters": _parameters(entry)}
+            for entry in answer.hidden
+        ],
+    }
+
+
+def _parameters(entry: Imperfection) -> dict[str, dict[str, Any]]:
+    return {name: {"value": value, "unit": unit} for name, (value, unit) in entry.values().items()}
+
+
+def _print(session: Path, answer: Answer) -> None:
+    table = console.table(f"Hidden in {shown(session)}", "effect", "shows in", "parameters", "physics")
+    for entry in answer.hidden:
+        values = (
+            f"{name} = {significant(about['value'])} {about['unit']}"
+            for name, about in _parameters(entry).items()
+        )
+        physics = (entry.__doc__ or "").partition("\n")[0]
+        table.add_row(f"[bold]{entry.name}[/bold]", ", ".join(entry.channels), "\n".join(values), physics)
+    console.stdout().print(table)

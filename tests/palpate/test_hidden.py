@@ -1,0 +1,195 @@
+"""`palpate probe --hidden` and `palpate reveal`: what is hidden acts, is sealed, and can be opened."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from control.probing_plan import ProbingPlan
+from palpate.hiding import hide
+from palpate.probing_run import ProbingJob, run_probing
+from palpate.robots import find_robot
+from robot_io.errors import InputError
+from robot_io.session import Session
+from sim_backend import Scenario, load_scenario
+from sim_backend.hidden import draw_hidden, noise_scale
+from sim_backend.imperfection import IMPERFECTIONS, describe_imperfection
+from sim_backend.secret import Answer, seal, sealed_path, unseal
+from tests.mock_robot import write_mock_files
+from tests.palpate.cli import assert_refused, run
+
+QUICK = ("--speed-mm-s", 150, "--hold-s", 0.1, "--online", "none")
+
+
+@pytest.fixture(scope="module")
+def mystery(tmp_path_factory):
+    """A session with an effect drawn by seed 8."""
+    path = tmp_path_factory.mktemp("mystery") / "mystery.mcap"
+    result = run("probe", "--hidden", "random", "--seed", 8, "-o", path, "--json", *QUICK)
+    assert result.exit_code == 0, result.stderr
+    assert json.loads(result.stdout)["sealed"] == str(sealed_path(path))
+    return path
+
+
+def test_what_was_drawn_comes_to_light_on_request(mystery):
+    revealed = json.loads(run("reveal", mystery, "--json").stdout)
+    (drawn,) = draw_hidden(8)
+    (entry,) = revealed["hidden"]
+    assert revealed["seed"] == 8
+    assert (entry["effect"], entry["channels"]) == (drawn.name, list(drawn.channels))
+    values = {name: about["value"] for name, about in entry["parameters"].items()}
+    assert values.items() <= describe_imperfection(drawn).items()
+    assert all(about["unit"] for about in entry["parameters"].values())
+    shown = run("reveal", mystery).stdout
+    assert drawn.name in shown
+    assert drawn.channels[0] in shown
+
+
+def test_nothing_else_tells_what_is_hidden(mystery):
+    metadata = Session.open(mystery).metadata
+    texts = [metadata.scenario, metadata.robot_file, metadata.command_line, *metadata.extra.values()]
+    said = run("info", mystery).stdout + sealed_path(mystery).read_text() + "".join(texts)
+    assert draw_hidden(8)[0].name not in said
+    assert "hidden" not in metadata.scenario
+
+
+def test_the_unit_of_a_sensor_s_effect_is_that_of_its_signal():
+    units = {
+        channel: IMPERFECTIONS["drift"](channel=channel, rate_1_s=1.0).values()["rate_1_s"][1]
+        for channel in ("contact", "joint_1", "encoder_1")
+    }
+    assert units == {"contact": "N/s", "joint_1": "N m/s", "encoder_1": "rad/s"}
+
+
+def test_effects_of_a_file_act_and_their_file_is_not_named_in_the_session(tmp_path):
+    entry = {"effect": "cubic_stiffness", "cubic_n_m3": 2e6}
+    (tmp_path / "cubic.yaml").write_text(f"hidden: [{json.dumps(entry)}]\n")
+    path = tmp_path / "a.mcap"
+    result = run("probe", "--hidden", tmp_path / "cubic.yaml", "-o", path, "--seed", 2, *QUICK)
+    assert result.exit_code == 0, result.stderr
+    assert "a.sealed" in result.stdout
+    answer = unseal(sealed_path(path))
+    assert [describe_imperfection(found) for found in answer.hidden] == [entry]
+    assert answer.seed is None
+    ticks = Session.open(path).samples("tick")
+    depth = 0.05 - ticks["tip_position_world_m"][:, 2]
+    held = (ticks["force_n"] > 9) & (np.abs(ticks["tip_velocity_world_m_s"][:, 2]) < 1e-3)
+    expected = 500 * depth[held] + 2e6 * depth[held] ** 3
+    assert ticks["force_n"][held] == pytest.approx(expected, abs=0.2)
+    assert depth[held].mean() < 0.018
+
+
+def test_a_scenario_that_hides_something_is_sealed_and_not_kept(tmp_path):
+    (tmp_path / "own.yaml").write_text("seed: 4\nhidden: [{effect: bias, channel: contact, bias: 0.5}]\n")
+    path = tmp_path / "a.mcap"
+    assert run("probe", "--scenario", tmp_path / "own.yaml", "-o", path, *QUICK).exit_code == 0
+    session = Session.open(path)
+    assert "bias" not in session.metadata.scenario
+    assert json.loads(run("reveal", path, "--json").stdout)["hidden"][0]["parameters"] == {
+        "bias": {"value": 0.5, "unit": "N"}
+    }
+    still = session.samples("tick")["force_n"][:200]
+    assert still.mean() == pytest.approx(0.5, abs=0.01)
+
+
+def test_an_effect_that_is_named_is_drawn_in_place_and_strength():
+    (first,), (second,) = (hide(Scenario(seed=seed), "coulomb_friction").hidden for seed in (1, 2))
+    assert first.name == second.name == "coulomb_friction"
+    assert first != second
+    assert hide(Scenario(seed=1), "coulomb_friction").hidden == (first,)
+
+
+def test_the_name_of_an_effect_does_not_stay_in_the_session(tmp_path, monkeypatch):
+    path = tmp_path / "a.mcap"
+    arguments = ["probe", "--hidden", "stribeck_friction", "-o", str(path), *map(str, QUICK)]
+    monkeypatch.setattr("sys.argv", ["palpate", *arguments])
+    assert run(*arguments).exit_code == 0
+    line = Session.open(path).metadata.command_line
+    assert "stribeck" not in line
+    assert "--hidden (sealed)" in line
+
+
+def test_a_session_with_nothing_hidden_has_no_sealed_answer(probed):
+    assert not sealed_path(probed[0]).exists()
+    assert probed[1]["sealed"] is None
+    assert_refused(run("reveal", probed[0]), "sealed answer", "no such file")
+
+
+def test_an_answer_to_another_session_is_refused(probed, tmp_path):
+    path = tmp_path / "a.mcap"
+    path.write_bytes(probed[0].read_bytes())
+    seal(path, Answer((), 1, "2001-01-01T00:00:00+00:00"))
+    assert_refused(run("reveal", path), "session made at 2001")
+
+
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ("gremlin", "no hidden effect is called 'gremlin'"),
+        ("coulomb_frictoin", "did you mean 'coulomb_friction'"),
+        ("contact_offset", "no probing run shows it"),
+        ("none.yaml", "no such file"),
+    ],
+)
+def test_what_cannot_be_hidden_is_refused_and_nothing_is_written(what, words, tmp_path):
+    path = tmp_path / "a.mcap"
+    assert_refused(run("probe", "--hidden", what, "-o", path, *QUICK), words)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("hiden: []", "did you mean 'hidden'"),
+        ("hidden: [{effect: bias, channel: contact}]", "bias: is missing"),
+        ("hidden: [{effect: payload, joint: 4, mass_kg: 1}]", "joint 4 of an arm with 3 joints"),
+    ],
+)
+def test_a_wrong_list_is_refused_and_nothing_is_written(text, words, tmp_path):
+    (tmp_path / "hidden.yaml").write_text(text)
+    result = run("probe", "--hidden", tmp_path / "hidden.yaml", "-o", tmp_path / "a.mcap", *QUICK)
+    assert_refused(result, words)
+    assert [file.name for file in tmp_path.iterdir()] == ["hidden.yaml"]
+
+
+def test_a_real_arm_hides_nothing(tmp_path):
+    robot = write_mock_files(tmp_path)
+    options = ("--robot", robot, "--drivers", "tests.mock_robot", "--hidden", "random")
+    assert_refused(run("probe", *options, "-o", tmp_path / "a.mcap"), "is not simulated", "hidden")
+
+
+def test_a_robot_file_hides_nothing_since_the_session_keeps_it(tmp_path):
+    arm = shutil.copytree(find_robot("follower").path.parent, tmp_path / "arm") / "follower.yaml"
+    inline = "scenario: {hidden: [{effect: bias, channel: contact, bias: 1}]}"
+    arm.write_text(arm.read_text().replace("scenario: default", inline))
+    result = run("probe", "--robot", arm, "-o", tmp_path / "a.mcap", *QUICK)
+    assert_refused(result, "buses.world.scenario.hidden", "belongs in a scenario file")
+
+
+@pytest.mark.parametrize(
+    ("name", "channel"),
+    [
+        ("coulomb_friction", "joint_3"),
+        ("torque_ripple", "joint_1"),
+        ("stress_relaxation", "contact"),
+        ("delay", "contact"),
+        ("adhesion", "contact"),
+    ],
+)
+def test_the_arm_probes_to_the_end_whatever_is_hidden(name, channel, tmp_path):
+    scenario = load_scenario("default")
+    entry = IMPERFECTIONS[name].at_strength(16.0, channel, noise_scale(scenario), np.random.default_rng(5))
+    plan = ProbingPlan(speeds_m_s=(0.15, 0.06), hold_s=0.3)
+    job = ProbingJob(
+        find_robot("follower"), plan, tmp_path / "a.mcap", scenario.with_hidden([entry]), online=None
+    )
+    outcome = run_probing(job)
+    outcome.loop.raise_for_trip()
+    assert outcome.failures == ()
+    assert np.nanmax(Session.open(job.session).samples("tick")["force_n"]) > 9.5
+
+
+def test_entries_that_do_not_fit_a_world_are_refused():
+    with pytest.raises(InputError, match="needs a force law"):
+        load_scenario("engine").with_hidden([IMPERFECTIONS["plastic_set"](share=0.1)])
