@@ -25,7 +25,7 @@ class LorenzSettings(FileModel):
         nominal_load: nominal load, in `unit`.
         unit: unit of the nominal load.
         counts_at_nominal: counts at nominal load.
-        dimension_code: the sensor's code of its unit; `palpate doctor` or the first error shows it.
+        dimension_code: the sensor's code of its unit; the error of a first try with any code shows it.
         load_code: the sensor's code of its nominal load.
         rate_hz: samples a second.
         address: bus address of the sensor.
