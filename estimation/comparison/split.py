@@ -17,14 +17,14 @@ def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
         "phase": _phases(data),
         "run": {f"run {run}": data.run == run for run in data.runs},
         "direction": _directions(data),
-        "speed": _bins(np.abs(data.velocity), f"{data.kind.position_unit}/s"),
+        "speed": _bins(np.abs(data.velocity), f"{data.kind.position_unit}/s", data.engaged),
         "depth" if data.kind.value == "contact" else "position": _bins(
-            data.position, data.kind.position_unit
+            data.position, data.kind.position_unit, data.engaged
         ),
-        "effort": _bins(data.effort, data.kind.effort_unit),
+        "effort": _bins(data.effort, data.kind.effort_unit, data.engaged),
     }
     if "load" in data.context:
-        found["load"] = _bins(np.abs(data.context["load"]), data.kind.effort_unit)
+        found["load"] = _bins(np.abs(data.context["load"]), data.kind.effort_unit, data.engaged)
     return {by: kept for by, masks in found.items() if len(kept := _occupied(masks)) > 1}
 
 
@@ -47,14 +47,17 @@ def _directions(data: ChannelData) -> dict[str, BoolArray]:
     }
 
 
-def _bins(signal: FloatArray, unit: str) -> dict[str, BoolArray]:
-    """Bins of equal width over all but the outermost samples."""
-    low, high = np.quantile(signal, [0.005, 0.995])
+def _bins(signal: FloatArray, unit: str, engaged: BoolArray) -> dict[str, BoolArray]:
+    """Bins of equal width over all but the outermost samples; a contact only while pressed."""
+    if not engaged.any():
+        return {}
+    low, high = np.quantile(signal[engaged], [0.005, 0.995])
+    low = 0.0 if 0.0 < low < 0.02 * high else low
     if not high > low:
         return {}
     edges = np.linspace(low, high, _BINS + 1)
     place = np.clip(np.digitize(signal, edges[1:-1]), 0, _BINS - 1)
-    return {f"{edges[i]:.3g} to {edges[i + 1]:.3g} {unit}": place == i for i in range(_BINS)}
+    return {f"{edges[i]:.3g} to {edges[i + 1]:.3g} {unit}": (place == i) & engaged for i in range(_BINS)}
 
 
 def _occupied(masks: Mapping[str, BoolArray]) -> dict[str, BoolArray]:
