@@ -3,7 +3,7 @@
     python benchmarks/hidden_effects.py [--quick] [--kind contact|revolute] [--processes 2]
 
 The sessions come from `synthetic/`, which shares no code with the effects that find them. Strength is the RMS
-of what the base model cannot mimic over the noise; where an effect cannot be made that strong, it is left out.
+of what the base model cannot mimic over the noise; cells that an effect cannot reach are left out.
 """
 
 import argparse

@@ -19,7 +19,7 @@ class Bias(AdditiveEffect):
     signature = "all readings are off by one amount, in free air too"
     channels = frozenset(ChannelKind)
     one_sided = False
-    gains = (Parameter("offset", "{effort}", -10000.0, 10000.0, (-1.0, 1.0)),)
+    gains = (Parameter("offset", "{effort}", -1e9, 1e9, (-1.0, 1.0)),)
     confused_with: ClassVar[dict[str, str]] = {
         "contact_offset": "record free air: a bias is there too",
         "gravity_tilt": "move over a wide range",

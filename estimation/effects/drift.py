@@ -21,7 +21,7 @@ class Drift(AdditiveEffect):
     one_sided = False
     gains = (
         Parameter("rate", "{effort}/s", -1000.0, 1000.0, (-0.01, 0.01)),
-        Parameter("offset", "{effort}", -10000.0, 10000.0, (-1.0, 1.0)),
+        Parameter("offset", "{effort}", -1e9, 1e9, (-1.0, 1.0)),
     )
     essential = ("rate",)
     confused_with: ClassVar[dict[str, str]] = {
