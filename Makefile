@@ -3,6 +3,7 @@ PYTHON ?= python3.11
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
+PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .PHONY: demo test lint env clean
 
@@ -26,7 +27,11 @@ $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v == (3, 11) else "palpate needs CPython 3.11, this is %d.%d: PyBullet has no wheel for it. Use: make PYTHON=python3.11" % v)'
 	@echo "Making the environment in $(VENV) (once, about a minute) ..."
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@$(PIP) --only-binary=:all: -c constraints.txt -e '.[dev]' || { \
+	  echo "palpate's packages could not be installed (see above). Nothing is compiled here: if a wheel is missing, this"; \
+	  echo "platform is not supported (tested: Linux on x86-64); otherwise look at the network and run make again."; exit 2; }
+	@$(BIN)/python -c 'import pinocchio' || { \
+	  echo "A library of the system is missing (see above); on Debian and Ubuntu: apt install libgomp1"; exit 2; }
 	@touch $@
 
 clean:

@@ -8,6 +8,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from palpate.preflight import library_remedy
 from robot_io.errors import InputError, PalpateError
 
 BAD_INPUT = 2
@@ -36,19 +37,27 @@ def report_error(error: Exception) -> int:
     """Print one line for `error` and return the exit code that goes with it."""
     if os.environ.get(DEBUG_VARIABLE):
         traceback.print_exception(error)
-    match error:
-        case BrokenPipeError():
-            return _leave_pipe_quietly()
-        case InputError():
-            return report(str(error), BAD_INPUT)
-        case PalpateError():
-            return report(str(error), FAILED)
-        case typer.TyperException():
-            return report(_usage(error), error.exit_code)
-        case OSError() if error.filename is not None:
-            return report(f"{error.filename}: {error.strerror}", BAD_INPUT)
+    if isinstance(error, BrokenPipeError):
+        return _leave_pipe_quietly()
+    return report(*_in_words(error))
+
+
+def _in_words(error: Exception) -> tuple[str, int]:
+    """What to say, and the exit code."""
     where = f"set {DEBUG_VARIABLE}=1 to see where; please report it"
-    return report(f"internal error, {type(error).__name__}: {error} ({where})", FAILED)
+    text, code = f"internal error, {type(error).__name__}: {error} ({where})", FAILED
+    match error:
+        case InputError():
+            text, code = str(error), BAD_INPUT
+        case PalpateError():
+            text = str(error)
+        case typer.TyperException():
+            text, code = _usage(error), error.exit_code
+        case OSError() if error.filename is not None:
+            text, code = f"{error.filename}: {error.strerror}", BAD_INPUT
+        case ImportError() if remedy := library_remedy(error):
+            text = f"a library of the system is missing ({error}); {remedy}"
+    return text, code
 
 
 def report(text: str, code: int) -> int:

@@ -46,6 +46,14 @@ def find_control() -> str | None:
     return spec.origin if spec else None
 
 
+def library_remedy(error: ImportError) -> str | None:
+    """What to do where a package cannot load a library of the system; None if it failed for another reason.
+
+    Pinocchio's wheel takes OpenMP from the system, which small images of Debian and Ubuntu do not have.
+    """
+    return "on Debian and Ubuntu: apt install libgomp1" if ".so" in str(error) else None
+
+
 def first_problem() -> str | None:
     """The first thing that keeps palpate from starting, in one line with its remedy, or None."""
     return python_problem((sys.version_info[0], sys.version_info[1])) or control_problem(find_control())

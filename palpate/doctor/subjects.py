@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 
 from palpate.doctor import environment, hardware, simulation, viewer
 from palpate.doctor.finding import Finding, fail
+from palpate.preflight import library_remedy
 
 CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
     environment.python,
@@ -27,4 +28,5 @@ def examine_all() -> Iterator[Finding]:
             yield from check()
         except Exception as error:
             subject = check.__name__.replace("_", " ")
-            yield fail(subject, f"{type(error).__name__}: {error}", "run: make clean env")
+            remedy = library_remedy(error) if isinstance(error, ImportError) else None
+            yield fail(subject, f"{type(error).__name__}: {error}", remedy or "run: make clean env")

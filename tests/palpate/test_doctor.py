@@ -34,6 +34,18 @@ def test_a_check_that_breaks_is_a_finding_and_the_exit_code_is_1(monkeypatch):
     assert "memory lock" in result.stdout
 
 
+def test_a_missing_library_of_the_system_is_named_with_what_to_install(monkeypatch):
+    def no_openmp():
+        raise ImportError("libgomp.so.1: cannot open shared object file: No such file or directory")
+        yield
+
+    monkeypatch.setattr(subjects, "CHECKS", (no_openmp,))
+    (finding,) = examine_all()
+    assert finding.level is Level.FAIL
+    assert "libgomp.so.1" in finding.text
+    assert "apt install libgomp1" in finding.remedy
+
+
 def test_a_missing_package_is_a_failure(monkeypatch):
     monkeypatch.setattr(environment, "_dependencies", lambda: ["numpy", "surely-not-installed"])
     (finding,) = environment.packages()
