@@ -15,7 +15,10 @@ from typer.main import get_command
 import palpate.commands
 from palpate.failures import OneLineGroup
 
-ORDER = ("demo", "probe", "estimate", "inspect", "import", "info", "doctor")
+ORDER = (
+    *("demo", "probe", "estimate", "inspect", "compare", "diagnose", "add", "revisions", "export", "reveal"),
+    *("import", "info", "doctor"),
+)
 
 
 class CommandGroup(OneLineGroup):

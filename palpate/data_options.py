@@ -1,11 +1,18 @@
 """Options of every command that reads somebody's data file."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from estimation.data.import_options import ImportOptions, parse_pairs
+from palpate.estimation_run import Arm
+from palpate.files import existing_file
+from robot_io.errors import InputError
 
+FileArgument = Annotated[
+    Path, typer.Argument(help="Session (.mcap) or data file (.csv, .csv.gz, .parquet, .npz).")
+]
 ColumnOption = Annotated[
     list[str] | None,
     typer.Option(help="What a column is called in the file, such as force_N=load.", metavar="NAME=COLUMN"),
@@ -21,6 +28,11 @@ WhereOption = Annotated[
 ContextOption = Annotated[
     list[str] | None, typer.Option(help="Further column of numbers to keep.", metavar="COLUMN")
 ]
+UrdfOption = Annotated[
+    Path | None,
+    typer.Option(help="The arm's URDF, for models that need it and data files.", metavar="FILE"),
+]
+TipFrameOption = Annotated[str, typer.Option(help="The tip's frame in that URDF.")]
 
 
 def import_options(
@@ -37,3 +49,17 @@ def import_options(
         where=parse_pairs(where or (), "--where"),
         context=tuple(context or ()),
     )
+
+
+def given_arm(urdf: Path | None, tip_frame: str, otherwise: Arm) -> Arm:
+    """The arm that the user names, or the one that the data came with.
+
+    Raises:
+        InputError: the file is not there or is no text.
+    """
+    if urdf is None:
+        return otherwise
+    try:
+        return Arm(existing_file(urdf, "URDF").read_text(encoding="utf-8"), tip_frame)
+    except UnicodeDecodeError as error:
+        raise InputError(f"URDF {urdf}: is no text") from error

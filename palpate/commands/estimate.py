@@ -1,6 +1,5 @@
 """`palpate estimate`: how stiff and how damped is it?"""
 
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -10,38 +9,41 @@ from estimation.channel import ChannelData
 from estimation.estimators import ESTIMATORS
 from estimation.models import MODELS
 from palpate import console
-from palpate.data_options import ColumnOption, ContextOption, UnitOption, WhereOption, import_options
+from palpate.data_options import (
+    ColumnOption,
+    ContextOption,
+    FileArgument,
+    TipFrameOption,
+    UnitOption,
+    UrdfOption,
+    WhereOption,
+    given_arm,
+    import_options,
+)
 from palpate.estimate_report import as_data, remarks
 from palpate.estimate_table import estimate_table
 from palpate.estimation_run import (
     ALL,
     DEFAULT_MODEL,
-    Arm,
     ChannelEstimates,
     Material,
     choose_estimators,
     estimate_with,
     load_material,
 )
-from palpate.files import existing_file
 from palpate.words import count, safe, shown
 from robot_io.errors import InputError
 
 
 def command(  # noqa: PLR0917, one parameter an option
-    file: Annotated[
-        Path, typer.Argument(help="Session (.mcap) or data file (.csv, .csv.gz, .parquet, .npz).")
-    ],
+    file: FileArgument,
     model: Annotated[str, typer.Option(help=f"One of {', '.join(MODELS)}.")] = DEFAULT_MODEL,
     estimator: Annotated[
         str, typer.Option(help=f"{ALL}, or some of {', '.join(ESTIMATORS)}, with commas.")
     ] = ALL,
     run: Annotated[str | None, typer.Option(help="Only these runs, such as 0,2.", metavar="N,...")] = None,
-    urdf: Annotated[
-        Path | None,
-        typer.Option(help="The arm's URDF, for models that need it and data files.", metavar="FILE"),
-    ] = None,
-    tip_frame: Annotated[str, typer.Option(help="The tip's frame in that URDF.")] = "tip",
+    urdf: UrdfOption = None,
+    tip_frame: TipFrameOption = "tip",
     column: ColumnOption = None,
     unit: UnitOption = None,
     where: WhereOption = None,
@@ -54,7 +56,7 @@ def command(  # noqa: PLR0917, one parameter an option
     """
     names = choose_estimators(estimator)
     material = load_material(file, import_options(column, unit, where, context))
-    arm = Arm(_text(urdf), tip_frame) if urdf is not None else material.arm
+    arm = given_arm(urdf, tip_frame, material.arm)
     channels = [only_runs(channel, run) for channel in material.described_by(model)]
     found = [estimate_with(channel, model, names, arm) for channel in channels]
     if as_json:
@@ -62,13 +64,6 @@ def command(  # noqa: PLR0917, one parameter an option
         console.print_json({"file": str(file), "model": model, "channels": results})
     else:
         _print(material, found)
-
-
-def _text(urdf: Path) -> str:
-    try:
-        return existing_file(urdf, "URDF").read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise InputError(f"URDF {urdf}: is no text") from error
 
 
 def only_runs(channel: ChannelData, runs: str | None) -> ChannelData:

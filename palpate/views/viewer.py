@@ -11,7 +11,7 @@ from pathlib import Path
 import rerun_cli  # type: ignore[import-untyped]
 from rerun.experimental import ViewerClient
 
-from palpate.views.recording.entities import TIMELINE
+from palpate.views.recording.entities import REVISION, TIMELINE
 from robot_io.errors import PalpateError
 
 HOST = "127.0.0.1"  # Rerun's own default is every address of the machine
@@ -30,7 +30,9 @@ def open_window(recording: Path) -> None:
     _start("--port", "auto", str(recording.absolute()), detached=True)
 
 
-def take_picture(recording: Path, picture: Path, time_s: float, size: tuple[int, int]) -> None:
+def take_picture(
+    recording: Path, picture: Path, time_s: float, size: tuple[int, int], *, revision: int | None = None
+) -> None:
     """Save what the viewer shows at a moment as PNG; needs a Vulkan driver, but no display.
 
     Args:
@@ -38,6 +40,7 @@ def take_picture(recording: Path, picture: Path, time_s: float, size: tuple[int,
         picture: .png file, replaced if it is there.
         time_s: moment on the session's timeline [s].
         size: width and height in pixels.
+        revision: stage to show instead, in a recording of revisions.
 
     Raises:
         PalpateError: the viewer could not be started or did not answer.
@@ -47,7 +50,10 @@ def take_picture(recording: Path, picture: Path, time_s: float, size: tuple[int,
         try:
             viewer.open(str(recording.absolute()))
             _wait_until_loaded(viewer)
-            viewer.set_time(TIMELINE, duration=time_s, play_state="paused")
+            if revision is None:
+                viewer.set_time(TIMELINE, duration=time_s, play_state="paused")
+            else:
+                viewer.set_time(REVISION, sequence=revision, play_state="paused")
             time.sleep(max(SETTLE_S, TOAST_S - (time.monotonic() - started_s)))
             viewer.save_screenshot(str(picture.absolute()))
         except (OSError, RuntimeError, ValueError) as error:

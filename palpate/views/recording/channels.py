@@ -3,20 +3,17 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from estimation.channel import ChannelData
 from palpate.estimation_run import ChannelEstimates
 from palpate.views import colors
-from palpate.views.plots.phase_strip import stretches
 from palpate.views.recording.blueprint import WHOLE_TIME
 from palpate.views.recording.entities import SUMMARY, TIMELINE, send_lines
 from palpate.views.recording.file import recording_file
+from palpate.views.time_axis import one_after_the_other
 from robot_io.types import FloatArray
-
-GAP_SHARE = 0.05  # of the mean run, left between two runs
 
 
 def write_channels(
@@ -43,19 +40,6 @@ def write_channels(
             prediction = found.prediction() if found is not None and found.channel is channel else None
             _log_channel(recording, channel, prediction)
     return float(one_after_the_other(channels[0])[-1] / 2)
-
-
-def one_after_the_other(channel: ChannelData) -> FloatArray:
-    """Time of each sample (n,) on one axis, with the runs behind each other: each may begin at zero [s]."""
-    blocks = stretches(channel.run)
-    lengths = [float(channel.time_s[past - 1] - channel.time_s[first]) for first, past in blocks]
-    gap_s = GAP_SHARE * float(np.mean(lengths))
-    time_s = np.empty(len(channel))
-    start_s = 0.0
-    for (first, past), length_s in zip(blocks, lengths, strict=True):
-        time_s[first:past] = start_s + channel.time_s[first:past] - channel.time_s[first]
-        start_s += length_s + gap_s
-    return time_s
 
 
 def _log_channel(recording: rr.RecordingStream, channel: ChannelData, prediction: FloatArray | None) -> None:

@@ -9,6 +9,7 @@ from palpate.views.colors import Color
 from robot_io.types import FloatArray
 
 TIMELINE = "time"
+REVISION = "revision"  # timeline of a model that grows
 ROOT_FRAME = "world"  # of everything that is drawn and is no part of the arm
 
 ARM = "arm"

@@ -1,0 +1,96 @@
+"""`palpate add`: add effects to the model, and watch the error fall."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from estimation.models import MODELS
+from palpate import console
+from palpate.data_options import (
+    ColumnOption,
+    ContextOption,
+    FileArgument,
+    TipFrameOption,
+    UnitOption,
+    UrdfOption,
+    WhereOption,
+    given_arm,
+    import_options,
+)
+from palpate.derived import derived_folder
+from palpate.effect_library import library_with
+from palpate.estimation_run import load_material
+from palpate.growth import Growth, Wish, grow
+from palpate.outcome import write_outcome
+from palpate.revisions import RevisionShelf
+from palpate.stage_text import fall_sentence, parameter_table, print_files, stage_table
+from palpate.words import shown
+
+
+def command(  # noqa: PLR0917, one parameter an option
+    file: FileArgument,
+    effects: Annotated[list[str], typer.Argument(help="Effects to add, in order.", metavar="EFFECT...")],
+    start: Annotated[
+        int | None,
+        typer.Option("--from", help="Continue at this revision, not at the newest.", metavar="REVISION"),
+    ] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the base model again.")] = False,
+    model: Annotated[
+        str | None, typer.Option(help=f"Base model to begin with: one of {', '.join(MODELS)}.")
+    ] = None,
+    channel: Annotated[str | None, typer.Option(help="Where to add them, such as joint_2.")] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(help="Effect of your own that may be added; its file is run.", metavar="FILE.py:CLASS"),
+    ] = None,
+    urdf: UrdfOption = None,
+    tip_frame: TipFrameOption = "tip",
+    column: ColumnOption = None,
+    unit: UnitOption = None,
+    where: WhereOption = None,
+    context: ContextOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the stages as JSON.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Keep revisions and pictures here.", metavar="FOLDER")
+    ] = None,
+) -> None:
+    """Refit with more effects, show how the held-out error falls, and keep each step as a revision.
+
+    Goes on from the newest revision; --from goes back to another one.
+    """
+    material = load_material(file, import_options(column, unit, where, context))
+    arm, library = given_arm(urdf, tip_frame, material.arm), library_with(effect)
+    folder = derived_folder(material, out)
+    wish = Wish(effects, model, channel, start, fresh)
+    with console.stderr().status("refitting stage by stage"):
+        growth = grow(material, arm, RevisionShelf(folder), library, wish)
+    with console.stderr().status("report, picture and recording"):
+        written = write_outcome(
+            folder, material, [growth.story], [f"palpate add {shown(file)} {' '.join(effects)}"]
+        )
+    if as_json:
+        channel_name = growth.story.subject.channel.name
+        kept = [revision.model_dump(mode="json") for revision in growth.kept]
+        console.print_json({"file": str(file), "channel": channel_name, "revisions": kept})
+    else:
+        _print(file, growth, written)
+
+
+def _print(file: Path, growth: Growth, written: dict[str, Path]) -> None:
+    story, out = growth.story, console.stdout()
+    unit = story.subject.channel.kind.effort_unit
+    out.print(fall_sentence(story))
+    out.print(stage_table(story.stages, unit, growth.numbers))
+    out.print(parameter_table(story.stages[-1]))
+    print_files(written)
+    session = shown(file)
+    steps = [
+        (f"rerun {shown(written['recording'])}", "see the model grow, revision by revision"),
+        (f"palpate revisions {session}", "all stages, to go back to"),
+        (f"palpate export {session}", "the improved model as a simulated world"),
+    ]
+    if growth.parent is not None or len(growth.kept) > 1:
+        back = growth.kept[-1].parent
+        steps.insert(2, (f"palpate add {session} EFFECT --from {back}", "go back, and try another effect"))
+    console.next_steps(*steps)

@@ -1,0 +1,110 @@
+"""`palpate compare`: where does the model fail?"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from estimation.comparison import Comparison
+from estimation.models import MODELS
+from palpate import console
+from palpate.comparison_text import ALIKE, as_data, headline, parts_table
+from palpate.data_options import (
+    ColumnOption,
+    ContextOption,
+    FileArgument,
+    TipFrameOption,
+    UnitOption,
+    UrdfOption,
+    WhereOption,
+    given_arm,
+    import_options,
+)
+from palpate.estimation_run import load_material
+from palpate.files import output_folder
+from palpate.outcome import write_json, write_outcome
+from palpate.story import compare_subject, tell_story
+from palpate.subject import Subject, model_names, only_channel, subjects_of
+from palpate.words import safe, shown
+from robot_io.errors import InputError
+
+
+def command(  # noqa: PLR0917, one parameter an option
+    file: FileArgument,
+    model: Annotated[
+        str | None, typer.Option(help=f"One of {', '.join(MODELS)}; default: what suits each channel.")
+    ] = None,
+    channel: Annotated[str | None, typer.Option(help="Only this channel, such as contact.")] = None,
+    urdf: UrdfOption = None,
+    tip_frame: TipFrameOption = "tip",
+    column: ColumnOption = None,
+    unit: UnitOption = None,
+    where: WhereOption = None,
+    context: ContextOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Write comparison.json and an HTML report here.", metavar="FOLDER")
+    ] = None,
+) -> None:
+    """Put a model beside the measurement: how far off it is, and where it fails first.
+
+    All errors are on runs that the fit has not seen; the noise floor is what a complete model would leave.
+    """
+    material = load_material(file, import_options(column, unit, where, context))
+    found = subjects_of(material, model, given_arm(urdf, tip_frame, material.arm))
+    subjects = only_channel(found, channel)
+    folder = output_folder(out) if out is not None else None
+    typed = shown(file) + (f" --model {model}" if model else "")
+    compared, failures = _compare(subjects)
+    data: dict[str, object] = {
+        "file": str(file),
+        "model": model_names(subjects),
+        "channels": [as_data(comparison) for comparison in compared],
+        "failures": failures,
+    }
+    if as_json:
+        console.print_json(data)
+    else:
+        _print(compared, failures)
+    if folder is not None:
+        write_json(data, folder / "comparison.json")
+        judged = [subject for subject in subjects if subject.channel.name not in failures]
+        stories = [tell_story(subject, None, (), ()) for subject in judged]
+        written = write_outcome(folder, material, stories, [f"palpate compare {typed}"])
+        console.stderr().print(f"\nreport  [bold]{shown(written['report'])}[/bold]")
+    if not as_json:
+        console.next_steps(
+            (f"palpate diagnose {typed}", "which physical effect is missing"),
+            (f"palpate compare {typed} --out FOLDER", "a report to zoom into"),
+        )
+
+
+def _compare(subjects: tuple[Subject, ...]) -> tuple[list[Comparison], dict[str, str]]:
+    """Compare each; channels that cannot be judged are told with their reason.
+
+    Raises:
+        InputError: none can be judged.
+    """
+    compared, failures = [], {}
+    with console.stderr().status("comparing") as status:
+        for subject in subjects:
+            status.update(f"comparing {subject.channel.name}")
+            try:
+                compared.append(compare_subject(subject))
+            except InputError as error:
+                failures[subject.channel.name] = str(error)
+    if not compared:
+        raise InputError(next(iter(failures.values())))
+    return compared, failures
+
+
+def _print(compared: list[Comparison], failures: dict[str, str]) -> None:
+    out = console.stdout()
+    for number, comparison in enumerate(compared):
+        out.print(("\n" if number else "") + headline(comparison))
+        for words in comparison.words[1:] if comparison.lack_of_fit > ALIKE else ():
+            out.print(f"  {words}")
+        if comparison.lack_of_fit > ALIKE or len(compared) == 1:
+            out.print(parts_table(comparison))
+    for reason in failures.values():
+        out.print(f"[yellow]{safe(reason)}[/yellow]")

@@ -1,0 +1,164 @@
+"""`palpate diagnose`: is anything missing in the model, and which physical effect is it?"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from estimation.diagnosis import Diagnosis, Verdict
+from estimation.models import MODELS
+from palpate import console
+from palpate.data_options import (
+    ColumnOption,
+    ContextOption,
+    FileArgument,
+    TipFrameOption,
+    UnitOption,
+    UrdfOption,
+    WhereOption,
+    given_arm,
+    import_options,
+)
+from palpate.derived import derived_folder
+from palpate.diagnosis_progress import diagnosis_progress
+from palpate.diagnosis_text import show
+from palpate.effect_library import EffectLibrary, library_with
+from palpate.estimation_run import Material, load_material
+from palpate.files import output_folder
+from palpate.next_plan import plan_of, write_plan
+from palpate.outcome import write_json, write_outcome
+from palpate.revisions import RevisionShelf
+from palpate.stage_text import print_files
+from palpate.story import Story, diagnose_subjects, tell_story
+from palpate.subject import Subject, only_channel, subjects_of
+from palpate.words import shown
+
+RESULT = "diagnosis.json"
+
+
+def command(  # noqa: PLR0917, one parameter an option
+    file: FileArgument,
+    model: Annotated[
+        str | None, typer.Option(help=f"One of {', '.join(MODELS)}; default: what suits each channel.")
+    ] = None,
+    channel: Annotated[str | None, typer.Option(help="Only this channel, such as contact.")] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(help="Effect of your own to try as well; its file is run.", metavar="FILE.py:CLASS"),
+    ] = None,
+    apply: Annotated[
+        bool, typer.Option("--apply", help="Add what is missing, and keep each step as a revision.")
+    ] = False,
+    urdf: UrdfOption = None,
+    tip_frame: TipFrameOption = "tip",
+    column: ColumnOption = None,
+    unit: UnitOption = None,
+    where: WhereOption = None,
+    context: ContextOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the diagnosis as JSON.")] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(help=f"Write {RESULT}, report and more here.", metavar="FOLDER"),
+    ] = None,
+) -> None:
+    """Say whether anything is missing in a model, which physical effect it is, and how sure that is.
+
+    Verdicts: adequate, missing, unexplained (structure that no known effect explains), or insufficient (this
+    data cannot say). All is judged on runs that the fit has not seen.
+    """
+    material = load_material(file, import_options(column, unit, where, context))
+    subjects = only_channel(subjects_of(material, model, given_arm(urdf, tip_frame, material.arm)), channel)
+    library = library_with(effect)
+    library.rehearse([subject.channel for subject in subjects])
+    wanted = bool(out) or apply or (material.session is not None and not as_json)
+    folder = output_folder(derived_folder(material, out)) if wanted else None
+    with diagnosis_progress([subject.channel.name for subject in subjects]) as progress:
+        diagnosis = diagnose_subjects(subjects, library.effects, progress, str(file))
+    if as_json:
+        console.print_json(diagnosis.model_dump(mode="json"))
+    else:
+        _print(diagnosis)
+    if folder is None:
+        if not as_json:
+            _next(_typed(file, model), diagnosis, None, apply)
+        return
+    write_json(diagnosis.model_dump(mode="json"), folder / RESULT)
+    plan = _write_plan(material, diagnosis, folder)
+    stories = _stories(subjects, diagnosis, library)
+    if apply:
+        _keep(folder, stories, library.own, quiet=as_json)
+    written = write_outcome(
+        folder, material, stories, [f"palpate diagnose {_typed(file, model)}{' --apply' if apply else ''}"]
+    )
+    if not as_json:
+        console.stdout().print()
+        print_files({"result": folder / RESULT, **written})
+        _next(_typed(file, model), diagnosis, plan, apply)
+
+
+def _print(diagnosis: Diagnosis) -> None:
+    out = console.stdout()
+    for number, found in enumerate(diagnosis.channels):
+        if number:
+            out.print()
+        for part in show(found):
+            out.print(part)
+
+
+def _stories(subjects: Sequence[Subject], diagnosis: Diagnosis, library: EffectLibrary) -> list[Story]:
+    """Refit stage by stage, for the pictures."""
+    with console.stderr().status("refitting stage by stage"):
+        return [
+            tell_story(subject, found, [entry.effect for entry in found.accepted], library.effects)
+            for subject, found in zip(subjects, diagnosis.channels, strict=True)
+        ]
+
+
+def _keep(folder: Path, stories: Sequence[Story], own: dict[str, str], *, quiet: bool) -> None:
+    for story in stories:
+        if len(story.stages) < 2:
+            continue
+        name, unit = story.subject.channel.name, story.subject.channel.kind.effort_unit
+        kept = RevisionShelf(folder).keep(name, unit, story.stages, parent=None, user_effects=own)
+        if not quiet:
+            numbers = ", ".join(str(revision.number) for revision in kept)
+            console.stdout().print(f"[bold]{name}[/bold]: refitted, kept as revisions {numbers}")
+
+
+def _write_plan(material: Material, diagnosis: Diagnosis, folder: Path) -> Path | None:
+    """The first experiment that an arm can run by itself."""
+    for found in diagnosis.channels:
+        if found.next_experiment is None or found.verdict is Verdict.ADEQUATE:
+            continue
+        plan = plan_of(found.next_experiment, material.session)
+        if plan is not None:
+            path = folder / "next-experiment.yaml"
+            write_plan(found.next_experiment, plan, path)
+            return path
+    return None
+
+
+def _typed(file: Path, model: str | None) -> str:
+    """How the data and the model are named on the command line."""
+    return shown(file) + (f" --model {model}" if model else "")
+
+
+def _next(typed: str, diagnosis: Diagnosis, plan: Path | None, applied: bool) -> None:
+    steps = []
+    file = typed.partition(" --model")[0]
+    missing = [found for found in diagnosis.channels if found.accepted]
+    if missing and not applied:
+        names = " ".join(entry.effect for entry in missing[0].accepted)
+        steps.append((f"palpate add {typed} {names}", "refit with it, and keep that as a revision"))
+    if missing and applied:
+        steps.append((f"palpate export {file}", "the improved model as a simulated world"))
+        steps.append((f"palpate revisions {file}", "all stages, to go back to"))
+    if plan is not None:
+        steps.append((f"palpate probe --experiment {shown(plan)}", "the experiment that would tell more"))
+    if any(found.verdict is Verdict.UNEXPLAINED for found in diagnosis.channels):
+        steps.append(
+            (f"palpate diagnose {typed} --effect my_effects.py:MyEffect", "try a hypothesis of your own")
+        )
+    steps.append((f"palpate compare {typed}", "where the model fails"))
+    console.next_steps(*steps)

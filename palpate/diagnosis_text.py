@@ -1,0 +1,152 @@
+"""A diagnosis for people: first what to do about it, then what speaks for it."""
+
+from collections.abc import Iterator
+
+from rich.console import RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from estimation.diagnosis import ChannelDiagnosis, Verdict
+from estimation.diagnosis.result import Fitted, ParameterValue
+from palpate import console
+from palpate.comparison_text import bar
+from palpate.words import significant
+
+SIGMAS_95 = 1.96
+MOST_RANKED = 5
+COLORS = {
+    Verdict.ADEQUATE: "green",
+    Verdict.MISSING: "yellow",
+    Verdict.UNEXPLAINED: "red",
+    Verdict.INSUFFICIENT: "magenta",
+}
+
+
+def show(found: ChannelDiagnosis) -> Iterator[RenderableType]:
+    """Everything about one channel, in the order in which a person wants to know it."""
+    color = COLORS[found.verdict]
+    yield Text.from_markup(f"[bold {color}]{found.verdict.upper()}[/bold {color}]  {sentence(found)}")
+    yield from _indented(*_evidence(found))
+    if found.next_experiment is not None and found.verdict is not Verdict.ADEQUATE:
+        yield from _indented(
+            Text.from_markup(
+                f"[bold]next experiment[/bold]: {found.next_experiment.instruction} "
+                f"[dim](to {found.next_experiment.purpose})[/dim]"
+            )
+        )
+
+
+def sentence(found: ChannelDiagnosis) -> str:
+    """The verdict in one sentence that a person can act on."""
+    unit, where = found.effort_unit, f"[bold]{found.channel}[/bold]"
+    match found.verdict:
+        case Verdict.INSUFFICIENT:
+            return f"{where}: this data cannot say: {found.reason}."
+        case Verdict.ADEQUATE:
+            return f"{where}: nothing is missing that this data can show. {_fall(found)}"
+        case Verdict.MISSING:
+            names = _enumerated([f"[bold]{entry.effect}[/bold]" for entry in found.accepted])
+            verb = "is" if len(found.accepted) == 1 else "are"
+            return f"{where}: {names} {verb} missing from the model. {_fall(found)}"
+    signals = _enumerated(found.depends_on) or "no single signal"
+    left = "" if found.noise_floor is None else f" (floor {found.noise_floor:.3g} {unit})"
+    error = "" if found.final is None else f"; {found.final.rmse:.3g} {unit} in held-out runs{left}"
+    return f"{where}: something is missing that no known effect explains; it depends on {signals}{error}."
+
+
+def parameter_table(fitted: Fitted, title: str = "") -> Table:
+    """Parameters with 95 % intervals."""
+    shown = console.table(title, "parameter", "value", "± 95 %", "unit", right=("value", "± 95 %"))
+    for name, parameter in fitted.parameters.items():
+        shown.add_row(name, *value_and_half(parameter), parameter.unit)
+    return shown
+
+
+def value_and_half(parameter: ParameterValue) -> tuple[str, str]:
+    """The value, and half of its 95 % interval, with digits that mean something."""
+    if parameter.std_err is None:
+        return significant(parameter.value), "?"
+    half = SIGMAS_95 * parameter.std_err
+    return significant(parameter.value, half), significant(half, half)
+
+
+def _fall(found: ChannelDiagnosis) -> str:
+    unit, before, after = found.effort_unit, found.baseline, found.final
+    if before is None or after is None:
+        return ""
+    floor = "" if found.noise_floor is None else f" (noise floor {found.noise_floor:.3g})"
+    if not found.accepted:
+        return f"The error in held-out runs is {after.rmse:.3g} {unit}{floor}."
+    fall = f"from {before.rmse:.3g} to {after.rmse:.3g} {unit}"
+    return f"With that, the error in held-out runs falls {fall}{floor}."
+
+
+def _evidence(found: ChannelDiagnosis) -> Iterator[RenderableType]:
+    if found.baseline is None:
+        return
+    if found.accepted:
+        yield _steps(found)
+        for entry in found.accepted:
+            yield Text.from_markup(f"[bold]{entry.effect}[/bold]: {entry.physics}")
+            yield Text.from_markup(f"  [dim]seen as[/dim] {entry.signature}")
+            yield Text.from_markup(f"  [dim]equation[/dim] {entry.equation}")
+            if entry.confused_with:
+                rivals = _enumerated(entry.confused_with, "or")
+                yield Text.from_markup(f"  [yellow]this data cannot tell it from {rivals}[/yellow]")
+    elif found.verdict is Verdict.UNEXPLAINED:
+        helped = _enumerated([suspect.effect for suspect in found.suspects])
+        if helped:
+            yield Text.from_markup(
+                f"[dim]{helped} would lower the error, but not to the noise: not named[/dim]"
+            )
+    if found.final is not None and found.verdict is not Verdict.UNEXPLAINED:
+        yield parameter_table(found.final)
+    if found.ranking and found.verdict is not Verdict.ADEQUATE:
+        yield _ranking(found)
+
+
+def _steps(found: ChannelDiagnosis) -> Table:
+    unit = found.effort_unit
+    errors = (f"held-out error [{unit}]", "p")
+    shown = console.table("", "step", *errors, "", "not to be told from", right=errors)
+    floor = found.noise_floor or 0.0
+    base = found.baseline.rmse if found.baseline is not None else 1.0
+    shown.add_row("base model", f"{base:.4g}", "", f"[red]{bar(1.0)}[/red]", "")
+    for entry in found.accepted:
+        color = "green" if entry.rmse_after < 1.1 * floor else "yellow"
+        shown.add_row(
+            f"+ [bold]{entry.effect}[/bold]",
+            f"{entry.rmse_after:.4g}",
+            f"{entry.p_value:.3f}",
+            f"[{color}]{bar(entry.rmse_after / base)}[/{color}]",
+            ", ".join(entry.confused_with) or "[dim]–[/dim]",
+        )
+    shown.add_row("[dim]noise floor[/dim]", f"[dim]{floor:.4g}[/dim]", "", "", "")
+    return shown
+
+
+def _ranking(found: ChannelDiagnosis) -> Table:
+    error = f"held-out error [{found.effort_unit}]"
+    shown = console.table(
+        "", "alone beside the base model", error, "error falls by", "", right=(error, "error falls by")
+    )
+    for entry in found.ranking[:MOST_RANKED]:
+        shown.add_row(
+            entry.effect,
+            f"{entry.rmse_held_out:.4g}",
+            f"{100 * entry.score:.0f} %",
+            f"[blue]{bar(entry.score)}[/blue]",
+        )
+    return shown
+
+
+def _indented(*parts: RenderableType) -> Iterator[RenderableType]:
+    for part in parts:
+        yield Padding(part, (0, 0, 0, 2))
+
+
+def _enumerated(names: list[str], last: str = "and") -> str:
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} {last} {names[-1]}"

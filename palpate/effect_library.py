@@ -1,0 +1,60 @@
+"""The effects that are tried: palpate's own, and those of the user."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from estimation.channel import ChannelData
+from estimation.diagnosis.library import library
+from estimation.effect import Effect
+from estimation.effects import EFFECTS
+from palpate.user_effect import load_user_effect, rehearse
+from robot_io.errors import InputError
+
+
+@dataclass(frozen=True)
+class EffectLibrary:
+    """What is tried.
+
+    Attributes:
+        effects: all of them; one of the user's replaces palpate's of the same name.
+        own: FILE.py:Class by name of the user's.
+    """
+
+    effects: tuple[Effect, ...]
+    own: dict[str, str]
+
+    def rehearse(self, channels: Sequence[ChannelData]) -> None:
+        """Try the user's effects before they are relied upon.
+
+        Raises:
+            InputError: one fails.
+        """
+        for effect in self.effects:
+            for channel in channels if effect.name in self.own else ():
+                rehearse(effect, channel)
+
+    def get(self, name: str) -> Effect:
+        """An effect by its name.
+
+        Raises:
+            InputError: there is none.
+        """
+        found = next((effect for effect in self.effects if effect.name == name), None)
+        if found is None:
+            raise InputError(EFFECTS.unknown(name))
+        return found
+
+
+def library_with(texts: Sequence[str] | None) -> EffectLibrary:
+    """Palpate's effects and the user's.
+
+    Args:
+        texts: each of the form FILE.py:Class.
+
+    Raises:
+        InputError: a file or class is not there, cannot be run, or states no effect.
+    """
+    own = {effect.name: (effect, text) for text in texts or () for effect in (load_user_effect(text),)}
+    known = (effect for effect in library() if effect.name not in own)
+    loaded = (effect for effect, _ in own.values())
+    return EffectLibrary((*known, *loaded), {name: text for name, (_, text) in own.items()})

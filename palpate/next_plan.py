@@ -1,0 +1,51 @@
+"""Writes the experiment that a diagnosis proposes as a plan for `palpate probe --experiment`."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from control.probing_plan import ProbingPlan
+from estimation.diagnosis.result import NextExperiment
+from palpate.probing_run import PLAN
+from robot_io.errors import InputError
+from robot_io.file_model import validate
+from robot_io.safe_yaml import parse_yaml
+from robot_io.session import Session
+
+SLOWEST_M_S = 0.01  # runs slower than this need more time to load
+PATIENCE_S = 60.0
+
+
+def plan_of(experiment: NextExperiment, session: Session | None) -> ProbingPlan | None:
+    """The plan to run next; None where the arm's task cannot do it.
+
+    Args:
+        experiment: what is proposed.
+        session: its plan is kept where the proposal says nothing.
+
+    Raises:
+        InputError: the proposal, or the session's plan, is not valid.
+    """
+    if not experiment.probe:
+        return None
+    return validate(ProbingPlan, _previous(session) | dict(experiment.probe))
+
+
+def write_plan(experiment: NextExperiment, plan: ProbingPlan, path: Path) -> None:
+    """Write the plan with its purpose as a comment.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    words = f"# {experiment.instruction}\n# to {experiment.purpose}\n"
+    text = yaml.safe_dump(plan.model_dump(mode="json"), sort_keys=False)
+    try:
+        path.write_text(words + text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _previous(session: Session | None) -> dict[str, Any]:
+    text = session.metadata.extra.get(PLAN, "") if session is not None else ""
+    return dict(parse_yaml(text, "the session's plan").data) if text else {}

@@ -1,0 +1,76 @@
+"""Writes what can be looked at afterwards: result, report, picture and recording."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from palpate import console
+from palpate.estimation_run import Material
+from palpate.files import output_folder
+from palpate.report import Report, write_report
+from palpate.story import Story
+from palpate.views.plots.waterfall import save_waterfall
+from palpate.views.recording.revisions import write_revisions
+from palpate.words import count
+from robot_io.errors import InputError
+
+REPORT = "report.html"
+RECORDING = "revisions.rrd"
+
+
+def write_outcome(
+    folder: Path, material: Material, stories: Sequence[Story], commands: Sequence[str]
+) -> dict[str, Path]:
+    """Write report, waterfalls and recording; the latter two only where effects were added.
+
+    Args:
+        folder: where to; made if needed.
+        material: what was measured.
+        stories: one for each channel.
+        commands: that lead to the same outcome.
+
+    Returns:
+        The files, by what they are.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    report = Report(material.path.name, _facts(material, stories), tuple(stories), tuple(commands))
+    written = {"report": write_report(report, output_folder(folder) / REPORT)}
+    grown = [story for story in stories if len(story.stages) > 1]
+    for story in grown:
+        name = "waterfall" if len(grown) == 1 else f"waterfall-{story.subject.channel.name}"
+        written[name] = folder / f"{name}.png"
+        channel = story.subject.channel
+        save_waterfall(channel.name, channel.kind.effort_unit, story.stages, written[name])
+    if grown:
+        written["recording"] = folder / RECORDING
+        write_revisions(material.path.stem, grown, written["recording"])
+    return written
+
+
+def write_json(data: Mapping[str, object], path: Path) -> Path:
+    """Write plain data; returns the path.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    text = json.dumps(console.plain(data), indent=2, ensure_ascii=False, allow_nan=False)
+    try:
+        path.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}") from error
+    return path
+
+
+def _facts(material: Material, stories: Sequence[Story]) -> dict[str, str]:
+    channels = [story.subject.channel for story in stories]
+    facts = {
+        "channels": ", ".join(channel.name for channel in channels),
+        "data": f"{count(len(channels[0].runs), 'run')}, {count(len(channels[0]), 'sample')}",
+        "base model": ", ".join(dict.fromkeys(story.subject.model.name for story in stories)),
+    }
+    if material.session is not None:
+        metadata = material.session.metadata
+        facts |= {"recorded": metadata.created_utc, "by": metadata.command_line}
+    return {name: value for name, value in facts.items() if value}

@@ -1,0 +1,201 @@
+"""Stages of a model, kept as files, so that one can go back to any of them."""
+
+import math
+import os
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from estimation.revision import Revision
+from robot_io.errors import InputError
+
+FOLDER = "revisions"
+
+
+class KeptParameter(BaseModel):
+    """One parameter; `std_err` is None where the data do not determine it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    value: float
+    std_err: float | None
+    unit: str
+
+
+class KeptRevision(BaseModel):
+    """One stage of one channel's model.
+
+    Attributes:
+        number: of the revision, unique within a session.
+        parent: the revision that it was added to; None for a base model.
+        channel: its name.
+        model: name of the base model.
+        added: effect that this stage added; empty for a base model.
+        effects: all that were added to the base model, in order.
+        user_effects: effects of the user's own among them, as FILE.py:Class.
+        effort_unit: unit of the errors.
+        rmse: error in held-out runs.
+        noise_floor: error that a complete model would leave.
+        parameters: by "effect.parameter".
+        created_utc: when.
+        software_version: by which palpate.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    number: int
+    parent: int | None
+    channel: str
+    model: str
+    added: str
+    effects: list[str]
+    user_effects: list[str]
+    effort_unit: str
+    rmse: float
+    noise_floor: float
+    parameters: dict[str, KeptParameter]
+    created_utc: str
+    software_version: str
+
+
+class RevisionShelf:
+    """The revisions of one session.
+
+    Args:
+        folder: the session's derived folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder / FOLDER
+
+    def all(self) -> list[KeptRevision]:
+        """Every revision, oldest first.
+
+        Raises:
+            InputError: a file is not a revision.
+        """
+        files = sorted(self._folder.glob("[0-9]*.json")) if self._folder.is_dir() else []
+        return [_read(file) for file in files]
+
+    def get(self, number: int) -> KeptRevision:
+        """One revision.
+
+        Raises:
+            InputError: there is no such revision.
+        """
+        known = {revision.number: revision for revision in self.all()}
+        if number not in known:
+            there = ", ".join(str(n) for n in known) or "none yet"
+            raise InputError(f"no revision {number}. There are: {there}")
+        return known[number]
+
+    def latest(self, channel: str, model: str | None = None) -> KeptRevision | None:
+        """The newest revision of a channel, if there is one.
+
+        Args:
+            channel: its name.
+            model: only those that start from this base model.
+        """
+        found = [r for r in self.all() if r.channel == channel and model in {None, r.model}]
+        return found[-1] if found else None
+
+    def keep(
+        self,
+        channel: str,
+        effort_unit: str,
+        stages: Iterable[Revision],
+        *,
+        parent: KeptRevision | None,
+        user_effects: dict[str, str],
+    ) -> list[KeptRevision]:
+        """Keep stages, each added to the one before; those that are kept already are left out.
+
+        Args:
+            channel: its name.
+            effort_unit: unit of the errors.
+            stages: from the base model on.
+            parent: the revision that they continue; None to begin with the base model.
+            user_effects: FILE.py:Class by name of effects of the user's own.
+
+        Raises:
+            InputError: they cannot be written.
+        """
+        everything = self.all()
+        number = max((revision.number for revision in everything), default=-1)
+        kept: list[KeptRevision] = []
+        effects: list[str] = []
+        for stage in stages:
+            effects = [*effects, stage.added] if stage.added else effects
+            parent = parent or _base(everything, channel, stage)
+            if parent is not None and len(effects) <= len(parent.effects):
+                continue
+            number += 1
+            before = kept[-1] if kept else parent
+            own = [user_effects[name] for name in effects if name in user_effects]
+            revision = _revision(number, before, channel, effort_unit, stage, effects, own)
+            self._write(revision)
+            kept.append(revision)
+        return kept
+
+    def _write(self, revision: KeptRevision) -> None:
+        file = self._folder / f"{revision.number:04d}.json"
+        unfinished = file.with_name(f".{file.name}.{os.getpid()}.part")
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            unfinished.write_text(revision.model_dump_json(indent=2) + "\n", encoding="utf-8")
+            unfinished.replace(file)
+        except OSError as error:
+            raise InputError(f"cannot write {file}: {error.strerror}") from error
+
+
+def _base(revisions: list[KeptRevision], channel: str, stage: Revision) -> KeptRevision | None:
+    """The base model of a channel, where it is kept already with this outcome."""
+    same = [
+        revision
+        for revision in revisions
+        if (revision.channel, revision.model, revision.rmse) == (channel, stage.model.name, stage.rmse)
+        and not revision.effects
+    ]
+    return same[0] if same else None
+
+
+def _revision(  # noqa: PLR0917, one argument a fact that is kept
+    number: int,
+    before: KeptRevision | None,
+    channel: str,
+    effort_unit: str,
+    stage: Revision,
+    effects: list[str],
+    user_effects: list[str],
+) -> KeptRevision:
+    parameters = {
+        name: KeptParameter(
+            value=p.value, std_err=p.std_err if math.isfinite(p.std_err) else None, unit=p.unit
+        )
+        for name, p in stage.parameters.items()
+    }
+    return KeptRevision(
+        number=number,
+        parent=None if before is None else before.number,
+        channel=channel,
+        model=stage.model.name,
+        added=stage.added,
+        effects=effects,
+        user_effects=user_effects,
+        effort_unit=effort_unit,
+        rmse=stage.rmse,
+        noise_floor=stage.noise_floor,
+        parameters=parameters,
+        created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
+        software_version=version("palpate"),
+    )
+
+
+def _read(file: Path) -> KeptRevision:
+    try:
+        return KeptRevision.model_validate_json(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, ValidationError) as error:
+        raise InputError(f"revision {file}: is damaged; delete it to go on without it") from error

@@ -1,0 +1,98 @@
+"""Stages of a model for people: how the held-out error falls, step by step, down to the noise floor."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from estimation.revision import Revision
+from palpate import console
+from palpate.comparison_text import ALIKE, bar
+from palpate.revisions import KeptRevision
+from palpate.story import Story
+from palpate.words import shown as shown_path
+from palpate.words import significant
+
+SIGMAS_95 = 1.96
+
+
+def fall_sentence(story: Story) -> str:
+    """What the stages did to the error, in one sentence."""
+    first, last = story.stages[0], story.stages[-1]
+    unit, name = story.subject.channel.kind.effort_unit, story.subject.channel.name
+    names = ", ".join(stage.added for stage in story.stages[1:])
+    times = last.rmse / last.noise_floor if last.noise_floor > 0 else float("inf")
+    ends = "down to the noise floor" if times < ALIKE else f"to {times:.1f} times the noise floor"
+    color = "green" if times < ALIKE else "yellow"
+    return (
+        f"[bold]{name}[/bold] with [bold]{names}[/bold]: the error in held-out runs falls from "
+        f"{first.rmse:.3g} to {last.rmse:.3g} {unit}, [bold {color}]{ends}[/bold {color}]."
+    )
+
+
+def parameter_table(stage: Revision) -> Table:
+    """The stage's parameters with 95 % intervals."""
+    shown = console.table("", "parameter", "value", "± 95 %", "unit", right=("value", "± 95 %"))
+    for name, found in stage.parameters.items():
+        half = SIGMAS_95 * found.std_err
+        known = bool(np.isfinite(half))
+        value = significant(found.value, half if known else None)
+        shown.add_row(name, value, significant(half, half) if known else "?", found.unit)
+    return shown
+
+
+def print_files(written: Mapping[str, Path]) -> None:
+    """The files that were written, one a line."""
+    out = console.stdout()
+    for what, path in written.items():
+        out.print(f"{what:<10} [bold]{shown_path(path)}[/bold]", soft_wrap=True)
+
+
+def stage_table(stages: Sequence[Revision], unit: str, numbers: Sequence[int | None]) -> Table:
+    """One row a stage.
+
+    Args:
+        stages: from the base model on.
+        unit: of the errors.
+        numbers: of the revision that each is kept as; None where it is not kept.
+    """
+    error = f"held-out error [{unit}]"
+    shown = console.table("", "revision", "model", error, "x floor", "", right=("revision", error, "x floor"))
+    floor, worst = stages[-1].noise_floor, max(stage.rmse for stage in stages)
+    for stage, number in zip(stages, numbers, strict=True):
+        times = stage.rmse / floor if floor > 0 else float("inf")
+        color = "green" if times < ALIKE else "yellow" if times < 3 else "red"
+        shown.add_row(
+            "–" if number is None else str(number),
+            f"+ [bold]{stage.added}[/bold]" if stage.added else stage.model.name,
+            f"{stage.rmse:.4g}",
+            f"{times:.2f}",
+            f"[{color}]{bar(stage.rmse / worst, 30)}[/{color}]",
+        )
+    shown.add_row(
+        "", "[dim]noise floor[/dim]", f"[dim]{floor:.4g}[/dim]", "", f"[dim]{bar(floor / worst, 30)}[/dim]"
+    )
+    return shown
+
+
+def revision_table(revisions: Sequence[KeptRevision]) -> Table:
+    """All revisions of a session."""
+    right = ("revision", "from", "held-out error", "x floor")
+    shown = console.table(
+        "", "revision", "from", "channel", "model", "held-out error", "x floor", "made", right=right
+    )
+    for kept in revisions:
+        # a better model sees the noise more clearly
+        floor = min(other.noise_floor for other in revisions if other.channel == kept.channel)
+        times = kept.rmse / floor if floor > 0 else float("inf")
+        shown.add_row(
+            str(kept.number),
+            "" if kept.parent is None else str(kept.parent),
+            kept.channel,
+            " + ".join([kept.model, *kept.effects]),
+            f"{kept.rmse:.4g} {kept.effort_unit}",
+            f"{times:.2f}",
+            f"[dim]{kept.created_utc[:16].replace('T', ' ')}[/dim]",
+        )
+    return shown

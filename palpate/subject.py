@@ -1,0 +1,66 @@
+"""What is compared and diagnosed: channels, each with the simple model that is to explain it."""
+
+from dataclasses import dataclass
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.model import Model
+from estimation.models import MODELS
+from palpate.estimation_run import DEFAULT_MODEL, Arm, Material, context_of
+from robot_io.errors import InputError
+
+ARM_MODEL = "rigid_body"
+LOOSE_JOINT_MODEL = "inertia"
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One channel with its base model.
+
+    Attributes:
+        channel: with the signals that the model needs.
+        model: the base model, as built for this channel.
+    """
+
+    channel: ChannelData
+    model: Model
+
+
+def subjects_of(material: Material, model: str | None, arm: Arm) -> tuple[Subject, ...]:
+    """The channels that a model describes; without one, all channels with the model that suits each.
+
+    Raises:
+        InputError: the model is unknown, describes none of the channels, or lacks something.
+    """
+    channels = material.channels if model is None else material.described_by(model)
+    return tuple(_subject(channel, model or usual_model(channel, arm), arm) for channel in channels)
+
+
+def usual_model(channel: ChannelData, arm: Arm) -> str:
+    """The model that one would start from: a spring and damper, or the arm as its URDF has it."""
+    if channel.kind is ChannelKind.CONTACT:
+        return DEFAULT_MODEL
+    return ARM_MODEL if arm.urdf else LOOSE_JOINT_MODEL
+
+
+def model_names(subjects: tuple[Subject, ...]) -> str:
+    """The base models, each once, with "+" between them."""
+    return "+".join(dict.fromkeys(subject.model.name for subject in subjects))
+
+
+def only_channel(subjects: tuple[Subject, ...], name: str | None) -> tuple[Subject, ...]:
+    """The subject whose channel has this name; all of them for None.
+
+    Raises:
+        InputError: there is none.
+    """
+    chosen = tuple(subject for subject in subjects if name in {None, subject.channel.name})
+    if not chosen:
+        there = ", ".join(subject.channel.name for subject in subjects)
+        raise InputError(f"--channel {name}: no such channel. There are: {there}")
+    return chosen
+
+
+def _subject(channel: ChannelData, model: str, arm: Arm) -> Subject:
+    base, context = MODELS[model](), context_of(channel, arm)
+    built = base.build(context)
+    return Subject(base.prepare(channel, context), built)

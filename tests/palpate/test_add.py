@@ -1,0 +1,87 @@
+"""`palpate add` and `palpate revisions`: stages that can be gone back to."""
+
+import json
+
+import pytest
+
+from tests.palpate.cli import assert_refused, run
+from tests.palpate.presses import write_presses
+
+
+@pytest.fixture(scope="module")
+def hardening(tmp_path_factory):
+    return write_presses(tmp_path_factory.mktemp("presses") / "hardening.csv")
+
+
+def add(data, folder, *arguments):
+    result = run("add", data, *arguments, "--out", folder, "--json")
+    assert result.exit_code == 0, result.stderr
+    return json.loads(result.stdout)["revisions"]
+
+
+def test_stages_are_kept_continued_and_gone_back_to(hardening, tmp_path):
+    first = add(hardening, tmp_path, "layered_stiffness")
+    assert [(r["number"], r["parent"]) for r in first] == [(0, None), (1, 0)]
+    (second,) = add(hardening, tmp_path, "bias")
+    assert (second["parent"], second["effects"]) == (1, ["layered_stiffness", "bias"])
+    (third,) = add(hardening, tmp_path, "cubic_stiffness", "--from", 0)
+    assert (third["number"], third["parent"], third["effects"]) == (3, 0, ["cubic_stiffness"])
+    assert third["rmse"] < first[1]["rmse"] < first[0]["rmse"]
+    listed = json.loads(run("revisions", hardening, "--out", tmp_path, "--json").stdout)["revisions"]
+    assert listed == [*first, second, third]
+    shown = run("revisions", hardening, "--out", tmp_path).stdout
+    assert "kelvin_voigt + cubic_stiffness" in shown
+
+
+def test_what_is_shown_falls_to_the_floor(hardening, tmp_path):
+    result = run("add", hardening, "cubic_stiffness", "--out", tmp_path)
+    assert result.exit_code == 0, result.stderr
+    assert "down to the noise floor" in result.stdout.replace("\n", " ")
+    assert "+ cubic_stiffness" in result.stdout
+    for file in ("report.html", "waterfall.png", "revisions.rrd"):
+        assert (tmp_path / file).is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("cubic_stifness",), ("cubic_stiffness",)),
+        (("coulomb_friction",), ("coulomb_friction", "contact")),
+        (("stiffness",), ("stiffness",)),
+        (("bias", "--from", "7"), ("no revision 7",)),
+        (("bias", "bias"), ("bias", "more than once")),
+    ],
+)
+def test_what_cannot_be_added_is_refused_and_nothing_is_kept(hardening, tmp_path, arguments, words):
+    folder = tmp_path / "none"
+    assert_refused(run("add", hardening, *arguments, "--out", folder), *words)
+    assert not folder.exists()
+
+
+def test_ones_own_effect_is_run_again_only_if_one_says_so(hardening, tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "from estimation.effects.cubic_stiffness import CubicStiffness\n"
+        "class Mine(CubicStiffness):\n"
+        "    name = 'mine'\n"
+        "    def columns(self, data, inner):\n"
+        "        return super().columns(data, inner)\n"
+    )
+    kept = add(hardening, tmp_path, "mine", "--effect", f"{file}:Mine")
+    assert kept[1]["user_effects"] == [f"{file}:Mine"]
+    assert_refused(run("add", hardening, "bias", "--out", tmp_path), "--effect", "Mine")
+    (after,) = add(hardening, tmp_path, "bias", "--effect", f"{file}:Mine")
+    assert after["effects"] == ["mine", "bias"]
+
+
+def test_a_damaged_revision_is_named(hardening, tmp_path):
+    (tmp_path / "revisions").mkdir()
+    (tmp_path / "revisions" / "0000.json").write_text('{"number": 0}')
+    assert_refused(run("revisions", hardening, "--out", tmp_path), "0000.json", "damaged")
+
+
+def test_without_revisions_one_is_told_how_to_make_some(hardening, tmp_path):
+    result = run("revisions", hardening, "--out", tmp_path)
+    assert result.exit_code == 0
+    assert "no revisions yet" in result.stdout
+    assert "--apply" in result.stderr

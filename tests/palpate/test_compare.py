@@ -1,0 +1,65 @@
+"""`palpate compare`: where does the model fail?"""
+
+import json
+
+import pytest
+
+from tests.palpate.cli import assert_refused, run
+from tests.palpate.presses import NOISE_N, write_presses
+
+
+@pytest.fixture(scope="module")
+def hardening(tmp_path_factory):
+    return write_presses(tmp_path_factory.mktemp("presses") / "hardening.csv")
+
+
+def test_a_hardening_object_is_missed_most_where_it_is_deep(hardening):
+    result = run("compare", hardening, "--json")
+    assert result.exit_code == 0, result.stderr
+    (channel,) = json.loads(result.stdout)["channels"]
+    assert channel["lack_of_fit"] > 5
+    assert channel["noise_floor"] < 3 * NOISE_N
+    assert {"direction", "speed", "depth", "run", "effort"} <= set(channel["parts"])
+    depths = channel["parts"]["depth"]
+    assert depths[-1]["mean"] > 0 > depths[1]["mean"]  # a straight line through a curve that bends upwards
+    assert sum(part["energy"] for part in channel["parts"]["run"]) == pytest.approx(1)
+
+
+def test_the_first_line_says_how_far_off_the_model_is(hardening):
+    result = run("compare", hardening)
+    assert result.exit_code == 0, result.stderr
+    first, second = result.stdout.splitlines()[:2]
+    assert "kelvin_voigt misses contact" in first
+    assert "times the floor" in first
+    assert "largest at" in second
+    assert "palpate diagnose" in result.stderr
+
+
+def test_a_model_that_fits_is_said_to_fit(tmp_path):
+    result = run("compare", write_presses(tmp_path / "plain.csv", cubic=0))
+    assert "kelvin_voigt fits contact" in result.stdout
+
+
+def test_a_folder_gets_the_numbers_and_a_report(hardening, tmp_path):
+    result = run("compare", hardening, "--out", tmp_path / "there", "--json")
+    assert result.exit_code == 0, result.stderr
+    kept = json.loads((tmp_path / "there" / "comparison.json").read_text())
+    assert kept == json.loads(result.stdout)
+    assert (tmp_path / "there" / "report.html").stat().st_size > 1e6
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--model", "magic"), ("magic", "kelvin_voigt")),
+        (("--model", "pendulum"), ("pendulum", "contact")),
+        (("--channel", "joint_9"), ("joint_9", "contact")),
+    ],
+)
+def test_bad_options_are_refused(hardening, options, words):
+    assert_refused(run("compare", hardening, *options), *words)
+
+
+def test_a_single_run_cannot_be_judged(tmp_path):
+    one = write_presses(tmp_path / "one.csv", speeds_m_s=(0.02,))
+    assert_refused(run("compare", one), "single run")

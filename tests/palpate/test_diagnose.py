@@ -1,0 +1,171 @@
+"""`palpate diagnose`: the command around the diagnosis."""
+
+import json
+
+import numpy as np
+import pytest
+
+from control.probing_plan import ProbingPlan, load_probing_plan
+from estimation.channel import ChannelKind
+from estimation.diagnosis.next_experiment import exploring, separating, sufficient
+from estimation.diagnosis.result import NextExperiment
+from estimation.effects import EFFECTS
+from palpate.next_plan import plan_of, write_plan
+from tests.palpate.cli import assert_refused, run
+from tests.palpate.presses import CUBIC, write_presses
+
+KEYS = {
+    *("channel", "verdict", "reason", "noise_floor", "baseline", "accepted", "ranking", "final"),
+    *("depends_on", "next_experiment"),
+}
+
+
+@pytest.fixture(scope="module")
+def hardening(tmp_path_factory):
+    return write_presses(tmp_path_factory.mktemp("presses") / "hardening.csv")
+
+
+@pytest.fixture(scope="module")
+def applied(hardening, tmp_path_factory):
+    """What `diagnose --apply` printed, and where it wrote."""
+    folder = tmp_path_factory.mktemp("applied")
+    return run("diagnose", hardening, "--apply", "--out", folder), folder
+
+
+def test_a_hidden_cubic_is_found_and_named_with_its_value(applied):
+    result, folder = applied
+    assert result.exit_code == 0, result.stderr
+    found = json.loads((folder / "diagnosis.json").read_text())
+    assert found["model"] == "kelvin_voigt"
+    (channel,) = found["channels"]
+    assert set(channel) >= KEYS
+    assert channel["verdict"] == "missing"
+    (accepted,) = channel["accepted"]
+    assert accepted["effect"] == "cubic_stiffness"
+    k3 = accepted["parameters"]["k3"]
+    assert abs(k3["value"] - CUBIC) < 4 * k3["std_err"]
+    assert accepted["rmse_after"] < accepted["rmse_before"] / 5
+
+
+def test_the_verdict_comes_first_and_the_next_commands_last(applied):
+    result, _ = applied
+    assert result.stdout.startswith("MISSING  contact: cubic_stiffness is missing")
+    for words in ("noise floor", "k3", "± 95 %", "equation F = k3 x^3"):
+        assert words in result.stdout
+    assert "Next" in result.stderr
+    assert "palpate export" in result.stderr
+
+
+def test_applying_keeps_each_step_and_draws_the_fall(applied):
+    _, folder = applied
+    kept = [json.loads(file.read_text()) for file in sorted((folder / "revisions").iterdir())]
+    assert [(r["number"], r["parent"], r["added"]) for r in kept] == [
+        (0, None, ""),
+        (1, 0, "cubic_stiffness"),
+    ]
+    assert kept[1]["rmse"] < kept[0]["rmse"] / 5
+    for file in ("report.html", "waterfall.png", "revisions.rrd"):
+        assert (folder / file).stat().st_size > 1000
+
+
+def test_json_alone_is_on_stdout_and_writes_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    plain = write_presses(tmp_path / "plain.csv", cubic=0)
+    result = run("diagnose", plain, "--json")
+    assert result.exit_code == 0, result.stderr
+    (channel,) = json.loads(result.stdout)["channels"]
+    assert channel["verdict"] == "adequate"
+    assert [path.name for path in tmp_path.iterdir()] == ["plain.csv"]
+
+
+def test_data_that_cannot_say_gets_the_reason(tmp_path):
+    one = write_presses(tmp_path / "one.csv", speeds_m_s=(0.02,))
+    result = run("diagnose", one)
+    assert result.exit_code == 0
+    assert result.stdout.startswith("INSUFFICIENT  contact")
+    assert "single run" in result.stdout
+
+
+def test_an_effect_of_ones_own_is_found_by_its_own_name(tmp_path):
+    """A law that palpate does not know: force proportional to depth times the sine of depth."""
+    file = tmp_path / "my_effects.py"
+    file.write_text(OWN_EFFECT)
+    law = lambda x, v: 400 * x + 6 * v + 0.4 * np.sin(1500 * x)  # noqa: E731
+    data = write_presses(tmp_path / "wavy.csv", force_of=law)
+    result = run("diagnose", data, "--effect", f"{file}:Waves", "--json")
+    assert result.exit_code == 0, result.stderr
+    (channel,) = json.loads(result.stdout)["channels"]
+    assert [entry["effect"] for entry in channel["accepted"]] == ["waves"]
+
+
+OWN_EFFECT = """
+import numpy as np
+from estimation.channel import ChannelKind
+from estimation.effect import AdditiveEffect, Parameter
+
+class Waves(AdditiveEffect):
+    name = "waves"
+    physics = "Ridges in the object."
+    equation = "F = a sin(1500 x)"
+    source = "this test"
+    signature = "force goes up and down with depth"
+    channels = frozenset({ChannelKind.CONTACT})
+    gains = (Parameter("a", "{effort}", -10.0, 10.0, (0.1, 1.0)),)
+
+    def columns(self, data, inner):
+        return np.where(data.engaged, np.sin(1500 * data.position), 0.0)[:, None]
+
+class Broken(Waves):
+    name = "broken"
+    def columns(self, data, inner):
+        return np.ones(3)
+
+class Nameless(AdditiveEffect):
+    def columns(self, data, inner):
+        return data.position[:, None]
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("none.py:X", ("none.py", "no such file")),
+        ("FILE:Missing", ("Missing", "Waves")),
+        ("FILE", ("FILE.py:Class",)),
+        ("FILE:Broken", ("broken", "shape")),
+        ("FILE:Nameless", ("states no", "name")),
+    ],
+)
+def test_a_bad_effect_file_is_refused_in_one_line(hardening, tmp_path, text, words):
+    file = tmp_path / "mine.py"
+    file.write_text(OWN_EFFECT)
+    assert_refused(run("diagnose", hardening, "--effect", text.replace("FILE", str(file))), *words)
+
+
+def test_an_effect_file_that_fails_is_refused_in_one_line(hardening, tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text("import a_module_that_is_not_there\n")
+    assert_refused(run("diagnose", hardening, "--effect", f"{file}:X"), "a_module_that_is_not_there")
+
+
+def all_proposals():
+    for name in EFFECTS:
+        effect = EFFECTS[name]()
+        yield from (separating(effect, [rival], ChannelKind.CONTACT) for rival in EFFECTS)
+    for signal in ("velocity", "position", "time", "past motion", "offset", "effort"):
+        yield exploring([signal], ChannelKind.CONTACT)
+    yield sufficient("no contact", ChannelKind.CONTACT)
+
+
+def test_every_proposed_experiment_is_a_plan_that_probe_can_run(tmp_path):
+    proposals = list(all_proposals())
+    for proposal in proposals:
+        assert isinstance(plan_of(proposal, None), ProbingPlan)
+    plan = plan_of(proposals[0], None)
+    write_plan(proposals[0], plan, tmp_path / "next.yaml")
+    assert load_probing_plan(tmp_path / "next.yaml") == plan
+
+
+def test_what_an_arm_cannot_do_by_itself_is_no_plan():
+    words = NextExperiment(purpose="x", separates=[], instruction="lift two loads", probe={})
+    assert plan_of(words, None) is None
