@@ -17,8 +17,8 @@ from palpate.hiding import RANDOM
 from palpate.probing_run import ProbingJob, ProbingOutcome, is_simulated, online_estimators, run_probing
 from palpate.progress import probing_progress
 from palpate.robots import DEFAULT, find_robot, shipped_robots
-from palpate.words import count, duration, shown
-from robot_io.errors import InputError
+from palpate.words import count, duration, safe, shown
+from robot_io.errors import InputError, PalpateError
 from robot_io.file_model import validate
 from robot_io.robot_file import RobotFile
 from sim_backend.scenario import load_scenario, shipped_scenarios
@@ -146,6 +146,8 @@ def _report(outcome: ProbingOutcome, plan: ProbingPlan, as_json: bool) -> None:
     if loop.outcome is Outcome.STOPPED:
         raise typer.Exit(INTERRUPTED)
     loop.raise_for_trip()
+    if outcome.failures:
+        raise PalpateError(f"{count(len(outcome.failures), 'failure')} while probing: {outcome.failures[0]}")
 
 
 def _as_data(outcome: ProbingOutcome) -> dict[str, Any]:
@@ -171,14 +173,16 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
         if loop.wall_s < 0.9 * loop.duration_s
         else ""
     )
-    done = "done" if loop.outcome is Outcome.FINISHED else f"[red]{loop.outcome}[/red]: {loop.cause}"
+    done = "done" if loop.outcome is Outcome.FINISHED else f"[red]{loop.outcome}[/red]: {safe(loop.cause)}"
+    if outcome.failures:
+        done += f", [yellow]{count(len(outcome.failures), 'failure')}[/yellow]"
     out.print(
         f"{count(planned, 'run')} {done}: {duration(loop.duration_s)} in {duration(loop.wall_s)}{faster}"
     )
     for failure in outcome.failures:
-        out.print(f"  [yellow]{failure}[/yellow]")
+        out.print(f"  [yellow]{safe(failure)}[/yellow]")
     if loop.dropped or loop.overruns:
-        out.print(f"  [yellow]{loop.one_line()}[/yellow]")
+        out.print(f"  [yellow]{safe(loop.one_line())}[/yellow]")
     session = shown(outcome.session)
     out.print(f"written: [bold]{session}[/bold]")
     if outcome.sealed:

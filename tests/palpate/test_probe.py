@@ -129,6 +129,8 @@ def test_an_object_that_is_not_there_is_said_in_words(tmp_path):
     said = json.loads(result.stdout)
     assert len(said["failed_runs"]) == 1
     assert "no touch" in said["failed_runs"][0]
+    assert result.exit_code == 1  # a program that goes on with the session must know
+    assert "1 failure while probing: run 0: no touch" in result.stderr
 
 
 @pytest.mark.parametrize(
