@@ -7,13 +7,11 @@ from control.probing_plan import ProbingPlan
 from estimation.estimators import ESTIMATORS
 from palpate.estimation_run import DEFAULT_MODEL, ChannelEstimates, Material, estimate_with, load_material
 from palpate.files import output_folder
-from palpate.inspection import look_into
+from palpate.inspection import RECORDING, look_into
 from palpate.probing_run import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.robots import DEFAULT, find_robot
 from robot_io.session import Session
 from sim_backend.scenario import Scenario
-
-RECORDING = "recording.rrd"
 
 PLAN = ProbingPlan()  # the paper's three speeds
 

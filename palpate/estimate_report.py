@@ -13,7 +13,6 @@ from palpate.words import significant
 MILLI = 1e3
 PERCENT = 100.0
 SIGMAS_95 = 1.96
-WIDE = 104  # characters that the whole table needs
 
 
 def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:

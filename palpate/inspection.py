@@ -18,6 +18,8 @@ from palpate.views.scene_of_session import has_ticks, scene_of_session
 from robot_io.errors import InputError
 from robot_io.session import Session
 
+RECORDING = "recording.rrd"  # its name in a session's folder, if nobody says another
+
 
 @dataclass(frozen=True)
 class Inspection:

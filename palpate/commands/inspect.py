@@ -8,12 +8,11 @@ import typer
 from palpate import console
 from palpate.doctor.viewer import has_display
 from palpate.files import open_session, output_file, output_folder
-from palpate.inspection import look_into
+from palpate.inspection import RECORDING, look_into
 from palpate.views.viewer import open_window, take_picture
 from palpate.words import shown
 from robot_io.errors import InputError
 
-RECORDING = "recording.rrd"
 PIXELS_LEAST, PIXELS_MOST = 200, 8000
 
 
