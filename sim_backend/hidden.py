@@ -6,6 +6,7 @@ from zlib import crc32
 import numpy as np
 
 from robot_io.errors import InputError
+from sim_backend.contact_laws import EngineContact
 from sim_backend.hooks import Effects
 from sim_backend.imperfection import IMPERFECTIONS, Imperfection
 from sim_backend.noise_scale import CONTACT, NoiseScale
@@ -51,15 +52,19 @@ def draw_hidden(
     Raises:
         InputError: no such channel or effect, or no probing run shows the one in the other.
     """
-    scale = noise_scale(Scenario() if scenario is None else scenario)
-    generator = np.random.default_rng([seed, _STREAM])
+    scenario = Scenario() if scenario is None else scenario
+    scale, generator = noise_scale(scenario), np.random.default_rng([seed, _STREAM])
     names = list(IMPERFECTIONS) if effect is None else [IMPERFECTIONS[effect].name]
+    if isinstance(scenario.object.law, EngineContact):
+        names = [name for name in names if not IMPERFECTIONS[name].needs_force_law]
     shows = {
         place: [name for name in names if IMPERFECTIONS[name].can_show_in(place)] for place in scale.channels
     }
     place = _draw_channel(shows, generator) if channel is None else channel
     if effect is not None and not any(shows.values()):
-        raise InputError(f"hidden effect '{effect}': no probing run shows it; name its place and strength")
+        raise InputError(
+            f"hidden effect '{effect}': no probing run shows it in this world; name its place and strength"
+        )
     if not shows.get(place):
         valid = ", ".join(key for key, found in shows.items() if found)
         raise InputError(f"channel '{place}': no hidden effect to draw there. Valid: {valid}")

@@ -13,6 +13,7 @@ from sim_backend.noise_scale import NoiseScale
 _EXACT_N = 1e-9
 _EXACT_M = 1e-15
 _MOST_TRIES = 60
+_RIGID_M_N = 1e-12
 
 
 class ToolCompliance(ContactImperfection):
@@ -31,7 +32,8 @@ class ToolCompliance(ContactImperfection):
 
     def effects(self, joint_count: int) -> Effects:
         """See `Imperfection.effects`."""
-        return Effects(tool=(_SeriesSpring(self.compliance_m_n),)) if self.compliance_m_n else Effects()
+        gives_way = self.compliance_m_n > _RIGID_M_N
+        return Effects(tool=(_SeriesSpring(self.compliance_m_n),)) if gives_way else Effects()
 
     @classmethod
     def can_show_in(cls, channel: str) -> bool:
@@ -50,40 +52,51 @@ class ToolCompliance(ContactImperfection):
 class _SeriesSpring(ToolEffect):
     """Solves u = C S(x - u, dx/dt - du/dt) for u, where S is the object's answer.
 
-    S grows with depth and rate, so that C S(u) - u falls with u, and the root lies between nothing and what
+    S grows with depth and rate, so that S(u) - u / C falls with u, and the root lies between nothing and what
     the object would answer to a rigid tool. Regula falsi with the Illinois rule (Dowell and Jarratt, BIT 11,
-    1971) needs one secant step where S is linear and cannot leave the bracket where it jumps.
+    1971) cannot leave that bracket where S jumps; begun at the root of the last step's secant, it is there at
+    once where S is linear.
     """
 
     def __init__(self, compliance_m_n: float) -> None:
-        self._compliance_m_n = compliance_m_n
+        self._stiffness_n_m = 1.0 / compliance_m_n
         self._squeeze_m = self._tried_squeeze_m = 0.0
+        self._slope_n_m = 0.0  # of S(u), by the last step's secant
 
     def contact_force_n(self, state: ContactState, surface_n: Callable[[ContactState], float]) -> float:
-        compliance, before_m = self._compliance_m_n, self._squeeze_m
+        stiffness, before_m = self._stiffness_n_m, self._squeeze_m
         time_s, step_s, depth_m, rate_m_s = state
 
-        def answer_n(squeeze_m: float) -> float:
+        def left_n(squeeze_m: float) -> float:
             rate = rate_m_s - (squeeze_m - before_m) / step_s
-            return surface_n(ContactState(time_s, step_s, depth_m - squeeze_m, rate))
+            answer_n = surface_n(ContactState(time_s, step_s, depth_m - squeeze_m, rate))
+            return answer_n - stiffness * squeeze_m
 
-        near_m, near_n = 0.0, answer_n(0.0)  # what is left of the balance at both ends of the bracket
-        far_m, squeeze_m = compliance * near_n, 0.0
-        far_n = answer_n(far_m) - near_n if far_m else 0.0
+        rigid_n = left_n(0.0)
+        squeeze_m = self._root(left_n, rigid_n) if rigid_n else 0.0
+        self._tried_squeeze_m = squeeze_m
+        return stiffness * squeeze_m
+
+    def _root(self, left_n: Callable[[float], float], rigid_n: float) -> float:
+        """Where the balance `left_n` is zero, given that of no squeeze; the last one asked for [m]."""
+        near_m, near_n = 0.0, rigid_n
+        far_m = rigid_n / (self._stiffness_n_m - self._slope_n_m)
+        far_n = left_n(far_m)
+        if far_n * rigid_n > 0.0:  # not far enough
+            near_m, near_n, far_m = far_m, far_n, rigid_n / self._stiffness_n_m
+            far_n = left_n(far_m)
         for _ in range(_MOST_TRIES):
-            if far_n == near_n:
+            if abs(far_n) < _EXACT_N or abs(far_m - near_m) < _EXACT_M:
                 break
             squeeze_m = (near_m * far_n - far_m * near_n) / (far_n - near_n)
-            left_n = answer_n(squeeze_m) - squeeze_m / compliance
-            if abs(left_n) < _EXACT_N or abs(far_m - near_m) < _EXACT_M:
-                break
-            if left_n * far_n < 0.0:
+            now_n = left_n(squeeze_m)
+            if now_n * far_n < 0.0:
                 near_m, near_n = far_m, far_n
             else:
                 near_n *= 0.5
-            far_m, far_n = squeeze_m, left_n
-        self._tried_squeeze_m = squeeze_m
-        return squeeze_m / compliance
+            far_m, far_n = squeeze_m, now_n
+        self._slope_n_m = min((far_n - rigid_n) / far_m + self._stiffness_n_m, 0.0)
+        return far_m
 
     def settle(self) -> None:
         self._squeeze_m = self._tried_squeeze_m

@@ -221,7 +221,7 @@ def test_strengths_are_drawn_evenly_on_a_logarithmic_scale():
     assert np.median(strengths) == pytest.approx(np.sqrt(WEAKEST * STRONGEST), rel=0.15)
 
 
-@given(st.integers(0, 10_000), st.sampled_from([None, *SCALE.channels]), st.sampled_from(["soft", "stiff"]))
+@given(st.integers(0, 10_000), st.sampled_from([None, *SCALE.channels]), st.sampled_from(["soft", "engine"]))
 @settings(max_examples=60, deadline=None)
 def test_what_is_drawn_fits_its_world_and_shows_where_it_was_wanted(seed, channel, name):
     scenario = load_scenario(name)

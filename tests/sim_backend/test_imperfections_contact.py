@@ -171,6 +171,28 @@ def test_a_tool_on_a_damped_object_follows_the_differential_equation():
     assert force[0] < 0.1 < damping * 0.1  # no jump at touch, unlike the dashpot alone
 
 
+@settings(max_examples=60, deadline=None)
+@given(
+    st.floats(1e-5, 0.05),
+    st.floats(-1.0, 1.0),
+    st.floats(1e-6, 1e-2),
+    st.sampled_from(
+        [
+            KelvinVoigt(stiffness_n_m=500.0, damping_n_s_m=20.0),
+            KelvinVoigt(stiffness_n_m=1e4, damping_n_s_m=200.0, sticky=True),
+            HuntCrossley(stiffness=7000.0, damping=4000.0, exponent=1.5),
+            HuntCrossley(stiffness=1e6, damping=1e6, exponent=3.0),
+        ]
+    ),
+)
+def test_tool_and_object_carry_the_same_force_whatever_the_law(depth, rate, compliance, law):
+    force = press([hidden("tool_compliance", compliance_m_n=compliance)], [depth], rate, law)[0]
+    squeeze = compliance * force
+    at_the_surface = abs(depth - squeeze) < 1e-8  # where a dashpot's force jumps, anything up to it is right
+    object_n = law.force_n(depth - squeeze, rate - squeeze / STEP_S)
+    assert at_the_surface or object_n == pytest.approx(force, abs=1e-4, rel=1e-4)
+
+
 def test_a_tool_feels_what_else_is_hidden_in_the_object():
     entries = [
         hidden("stress_relaxation", stiffness_n_m=500.0, time_s=0.05),
