@@ -85,6 +85,12 @@ class TestEveryEffect:
             kind.model_fields.keys() - {"joint", "channel"}
         )
 
+    def test_is_in_the_documentation_with_its_parameters(self, name):
+        pages = (Path(__file__).parents[2] / "docs" / "hidden-effects.md").read_text()
+        (row,) = [line for line in pages.splitlines() if line.startswith(f"| `{name}` |")]
+        for parameter in IMPERFECTIONS[name].parameters():
+            assert f"`{parameter.name}` [{parameter.unit}] {parameter.low:g} to {parameter.high:g}" in row
+
     def test_takes_its_typical_values(self, name):
         kind = IMPERFECTIONS[name]
         place = {"joint": 2} if "joint" in kind.model_fields else {}
