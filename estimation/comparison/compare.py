@@ -11,6 +11,7 @@ from estimation.diagnosis.gate import refuse, usable
 from estimation.diagnosis.held_out import held_out_residual, rmse
 from estimation.diagnosis.noise_floor import NoiseFloor, noise_floor
 from estimation.diagnosis.standing import stand
+from estimation.diagnosis.unexplained import LEFT
 from estimation.model import Model
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
@@ -122,7 +123,7 @@ def _words(
 ) -> tuple[str, ...]:
     """The overall judgement, then the splits that tell most, the most telling first."""
     times = error / floor.value if floor.value > 0.0 else float("inf")
-    if floor.share_left <= 0.03:
+    if floor.share_left <= LEFT:
         return (f"The error of {error:.3g} {unit} is noise: nothing smooth is left in it.",)
     said = [
         f"The error of {error:.3g} {unit} is {times:.1f} times the noise floor of {floor.value:.3g} {unit}."

@@ -1,7 +1,7 @@
 """Adds one effect after the other, and looks back at each step whether another would serve better."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -66,7 +66,7 @@ class Chain:
 
 @dataclass(frozen=True)
 class Search:
-    """What a search for effects works on.
+    """What a search for effects works on; what it has once fitted or tried, it remembers.
 
     Attributes:
         data: the channel.
@@ -83,19 +83,29 @@ class Search:
     effects: tuple[Effect, ...]
     rng: np.random.Generator
     progress: Progress
+    _standings: dict[frozenset[str], Standing] = field(default_factory=dict)
+    _screened: dict[frozenset[str], list[Candidate]] = field(default_factory=dict)
 
     def screen(self, standing: Standing) -> list[Candidate]:
         """All candidates beside the model of `standing`."""
         model = standing.trial.model
-        tried = candidates(standing.data, model, self.effects)
-        what = f"{self.data.name}: beside {', '.join(e.name for e in model.effects)}"
-        return screen(standing, model, tried, lambda share, name: self.progress(f"{what}: {name}", share))
+        key = frozenset(effect.name for effect in model.effects)
+        if key not in self._screened:
+            tried = candidates(standing.data, model, self.effects)
+            what = f"{self.data.name}: beside {', '.join(e.name for e in model.effects)}"
+            self._screened[key] = screen(
+                standing, model, tried, lambda share, name: self.progress(f"{what}: {name}", share)
+            )
+        return self._screened[key]
 
     def stand(self, names: Sequence[str], parameters: Mapping[str, float]) -> Standing:
         """The base model with these effects, fitted from these parameters on."""
-        by_name = {effect.name: effect for effect in self.effects}
-        model = replace(self.model, effects=(*self.model.effects, *(by_name[name] for name in names)))
-        return stand(self.data, model, parameters, self.good)
+        key = frozenset(names)
+        if key not in self._standings:
+            by_name = {effect.name: effect for effect in self.effects}
+            model = replace(self.model, effects=(*self.model.effects, *(by_name[name] for name in names)))
+            self._standings[key] = stand(self.data, model, parameters, self.good)
+        return self._standings[key]
 
 
 def build(search: Search) -> Chain:
@@ -138,32 +148,38 @@ def _next(
 
 
 def _reconsider(search: Search, start: Standing, steps: tuple[Step, ...]) -> tuple[Step, ...]:
-    """Drop what the later effects made needless, and exchange what another would now do better."""
+    """Drop what the later effects made needless, and exchange what another would now do better.
+
+    What is put in the place of the old steps must hold against chance as they did.
+    """
     for name in [step.effect for step in steps[:-1]]:
         end = steps[-1].standing
         others = [step.effect for step in steps if step.effect != name]
         without = search.stand(others, end.trial.parameters)
         if without.trial.held_out * (1.0 - LEAST_GAIN) ** 2 < end.trial.held_out:
-            steps = _redo(search, start, others, without)
+            steps = _redo(search, start, others, without) or steps
             continue
         best = choose(without, search.screen(without))[0]
         if best.effect.name != name:
             exchanged = search.stand([*others, best.effect.name], best.search.best.parameters)
             if exchanged.trial.held_out < (1.0 - TIE) * end.trial.held_out:
-                steps = _redo(search, start, [*others, best.effect.name], exchanged)
+                steps = _redo(search, start, [*others, best.effect.name], exchanged) or steps
     return steps
 
 
-def _redo(search: Search, start: Standing, names: list[str], end: Standing) -> tuple[Step, ...]:
-    """Steps to `end` in this order, each weighed by how the error falls; chance was ruled out before."""
+def _redo(search: Search, start: Standing, names: Sequence[str], end: Standing) -> tuple[Step, ...] | None:
+    """Steps to `end` in this order, each weighed against chance; None if one of them does not hold."""
     steps: list[Step] = []
     before = start
-    for count in range(1, len(names) + 1):
-        after = end if count == len(names) else search.stand(names[:count], end.trial.parameters)
-        fall = 1.0 - np.sqrt(after.trial.held_out / before.trial.held_out)
-        better = float(np.mean(after.trial.scores.held_out < before.trial.scores.held_out))
-        steps.append(
-            Step(names[count - 1], Evidence(float(fall), float(fall), better, float(fall), 0.005), after)
-        )
+    for count, name in enumerate(names, start=1):
+        found = search.screen(before)
+        chosen = next((c for c in found if c.effect.name == name), None)
+        if chosen is None:
+            return None
+        after = end if count == len(names) else search.stand(names[:count], chosen.search.best.parameters)
+        weighed = evidence(before, after, found, chosen, search.rng)
+        if not weighed.enough:
+            return None
+        steps.append(Step(name, weighed, after))
         before = after
     return tuple(steps)

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.diagnosis.standing import Standing
 from estimation.diagnosis.surrogates import best_gains, p_value, surrogates
-from estimation.diagnosis.trial import Search, Trial, search
+from estimation.diagnosis.trial import Search, Trial, look, refine
 from estimation.effect import Effect
 from estimation.model import Model
 from robot_io.types import FloatArray
@@ -20,6 +20,8 @@ FEW = 6  # blocks, about one touch in each run, that must not decide alone
 LEVEL = 0.01  # of false alarms, over all candidates
 TRIES = 3  # candidates weighed before giving up
 MOST = 0.95  # of what the best candidate takes away; a simpler one that does as much comes first
+PROMISING = 0.3  # of what the best candidate takes away at its starts; those below are not tried in between
+REFINED = 5  # candidates that are tried in between in any case
 TIE = 0.02  # of the squared held-out error; candidates closer than this are told apart by simplicity only
 
 
@@ -52,14 +54,23 @@ def screen(
     effects: Sequence[Effect],
     progress: Callable[[float, str], None] = lambda share, what: None,
 ) -> list[Candidate]:
-    """Try each effect beside `model` from where things stand; best in held-out runs first."""
-    found = []
+    """Try each effect beside `model` from where things stand; best in held-out runs first.
+
+    All are tried at their starts, those that do well there also in between.
+    """
+    looked = []
     for number, effect in enumerate(effects):
         progress(number / len(effects), effect.name)
-        starts = effect.starts(standing.data)
-        tried = search(standing.plain, model.with_effect(effect), effect, standing.trial.parameters, starts)
-        if _possible(effect, tried.best):
-            found.append(Candidate(effect, tried))
+        starts, parameters = effect.starts(standing.data), standing.trial.parameters
+        looked.append(look(standing.plain, model.with_effect(effect), effect, parameters, starts))
+    gains = np.array([standing.trial.sse - tried.best.sse for tried in looked])
+    least = min(PROMISING * gains.max(initial=0.0), np.sort(gains)[-REFINED:].min(initial=np.inf))
+    found = []
+    for effect, tried, gain in zip(effects, looked, gains, strict=True):
+        promising = gain >= least
+        best = refine(standing.plain, model.with_effect(effect), effect, tried) if promising else tried
+        if _possible(effect, best.best):
+            found.append(Candidate(effect, best))
     return sorted(found, key=lambda candidate: candidate.held_out)
 
 
@@ -134,9 +145,9 @@ def evidence(
 
 
 def hopeless(before: Standing, chosen: Candidate) -> Evidence:
-    """Evidence for a candidate whose gain is too small to be weighed."""
+    """Evidence for a candidate whose gain is too small for the rest to be weighed: NaN."""
     gain, folds = _gain(before, chosen)
-    return Evidence(gain, 0.0, folds, 0.0, 1.0)
+    return Evidence(gain, np.nan, folds, np.nan, np.nan)
 
 
 def _gain(before: Standing, chosen: Candidate) -> tuple[float, float]:

@@ -109,12 +109,10 @@ class Search:
     Attributes:
         trials: at all inner parameters that were tried; the first are those at the starts.
         start_count: how many of them.
-        held_out: squared whitened residuals of each fold, the inner parameters chosen on the other folds.
     """
 
     trials: tuple[Trial, ...]
     start_count: int
-    held_out: FloatArray
 
     @property
     def starts(self) -> tuple[Trial, ...]:
@@ -126,18 +124,31 @@ class Search:
         """The trial that fits all data best."""
         return min(self.trials, key=lambda trial: trial.sse)
 
+    @property
+    def held_out(self) -> FloatArray:
+        """Squared whitened residuals of each fold, the inner parameters chosen on the other folds."""
+        train = np.array([trial.scores.train for trial in self.trials])
+        held_out = np.array([trial.scores.held_out for trial in self.trials])
+        chosen: FloatArray = held_out[np.argmin(train, axis=0), np.arange(train.shape[1])]
+        return chosen
 
-def search(
+
+def look(
     bench: Bench,
     model: Model,
     effect: Effect,
     parameters: Mapping[str, float],
     starts: Iterable[Mapping[str, float]],
 ) -> Search:
-    """Try `effect`, which is part of `model`, from its starts on, closer and closer around the best."""
-    grid = [dict(start) for start in starts]
-    trials = [_at(bench, model, effect, parameters, inner) for inner in grid]
-    start_count = len(grid)
+    """Try `effect`, which is part of `model`, at its starts."""
+    trials = tuple(_at(bench, model, effect, parameters, inner) for inner in starts)
+    return Search(trials, len(trials))
+
+
+def refine(bench: Bench, model: Model, effect: Effect, looked: Search) -> Search:
+    """Try an effect closer and closer around the best of what was tried."""
+    trials = list(looked.trials)
+    grid = [{p.name: trial.parameters[f"{effect.name}.{p.name}"] for p in effect.inner} for trial in trials]
     for inner in effect.inner * (1 if len(effect.inner) == 1 else 2) if len(grid) > 1 else ():
         for number in range(_HALVINGS + _PARABOLAS):
             best = min(range(len(trials)), key=lambda i: trials[i].sse)
@@ -147,11 +158,8 @@ def search(
                 closer = _vertex(grid, trials, line, best, inner) or closer
             for point in closer:
                 grid.append(point)
-                trials.append(_at(bench, model, effect, parameters, point))
-    train = np.array([trial.scores.train for trial in trials])
-    held_out = np.array([trial.scores.held_out for trial in trials])
-    chosen = held_out[np.argmin(train, axis=0), np.arange(train.shape[1])]
-    return Search(tuple(trials), start_count, chosen)
+                trials.append(_at(bench, model, effect, trials[best].parameters, point))
+    return Search(tuple(trials), looked.start_count)
 
 
 def _at(
