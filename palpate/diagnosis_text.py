@@ -25,8 +25,7 @@ COLORS = {
 
 def show(found: ChannelDiagnosis) -> Iterator[RenderableType]:
     """Everything about one channel, in the order in which a person wants to know it."""
-    color = COLORS[found.verdict]
-    yield Text.from_markup(f"[bold {color}]{found.verdict.upper()}[/bold {color}]  {sentence(found)}")
+    yield Text.from_markup(headline(found))
     yield from _indented(*_evidence(found))
     if found.next_experiment is not None and found.verdict is not Verdict.ADEQUATE:
         yield from _indented(
@@ -35,6 +34,12 @@ def show(found: ChannelDiagnosis) -> Iterator[RenderableType]:
                 f"[dim](to {found.next_experiment.purpose})[/dim]"
             )
         )
+
+
+def headline(found: ChannelDiagnosis) -> str:
+    """The verdict, and the sentence that goes with it."""
+    color = COLORS[found.verdict]
+    return f"[bold {color}]{found.verdict.upper()}[/bold {color}]  {sentence(found)}"
 
 
 def sentence(found: ChannelDiagnosis) -> str:

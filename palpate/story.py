@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.channel import ChannelKind
 from estimation.comparison import Comparison, compare
 from estimation.diagnosis import ChannelDiagnosis, Diagnosis, diagnose
 from estimation.diagnosis.chain import Progress
@@ -86,8 +87,8 @@ def channel_for(subjects: Sequence[Subject], effects: Sequence[Effect]) -> Subje
     if not fitting:
         there = ", ".join(f"{subject.channel.name} ({subject.channel.kind})" for subject in subjects)
         raise InputError(f"{names} can be in none of the channels: {there}")
-    contacts = [subject for subject in fitting if subject.channel.name == "contact"]
-    if len(fitting) > 1 and not contacts:
+    contacts = [subject for subject in fitting if subject.channel.kind is ChannelKind.CONTACT]
+    if len(fitting) > 1 and len(contacts) != 1:
         there = ", ".join(subject.channel.name for subject in fitting)
         raise InputError(f"{names} can be in {there}: choose one with --channel")
     return (contacts or fitting)[0]

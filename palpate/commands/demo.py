@@ -2,56 +2,94 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from palpate import console
 from palpate.demo import PLAN, Demo, probe_demo, show_demo
+from palpate.diagnosis_progress import diagnosis_progress
+from palpate.diagnosis_text import headline
 from palpate.estimate_report import as_data, remarks
 from palpate.estimate_table import estimate_table
 from palpate.files import output_file
+from palpate.hidden_demo import PLAN as HIDDEN_PLAN
+from palpate.hidden_demo import HiddenDemo, can_hide, hide_one, probe_hidden, solve
 from palpate.progress import probing_progress
-from palpate.words import shown
-from sim_backend.scenario import load_scenario, shipped_scenarios
+from palpate.stage_text import parameter_table, print_files, stage_table
+from palpate.words import shown, significant
+from sim_backend.imperfection import Imperfection
+from sim_backend.scenario import Scenario, load_scenario, shipped_scenarios
 
 
 def command(
     scenario: Annotated[
         str, typer.Option(help=f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}.")
     ] = "default",
-    seed: Annotated[int | None, typer.Option(help="Seed of all simulated noise.", min=0)] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of all simulated noise, and of what is hidden.", min=0)
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
-    """Probe a simulated object at three speeds, estimate how stiff and damped it is, and show it.
+    """Probe a simulated object, estimate how stiff it is; then find what is hidden in another one.
 
-    Writes a session file, and beside it a folder with a Rerun recording and plots. Takes some seconds.
+    Writes two session files, and beside each a folder with recordings, plots and a report. Takes less than a
+    minute.
     """
     world = load_scenario(scenario)
     session = output_file(out or _default_session())
+    second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if can_hide(world) else None
     talk = console.stderr()
     talk.print(f"A simulated arm probes [bold]{world.description or scenario}[/bold] at three speeds.")
     with probing_progress(PLAN, live=True) as watcher:
         probe_demo(session, world, seed, watcher)
     with talk.status("estimating, recording and plotting"):
         demo = show_demo(session)
-    if as_json:
-        console.print_json(_as_data(demo))
-    else:
+    if not as_json:
         _print(demo)
+    hidden = _find_hidden(second, world, seed) if second is not None else None
+    if as_json:
+        console.print_json(_as_data(demo, hidden))
+        return
+    if hidden is not None:
+        _print_hidden(hidden)
+    _next(demo, hidden)
 
 
 def _default_session() -> Path:
     return Path("sessions") / f"demo-{datetime.now().astimezone():%Y%m%d-%H%M%S}.mcap"
 
 
-def _as_data(demo: Demo) -> dict[str, object]:
+def _find_hidden(session: Path, world: Scenario, seed: int | None) -> HiddenDemo:
+    talk = console.stderr()
+    talk.print("\n[bold]Now something else is in the object, and the model does not know it.[/bold]")
+    with probing_progress(HIDDEN_PLAN, live=True) as watcher:
+        sealed = probe_hidden(session, hide_one(world, np.random.default_rng(seed)), seed, watcher)
+    talk.print(f"probed again; what is hidden is sealed in {shown(sealed)}")
+    with diagnosis_progress(["contact"]) as progress:
+        return solve(session, progress)
+
+
+def _as_data(demo: Demo, hidden: HiddenDemo | None) -> dict[str, Any]:
     return {
         "session": str(demo.session),
         "recording": str(demo.recording),
         "plots": [str(plot) for plot in demo.plots],
         "result": as_data(demo.found, demo.material.truth),
+        "hidden": _hidden_data(hidden) if hidden is not None else None,
+    }
+
+
+def _hidden_data(hidden: HiddenDemo) -> dict[str, Any]:
+    found = hidden.story.diagnosis
+    return {
+        "session": str(hidden.session),
+        "files": {what: str(path) for what, path in hidden.files.items()},
+        "diagnosis": found.model_dump(mode="json") if found is not None else None,
+        "answer": [{"effect": entry.name, **entry.model_dump()} for entry in hidden.answer.hidden],
+        "found": hidden.found,
     }
 
 
@@ -60,14 +98,42 @@ def _print(demo: Demo) -> None:
     out.print(estimate_table(demo.found, demo.material.truth, out.width))
     for remark in remarks(demo.found, demo.material.truth):
         out.print(f"  {remark}")
-    out.print(f"\nsession    [bold]{shown(demo.session)}[/bold]")
-    out.print(f"recording  [bold]{shown(demo.recording)}[/bold]")
+    out.print(f"\nsession    [bold]{shown(demo.session)}[/bold]", soft_wrap=True)
+    out.print(f"recording  [bold]{shown(demo.recording)}[/bold]", soft_wrap=True)
     for number, plot in enumerate(demo.plots):
-        out.print(f"{'' if number else 'plots':<10} [bold]{shown(plot)}[/bold]")
-    session = shown(demo.session)
-    console.next_steps(
-        (f"palpate inspect {session}", "see arm, forces and estimates in Rerun"),
-        ("palpate probe --scenario stiff --speed-mm-s 50,20,10", "another object, other speeds"),
-        (f"palpate estimate {session} --estimator ransac --json", "one method, for a program"),
-        ("palpate probe --robot my_arm.yaml", "your own arm"),
+        out.print(f"{'' if number else 'plots':<10} [bold]{shown(plot)}[/bold]", soft_wrap=True)
+
+
+def _print_hidden(hidden: HiddenDemo) -> None:
+    out, story = console.stdout(), hidden.story
+    if story.diagnosis is not None:
+        out.print(headline(story.diagnosis))
+    if len(story.stages) > 1:
+        unit = story.subject.channel.kind.effort_unit
+        out.print(stage_table(story.stages, unit, list(range(len(story.stages)))))
+        out.print(parameter_table(story.stages[-1]))
+    answer = "; ".join(_described(entry) for entry in hidden.answer.hidden)
+    mark = "[bold green]found[/bold green]" if hidden.found else "[bold yellow]not found[/bold yellow]"
+    out.print(f"{mark}  the sealed answer was: {answer}\n")
+    print_files({"session": hidden.session, **hidden.files})
+
+
+def _described(entry: Imperfection) -> str:
+    values = ", ".join(
+        f"{name} {significant(value)} {unit}" for name, (value, unit) in entry.values().items()
     )
+    return f"[bold]{entry.name}[/bold] ({values})"
+
+
+def _next(demo: Demo, hidden: HiddenDemo | None) -> None:
+    session = shown(demo.session)
+    steps = [
+        (f"palpate inspect {session}", "see arm, forces and estimates in Rerun"),
+        ("palpate probe --robot my_arm.yaml", "your own arm"),
+    ]
+    if hidden is not None:
+        if "recording" in hidden.files:
+            seen = (f"rerun {shown(hidden.files['recording'])}", "see the model grow, revision by revision")
+            steps.insert(1, seen)
+        steps.insert(2, ("palpate probe --hidden random --seed 7", "a riddle of your own, from all effects"))
+    console.next_steps(*steps)

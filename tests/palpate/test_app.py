@@ -8,6 +8,11 @@ from palpate.failures import OneLineGroup
 from robot_io.errors import DeviceError, InputError
 from tests.palpate.cli import assert_refused, run, run_process
 
+COMMANDS = (
+    *("demo", "probe", "estimate", "inspect", "compare", "diagnose", "add", "revisions", "export", "reveal"),
+    *("import", "info", "doctor"),
+)
+
 
 def app_that_raises(error):
     app = typer.Typer(cls=OneLineGroup, pretty_exceptions_enable=False)
@@ -26,11 +31,11 @@ def app_that_raises(error):
 def test_without_a_command_the_help_is_shown():
     result = run()
     assert result.exit_code == 0
-    for command in ("demo", "probe", "estimate", "inspect", "import", "info", "doctor"):
+    for command in COMMANDS:
         assert command in result.stdout
 
 
-@pytest.mark.parametrize("command", ["demo", "probe", "estimate", "inspect", "import", "info", "doctor"])
+@pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_explains_itself(command):
     result = run(command, "--help")
     assert result.exit_code == 0

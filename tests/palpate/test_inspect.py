@@ -104,20 +104,28 @@ def test_a_picture_is_taken_without_a_display(probed, tmp_path, monkeypatch):
 
 def test_the_demo_makes_everything_at_once(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    result = run("demo", "--json")
+    result = run("demo", "--scenario", "engine", "--json")
     assert result.exit_code == 0, result.stderr
     made = json.loads(result.stdout)
     assert (tmp_path / made["session"]).is_file()
     assert (tmp_path / made["recording"]).is_file()
     assert {(tmp_path / plot).name for plot in made["plots"]} == PLOTS
     best = next(e for e in made["result"]["estimates"] if e["estimator"] == "robust")
-    assert abs(best["parameters"]["stiffness.k"]["error_percent"]) < 1.0
-    assert abs(best["parameters"]["damping.c"]["error_percent"]) < 5.0
+    assert abs(best["parameters"]["stiffness.k"]["error_percent"]) < 2.0
+    assert made["hidden"] is None  # the engine's own contact cannot hide anything
 
 
-def test_the_demo_tells_a_person_what_it_found_and_what_to_try(tmp_path):
-    result = run("demo", "-o", tmp_path / "d.mcap", "--scenario", "soft")
+def test_the_demo_finds_what_it_hid_and_tells_a_person(tmp_path):
+    result = run("demo", "-o", tmp_path / "d.mcap", "--seed", 3)
     assert result.exit_code == 0, result.stderr
-    for words in ("truth", "200", "robust", "recording.rrd", "torque.png"):
+    for words in ("truth", "500", "robust", "recording.rrd", "torque.png"):
         assert words in result.stdout
     assert "palpate inspect" in result.stderr
+    _, _, second = result.stdout.partition("MISSING  contact")
+    assert second.index("noise floor") < second.index("found  the sealed answer was")
+    assert "not found" not in second
+    folder = tmp_path / "d-hidden"
+    found = json.loads((folder / "diagnosis.json").read_text())["channels"][0]
+    assert found["final"]["rmse"] < 1.05 * found["noise_floor"]
+    for file in ("report.html", "waterfall.png", "revisions.rrd", "revisions/0001.json"):
+        assert (folder / file).is_file()

@@ -1,0 +1,110 @@
+"""`palpate export`: the improved model as a simulated world."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from estimation.channel import ChannelKind
+from palpate import console
+from palpate.data_options import FileArgument
+from palpate.derived import derived_folder
+from palpate.effect_library import library_with
+from palpate.estimation_run import Material, load_material
+from palpate.export import Export, export_scenario
+from palpate.export.scenario import FittedChannel
+from palpate.files import output_file
+from palpate.growth import Wish, grow
+from palpate.revisions import KeptRevision, RevisionShelf
+from palpate.truth import scenario_of
+from palpate.words import safe, shown
+from robot_io.errors import InputError
+from sim_backend.scenario import Scenario
+
+SCENARIO = "scenario.yaml"
+
+
+def command(
+    file: FileArgument,
+    revision: Annotated[
+        list[int] | None,
+        typer.Option(help="Take these revisions; default: the newest of each channel.", metavar="N"),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Scenario file to write.", metavar="FILE.yaml")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print what went in and what did not.")] = False,
+) -> None:
+    """Write the fitted models of object and joints as a scenario, so that they can be probed in simulation.
+
+    Where the simulator cannot do what was fitted, that is said, and the rest is written.
+    """
+    material = load_material(file)
+    folder = derived_folder(material, None)
+    path = output_file(out, force=force) if out is not None else output_file(folder / SCENARIO, force=True)
+    kept = _revisions(material, RevisionShelf(folder), revision)
+    fitted = [_fitted(material, each) for each in kept]
+    description = f"as measured in {file.name}: " + "; ".join(_model(each) for each in kept)
+    export = export_scenario(_base(material), fitted, description)
+    try:
+        path.write_text(export.scenario.to_yaml(), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}") from error
+    if as_json:
+        console.print_json(
+            {"file": str(file), "scenario": str(path), "used": export.used, "left_out": export.left_out}
+        )
+    else:
+        _print(file, path, export)
+
+
+def _revisions(material: Material, shelf: RevisionShelf, numbers: list[int] | None) -> list[KeptRevision]:
+    """The revisions that are meant; where nothing was added yet, the contact's base model is fitted."""
+    if numbers:
+        chosen = [shelf.get(number) for number in numbers]
+    else:
+        newest = (shelf.latest(channel.name) for channel in material.channels)
+        chosen = [revision for revision in newest if revision is not None]
+    contacts = [channel.name for channel in material.channels if channel.kind is ChannelKind.CONTACT]
+    if len(contacts) == 1 and not any(revision.channel in contacts for revision in chosen):
+        wish = Wish((), channel=contacts[0])
+        chosen = [*grow(material, material.arm, shelf, library_with(None), wish).kept, *chosen]
+    places = ["contact" if revision.channel in contacts else revision.channel for revision in chosen]
+    if twice := {place for place in places if places.count(place) > 1}:
+        raise InputError(f"several revisions for one {twice.pop()}: choose one with --revision")
+    if not chosen:
+        raise InputError(
+            f"{material.path}: no revision to write; add something first (palpate diagnose --apply)"
+        )
+    return chosen
+
+
+def _fitted(material: Material, revision: KeptRevision) -> FittedChannel:
+    channel = next((c for c in material.channels if c.name == revision.channel), None)
+    if channel is None:
+        raise InputError(f"revision {revision.number} is of channel '{revision.channel}', which is not there")
+    joints = sum(other.name.startswith("joint_") for other in material.channels)
+    return FittedChannel(revision, channel.surface, joints)
+
+
+def _base(material: Material) -> Scenario:
+    simulated = scenario_of(material.session) if material.session is not None else None
+    return simulated or Scenario()
+
+
+def _model(revision: KeptRevision) -> str:
+    return f"{revision.channel} {' + '.join([revision.model, *revision.effects])}"
+
+
+def _print(file: Path, path: Path, export: Export) -> None:
+    out = console.stdout()
+    out.print(f"scenario  [bold]{shown(path)}[/bold]", soft_wrap=True)
+    for line in export.used:
+        out.print(f"  [green]in[/green]   {safe(line)}")
+    for line in export.left_out:
+        out.print(f"  [yellow]out[/yellow]  {safe(line)}")
+    console.next_steps(
+        (f"palpate probe --scenario {shown(path)}", "probe the model as if it were the object"),
+        (f"palpate compare {shown(file)}", "where the model still fails"),
+    )

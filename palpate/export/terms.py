@@ -1,0 +1,98 @@
+"""How each effect of a fitted model is called in a scenario, and what becomes of its parameters.
+
+Estimation and simulation were written apart from each other on purpose; this is the one place where their
+words meet. An effect that is not here, or whose values the simulator refuses, is told to the user as such.
+"""
+
+from collections.abc import Callable, Mapping
+from math import atan2, hypot
+
+Values = Mapping[str, float]  # fitted parameters of one effect, by their own names
+Entry = dict[str, object]  # of a scenario's section `hidden`, without the place
+Term = Callable[[Values], list[Entry]]
+
+
+def _one(effect: str, **names: str) -> Term:
+    """The effect of the same name, its parameters renamed: scenario's name = fitted name."""
+    return lambda p: [{"effect": effect} | {key: p[name] for key, name in names.items()}]
+
+
+def _drift(p: Values) -> list[Entry]:
+    return [{"effect": "drift", "rate_1_s": p["rate"]}, {"effect": "bias", "bias": p["offset"]}]
+
+
+def _adhesion(p: Values) -> list[Entry]:
+    # a neck that thins out linearly takes as much work as an exponential one of half the length
+    return [{"effect": "adhesion", "pull_off_n": p["force"], "neck_m": 2.0 * p["reach"]}]
+
+
+def _asymmetric(p: Values) -> list[Entry]:
+    viscous = 0.5 * (p["viscous_forward"] + p["viscous_backward"])
+    friction: Entry = {
+        "effect": "asymmetric_friction",
+        "positive_nm": p["forward"],
+        "negative_nm": p["backward"],
+    }
+    return [friction, {"effect": "viscous_friction", "viscous_nms_rad": max(viscous, 0.0)}]
+
+
+def _ripple(p: Values) -> list[Entry]:
+    amplitude, phase = hypot(p["sine"], p["cosine"]), atan2(p["cosine"], p["sine"])
+    return [{"effect": "torque_ripple", "amplitude_nm": amplitude, "cycles": p["cycles"], "phase_rad": phase}]
+
+
+def _torque_gain(p: Values) -> list[Entry]:
+    # fitted: reading over true torque; simulated: true torque over reading
+    return [{"effect": "torque_gain", "gain": 1.0 / p["gain"]}]
+
+
+def _offset(p: Values) -> list[Entry]:
+    # fitted: how much deeper the surface lies; simulated: how much higher
+    return [{"effect": "contact_offset", "offset_m": -p["offset"]}]
+
+
+CONTACT: Mapping[str, Term] = {
+    "adhesion": _adhesion,
+    "contact_offset": _offset,
+    "cubic_stiffness": _one("cubic_stiffness", cubic_n_m3="k3"),
+    "dry_friction": _one("dry_friction", friction_n="force", slip_m="presliding"),
+    "hunt_crossley": _one("hunt_crossley", stiffness="k", damping="b", exponent="n"),
+    "layered_stiffness": _one("layered_stiffness", stiffness_n_m="k2", depth_m="depth"),
+    "plastic_set": _one("plastic_set", share="share"),
+    "quadratic_damping": _one("quadratic_damping", damping_n_s2_m2="c2"),
+    "stress_relaxation": _one("stress_relaxation", stiffness_n_m="k1", time_s="tau"),
+    "tool_compliance": _one("tool_compliance", compliance_m_n="compliance"),
+}
+
+JOINT: Mapping[str, Term] = {
+    "armature": _one("armature", inertia_kg_m2="inertia"),
+    "asymmetric_friction": _asymmetric,
+    "backlash": _one("backlash", gap_rad="gap"),
+    "coulomb_friction": _one("coulomb_friction", coulomb_nm="force"),
+    "joint_elasticity": _one("joint_elasticity", compliance_rad_nm="compliance"),
+    "joint_spring": _one("joint_spring", stiffness_nm_rad="k"),
+    "load_dependent_friction": _one("load_dependent_friction", load_share="mu"),
+    "quadratic_friction": _one("quadratic_friction", quadratic_nms2_rad2="d2"),
+    "stribeck_friction": _one(
+        "stribeck_friction", coulomb_nm="coulomb", stiction_nm="rise", speed_rad_s="speed"
+    ),
+    "torque_gain": _torque_gain,
+    "torque_ripple": _ripple,
+    "viscous_friction": _one("viscous_friction", viscous_nms_rad="d"),
+}
+
+ARM: Mapping[str, Term] = {  # effects that belong to no single joint
+    "gravity_tilt": _one("gravity_tilt", pitch_rad="tilt"),
+    "payload": _one("payload", mass_kg="mass"),
+}
+
+SENSOR: Mapping[str, Term] = {
+    "bias": _one("bias", bias="offset"),
+    "deadband": _one("deadband", half_width="width"),
+    "delay": _one("delay", delay_s="time"),
+    "drift": _drift,
+    "hysteresis": _one("hysteresis", half_width="width"),
+    "lag": _one("lag", time_s="tau"),
+    "quantisation": _one("quantisation", step="step"),
+    "saturation": _one("saturation", limit="limit"),
+}

@@ -1,0 +1,103 @@
+"""The second part of the demo: something is hidden in the object, found, added, and only then revealed."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from control.probing_plan import ProbingPlan
+from estimation.diagnosis.chain import Progress
+from palpate.effect_library import library_with
+from palpate.estimation_run import DEFAULT_MODEL, load_material
+from palpate.files import output_folder
+from palpate.hiding import open_answer
+from palpate.outcome import write_json, write_outcome
+from palpate.probing_run import NOBODY, ProbingJob, Watcher, run_probing
+from palpate.revisions import RevisionShelf
+from palpate.robots import DEFAULT, find_robot
+from palpate.story import Story, diagnose_subjects, tell_story
+from palpate.subject import subjects_of
+from palpate.words import shown
+from robot_io.session import Session
+from sim_backend.contact_laws import KelvinVoigt
+from sim_backend.hidden import noise_scale
+from sim_backend.imperfection import IMPERFECTIONS
+from sim_backend.noise_scale import CONTACT
+from sim_backend.scenario import Scenario
+from sim_backend.secret import Answer, sealed_path
+
+HIDDEN = ("stress_relaxation", "cubic_stiffness", "quadratic_damping")
+STRENGTH = 20.0  # times the noise floor
+PLAN = ProbingPlan(repeats=2)
+RESULT = "diagnosis.json"
+
+
+@dataclass(frozen=True)
+class HiddenDemo:
+    """What the second part made.
+
+    Attributes:
+        session: the session file.
+        story: what was found out, stage by stage.
+        files: result, report, picture and recording.
+        answer: what was hidden.
+    """
+
+    session: Path
+    story: Story
+    files: dict[str, Path]
+    answer: Answer
+
+    @property
+    def found(self) -> bool:
+        """Whether what was hidden is what was named, and nothing else."""
+        accepted = self.story.diagnosis.accepted if self.story.diagnosis else []
+        return [entry.effect for entry in accepted] == [entry.name for entry in self.answer.hidden]
+
+
+def can_hide(scenario: Scenario) -> bool:
+    """Whether the demo's base model is that of the object, so that all that is missing is what is hidden."""
+    return isinstance(scenario.object.law, KelvinVoigt)
+
+
+def hide_one(scenario: Scenario, rng: np.random.Generator) -> Scenario:
+    """The world with one effect hidden in its object."""
+    effect = IMPERFECTIONS[str(rng.choice(HIDDEN))]
+    return scenario.with_hidden([effect.at_strength(STRENGTH, CONTACT, noise_scale(scenario), rng)])
+
+
+def probe_hidden(session: Path, scenario: Scenario, seed: int | None, watcher: Watcher = NOBODY) -> Path:
+    """Probe the world; what is hidden is sealed beside the session.
+
+    Returns:
+        The sealed file.
+
+    Raises:
+        PalpateError: the arm was stopped, or the session cannot be written.
+    """
+    job = ProbingJob(
+        find_robot(DEFAULT), PLAN, session, scenario=scenario, seed=seed, command_line="palpate demo"
+    )
+    run_probing(job, watcher).loop.raise_for_trip()
+    return sealed_path(session)
+
+
+def solve(session: Path, progress: Progress) -> HiddenDemo:
+    """Diagnose, add what is missing, draw it, and then open the answer.
+
+    Raises:
+        InputError: something cannot be written.
+    """
+    material, library = load_material(session), library_with(None)
+    (subject,) = subjects_of(material, DEFAULT_MODEL, material.arm)
+    diagnosis = diagnose_subjects([subject], library.effects, progress, str(session))
+    found = diagnosis.channels[0]
+    story = tell_story(subject, found, [entry.effect for entry in found.accepted], library.effects)
+    folder = output_folder(Session.open(session).derived_dir)
+    unit = subject.channel.kind.effort_unit
+    RevisionShelf(folder).keep(subject.channel.name, unit, story.stages, parent=None, user_effects={})
+    result = write_json(diagnosis.model_dump(mode="json"), folder / RESULT)
+    typed = f"palpate diagnose {shown(session)} --model {DEFAULT_MODEL} --apply"
+    files = {"result": result, **write_outcome(folder, material, [story], [typed])}
+    made_utc = Session.open(session).metadata.created_utc
+    return HiddenDemo(session, story, files, open_answer(sealed_path(session), made_utc))

@@ -1,0 +1,119 @@
+"""`palpate export`: what was measured can be probed again in simulation."""
+
+import json
+
+import numpy as np
+import pytest
+
+from control.phases import Phase
+from estimation.effects import EFFECTS
+from palpate.export import export_scenario
+from palpate.export.scenario import FittedChannel
+from palpate.export.terms import ARM, CONTACT, JOINT, SENSOR
+from palpate.revisions import KeptParameter, KeptRevision
+from robot_io.session import Session
+from sim_backend.imperfection import IMPERFECTIONS
+from sim_backend.scenario import Scenario, load_scenario
+from tests.palpate.cli import assert_refused, run
+from tests.palpate.presses import write_presses
+
+
+def revision(channel, **parameters):
+    kept = {
+        name.replace("__", "."): KeptParameter(value=value, std_err=None, unit="")
+        for name, value in parameters.items()
+    }
+    return KeptRevision(
+        number=0,
+        parent=None,
+        channel=channel,
+        model="m",
+        added="",
+        effects=[],
+        user_effects=[],
+        effort_unit="N",
+        rmse=1.0,
+        noise_floor=1.0,
+        parameters=kept,
+        created_utc="",
+        software_version="",
+    )
+
+
+def test_every_effect_of_the_simulator_is_reached_by_the_name_of_a_fitted_one():
+    known = {**CONTACT, **JOINT, **ARM, **SENSOR}
+    assert set(known) == set(IMPERFECTIONS)
+
+
+@pytest.mark.parametrize(
+    ("terms", "channel"),
+    [(CONTACT, "contact"), (SENSOR, "contact"), (JOINT, "joint_2"), (ARM, "joint_2"), (SENSOR, "joint_2")],
+)
+def test_typical_values_of_every_effect_can_be_exported(terms, channel):
+    """What lies in the middle of an effect's typical range is taken, or refused with a reason."""
+    for name in terms:
+        effect = EFFECTS[name]()
+        parameters = {}
+        for parameter in (*effect.gains, *effect.inner):
+            low, high = parameter.typical
+            parameters[f"{name}__{parameter.name}"] = float(np.sqrt(low * high)) if low > 0 else high / 2
+        spring = {"stiffness__k": 500.0, "damping__c": 20.0} if channel == "contact" else {}
+        fitted = FittedChannel(revision(channel, **spring, **parameters), None, 3)
+        export = export_scenario(Scenario(), [fitted], "x")
+        if name == "hunt_crossley":
+            assert export.left_out == () or "hunt_crossley" in export.left_out[0]
+            continue
+        assert not export.left_out, name
+        assert name in {entry.name for entry in export.scenario.hidden}
+
+
+def test_what_the_simulator_cannot_do_is_said():
+    fitted = FittedChannel(revision("contact", stiffness__k=500.0, mystery__a=1.0), None, 0)
+    export = export_scenario(Scenario(), [fitted], "x")
+    assert export.left_out == ("contact: the simulator has no effect 'mystery'",)
+    negative = FittedChannel(revision("contact", stiffness__k=5.0, lag__tau=-1.0), None, 0)
+    assert "lag" in export_scenario(Scenario(), [negative], "x").left_out[0]
+
+
+def test_a_wrong_motor_constant_is_turned_round():
+    fitted = FittedChannel(revision("joint_1", torque_gain__gain=0.8), None, 3)
+    (entry,) = export_scenario(Scenario(), [fitted], "x").scenario.hidden
+    assert entry.gain == pytest.approx(1.25)
+
+
+def test_an_imported_file_becomes_an_object(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data = write_presses(tmp_path / "hard.csv")
+    assert run("add", data, "cubic_stiffness").exit_code == 0
+    result = run("export", data, "-o", tmp_path / "world.yaml", "--json")
+    assert result.exit_code == 0, result.stderr
+    assert json.loads(result.stdout)["left_out"] == []
+    world = load_scenario(tmp_path / "world.yaml")
+    assert world.object.law.stiffness_n_m == pytest.approx(400, rel=0.01)
+    assert world.hidden[0].cubic_n_m3 == pytest.approx(2e6, rel=0.02)
+    assert_refused(run("export", data, "-o", tmp_path / "world.yaml"), "exists already")
+
+
+def test_the_world_reproduces_the_force_that_was_measured(tmp_path):
+    """Probe an object with something hidden, find it, and probe what was found, by another noise."""
+    hidden = tmp_path / "hidden.yaml"
+    hidden.write_text("hidden: [{effect: stress_relaxation, stiffness_n_m: 250.0, time_s: 0.2}]\n")
+    first, again = tmp_path / "first.mcap", tmp_path / "again.mcap"
+    probe = ("probe", "--hold-s", "0.4", "--seed", "5", "--out")
+    assert run(*probe, first, "--hidden", hidden).exit_code == 0
+    assert run("add", first, "stress_relaxation").exit_code == 0
+    assert run("export", first).exit_code == 0
+    world = tmp_path / "first" / "scenario.yaml"
+    assert run("probe", "--hold-s", "0.4", "--seed", "6", "--out", again, "--scenario", world).exit_code == 0
+    for number in range(3):
+        measured, simulated = (force_of(path, number) for path in (first, again))
+        count = min(len(measured), len(simulated))
+        left = measured[:count] - simulated[:count]
+        assert np.sqrt(np.mean(left**2)) < 0.05 * np.sqrt(np.mean(measured**2))
+
+
+def force_of(session, number):
+    """Force of one run from the touch until the end of the hold."""
+    ticks = Session.open(session).samples("tick")
+    mine = (ticks["run"] == number) & np.isin(ticks["phase"], [Phase.LOADING, Phase.HOLD])
+    return ticks["force_n"][mine]

@@ -1,0 +1,93 @@
+"""The Rerun recording of a model that grows."""
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from palpate.effect_library import library_with
+from palpate.estimation_run import load_material
+from palpate.story import tell_story
+from palpate.subject import subjects_of
+from palpate.views.recording.chart import HEIGHT, WIDTH, Chart
+from palpate.views.recording.revisions import write_revisions
+from palpate.views.residual_grid import residual_grid
+from tests.palpate.presses import write_presses
+
+
+@pytest.fixture(scope="module")
+def story(tmp_path_factory):
+    material = load_material(write_presses(tmp_path_factory.mktemp("grown") / "hard.csv"))
+    (subject,) = subjects_of(material, None, material.arm)
+    return tell_story(subject, None, ["layered_stiffness", "cubic_stiffness"], library_with(None).effects)
+
+
+@pytest.fixture(scope="module")
+def chunks(story, tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "grown.rrd"
+    write_revisions("grown", [story], path)
+    return [
+        chunk for chunk in RrdReader(path).stream().to_chunks() if chunk.entity_path.startswith("/contact")
+    ]
+
+
+def rows_of(chunks, entity, component):
+    """Rows (revision or None, value) of one component."""
+    rows = []
+    for chunk in chunks:
+        if chunk.entity_path == entity:
+            batch = chunk.to_record_batch()
+            names = [name for name in batch.schema.names if name.endswith(component)]
+            revisions = batch.column("revision").to_pylist() if "revision" in batch.schema.names else None
+            for name in names:
+                values = batch.column(name).to_pylist()
+                rows += zip(revisions or [None] * len(values), values, strict=True)
+    return rows
+
+
+def test_each_revision_has_its_own_curve_and_the_measurement_is_always_there(chunks):
+    model = rows_of(chunks, "/contact/effort/model", "LineStrips2D:strips")
+    assert [revision for revision, _ in model] == [0, 1, 2]
+    measured = rows_of(chunks, "/contact/effort/a_measured", "LineStrips2D:strips")
+    assert [revision for revision, _ in measured] == [None]
+
+
+def test_the_last_model_lies_on_the_measurement_and_the_first_does_not(chunks):
+    (_, measured), *_ = rows_of(chunks, "/contact/effort/a_measured", "LineStrips2D:strips")
+    models = [strips for _, strips in rows_of(chunks, "/contact/effort/model", "LineStrips2D:strips")]
+    distance = [
+        max(np.abs(np.subtract(a, b)).max() for a, b in zip(model, measured, strict=True)) for model in models
+    ]
+    assert distance[2] < distance[0] / 3
+
+
+def test_the_bar_falls_beside_the_first_which_stays(story, chunks):
+    bars = dict(rows_of(chunks, "/contact/error/now", "LineStrips2D:strips"))
+    heights = [HEIGHT - min(point[1] for line in bars[n] for point in line) for n in range(3)]
+    errors = [stage.rmse for stage in story.stages]
+    np.testing.assert_allclose(np.divide(heights, heights[0]), np.divide(errors, errors[0]), rtol=0.02)
+    ((revision, first),) = rows_of(chunks, "/contact/error/first", "LineStrips2D:strips")
+    assert revision is None
+    assert HEIGHT - min(point[1] for line in first for point in line) == pytest.approx(heights[0])
+
+
+def test_words_say_what_was_added(chunks):
+    texts = dict(rows_of(chunks, "/contact/words", "TextDocument:text"))
+    assert "base model" in texts[0][0]
+    assert "added **cubic_stiffness**" in texts[2][0]
+
+
+def test_a_chart_puts_its_corners_into_the_corners():
+    chart = Chart("c", (1.0, 3.0), (-5.0, 5.0), "x", "y")
+    placed = chart.place(np.array([1.0, 3.0]), np.array([-5.0, 5.0]))
+    np.testing.assert_allclose(placed, [[0, HEIGHT], [WIDTH, 0]])
+
+
+def test_a_residual_map_averages_what_is_in_a_cell(story):
+    data = story.subject.channel
+    grid = residual_grid(data, np.full(len(data), 0.3), 8)
+    seen = grid.mean[np.isfinite(grid.mean)]
+    assert len(seen) > 8
+    np.testing.assert_allclose(seen, 0.3)
+    signs = residual_grid(data, np.sign(data.velocity), 9).mean
+    assert np.nanmin(signs[-2:]) == 1
+    assert np.nanmax(signs[:2]) == -1
