@@ -8,6 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from estimation.surface import Surface
+from estimation.tare import Tare
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -48,6 +49,7 @@ class ChannelData:
             which are there. `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints) for an arm;
             `load` (n,), the effort a joint carries apart from friction.
         surface: where the surface was found from which position counts; None where displacement was given.
+        tare: what was taken off the effort as measured; None where nothing was.
     """
 
     name: str
@@ -61,6 +63,7 @@ class ChannelData:
     phase: IntArray
     context: Mapping[str, FloatArray] = field(default_factory=dict)
     surface: Surface | None = None
+    tare: Tare | None = None
 
     def __post_init__(self) -> None:
         """Check lengths and finiteness.

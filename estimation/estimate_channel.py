@@ -12,9 +12,9 @@ from estimation.fit import Fit, fit
 from estimation.least_squares import solve
 from estimation.model import Model
 from estimation.problem import Problem
-from estimation.uncertainty import Covariance, assemble
+from estimation.uncertainty import Covariance, assemble, common_error_covariance
 from robot_io.errors import InputError
-from robot_io.types import BoolArray
+from robot_io.types import BoolArray, FloatArray
 
 
 def fitting_rows(data: ChannelData) -> BoolArray:
@@ -64,7 +64,7 @@ def estimate_channel(
             f"parameters of '{model.name}'; was the object touched?"
         )
     problem = Problem(model, data, used)
-    if model.inner:
+    if model.inner or data.tare is not None:
         searched = fit(model, data, rows=used, loss=estimator.loss)
         vector = problem.scale.vector(searched.parameters)
         found = _combine(problem, searched, estimator.fit(problem.regression(vector), rng=rng))
@@ -83,12 +83,13 @@ def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:
     values = np.array(list(searched.parameters.values()))
     values[:gain_count] = [parameter.value for parameter in given.parameters]
     columns, slopes = searched.jacobian[:, :gain_count], searched.jacobian[:, gain_count:]
-    follow = np.column_stack([-solve(columns, slope).gains for slope in slopes.T])
+    follow = -np.array([solve(columns, slope).gains for slope in slopes.T]).reshape(-1, gain_count).T
     matrix = searched.covariance.matrix.copy()
     spread = np.nan_to_num(matrix[gain_count:, gain_count:])
     matrix[:gain_count, :gain_count] = given.covariance + follow @ spread @ follow.T
     matrix[:gain_count, gain_count:] = follow @ spread
     matrix[gain_count:, :gain_count] = (follow @ spread).T
+    matrix += _of_tare(problem, searched, given.inliers)
     return assemble(
         given.estimator,
         tuple(searched.parameters),
@@ -102,6 +103,17 @@ def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:
         history=given.history,
         details=given.details,
     )
+
+
+def _of_tare(problem: Problem, searched: Fit, inliers: BoolArray) -> FloatArray:
+    """Covariance of all parameters from errors of the tare, (m, m), as least squares would follow them."""
+    matrix = np.zeros_like(searched.covariance.matrix)
+    tare, free = problem.data.tare, np.isfinite(searched.covariance.std_err)
+    if tare is not None and free.any():
+        errors = tare.errors(problem.data.run[problem.rows])[inliers]
+        columns = searched.jacobian[inliers][:, free]
+        matrix[np.ix_(free, free)] = common_error_covariance(columns, errors, problem.weights[inliers])
+    return matrix
 
 
 def _mark_unphysical(found: Estimate, model: Model) -> Estimate:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
-from estimation.least_squares import condition_of_gram
+from estimation.least_squares import condition_of_gram, solve
 from estimation.serial_covariance import sum_covariance
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -63,6 +63,24 @@ def sandwich(
     freedom = max(1.0, filling.effective_count - parameters)
     matrix = bread @ filling.matrix @ bread * (count / max(1, count - parameters))
     return Covariance(matrix / np.outer(lengths, lengths), freedom)
+
+
+def common_error_covariance(
+    jacobian: FloatArray, errors: FloatArray, weights: FloatArray | None = None
+) -> FloatArray:
+    """What errors that many samples share do to the solution, shape (m, m).
+
+    The residuals do not show them: the parameters go along with an error e as far as they can, which is its
+    least squares fit. A. Pagan, Econometric Issues in the Analysis of Regressions with Generated Regressors,
+    International Economic Review 25 (1984).
+
+    Args:
+        jacobian: shape (n, m), of the prediction with respect to the parameters.
+        errors: shape (n, r), one standard error of each of r independent errors, in the samples that have it.
+        weights: shape (n,), see `solve`.
+    """
+    moved = np.column_stack([solve(jacobian, error, weights).gains for error in errors.T])
+    return np.asarray(moved @ moved.T)
 
 
 def unknown_covariance(parameters: int) -> Covariance:

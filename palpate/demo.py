@@ -59,7 +59,7 @@ def show_demo(session: Path) -> Demo:
     Raises:
         InputError: something cannot be written.
     """
-    material = load_material(session)
+    material = load_material(session, tared=True)
     found = estimate_with(material.described_by(DEFAULT_MODEL)[0], DEFAULT_MODEL, list(ESTIMATORS))
     opened = Session.open(session)
     folder = output_folder(opened.derived_dir)

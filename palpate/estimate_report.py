@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from estimation.channel import ChannelData
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
 from palpate.estimation_run import BEST, MOST, OFFSET, ChannelEstimates
 from palpate.truth import SURFACE
@@ -13,6 +14,7 @@ from palpate.words import significant
 MILLI = 1e3
 PERCENT = 100.0
 SIGMAS_95 = 1.96
+NOTABLE = 4.0  # standard errors of a force in free air that is worth a word
 
 
 def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:
@@ -24,6 +26,7 @@ def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:
         sure = f" ± {MILLI * SIGMAS_95 * surface.std_err_m:.3f} mm" if np.isfinite(surface.std_err_m) else ""
         true = f" (truth {MILLI * truth[SURFACE]:.3f} mm)" if SURFACE in truth else ""
         lines.append(f"surface found at {place}{sure}{true}")
+    lines += _tare_remark(found.channel)
     lines += [f"{name}: {problem}" for name, problem in found.failures.items()]
     for estimate in found.estimates:
         left_out = 1.0 - float(np.mean(estimate.inliers))
@@ -35,6 +38,15 @@ def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:
     return lines
 
 
+def _tare_remark(channel: ChannelData) -> list[str]:
+    """What was taken off the force, where that is more than the noise of its mean."""
+    tare = channel.tare
+    if tare is None or not np.any(np.abs(tare.effort) > NOTABLE * tare.std_err):
+        return []
+    mean_n, std_err_n = float(np.mean(tare.effort)), float(np.max(tare.std_err))
+    return [f"the force in free air, {significant(mean_n, std_err_n)} N, was taken off"]
+
+
 def as_data(found: ChannelEstimates, truth: Mapping[str, float]) -> dict[str, Any]:
     """One channel's outcome as plain data; the keys are stable."""
     return {
@@ -42,9 +54,21 @@ def as_data(found: ChannelEstimates, truth: Mapping[str, float]) -> dict[str, An
         "runs": len(found.channel.runs),
         "samples": int(np.count_nonzero(found.rows)),
         "truth": dict(truth),
+        "tare": _tare_data(found.channel),
         "failures": found.failures,
         "estimates": [_estimate_data(found, estimate, truth) for estimate in found.estimates],
     }
+
+
+def _tare_data(channel: ChannelData) -> list[dict[str, float]] | None:
+    tare = channel.tare
+    if tare is None:
+        return None
+    names = ("run", "effort", "std_err")
+    return [
+        dict(zip(names, values, strict=True))
+        for values in zip(tare.run.tolist(), tare.effort.tolist(), tare.std_err.tolist(), strict=True)
+    ]
 
 
 def _estimate_data(found: ChannelEstimates, estimate: Estimate, truth: Mapping[str, float]) -> dict[str, Any]:

@@ -126,17 +126,24 @@ class ChannelEstimates:
         return self.model.predict(self.channel, {p.name: p.value for p in self.best.parameters})
 
 
-def load_material(path: Path, options: ImportOptions = NO_OPTIONS) -> Material:
+def load_material(path: Path, options: ImportOptions = NO_OPTIONS, *, tared: bool = False) -> Material:
     """Read a session or a data file.
+
+    Args:
+        path: either.
+        options: for a data file.
+        tared: take the force in free air off that of a probing, to estimate; else leave it as it was
+            measured, to look for what is wrong with it.
 
     Raises:
         InputError: it is neither, or cannot be used.
     """
     existing_file(path, "session or data file")
     if not is_session(path):
-        return Material(path, None, load_channels(path, options), {}, NO_ARM)
+        return Material(path, None, load_channels(path, options, tared=tared), {}, NO_ARM)
     session = Session.open(path)
-    return Material(path, session, session_channels(session), true_parameters(session), arm_of(session))
+    channels = session_channels(session, tared=tared)
+    return Material(path, session, channels, true_parameters(session), arm_of(session))
 
 
 def arm_of(session: Session) -> Arm:

@@ -93,7 +93,7 @@ def look_into(session: Session, found: ChannelEstimates | None = None) -> Inspec
 def _channels(session: Session) -> tuple[ChannelData, ...]:
     """The channels; none where the session ended before the first run was whole."""
     try:
-        return session_channels(session)
+        return session_channels(session, tared=True)
     except InputError:
         return ()
 

@@ -44,7 +44,7 @@ def probe(stiffness: float, damping: float, seed: int, folder: Path) -> Path:
 
 def estimate(session: Path, stiffness: float, damping: float, seed: int) -> Case:
     """Run every estimator on one session."""
-    channel = load_channels(session)[0]
+    channel = load_channels(session, tared=True)[0]
     model = MODELS["kelvin_voigt"]().build(ModelContext(surface_found=True))
     found, std_err = {}, {}
     for name in ESTIMATORS:

@@ -24,7 +24,7 @@ FORCE_LIMIT_N = 10.0
 def contact_motion() -> tuple[FloatArray, IntArray]:
     """Depth and speed of samples in contact, shape (n, 2), as the simulated arm probes, and their runs."""
     with tempfile.TemporaryDirectory() as folder:
-        channel = load_channels(probe(STIFFNESS, DAMPING, 1, Path(folder)))[0]
+        channel = load_channels(probe(STIFFNESS, DAMPING, 1, Path(folder)), tared=True)[0]
     rows = np.flatnonzero(fitting_rows(channel))
     rows = rows[np.linspace(0, len(rows) - 1, SAMPLES).astype(np.int64)]
     rows = rows[STIFFNESS * channel.position[rows] + DAMPING * channel.velocity[rows] > 0]

@@ -25,8 +25,14 @@ def is_session(path: str | os.PathLike[str]) -> bool:
         return file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC
 
 
-def session_channels(session: Session) -> tuple[ChannelData, ...]:
+def session_channels(session: Session, *, tared: bool = False) -> tuple[ChannelData, ...]:
     """The channels of a session: contact first, then the joints.
+
+    Args:
+        session: of a probing or an import.
+        tared: take the force in free air off a contact's force, which is what a stiffness needs; else it is
+            as it was measured, which is what the search for a sensor's bias needs. Imported channels stay
+            as they are.
 
     Raises:
         InputError: the session has none.
@@ -34,7 +40,7 @@ def session_channels(session: Session) -> tuple[ChannelData, ...]:
     channels = imported_channels(session)
     if STREAM_NAME in session.stream_names:
         ticks = session.samples(STREAM_NAME)
-        channels = (*contact_channels(ticks), *joint_channels(ticks))
+        channels = (*contact_channels(ticks, tared=tared), *joint_channels(ticks))
     if not channels:
         raise InputError(
             f"{session.path}: no channel with samples of a run; its streams: "
@@ -43,15 +49,20 @@ def session_channels(session: Session) -> tuple[ChannelData, ...]:
     return channels
 
 
-def load_channels(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT) -> tuple[ChannelData, ...]:
+def load_channels(
+    path: str | os.PathLike[str], options: ImportOptions = _DEFAULT, *, tared: bool = False
+) -> tuple[ChannelData, ...]:
     """The channels of a session or of a data file.
 
     Args:
         path: either.
         options: for a data file.
+        tared: see `session_channels`.
 
     Raises:
         InputError: it is neither, or has no channel.
         SessionError: the session cannot be read.
     """
-    return session_channels(Session.open(path)) if is_session(path) else import_file(path, options).channels
+    if is_session(path):
+        return session_channels(Session.open(path), tared=tared)
+    return import_file(path, options).channels

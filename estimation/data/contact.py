@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from control.phases import Phase
+from estimation.serial_covariance import sum_covariance
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _NOISE_FACTOR = 6.0  # standard deviations of the free-air force that are no noise any more
@@ -25,12 +26,14 @@ class Contact:
         run: its number.
         rows: indices of the samples that are surely in contact, in order of time; may be empty.
         baseline_n: force in free air [N].
+        baseline_std_err_n: its standard error, also where the noise is correlated in time [N].
         noise_n: standard deviation of the force in free air [N].
     """
 
     run: int
     rows: IntArray
     baseline_n: float
+    baseline_std_err_n: float
     noise_n: float
 
 
@@ -63,7 +66,7 @@ def _contact_of(number: int, rows: IntArray, force_n: FloatArray, phase: IntArra
     if len(inside):  # a bounce is no contact, a single low sample within it is noise
         lifted = _lasting(~touching[inside[0] : inside[-1] + 1])
         inside = inside[0] + np.flatnonzero(~lifted)
-    return Contact(number, rows[inside], baseline_n, noise_n)
+    return Contact(number, rows[inside], baseline_n, _mean_std_err(free), noise_n)
 
 
 def _free_air(force_n: FloatArray, phase: IntArray) -> FloatArray:
@@ -73,6 +76,12 @@ def _free_air(force_n: FloatArray, phase: IntArray) -> FloatArray:
         if len(samples) > 2 * _LASTING:
             return samples if free is Phase.FREE_AIR else samples[: len(samples) // 2]
     return force_n[:_LASTING]
+
+
+def _mean_std_err(samples: FloatArray) -> float:
+    """Standard error of the mean."""
+    away = samples - np.mean(samples)
+    return float(np.sqrt(sum_covariance(away[:, None]).matrix[0, 0])) / len(samples)
 
 
 def _lasting(mask: BoolArray) -> BoolArray:

@@ -4,11 +4,14 @@ import numpy as np
 
 from estimation.least_squares import solve
 from estimation.surface import Surface
-from estimation.uncertainty import sandwich
+from estimation.tare import Tare
+from estimation.uncertainty import common_error_covariance, sandwich
 from robot_io.types import FloatArray, IntArray
 
 
-def find_surface(along_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, run: IntArray) -> Surface:
+def find_surface(
+    along_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, run: IntArray, tare: Tare
+) -> Surface:
     """The surface that the runs at one place share: where a spring and damper through them would begin.
 
     It does not lie deeper than the shallowest sample in contact, which is what counts for an object that does
@@ -19,6 +22,7 @@ def find_surface(along_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray
         speed_m_s: its derivative, shape (n,) [m/s].
         force_n: force above that in free air, shape (n,) [N].
         run: shape (n,).
+        tare: what was taken off the force.
     """
     first_m = float(along_m.min())
     columns = np.column_stack([along_m - first_m, speed_m_s, np.ones(len(along_m))])
@@ -29,5 +33,6 @@ def find_surface(along_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray
         return Surface(first_m, float("nan"))
     deeper_m = -offset_n / stiffness
     slope = np.array([-deeper_m, 0.0, -1.0]) / stiffness  # of deeper_m with the gains
-    std_err_m = float(np.sqrt(slope @ covariance.matrix @ slope))
+    matrix = covariance.matrix + common_error_covariance(columns, tare.errors(run))
+    std_err_m = float(np.sqrt(slope @ matrix @ slope))
     return Surface(first_m + min(float(deeper_m), 0.0), std_err_m)

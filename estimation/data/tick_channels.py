@@ -9,6 +9,7 @@ from estimation.data.contact import Contact, find_contacts
 from estimation.data.derivatives import differentiate
 from estimation.data.pieces import number_pieces
 from estimation.data.surface import find_surface
+from estimation.tare import Tare
 from robot_io.session import Samples
 from robot_io.types import BoolArray, FloatArray, IntArray, Status
 
@@ -17,7 +18,7 @@ _USELESS = (Phase.IDLE, Phase.STOPPED)
 _FEWEST = 20  # samples in contact without which there is nothing to estimate
 
 
-def contact_channels(ticks: Samples) -> tuple[ChannelData, ...]:
+def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
     """The contact force at each place that was probed.
 
     Position is the depth below the surface as `find_surface` has it, along the press direction, at the time
@@ -25,6 +26,7 @@ def contact_channels(ticks: Samples) -> tuple[ChannelData, ...]:
 
     Args:
         ticks: the stream "tick".
+        tared: take the force in free air, run by run, off the force; else the force is as it was measured.
 
     Returns:
         One channel called "contact", or "contact_1", "contact_2" ... in the order in which the places were
@@ -34,7 +36,9 @@ def contact_channels(ticks: Samples) -> tuple[ChannelData, ...]:
     contacts = find_contacts(chosen["force_n"], chosen["run"], chosen["phase"])
     places = _places(chosen, [contact for contact in contacts if len(contact.rows) >= _FEWEST])
     names = ["contact"] if len(places) == 1 else [f"contact_{number}" for number in range(1, len(places) + 1)]
-    return tuple(_contact_channel(name, chosen, place) for name, place in zip(names, places, strict=True))
+    return tuple(
+        _contact_channel(name, chosen, place, tared=tared) for name, place in zip(names, places, strict=True)
+    )
 
 
 def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
@@ -125,7 +129,7 @@ def _distance(one: FloatArray, other: FloatArray) -> float:
     return float(np.linalg.norm(one - other))
 
 
-def _contact_channel(name: str, ticks: Samples, contacts: list[Contact]) -> ChannelData:
+def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tared: bool) -> ChannelData:
     rows = np.isin(ticks["run"], [contact.run for contact in contacts])
     touching = np.zeros(len(ticks), dtype=np.bool_)
     for contact in contacts:
@@ -135,9 +139,11 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact]) -> Chan
     travel_m = np.einsum("ij,ij->i", chosen["tip_position_world_m"], chosen["press_direction_world"])
     along_m = _at(time_s, chosen["encoder_at_s"], travel_m)
     motion = differentiate(time_s, along_m, number_pieces(time_s, run))
-    baseline_n = np.array([contact.baseline_n for contact in contacts])
-    above_n = chosen["force_n"] - baseline_n[np.searchsorted([contact.run for contact in contacts], run)]
-    surface = find_surface(along_m[touching], motion.velocity[touching], above_n[touching], run[touching])
+    tare = _tare(contacts)
+    above_n = chosen["force_n"] - tare.of(run)
+    surface = find_surface(
+        along_m[touching], motion.velocity[touching], above_n[touching], run[touching], tare
+    )
     return ChannelData(
         name,
         ChannelKind.CONTACT,
@@ -145,8 +151,18 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact]) -> Chan
         along_m - surface.position_m,
         motion.velocity,
         motion.acceleration,
-        chosen["force_n"],
+        above_n if tared else chosen["force_n"],
         run,
         chosen["phase"].astype(np.int64),
         surface=surface,
+        tare=tare if tared else None,
+    )
+
+
+def _tare(contacts: list[Contact]) -> Tare:
+    """The force in free air of these runs, which are in order of their numbers."""
+    return Tare(
+        np.array([contact.run for contact in contacts]),
+        np.array([contact.baseline_n for contact in contacts]),
+        np.array([contact.baseline_std_err_n for contact in contacts]),
     )

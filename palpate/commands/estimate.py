@@ -55,7 +55,7 @@ def command(  # noqa: PLR0917, one parameter an option
     Takes a session or a data file. Where the session was simulated, the truth and the errors are shown too.
     """
     names = choose_estimators(estimator)
-    material = load_material(file, import_options(column, unit, where, context))
+    material = load_material(file, import_options(column, unit, where, context), tared=True)
     arm = given_arm(urdf, tip_frame, material.arm)
     channels = [only_runs(channel, run) for channel in material.described_by(model)]
     found = [estimate_with(channel, model, names, arm) for channel in channels]

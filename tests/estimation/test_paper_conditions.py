@@ -14,7 +14,7 @@ CORNERS = [(200.0, 0.0), (200.0, 100.0), (2000.0, 0.0), (2000.0, 100.0), (500.0,
 
 
 def estimated(law, name, model="kelvin_voigt", **settings):
-    (data,) = contact_channels(ticks(probe(law, **settings)))
+    (data,) = contact_channels(ticks(probe(law, **settings)), tared=True)
     rng = np.random.default_rng(0)
     return estimate_channel(data, base_model(model, surface_found=True), ESTIMATORS[name](), rng=rng)
 
@@ -55,7 +55,7 @@ def test_hunt_crossley_is_found_with_its_surface():
 
 def test_an_uncertain_surface_widens_the_interval_of_the_stiffness():
     law = kelvin_voigt(500.0, 20.0)
-    (data,) = contact_channels(ticks(probe(law)))
+    (data,) = contact_channels(ticks(probe(law)), tared=True)
     lsq = ESTIMATORS["lsq"]()
     errors = [
         estimate_channel(

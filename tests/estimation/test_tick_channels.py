@@ -22,7 +22,7 @@ def recorded():
 
 
 def test_contact_has_depth_speed_and_force():
-    (channel,) = contact_channels(ticks(recorded()))
+    (channel,) = contact_channels(ticks(recorded()), tared=False)
     truth = recorded()
     assert (channel.name, channel.kind) == ("contact", ChannelKind.CONTACT)
     np.testing.assert_allclose(channel.position, truth.true_along_m - SURFACE_M, atol=2e-5)
@@ -34,19 +34,21 @@ def test_contact_has_depth_speed_and_force():
 def test_the_surface_is_found_within_its_error():
     for seed in range(3):
         again = probe(kelvin_voigt(800.0, 40.0), surface_m=SURFACE_M, seed=seed)
-        (channel,) = contact_channels(ticks(again))
+        (channel,) = contact_channels(ticks(again), tared=False)
         assert abs(channel.surface.position_m - SURFACE_M) < 4 * channel.surface.std_err_m < 1e-4
 
 
 def test_the_surface_of_a_soft_start_is_not_put_deeper_than_the_first_contact():
-    (channel,) = contact_channels(ticks(probe(hunt_crossley(5000.0, 8000.0, 1.4), surface_m=SURFACE_M)))
+    (channel,) = contact_channels(
+        ticks(probe(hunt_crossley(5000.0, 8000.0, 1.4), surface_m=SURFACE_M)), tared=False
+    )
     assert 0 <= channel.surface.position_m - SURFACE_M < 1e-3
 
 
 def test_the_touch_hardly_disturbs_the_velocity():
     """A dashpot takes the speed away within milliseconds."""
     truth = probe(kelvin_voigt(500.0, 100.0), surface_m=SURFACE_M)
-    (channel,) = contact_channels(ticks(truth))
+    (channel,) = contact_channels(ticks(truth), tared=False)
     touches = [np.flatnonzero(fitting_rows(channel) & (channel.run == run))[:8] for run in channel.runs]
     after = np.concatenate(touches)
     assert np.std(channel.velocity[after] - truth.true_speed_m_s[after]) < 0.02 * 0.15
@@ -78,7 +80,7 @@ def test_nothing_touched_gives_no_channel():
     truth = recorded()
     air = truth.phase == Phase.FREE_AIR
     only_air = Probe(**{name: values[air] for name, values in vars(truth).items()})
-    assert contact_channels(ticks(only_air)) == ()
+    assert contact_channels(ticks(only_air), tared=False) == ()
 
 
 def test_a_force_that_was_sampled_later_gets_the_motion_of_its_own_time():
@@ -86,7 +88,7 @@ def test_a_force_that_was_sampled_later_gets_the_motion_of_its_own_time():
     truth = recorded()
     at = truth.time_s + late_s
     shifted = 800.0 * np.interp(at, truth.time_s, truth.true_along_m - SURFACE_M)
-    (channel,) = contact_channels(ticks(truth, force_at_s=at))
+    (channel,) = contact_channels(ticks(truth, force_at_s=at), tared=False)
     rows = fitting_rows(channel)
     np.testing.assert_allclose(800.0 * channel.position[rows], shifted[rows], atol=0.02)
     np.testing.assert_array_equal(channel.time_s, at)
@@ -96,7 +98,7 @@ def test_repeated_and_faulty_samples_are_left_out():
     truth = recorded()
     status = np.zeros(len(truth.time_s), np.int32)
     status[::2] = Status.STALE
-    (channel,) = contact_channels(ticks(truth, force_status=status))
+    (channel,) = contact_channels(ticks(truth, force_status=status), tared=False)
     assert len(channel) == np.count_nonzero(status == Status.OK)
     np.testing.assert_array_equal(channel.effort, truth.force_n[1::2])
 
@@ -105,14 +107,14 @@ def test_ticks_between_runs_are_left_out_of_the_contact():
     truth = recorded()
     between = truth.run.copy()
     between[truth.phase == Phase.FREE_AIR] = -1
-    (channel,) = contact_channels(ticks(truth, run=between.astype(np.int32)))
+    (channel,) = contact_channels(ticks(truth, run=between.astype(np.int32)), tared=False)
     assert len(channel) == np.count_nonzero(between >= 0)
 
 
 def test_two_places_are_two_channels():
     truth = recorded()
     lateral = np.where(truth.run < 2, 0.40, 0.45)
-    first, second = contact_channels(ticks(truth, lateral))
+    first, second = contact_channels(ticks(truth, lateral), tared=False)
     assert (first.name, second.name) == ("contact_1", "contact_2")
     np.testing.assert_array_equal(first.runs, [0, 1])
     np.testing.assert_array_equal(second.runs, [2])

@@ -40,7 +40,7 @@ def probe(robot, robot_file, clock, path) -> LoopResult:
 
 def stiffness_and_damping(path):
     """By name: value, and its standard error."""
-    (channel,) = (c for c in session_channels(Session.open(path)) if c.name == "contact")
+    (channel,) = (c for c in session_channels(Session.open(path), tared=True) if c.name == "contact")
     (estimate,) = estimate_with(channel, "kelvin_voigt", ["lsq"]).estimates
     wanted = ("stiffness", "damping")
     return {p.name: (p.value, p.std_err) for p in estimate.parameters if p.name.startswith(wanted)}
