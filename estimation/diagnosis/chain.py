@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.diagnosis.dominant import is_dominant, simplest
 from estimation.diagnosis.library import candidates
 from estimation.diagnosis.selection import (
     LEAST_GAIN,
@@ -13,11 +14,13 @@ from estimation.diagnosis.selection import (
     Candidate,
     Evidence,
     choose,
+    close_to_best,
     evidence,
     hopeless,
     screen,
 )
 from estimation.diagnosis.standing import Standing, stand
+from estimation.diagnosis.unexplained import is_explained, is_nearly_explained
 from estimation.effect import Effect
 from estimation.model import Model
 from robot_io.types import BoolArray
@@ -51,17 +54,37 @@ class Chain:
         steps: one for each effect accepted.
         ranking: all candidates beside the base model, best first.
         refused: the candidate that came next, and why it was not taken; None if there was none.
+        dominant: the one effect that can be named though the steps do not complete the model, if any.
     """
 
     start: Standing
     steps: tuple[Step, ...]
     ranking: tuple[Candidate, ...]
     refused: "Refusal | None"
+    dominant: Step | None = None
 
     @property
     def end(self) -> Standing:
         """Where things stand with all that was accepted."""
         return self.steps[-1].standing if self.steps else self.start
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether nothing worth a name is left at the end."""
+        return is_explained(self.end) or is_nearly_explained(self.start, self.end)
+
+    @property
+    def named(self) -> tuple[Step, ...]:
+        """The steps that can be called by their names."""
+        if self.is_complete:
+            return self.steps
+        return (self.dominant,) if self.dominant else ()
+
+    @property
+    def floor(self) -> float:
+        """Energy on blocks of held-out runs that no smooth law explains, at best."""
+        standings = [self.start, *(step.standing for step in self.steps)]
+        return min(float(standing.flexible.held_out.sum()) for standing in standings)
 
 
 @dataclass(frozen=True)
@@ -124,10 +147,24 @@ def build(search: Search) -> Chain:
         if step is None:
             break
         steps = _reconsider(search, start, (*steps, step))
-    return Chain(start, steps, ranking, refused)
+    chain = Chain(start, steps, ranking, refused)
+    return chain if chain.is_complete or not steps else replace(chain, dominant=_dominant(search, chain))
 
 
 Refusal = tuple[Candidate, Evidence]
+
+
+def _dominant(search: Search, chain: Chain) -> Step | None:
+    """The simplest effect of the law that dominates, if there is one."""
+    start, found = chain.start, chain.ranking
+    for candidate in close_to_best(start, found):
+        after = search.stand([candidate.effect.name], candidate.search.best.parameters)
+        if is_dominant(start, after, candidate, found, chain.floor):
+            named = simplest(candidate, found, start)
+            standing = search.stand([named.effect.name], named.search.best.parameters)
+            weighed = evidence(start, standing, found, named, search.rng)
+            return Step(named.effect.name, weighed, standing) if weighed.enough else None
+    return None
 
 
 def _next(

@@ -43,11 +43,11 @@ def rivals(found: Sequence[Candidate], name: str, base: Trial) -> list[str]:
     close = [c for c in found if c is not taken and c.held_out <= (1.0 + TIE) * taken.held_out]
     best = taken.search.best
     return [
-        c.effect.name for c in close if likeness(base, best, c.search.best) > SAME and not _contains(c, taken)
+        c.effect.name for c in close if likeness(base, best, c.search.best) > SAME and not contains(c, taken)
     ]
 
 
-def _contains(rival: Candidate, taken: Candidate) -> bool:
+def contains(rival: Candidate, taken: Candidate) -> bool:
     """Whether the rival has more parameters and can draw what the taken one draws."""
     if rival.size <= taken.size:
         return False

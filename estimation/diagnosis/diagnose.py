@@ -6,10 +6,9 @@ from dataclasses import asdict
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.chain import Chain, Progress, Search, build
+from estimation.diagnosis.chain import Chain, Progress, Search, Step, build
 from estimation.diagnosis.confusion import rivals
 from estimation.diagnosis.gate import refuse, usable
-from estimation.diagnosis.held_out import held_out_residual, rmse
 from estimation.diagnosis.intervals import Value, final, values
 from estimation.diagnosis.library import library
 from estimation.diagnosis.next_experiment import exploring, separating, sufficient
@@ -27,7 +26,7 @@ from estimation.diagnosis.result import (
     Verdict,
 )
 from estimation.diagnosis.standing import Standing
-from estimation.diagnosis.unexplained import depends_on, is_explained, is_nearly_explained
+from estimation.diagnosis.unexplained import depends_on, is_explained
 from estimation.effect import Effect
 from estimation.model import Model
 
@@ -84,12 +83,11 @@ def diagnose_channel(
 
 
 def _report(search: Search, chain: Chain) -> ChannelDiagnosis:
-    explained = is_explained(chain.end)
-    named = bool(chain.steps) and (explained or is_nearly_explained(chain.start, chain.end))
-    standing = chain.end if named else chain.start
-    accepted = _accepted(search, chain) if named else []
-    signals = [] if explained else depends_on(chain.end)
-    verdict = Verdict.MISSING if named else Verdict.ADEQUATE if explained else Verdict.UNEXPLAINED
+    named = chain.named
+    standing = named[-1].standing if named else chain.start
+    accepted = _accepted(search, chain, named)
+    signals = [] if is_explained(chain.end) else depends_on(chain.end)
+    verdict = _verdict(chain)
     return ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
@@ -99,21 +97,23 @@ def _report(search: Search, chain: Chain) -> ChannelDiagnosis:
         floor=Floor(**asdict(noise_floor(chain.end))),
         baseline=_fitted(chain.start),
         accepted=accepted,
-        suspects=[] if named else _suspects(chain),
+        suspects=_suspects(chain),
         ranking=_ranking(chain),
         final=_fitted(standing),
         depends_on=signals,
-        next_experiment=_next(search, accepted, signals, explained),
+        next_experiment=_next(search, accepted, signals, is_explained(chain.end)),
     )
 
 
-def _error(standing: Standing) -> float:
-    return rmse(held_out_residual(standing.plain.frame, standing.trial))
+def _verdict(chain: Chain) -> Verdict:
+    if not chain.is_complete:
+        return Verdict.UNEXPLAINED
+    return Verdict.MISSING if chain.steps else Verdict.ADEQUATE
 
 
 def _fitted(standing: Standing) -> Fitted:
-    found = values(standing, final(standing))
-    return Fitted(rmse=_error(standing), parameters={name: _entry(value) for name, value in found.items()})
+    found = values(*final(standing))
+    return Fitted(rmse=standing.rmse, parameters={name: _entry(value) for name, value in found.items()})
 
 
 def _entry(value: Value) -> ParameterValue:
@@ -121,11 +121,13 @@ def _entry(value: Value) -> ParameterValue:
     return ParameterValue(value=value.value, std_err=value.std_err if known else None, unit=value.unit)
 
 
-def _accepted(search: Search, chain: Chain) -> list[Accepted]:
-    found = values(chain.end, final(chain.end))
+def _accepted(search: Search, chain: Chain, named: Sequence[Step]) -> list[Accepted]:
+    if not named:
+        return []
+    found = values(*final(named[-1].standing))
     by_name = {effect.name: effect for effect in search.effects}
     accepted, before, p_value = [], chain.start, 0.0
-    for step in chain.steps:
+    for step in named:
         effect = by_name[step.effect]
         p_value = max(p_value, step.evidence.p_value)
         own = {
@@ -135,10 +137,10 @@ def _accepted(search: Search, chain: Chain) -> list[Accepted]:
             Accepted(
                 effect=effect.name,
                 parameters=own,
-                rmse_before=_error(before),
-                rmse_after=_error(step.standing),
+                rmse_before=before.rmse,
+                rmse_after=step.standing.rmse,
                 p_value=p_value,
-                confused_with=_rivals(search, chain, step.effect),
+                confused_with=_rivals(search, chain, named, step.effect),
                 physics=effect.physics,
                 equation=effect.equation,
                 signature=effect.signature,
@@ -148,11 +150,11 @@ def _accepted(search: Search, chain: Chain) -> list[Accepted]:
     return accepted
 
 
-def _rivals(search: Search, chain: Chain, name: str) -> list[str]:
+def _rivals(search: Search, chain: Chain, named: Sequence[Step], name: str) -> list[str]:
     """Effects that would do as well in the place of `name`, all others kept."""
-    others = [step.effect for step in chain.steps if step.effect != name]
+    others = [step.effect for step in named if step.effect != name]
     if others:
-        without = search.stand(others, chain.end.trial.parameters)
+        without = search.stand(others, named[-1].standing.trial.parameters)
         found = search.screen(without)
     else:
         without, found = chain.start, list(chain.ranking)
@@ -162,13 +164,16 @@ def _rivals(search: Search, chain: Chain, name: str) -> list[str]:
 
 
 def _suspects(chain: Chain) -> list[Suspect]:
-    return [Suspect(effect=step.effect, rmse_after=_error(step.standing)) for step in chain.steps]
+    names = {step.effect for step in chain.named}
+    return [
+        Suspect(effect=s.effect, rmse_after=s.standing.rmse) for s in chain.steps if s.effect not in names
+    ]
 
 
 def _ranking(chain: Chain) -> list[Ranked]:
     """Errors sample by sample, from what each candidate takes away on blocks."""
     count = int(chain.start.plain.kept.sum())
-    before = _error(chain.start)
+    before = chain.start.rmse
     ranked = []
     for candidate in chain.ranking:
         taken = (chain.start.trial.held_out - candidate.held_out) / count
@@ -187,8 +192,16 @@ def _reason(verdict: Verdict, chain: Chain, signals: Sequence[str]) -> str:
         if is_explained(chain.end):
             return f"with {names}, nothing smooth is left in the error"
         return f"with {names}, {left} of the error could still be explained, next to nothing of what was"
+    if chain.dominant:
+        left = f"{100.0 * max(chain.dominant.standing.left, 0.0):.0f} %"
+        names = f"{chain.dominant.effect} is missing above all"
+        return f"{names}; {left} of the error with it could still be explained, by {_told(signals)}"
     known = " even with " + " and ".join(s.effect for s in chain.steps) if chain.steps else ""
-    return f"{left} of the error{known} could be explained, by {', '.join(signals) or 'a mix of signals'}"
+    return f"{left} of the error{known} could be explained, by {_told(signals)}"
+
+
+def _told(signals: Sequence[str]) -> str:
+    return ", ".join(signals) or "a mix of signals"
 
 
 def _next(

@@ -81,11 +81,17 @@ def features(frame: Frame, effort: FloatArray) -> dict[str, FloatArray]:
     return found
 
 
+def signals_of(bench: Bench, trial: Trial) -> dict[str, FloatArray]:
+    """Columns (m, k) by signal, as of a model that was tried."""
+    frame = bench.frame
+    return features(frame, frame.reduce(frame.data.effort) - trial.residual)
+
+
 def flexible(bench: Bench, trial: Trial) -> Flexible:
     """Fit the flexible regression beside the model's own gains, and judge it on the folds held out."""
     frame = bench.frame
     base, target = trial.columns, trial.target
-    blocks = features(frame, frame.reduce(frame.data.effort) - trial.residual)
+    blocks = signals_of(bench, trial)
     white = bench.whiten(np.column_stack([base, *blocks.values(), target]))
     moments = moments_of(white[:, :-1], white[:, -1], frame.fold[bench.kept], frame.folds)
     own = base.shape[1]

@@ -6,7 +6,8 @@ import numpy as np
 
 from estimation.diagnosis.polish import polish
 from estimation.diagnosis.standing import Standing
-from estimation.diagnosis.trial import Trial, attempt
+from estimation.diagnosis.trial import Bench, Trial, attempt
+from estimation.diagnosis.unexplained import is_explained
 from estimation.serial_covariance import sum_covariance
 from robot_io.types import FloatArray, IntArray
 
@@ -28,22 +29,21 @@ class Value:
     unit: str
 
 
-def values(standing: Standing, trial: Trial) -> dict[str, Value]:
+def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     """Parameters of a trial with standard errors, by "effect.parameter".
 
     The sandwich of slopes by gains and inner parameters, around the covariance of residuals times slopes with
     the noise's colour taken out first (Andrews and Monahan 1992).
 
     Args:
-        standing: for the bench.
-        trial: fitted there.
+        bench: where the trial was fitted.
+        trial: the model fitted.
     """
-    bench = standing.judge
     names = [*trial.model.gains, *trial.model.inner]
-    slopes = bench.whiten(np.column_stack([trial.columns, *_inner_slopes(standing, trial)]))
+    slopes = bench.whiten(np.column_stack([trial.columns, *_inner_slopes(bench, trial)]))
     residual = bench.whiten(trial.residual)
     errors = _errors(slopes, residual, bench.frame.run[bench.kept])
-    kind = standing.data.kind
+    kind = bench.frame.data.kind
     units = {
         name: parameter.unit.format(effort=kind.effort_unit, position=kind.position_unit)
         for name, parameter in {**trial.model.gains, **trial.model.inner}.items()
@@ -54,9 +54,9 @@ def values(standing: Standing, trial: Trial) -> dict[str, Value]:
     }
 
 
-def _inner_slopes(standing: Standing, trial: Trial) -> list[FloatArray]:
+def _inner_slopes(bench: Bench, trial: Trial) -> list[FloatArray]:
     """Slope of the prediction by each inner parameter at fixed gains, each of shape (m,)."""
-    frame, slopes = standing.judge.frame, []
+    frame, slopes = bench.frame, []
     for name, parameter in trial.model.inner.items():
         value = trial.parameters[name]
         low, high = parameter.typical
@@ -82,6 +82,13 @@ def _errors(slopes: FloatArray, residual: FloatArray, run: IntArray) -> FloatArr
     return errors
 
 
-def final(standing: Standing) -> Trial:
-    """The model fitted with the noise's colour taken out: the most exact once nothing is missing."""
-    return polish(standing.judge, attempt(standing.judge, standing.trial.model, standing.trial.parameters))
+def final(standing: Standing) -> tuple[Bench, Trial]:
+    """The last word on a model's parameters, and where it was said.
+
+    With the noise's colour taken out they are most exact; but only once nothing is missing, since what is
+    missing would pass for coloured noise.
+    """
+    if not is_explained(standing):
+        return standing.plain, standing.trial
+    judge = standing.judge
+    return judge, polish(judge, attempt(judge, standing.trial.model, standing.trial.parameters))

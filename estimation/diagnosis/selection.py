@@ -13,6 +13,7 @@ from estimation.model import Model
 from robot_io.types import FloatArray
 
 LEAST_GAIN = 0.02  # of the held-out error; less is not worth a name, whatever its significance
+LEAST_SAMPLE_GAIN = 0.01  # of the held-out error sample by sample, which is what a user sees
 LEAST_JUDGED_GAIN = 0.0  # of what is new in each sample, which slow data says little about
 LEAST_BROAD_GAIN = 0.005
 LEAST_FOLDS = 0.6  # share of the folds in which the error must fall
@@ -80,11 +81,15 @@ def choose(standing: Standing, found: Sequence[Candidate]) -> list[Candidate]:
     About as good means an error as small, or nearly all of what the best takes away; what the simpler one
     leaves can still be added.
     """
+    first = min(close_to_best(standing, found), key=lambda c: (c.size, c.held_out))
+    return [first, *(c for c in found if c is not first)][:TRIES]
+
+
+def close_to_best(standing: Standing, found: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates about as good as the best."""
     best, before = found[0].held_out, standing.trial.held_out
     limit = max((1.0 + TIE) * best, before - MOST * (before - best))
-    close = [c for c in found if c.held_out <= limit]
-    first = min(close, key=lambda c: (c.size, c.held_out))
-    return [first, *(c for c in found if c is not first)][:TRIES]
+    return [c for c in found if c.held_out <= limit]
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,7 @@ class Evidence:
 
     Attributes:
         gain: share by which the error in held-out runs falls.
+        sample_gain: the same, sample by sample.
         judged_gain: the same, of what is new in each sample.
         folds: share of the folds in which it falls.
         broad_gain: the judged gain without the few blocks that gain most.
@@ -100,6 +106,7 @@ class Evidence:
     """
 
     gain: float
+    sample_gain: float
     judged_gain: float
     folds: float
     broad_gain: float
@@ -110,6 +117,7 @@ class Evidence:
         """Whether the candidate is accepted."""
         gains = (
             (self.gain, LEAST_GAIN),
+            (self.sample_gain, LEAST_SAMPLE_GAIN),
             (self.judged_gain, LEAST_JUDGED_GAIN),
             (self.broad_gain, LEAST_BROAD_GAIN),
         )
@@ -141,13 +149,14 @@ def evidence(
     starts = (t.columns[kept] for c in found for t in c.search.starts)
     chance = best_gains(noise, before.trial.columns[kept], starts)
     observed = 1.0 - after.trial.sse / before.trial.sse
-    return Evidence(gain, judged_gain, folds, broad_gain, p_value(observed, chance))
+    sample_gain = 1.0 - after.rmse / before.rmse
+    return Evidence(gain, sample_gain, judged_gain, folds, broad_gain, p_value(observed, chance))
 
 
 def hopeless(before: Standing, chosen: Candidate) -> Evidence:
     """Evidence for a candidate whose gain is too small for the rest to be weighed: NaN."""
     gain, folds = _gain(before, chosen)
-    return Evidence(gain, np.nan, folds, np.nan, np.nan)
+    return Evidence(gain, np.nan, np.nan, folds, np.nan, np.nan)
 
 
 def _gain(before: Standing, chosen: Candidate) -> tuple[float, float]:

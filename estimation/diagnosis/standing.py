@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from estimation.channel import ChannelData
 from estimation.diagnosis.colour import WHITE, colour_of
 from estimation.diagnosis.flexible import Flexible, flexible
 from estimation.diagnosis.frame import frame_of
+from estimation.diagnosis.held_out import held_out_residual, rmse
 from estimation.diagnosis.load import with_load
 from estimation.diagnosis.polish import polish
 from estimation.diagnosis.trial import Bench, Trial, attempt
@@ -40,6 +42,11 @@ class Standing:
     judge: Bench
     judged: Trial
     flexible_judged: Flexible
+
+    @cached_property
+    def rmse(self) -> float:
+        """Error in held-out runs, sample by sample."""
+        return rmse(held_out_residual(self.plain.frame, self.trial))
 
     @property
     def left(self) -> float:

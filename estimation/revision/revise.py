@@ -90,13 +90,13 @@ def _applicable(standing: Standing, known: dict[str, Effect], name: str) -> Effe
 
 def _revision(number: int, added: str, standing: Standing) -> Revision:
     residual = held_out_residual(standing.plain.frame, standing.trial)
-    trial = final(standing)
+    bench, trial = final(standing)
     floor = noise_floor(standing)
     return Revision(
         number=number,
         added=added,
         model=trial.model,
-        parameters=values(standing, trial),
+        parameters=values(bench, trial),
         predicted=trial.model.predict(standing.data, trial.parameters),
         residual=residual,
         rmse=rmse(residual),
