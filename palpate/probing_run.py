@@ -16,6 +16,7 @@ from control.loop_result import LoopResult
 from control.probing import ProbingTask
 from control.probing_plan import ProbingPlan
 from control.realtime import realtime
+from control.rigid_body import RigidBody
 from control.tick_record import tick_stream
 from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
@@ -113,7 +114,7 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     task = ProbingTask.from_robot_file(job.robot_file, job.plan)
     robot = build_robot(job.robot_file, DriverCatalogue(SIMULATED_DRIVERS, *job.drivers), clock)
     scenario = _use_scenario(robot, job)
-    guard = Guard(job.robot_file.limits, job.robot_file.safe_state, robot.joint_count)
+    guard = _guard(job.robot_file)
     with ExitStack() as stack:
         stack.enter_context(robot)
         metadata = _metadata(job, scenario)
@@ -132,6 +133,12 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
         watcher.started()
         result = run_loop(robot, guard, task, clock, log, rate_hz=rate_hz, observer=observer)
     return ProbingOutcome(job.session, result, task.failures, sealed)
+
+
+def _guard(robot_file: RobotFile) -> Guard:
+    """The arm's guard, with a model of its own of the arm's weight."""
+    body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
+    return Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
 
 
 def is_simulated(robot_file: RobotFile) -> bool:

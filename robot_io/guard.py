@@ -8,6 +8,7 @@ import numpy as np
 from robot_io.errors import InputError, SafetyTripError
 from robot_io.limit_checks import LimitChecks
 from robot_io.limits import Limits, SafeState
+from robot_io.safe_stop import GravityModel, SafeStop
 from robot_io.types import Command, FloatArray, Measurement
 
 PAUSE_S = (
@@ -33,15 +34,16 @@ class Trip:
 class Guard:
     """Watches every measurement and has the last word on every command.
 
-    A trip stays until `rearm`. The arm is braked against its measured velocity, and its torque goes off after
-    `safe_state.stop_time_s`. Without a velocity that can be trusted there is nothing to brake against: the
-    torque is zero. Braking is at most as strong as at the velocity limit, so that a mad encoder cannot kick,
-    and it is not rate-limited, so that a bad torque ends at once.
+    A trip stays until `rearm`. The arm is braked for `safe_state.stop_time_s`, with its weight held up if
+    `gravity_nm` is given; then it is lowered for `safe_state.lower_time_s`; then the torque goes off. Without
+    `gravity_nm` it goes off after braking, and an arm without brakes falls. Where position and velocity
+    cannot be trusted there is nothing to brake against: the torque is zero.
 
     Args:
         limits: what to hold the arm to.
         safe_state: how to bring it to rest.
         joint_count: number of joints n.
+        gravity_nm: torques that hold the arm still at joint positions, both (n,); asked while stopping only.
 
     Attributes:
         torque_clips: commands that were reduced to the torque limit.
@@ -51,7 +53,13 @@ class Guard:
         InputError: the limits are for another number of joints.
     """
 
-    def __init__(self, limits: Limits, safe_state: SafeState, joint_count: int) -> None:
+    def __init__(
+        self,
+        limits: Limits,
+        safe_state: SafeState,
+        joint_count: int,
+        gravity_nm: GravityModel | None = None,
+    ) -> None:
         if limits.joint_count != joint_count or len(safe_state.damping_nms_rad) != joint_count:
             raise InputError(
                 f"the arm has {joint_count} joints, its limits {limits.joint_count} "
@@ -59,10 +67,7 @@ class Guard:
             )
         self._checks = LimitChecks(limits)
         self._torque_limits = tuple(zip(limits.torque_nm, limits.torque_rate_nm_s, strict=True))
-        self._brakes = tuple(
-            zip(safe_state.damping_nms_rad, limits.velocity_rad_s, limits.torque_nm, strict=True)
-        )
-        self._stop_time_s = safe_state.stop_time_s
+        self._safe_stop = SafeStop(limits, safe_state, gravity_nm)
         self._shape = (joint_count,)
         self._tick = -1
         self._watched: Measurement | None = None
@@ -110,6 +115,7 @@ class Guard:
         if self._trip is None:
             self._trip = Trip(cause, self._watched.time_s if self._watched else nan, self._tick)
             self._stopping_s = 0.0
+            self._safe_stop.restart()
         return self._trip
 
     def limit(self, command: Command, measurement: Measurement, dt_s: float) -> Command:
@@ -196,20 +202,14 @@ class Guard:
     def _stop(self, measurement: Measurement, dt_s: float) -> Command:
         self._stopping_s += dt_s if dt_s > 0 else inf
         # Two clocks end the stop, whichever is first, and so does NaN: time itself may be what has failed.
-        if not (self._stopping_s < self._stop_time_s and self._clock_says_stopping(measurement)):
+        if not (self._stopping_s < self._safe_stop.duration_s and self._clock_says_stopping(measurement)):
             self._finished = True
         if self._finished or not self._checks.motion_is_known(measurement):
-            return _command([0.0] * len(self._brakes))
-        velocities = measurement.joint_velocity_rad_s.tolist()
-        return _command(
-            [
-                min(max(-damping * min(max(velocity, -fastest), fastest), -largest), largest)
-                for velocity, (damping, fastest, largest) in zip(velocities, self._brakes, strict=True)
-            ]
-        )
+            return _command([0.0] * self._shape[0])
+        return _command(self._safe_stop.torque_nm(measurement, self._stopping_s, dt_s))
 
     def _clock_says_stopping(self, measurement: Measurement) -> bool:
-        return self._trip is not None and measurement.time_s - self._trip.time_s < self._stop_time_s
+        return self._trip is not None and measurement.time_s - self._trip.time_s < self._safe_stop.duration_s
 
 
 def _command(torque_nm: list[float]) -> Command:

@@ -33,12 +33,10 @@ class LimitChecks:
 
     def motion_is_known(self, measurement: Measurement) -> bool:
         """Whether position and velocity can still be acted on, wherever they are."""
-        return _sample_problem(
-            "encoder",
-            measurement.encoder_status,
-            measurement.time_s - measurement.encoder_at_s,
-            self._encoder_age_s,
-        ) is None and all(map(isfinite, measurement.joint_velocity_rad_s.tolist()))
+        values = measurement.joint_velocity_rad_s.tolist() + measurement.joint_position_rad.tolist()
+        age_s = measurement.time_s - measurement.encoder_at_s
+        problem = _sample_problem("encoder", measurement.encoder_status, age_s, self._encoder_age_s)
+        return problem is None and all(map(isfinite, values))
 
     def tracking_problem(self, measurement: Measurement, reference_position_rad: FloatArray) -> str | None:
         """The first joint that is too far from its reference, or None."""

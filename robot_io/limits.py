@@ -67,15 +67,20 @@ class Limits(FileModel):
 
 
 class SafeState(FileModel):
-    """How a tripped arm comes to rest: first it is braked, then the torque goes off.
+    """How a tripped arm comes to rest: it is braked, then lowered, then the torque goes off.
 
-    Braking is torque = -damping * velocity. Keep damping * (tick + age of the velocity) below the smallest
-    inertia that the joint moves; from twice that on, the brake itself would shake the arm.
+    Braking is torque = -damping * velocity, with the arm's weight held up. Keep damping * (tick + age of the
+    velocity) below the smallest inertia that the joint moves; from twice that on, the brake itself would
+    shake the arm. For an arm with brakes of its own `lower_time_s` can be 0.
 
     Attributes:
         damping_nms_rad: one value per joint [N m s/rad]; 0 lets a joint go at once.
-        stop_time_s: time from the trip until the torque goes off [s].
+        stop_time_s: time from the trip for braking [s].
+        lower_time_s: time after it in which the arm sinks, until the torque goes off [s].
+        lower_speed_rad_s: how fast it sinks meanwhile [rad/s].
     """
 
     damping_nms_rad: Annotated[tuple[NotNegative, ...], Field(min_length=1)]
     stop_time_s: Annotated[NotNegative, Field(le=10)]
+    lower_time_s: Annotated[NotNegative, Field(le=10)] = 3.0
+    lower_speed_rad_s: Annotated[Positive, Field(le=2.0)] = 0.3

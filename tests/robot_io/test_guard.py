@@ -317,6 +317,117 @@ class TestStop:
         assert guard.tripped.tick == -1
 
 
+class TestWeight:
+    """A stop that knows what the arm weighs: braked for 0.05 s, lowered for 0.4 s."""
+
+    SAFE = SafeState(damping_nms_rad=(2.0, 1.0), stop_time_s=0.05, lower_time_s=0.4, lower_speed_rad_s=0.5)
+
+    def stop(self, weight=(4.0, -1.0), velocity=lambda tick: [0.0, 0.0], ticks=460, **changes):
+        """Torques of the ticks from 1 on after a trip at 0 s, and the guard."""
+        model = weight if callable(weight) else lambda position: np.array(weight)
+        guard = Guard(LIMITS, self.SAFE, 2, model)
+        guard.watch(measured(0.0))
+        guard.trip("test")
+        sent = [
+            limited(
+                guard,
+                torque(7, 7),
+                measured(0.001 * tick, joint_velocity_rad_s=velocity(tick), **changes),
+            )
+            for tick in range(1, ticks + 1)
+        ]
+        return np.array(sent), guard
+
+    def test_it_is_held_up_while_braking(self):
+        sent, _ = self.stop(velocity=lambda tick: [1.0, -0.5], ticks=49)
+        assert sent == pytest.approx(np.tile([4.0 - 2.0, -1.0 + 0.5], (49, 1)))
+
+    def test_carried_by_something_it_is_let_down_within_the_time(self):
+        sent, guard = self.stop()
+        share = sent[:, 0] / 4.0
+        assert (np.diff(share) <= 1e-12).all()
+        assert np.abs(np.diff(share)).max() < 0.02  # no jump, not even when the torque goes off
+        assert sent[:, 1] == pytest.approx(-share)
+        assert share[250] < 0.05
+        assert share[-20:] == pytest.approx(0.0)
+        assert guard.finished
+
+    def test_in_the_air_it_sinks_at_the_set_speed(self):
+        """A mass of 1 kg m^2 on the first joint that weighs 4 N m and is damped with 2 N m s/rad."""
+        speed, speeds = 0.0, []
+        guard = Guard(
+            LIMITS, self.SAFE.model_copy(update={"lower_time_s": 8.0}), 2, lambda _: np.array([4.0, 0])
+        )
+        guard.watch(measured(0.0))
+        guard.trip("test")
+        for tick in range(1, 6000):
+            sent = limited(guard, torque(0, 0), measured(0.001 * tick, joint_velocity_rad_s=[speed, 0.0]))
+            speed += DT * (sent[0] - 4.0)
+            speeds.append(speed)
+        assert speeds[45] == 0.0
+        assert min(speeds) > -0.75
+        assert speeds[-500:] == pytest.approx([-0.5] * 500, abs=0.01)
+
+    def test_an_arm_heavier_than_its_model_is_held_with_more(self):
+        sent, _ = self.stop(velocity=lambda tick: [-2.0, 0.0], ticks=200)
+        assert sent[-1][0] == pytest.approx(1.25 * 4.0 + 2.0 * 2.0)
+
+    def test_the_torque_limit_holds(self):
+        sent, _ = self.stop(weight=(99.0, -99.0), ticks=40)
+        assert sent == pytest.approx(np.tile([10.0, -5.0], (40, 1)))
+
+    @pytest.mark.parametrize(
+        "model",
+        [
+            lambda position: np.array([nan, 1.0]),
+            lambda position: np.array([1.0, inf]),
+            lambda position: np.array([1.0]),
+            lambda position: None,
+            lambda position: 1 / 0,
+        ],
+    )
+    def test_with_a_model_that_fails_it_is_braked_all_the_same_for_as_long(self, model):
+        sent, guard = self.stop(weight=model, velocity=lambda tick: [1.0, -0.5])
+        assert sent[:448] == pytest.approx(np.tile([-2.0, 0.5], (448, 1)))
+        assert not sent[-5:].any()
+        assert guard.finished
+
+    def test_a_model_that_has_failed_once_is_not_asked_again(self):
+        calls = []
+        self.stop(weight=lambda position: calls.append(1) or np.array([nan, nan]))
+        assert len(calls) == 1
+
+    @pytest.mark.parametrize(
+        "unknown",
+        [{"encoder_status": Status.FAULT}, {"encoder_at_s": -0.1}, {"joint_position_rad": [nan, 0.0]}],
+        ids=str,
+    )
+    def test_where_the_arm_is_unknown_its_weight_is_not_guessed(self, unknown):
+        asked = []
+        sent, guard = self.stop(weight=lambda position: asked.append(1) or 4.0 + position, **unknown)
+        assert not sent.any()
+        assert not asked
+        assert guard.finished
+
+    def test_it_is_asked_for_while_stopping_only(self):
+        asked = []
+        guard = Guard(LIMITS, self.SAFE, 2, lambda position: asked.append(1) or np.zeros(2))
+        for tick in range(20):
+            limited(guard, torque(1, 1), measured(0.001 * tick))
+        assert not asked
+
+    def test_the_next_stop_starts_with_full_support(self):
+        _, guard = self.stop()
+        guard.rearm(measured(1.0))
+        guard.trip("again")
+        assert limited(guard, torque(0, 0), measured(1.001)) == [4.0, -1.0]
+
+    def test_it_cannot_be_rearmed_while_being_lowered(self):
+        _, guard = self.stop(ticks=200)
+        with pytest.raises(SafetyTripError, match="still being stopped"):
+            guard.rearm(measured(0.201))
+
+
 class TestRearm:
     @pytest.fixture
     def stopped(self, guard):
@@ -372,10 +483,13 @@ class TestRearm:
 class TestOnTheMockArm:
     """A whole arm: thrown against its limits, it must come to rest by itself."""
 
-    def run(self, ticks, want, before_tick=lambda tick, bus: None):
+    def run(self, ticks, want, before_tick=lambda tick, bus: None, weight_n=(0, 0, 0), knows_weight=True):
         robot_file, clock = mock_robot_file(), SimulatedClock()
         robot = build_mock_robot(clock)
-        guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
+        plant = mock_bus(robot).plant
+        plant.weight_n = np.array(weight_n)
+        model = plant.gravity_nm if any(weight_n) and knows_weight else None
+        guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, model)
         robot.configure()
         robot.activate()
         history = []
@@ -396,6 +510,18 @@ class TestOnTheMockArm:
         assert fastest < 8.5
         assert np.abs(plant.velocity_rad_s).max() < 0.05 * fastest
         assert not plant.torque_nm.any()
+
+    @pytest.mark.parametrize(("knows_weight", "falls_m"), [(True, (0.0, 0.002)), (False, (0.03, 0.2))])
+    def test_a_heavy_arm_stays_up_while_it_is_braked(self, knows_weight, falls_m):
+        heights = []
+
+        def keep(tick, bus):
+            heights.append(bus.plant.tip_height_m)
+            if tick == 1:
+                bus.faults.status["force"] = Status.FAULT
+
+        self.run(200, torque(0, 0, 0), keep, weight_n=(3.0, 2.0, 0.5), knows_weight=knows_weight)
+        assert falls_m[0] <= heights[1] - heights[-1] < falls_m[1]
 
     @pytest.mark.parametrize(
         ("device", "cause"),

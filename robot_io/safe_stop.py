@@ -1,0 +1,96 @@
+"""Brings a tripped arm to rest: brakes it with its weight held up, then lets it sink slowly."""
+
+from collections.abc import Callable
+from math import isfinite, sqrt
+
+from robot_io.limits import Limits, SafeState
+from robot_io.types import FloatArray, Measurement
+
+GravityModel = Callable[[FloatArray], FloatArray]
+"""Joint positions (n,) [rad] to the torques (n,) [N m] that hold the arm still there."""
+
+_MOST_SUPPORT = 1.25  # of the modelled weight: the arm may be heavier than its model, but not by more
+_FADE_SHARE, _LAST_SHARE = 0.5, 0.25  # of the lowering time
+
+
+class SafeStop:
+    """The torques of a stop: damping, and support of the arm's weight while it is braked and lowered.
+
+        tau = s g(q) - D v
+
+    s is 1 while braking. Then it falls at a rate of (1 - u / u_set) / T, where u = -g.v / |g| is how fast the
+    arm sinks: in the air the arm sinks at u_set, and on something that carries it the support fades in T,
+    half of the lowering time. In the last quarter of that time what is left fades, wherever the arm is.
+    Without a gravity model, or from a value on that is none, s is 0.
+
+    Braking is at most as strong as at the velocity limit, so that a mad encoder cannot kick, and it is not
+    rate-limited, so that a bad torque ends at once.
+
+    Args:
+        limits: for torque and velocity.
+        safe_state: damping, times, speed of sinking.
+        gravity_nm: model of the arm's weight, or None.
+
+    Attributes:
+        duration_s: after this the torque is to go off [s].
+    """
+
+    def __init__(self, limits: Limits, safe_state: SafeState, gravity_nm: GravityModel | None) -> None:
+        self._brakes = tuple(
+            zip(safe_state.damping_nms_rad, limits.velocity_rad_s, limits.torque_nm, strict=True)
+        )
+        self._brake_time_s = safe_state.stop_time_s
+        self._fade_s = _FADE_SHARE * safe_state.lower_time_s
+        self._last_s = _LAST_SHARE * safe_state.lower_time_s
+        self._sink_rad_s = safe_state.lower_speed_rad_s
+        self._model = gravity_nm
+        self.duration_s = safe_state.stop_time_s + (safe_state.lower_time_s if gravity_nm else 0.0)
+        self.restart()
+
+    def restart(self) -> None:
+        """Before each stop."""
+        self._gravity_nm = self._model
+        self._support = 1.0
+
+    def torque_nm(self, measurement: Measurement, stopping_s: float, dt_s: float) -> list[float]:
+        """Torques (n) [N m], within the limits.
+
+        Args:
+            measurement: its joint positions and velocities are used, and must be known.
+            stopping_s: time since the trip [s].
+            dt_s: time since the last tick [s].
+        """
+        velocities = measurement.joint_velocity_rad_s.tolist()
+        weights_nm = self._weights_nm(measurement.joint_position_rad)
+        if stopping_s > self._brake_time_s:
+            self._support = self._lowered(weights_nm, velocities, stopping_s, dt_s)
+        support = self._support
+        return [
+            min(max(support * weight - damping * min(max(velocity, -fastest), fastest), -largest), largest)
+            for weight, velocity, (damping, fastest, largest) in zip(
+                weights_nm, velocities, self._brakes, strict=True
+            )
+        ]
+
+    def _weights_nm(self, position_rad: FloatArray) -> list[float]:
+        """What holds the arm still; zeros where nobody knows."""
+        if self._gravity_nm is not None:
+            try:
+                weights_nm: list[float] = self._gravity_nm(position_rad).tolist()
+                if len(weights_nm) == len(self._brakes) and all(map(isfinite, weights_nm)):
+                    return weights_nm
+            except Exception:  # noqa: S110, whatever is wrong with the model: the stop goes on without
+                pass
+            self._gravity_nm = None
+        return [0.0] * len(self._brakes)
+
+    def _lowered(
+        self, weights_nm: list[float], velocities_rad_s: list[float], stopping_s: float, dt_s: float
+    ) -> float:
+        """The support from now on."""
+        size_nm = sqrt(sum(weight * weight for weight in weights_nm))
+        power_w = sum(weight * speed for weight, speed in zip(weights_nm, velocities_rad_s, strict=True))
+        sinking_rad_s = -power_w / size_nm if size_nm else 0.0
+        rate = (1.0 - sinking_rad_s / self._sink_rad_s) / self._fade_s
+        most = min(_MOST_SUPPORT, max(self.duration_s - stopping_s, 0.0) / self._last_s)
+        return min(max(self._support - rate * dt_s, 0.0), most)
