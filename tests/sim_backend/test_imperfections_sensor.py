@@ -97,8 +97,16 @@ def test_what_is_mechanical_comes_ahead_of_the_noise_and_what_is_electrical_afte
         world.close()
         return np.array(values)
 
-    lagging = force_samples(hidden("lag", channel="contact", time_s=0.05))
-    assert lagging.std() == pytest.approx(0.5, rel=0.15)
+    mechanical = [
+        hidden("lag", channel="contact", time_s=0.05),
+        hidden("delay", channel="contact", delay_s=0.05),
+        hidden("deadband", channel="contact", half_width=1.0),
+        hidden("hysteresis", channel="contact", half_width=1.0),
+    ]
+    for entry in mechanical:
+        noise = force_samples(entry)
+        assert noise.std() == pytest.approx(0.5, rel=0.15)
+        assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.15
     cut = force_samples(hidden("saturation", channel="contact", limit=0.2))
     assert (np.abs(cut) == 0.2).mean() > 0.5
 
