@@ -5,16 +5,23 @@ measured data needs the folder with the measurements; without it that one is lef
 """
 
 import shutil
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+import numpy as np
 
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
 from palpate.demo import Demo, probe_demo, show_demo
 from palpate.estimation_run import BEST, estimate_with
+from palpate.hidden_demo import STRENGTH, probe_hidden, solve
 from palpate.views.plots import save_plots
 from palpate.views.viewer import take_picture
+from sim_backend.hidden import noise_scale
+from sim_backend.imperfection import IMPERFECTIONS
+from sim_backend.noise_scale import CONTACT
 from sim_backend.scenario import load_scenario
 
 PICTURES = Path(__file__).parent / "pictures"
@@ -28,6 +35,7 @@ def main(data_dir: Path | None) -> None:
     PICTURES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         draw_simulated(Path(folder))
+        draw_hidden(Path(folder))
     if data_dir is not None:
         draw_measured(data_dir / SOFT)
 
@@ -41,6 +49,30 @@ def draw_simulated(folder: Path) -> None:
     paper = probed(folder / "paper.mcap", "paper")
     figure_4a = next(plot for plot in paper.plots if plot.stem == "force-displacement")
     shutil.copyfile(figure_4a, PICTURES / "force-displacement-paper.png")
+
+
+def draw_hidden(folder: Path) -> None:
+    """Something is hidden in the default object, found and added: the picture, and the model growing."""
+    session = folder / "hidden.mcap"
+    effect = IMPERFECTIONS["stress_relaxation"]
+    world = load_scenario("default")
+    rng = np.random.default_rng(1)
+    hidden = effect.at_strength(STRENGTH, CONTACT, noise_scale(world), rng)
+    probe_hidden(session, world.with_hidden([hidden]), seed=1)
+    demo = solve(session, lambda what, share: None)
+    shutil.copyfile(demo.files["waterfall"], PICTURES / "waterfall.png")
+    take_picture(demo.files["recording"], PICTURES / "revisions.png", 0.0, SCREEN, revision=1)
+    browser = shutil.which("chromium")
+    if browser is not None:
+        shoot(browser, demo.files["report"], PICTURES / "report.png", folder / "profile")
+
+
+def shoot(browser: str, page: Path, picture: Path, profile: Path) -> None:
+    """The upper part of a report as a browser shows it."""
+    flags = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync")
+    quiet = ("--disable-background-networking", "--hide-scrollbars", "--virtual-time-budget=8000")
+    size = (f"--user-data-dir={profile}", "--window-size=1120,1500", f"--screenshot={picture}")
+    subprocess.run([browser, *flags, *quiet, *size, page.as_uri()], check=True, capture_output=True)  # noqa: S603, our own page
 
 
 def probed(session: Path, scenario: str) -> Demo:

@@ -44,7 +44,7 @@ def headline(found: ChannelDiagnosis) -> str:
 
 def sentence(found: ChannelDiagnosis) -> str:
     """The verdict in one sentence that a person can act on."""
-    unit, where = found.effort_unit, f"[bold]{found.channel}[/bold]"
+    where = f"[bold]{found.channel}[/bold]"
     match found.verdict:
         case Verdict.INSUFFICIENT:
             return f"{where}: this data cannot say: {found.reason}."
@@ -55,9 +55,11 @@ def sentence(found: ChannelDiagnosis) -> str:
             verb = "is" if len(found.accepted) == 1 else "are"
             return f"{where}: {names} {verb} missing from the model. {_fall(found)}"
     signals = _enumerated(found.depends_on) or "no single signal"
-    left = "" if found.noise_floor is None else f" (floor {found.noise_floor:.3g} {unit})"
-    error = "" if found.final is None else f"; {found.final.rmse:.3g} {unit} in held-out runs{left}"
-    return f"{where}: something is missing that no known effect explains; it depends on {signals}{error}."
+    rest = f"that no known effect explains; it depends on {signals}"
+    if found.accepted:
+        names = _enumerated([f"[bold]{entry.effect}[/bold]" for entry in found.accepted])
+        return f"{where}: {names} and something more is missing {rest}. {_fall(found)}"
+    return f"{where}: something is missing {rest}. {_fall(found)}"
 
 
 def parameter_table(fitted: Fitted, title: str = "") -> Table:
@@ -80,7 +82,7 @@ def _fall(found: ChannelDiagnosis) -> str:
     unit, before, after = found.effort_unit, found.baseline, found.final
     if before is None or after is None:
         return ""
-    floor = "" if found.noise_floor is None else f" (noise floor {found.noise_floor:.3g})"
+    floor = "" if found.noise_floor is None else f" (noise floor {found.noise_floor:.3g} {unit})"
     if not found.accepted:
         return f"The error in held-out runs is {after.rmse:.3g} {unit}{floor}."
     fall = f"from {before.rmse:.3g} to {after.rmse:.3g} {unit}"
@@ -99,13 +101,10 @@ def _evidence(found: ChannelDiagnosis) -> Iterator[RenderableType]:
             if entry.confused_with:
                 rivals = _enumerated(entry.confused_with, "or")
                 yield Text.from_markup(f"  [yellow]this data cannot tell it from {rivals}[/yellow]")
-    elif found.verdict is Verdict.UNEXPLAINED:
-        helped = _enumerated([suspect.effect for suspect in found.suspects])
-        if helped:
-            yield Text.from_markup(
-                f"[dim]{helped} would lower the error, but not to the noise: not named[/dim]"
-            )
-    if found.final is not None and found.verdict is not Verdict.UNEXPLAINED:
+    if helped := _enumerated([suspect.effect for suspect in found.suspects]):
+        told = f"{helped} would lower the error further, but not to the noise: not named"
+        yield Text.from_markup(f"[dim]{told}[/dim]")
+    if found.final is not None and (found.accepted or found.verdict is not Verdict.UNEXPLAINED):
         yield parameter_table(found.final)
     if found.ranking and found.verdict is not Verdict.ADEQUATE:
         yield _ranking(found)

@@ -8,8 +8,9 @@ import pytest
 from control.probing_plan import ProbingPlan, load_probing_plan
 from estimation.channel import ChannelKind
 from estimation.diagnosis.next_experiment import exploring, separating, sufficient
-from estimation.diagnosis.result import NextExperiment
+from estimation.diagnosis.result import Accepted, ChannelDiagnosis, NextExperiment
 from estimation.effects import EFFECTS
+from palpate.diagnosis_text import sentence
 from palpate.next_plan import plan_of, write_plan
 from tests.palpate.cli import assert_refused, run
 from tests.palpate.presses import CUBIC, write_presses
@@ -169,3 +170,16 @@ def test_every_proposed_experiment_is_a_plan_that_probe_can_run(tmp_path):
 def test_what_an_arm_cannot_do_by_itself_is_no_plan():
     words = NextExperiment(purpose="x", separates=[], instruction="lift two loads", probe={})
     assert plan_of(words, None) is None
+
+
+def test_a_verdict_of_something_unknown_says_what_it_depends_on_and_what_was_found():
+    rest = {"channel": "contact", "reason": "r", "effort_unit": "N", "noise_floor": 0.1}
+    model = {"rmse": 0.5, "parameters": {}}
+    found = ChannelDiagnosis(
+        verdict="unexplained", baseline=model, final=model, depends_on=["a", "b"], **rest
+    )
+    assert "something is missing that no known effect explains; it depends on a and b" in sentence(found)
+    step = {"effect": "bias", "parameters": {}, "rmse_before": 0.5, "rmse_after": 0.3, "p_value": 0.005}
+    about = {"confused_with": [], "physics": "p", "equation": "e", "signature": "s"}
+    more = found.model_copy(update={"accepted": [Accepted(**step, **about)]})
+    assert "[bold]bias[/bold] and something more is missing" in sentence(more)

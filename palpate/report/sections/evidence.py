@@ -3,7 +3,7 @@
 from html import escape
 from typing import ClassVar
 
-from estimation.diagnosis import ChannelDiagnosis
+from estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.report import pieces
 from palpate.report.report import Report
 from palpate.report.section import Section
@@ -24,8 +24,13 @@ class EvidenceSection(Section):
         return "".join(
             pieces.channel_heading(report, story) + _channel(story, story.diagnosis)
             for story in report.stories
-            if story.diagnosis is not None and story.diagnosis.ranking
+            if story.diagnosis is not None and _tells(story.diagnosis)
         )
+
+
+def _tells(found: ChannelDiagnosis) -> bool:
+    """Where nothing is missing, no candidate lowers the error, and a ranking of nothing tells nothing."""
+    return bool(found.ranking) and found.verdict is not Verdict.ADEQUATE
 
 
 def _channel(story: Story, found: ChannelDiagnosis) -> str:

@@ -1,5 +1,6 @@
 """Model and measurement over time, with what is left."""
 
+from html import escape
 from typing import ClassVar
 
 import numpy as np
@@ -54,7 +55,7 @@ def _channel(story: Story) -> str:
             1,
         )
 
-    before, after = f"base model: {stage_name(base)}", f"with {stage_name(last)}"
+    before, after = f"base model: {stage_name(base)}", f"with {escape(last.added)}"
     curve(data.effort, "measured", style.MEASURED, 1)
     curve(base.predicted, before, "#9aa5b1", 1, dash="dot")
     curve(base.residual, before, "#9aa5b1", 2)

@@ -44,7 +44,7 @@ def _words(story: Story) -> str:
 def _map(story: Story) -> go.Figure:
     data, names = story.subject.channel, quantities_of(story.subject.channel)
     stages = [story.stages[0], *story.stages[1:][-1:]]
-    titles = [stage_name(stage) if not stage.added else f"with {stage_name(stage)}" for stage in stages]
+    titles = [stage_name(stage) if not stage.added else f"with {escape(stage.added)}" for stage in stages]
     shown = pieces.grid(380, 1, len(stages), shared_yaxes=True, subplot_titles=titles)
     shown.update_layout(plot_bgcolor=EMPTY, margin={"t": 56})
     grids = [residual_grid(data, stage.residual, CELLS) for stage in stages]

@@ -48,7 +48,7 @@ def _channel(report: Report, story: Story) -> str:
         x=floor,
         line={"color": style.TRUTH, "width": 1.5, "dash": "dot"},
         annotation={"text": f"noise floor {floor:.3g} {unit}", "font": {"color": style.TRUTH}, "yshift": 18},
-        annotation_position="top right",
+        annotation_position="top right" if floor < 0.6 * max(errors) else "top left",
     )
     shown.update_yaxes(autorange="reversed", showgrid=False, ticks="")
     shown.update_xaxes(title={"text": f"error in held-out runs [{unit}]"}, range=[0, 1.18 * max(errors)])
