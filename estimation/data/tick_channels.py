@@ -56,14 +56,13 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
     if len(chosen) == 0:
         return ()
     time_s, run = chosen["torque_at_s"], _with_moves(chosen["run"])
-    piece = number_pieces(time_s, run)
-    measured = chosen.vector("joint_position_rad")
-    position = np.column_stack([_at(time_s, chosen["encoder_at_s"], joint) for joint in measured.T])
-    motions = [differentiate(time_s, joint, piece) for joint in position.T]
+    motions = [
+        _motion(time_s, chosen["encoder_at_s"], joint, run) for joint in chosen.vector("joint_position_rad").T
+    ]
     context = {
-        "joint_position": position,
-        "joint_velocity": np.column_stack([motion.velocity for motion in motions]),
-        "joint_acceleration": np.column_stack([motion.acceleration for motion in motions]),
+        "joint_position": np.column_stack([position for position, _, _ in motions]),
+        "joint_velocity": np.column_stack([velocity for _, velocity, _ in motions]),
+        "joint_acceleration": np.column_stack([acceleration for _, _, acceleration in motions]),
         "contact_force": np.nan_to_num(chosen["force_n"]),
         "press_direction_world": chosen["press_direction_world"],
     }
@@ -73,9 +72,7 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
             f"joint_{joint + 1}",
             ChannelKind.REVOLUTE,
             time_s,
-            position[:, joint],
-            motion.velocity,
-            motion.acceleration,
+            *motion,
             torque[:, joint],
             run,
             chosen["phase"].astype(np.int64),
@@ -88,6 +85,21 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
 def _good(ticks: Samples, *status_columns: str) -> BoolArray:
     """Ticks in which all these devices brought a new and trustworthy sample."""
     return np.asarray(np.all([ticks[name] == Status.OK for name in status_columns], axis=0))
+
+
+def _motion(
+    time_s: FloatArray, sampled_at_s: FloatArray, position: FloatArray, run: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, velocity and acceleration at the times wanted.
+
+    The derivatives are taken at the times of the samples: interpolated positions share their errors with
+    their neighbours, which `differentiate` would take for motion.
+    """
+    motion = differentiate(sampled_at_s, position, number_pieces(sampled_at_s, run))
+    position, velocity, acceleration = (
+        _at(time_s, sampled_at_s, values) for values in (position, motion.velocity, motion.acceleration)
+    )
+    return position, velocity, acceleration
 
 
 def _at(time_s: FloatArray, sampled_at_s: FloatArray, values: FloatArray) -> FloatArray:
@@ -137,20 +149,17 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     chosen, touching = ticks.select(rows), touching[rows]
     time_s, run = chosen["force_at_s"], chosen["run"].astype(np.int64)
     travel_m = np.einsum("ij,ij->i", chosen["tip_position_world_m"], chosen["press_direction_world"])
-    along_m = _at(time_s, chosen["encoder_at_s"], travel_m)
-    motion = differentiate(time_s, along_m, number_pieces(time_s, run))
+    along_m, speed_m_s, acceleration_m_s2 = _motion(time_s, chosen["encoder_at_s"], travel_m, run)
     tare = _tare(contacts)
     above_n = chosen["force_n"] - tare.of(run)
-    surface = find_surface(
-        along_m[touching], motion.velocity[touching], above_n[touching], run[touching], tare
-    )
+    surface = find_surface(along_m[touching], speed_m_s[touching], above_n[touching], run[touching], tare)
     return ChannelData(
         name,
         ChannelKind.CONTACT,
         time_s,
         along_m - surface.position_m,
-        motion.velocity,
-        motion.acceleration,
+        speed_m_s,
+        acceleration_m_s2,
         above_n if tared else chosen["force_n"],
         run,
         chosen["phase"].astype(np.int64),

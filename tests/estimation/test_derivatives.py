@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
 from estimation.data.derivatives import centre_slope, differentiate
+from estimation.data.local_fit import local_fit
 from estimation.data.pieces import number_pieces
 
 ONE_PIECE = lambda t: np.zeros(len(t), dtype=np.int64)  # noqa: E731
@@ -63,12 +64,35 @@ def test_a_kink_between_two_pieces_stays_sharp():
     assert np.abs(together - np.where(t < 0.2, 0.1, 0.9)).max() > 0.1
 
 
+@pytest.mark.parametrize("noise", [1e-7, 2e-6, 5e-5])
+@pytest.mark.parametrize("rate", [5.0, 15.0, 60.0])
+def test_no_other_window_would_be_much_better(rate, noise):
+    """Neither for velocity nor for acceleration, each with a window of its own."""
+    t = np.arange(4000) * 1e-3
+    x = 0.05 / rate * np.sin(rate * t)
+    v, a = 0.05 * np.cos(rate * t), -0.05 * rate * np.sin(rate * t)
+    noisy = x + noise * np.random.default_rng(5).standard_normal(len(t))
+    found = differentiate(t, noisy, ONE_PIECE(t))
+    others = [differentiate(t, noisy, ONE_PIECE(t), half) for half in (2, 3, 4, 5, 7, 10, 14, 20, 28)]
+    assert np.std(found.velocity - v) < 1.25 * min(np.std(other.velocity - v) for other in others)
+    assert np.std(found.acceleration - a) < 1.25 * min(np.std(other.acceleration - a) for other in others)
+
+
+@pytest.mark.parametrize("steps", [np.full(30, 0.01), np.linspace(0.008, 0.012, 30)])
+def test_a_fit_knows_what_noise_does_to_it(steps):
+    t, centres = np.cumsum(steps), np.array([0, 3, 15, 29])
+    rng = np.random.default_rng(6)
+    draws = [local_fit(t, rng.standard_normal(30), centres, 6).fitted for _ in range(3000)]
+    expected = local_fit(t, np.zeros(30), centres, 6).variance
+    np.testing.assert_allclose(np.var(draws, axis=0), expected, rtol=0.12)
+
+
 def test_the_window_grows_with_the_noise():
     t = np.arange(3000) * 1e-3
     x = 0.01 * np.sin(15 * t)
     rng = np.random.default_rng(3)
     windows = [
-        differentiate(t, x + noise * rng.standard_normal(3000), ONE_PIECE(t)).half_window
+        differentiate(t, x + noise * rng.standard_normal(3000), ONE_PIECE(t)).half_windows[0]
         for noise in (1e-9, 1e-6, 1e-4)
     ]
     assert windows == sorted(windows)

@@ -133,6 +133,20 @@ def test_joints_carry_the_whole_arm_s_motion():
     np.testing.assert_allclose(second.velocity, -2 * truth.true_speed_m_s, atol=0.02)
 
 
+def test_a_torque_sampled_between_two_positions_does_not_spoil_the_acceleration():
+    """Positions interpolated to its time would share their errors with their neighbours, and mislead."""
+    truth = recorded()
+    counts = np.round(np.outer(truth.true_along_m, [1.0, -2.0, 0.5]) / 7.7e-6) * 7.7e-6
+    same, between = (
+        joint_channels(ticks(truth, joint_position_rad=counts, torque_at_s=truth.time_s - late_s))[1]
+        for late_s in (0.0, 0.0005)
+    )
+    expected = np.interp(between.time_s, same.time_s, same.acceleration)
+    np.testing.assert_allclose(between.acceleration, expected, atol=1e-9)
+    moved = np.interp(truth.time_s - 0.0005, truth.time_s, -2 * truth.true_along_m)
+    np.testing.assert_allclose(between.position, moved, atol=1e-5)
+
+
 def test_a_move_belongs_to_the_run_after_it_and_useless_phases_to_none():
     truth = recorded()
     run, phase = truth.run.copy(), truth.phase.copy()

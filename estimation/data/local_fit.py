@@ -1,0 +1,94 @@
+"""Polynomials fitted to the samples around each sample.
+
+A. Savitzky, M. J. E. Golay, Analytical Chemistry 36 (1964) for even sampling, W. S. Cleveland, JASA 74 (1979)
+in general.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from robot_io.types import FloatArray, IntArray
+
+DEGREE = 3
+_EVEN = 1e-4  # steps that differ by less, as a share of a step, count as even
+
+
+@dataclass(frozen=True)
+class LocalFit:
+    """Fits around n samples.
+
+    Attributes:
+        fitted: position, velocity and acceleration, shape (n, 3).
+        variance: of each of them for noise of variance 1, shape (n, 3); that of a position is also the share
+            of its own measurement in it.
+    """
+
+    fitted: FloatArray
+    variance: FloatArray
+
+
+def local_fit(time_s: FloatArray, position: FloatArray, centres: IntArray, half: int) -> LocalFit:
+    """Fit a polynomial around each of the samples `centres` of one piece."""
+    width = min(2 * half + 1, len(position))
+    starts = np.clip(centres - half, 0, len(position) - width)
+    steps = np.diff(time_s)
+    if len(steps) == 0 or np.ptp(steps) <= _EVEN * steps.max():
+        step_s = float(np.mean(steps)) if len(steps) else 1.0
+        return _even_fit(step_s, position, centres, starts, width)
+    return _uneven_fit(time_s, position, centres, starts, width)
+
+
+def _even_fit(
+    step_s: float, position: FloatArray, centres: IntArray, starts: IntArray, width: int
+) -> LocalFit:
+    """One set of coefficients for all samples in the middle of their window, one for each place at an end."""
+    fitted: FloatArray = np.empty((len(centres), 3))
+    variance: FloatArray = np.empty((len(centres), 3))
+    per_second = np.array([1.0, 1 / step_s, 2 / step_s**2])
+    windows = sliding_window_view(position, width)
+    for place in np.unique(centres - starts):
+        rows = centres - starts == place
+        coefficients = even_coefficients(width, int(place))
+        fitted[rows] = windows[starts[rows]] @ coefficients.T
+        variance[rows] = np.sum(coefficients**2, axis=1)
+    return LocalFit(fitted * per_second, variance * per_second**2)
+
+
+@lru_cache(maxsize=4096)
+def even_coefficients(width: int, place: int) -> FloatArray:
+    """What turns a window into its polynomial's value, slope and half curvature at `place`, (3, width)."""
+    basis = (np.arange(width) - place)[:, None] ** np.arange(min(DEGREE, width - 1) + 1.0)
+    coefficients = np.zeros((3, width))
+    fitted = np.linalg.pinv(basis)[:3]
+    coefficients[: len(fitted)] = fitted
+    coefficients.setflags(write=False)
+    return coefficients
+
+
+def _uneven_fit(
+    time_s: FloatArray, position: FloatArray, centres: IntArray, starts: IntArray, width: int
+) -> LocalFit:
+    """Normal equations of each window, summed up sample by sample over all windows at once."""
+    terms = min(DEGREE, len(position) - 1) + 1
+    unit = width / 2 * float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    moments, products = np.zeros((2 * terms - 1, len(centres))), np.zeros((terms, len(centres)))
+    for offset in range(width):
+        power = np.ones(len(centres))
+        away = (time_s[starts + offset] - time_s[centres]) / unit
+        value = position[starts + offset] - position[centres]
+        for order in range(2 * terms - 1):
+            moments[order] += power
+            if order < terms:
+                products[order] += power * value
+            power = power * away
+    matrix = moments[np.add.outer(np.arange(terms), np.arange(terms))].transpose(2, 0, 1)
+    inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    fitted, variance = np.zeros((len(centres), 3)), np.zeros((len(centres), 3))
+    fitted[:, : min(3, terms)] = np.einsum("nij,jn->ni", inverse, products)[:, :3]
+    fitted[:, 0] += position[centres]
+    variance[:, : min(3, terms)] = np.einsum("nii->ni", inverse)[:, :3]
+    per_second = np.array([1.0, 1 / unit, 2 / unit**2])
+    return LocalFit(fitted * per_second, variance * per_second**2)
