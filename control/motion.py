@@ -1,12 +1,11 @@
 """What a controller follows: a motion of the joints, or a motion along the press line."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from robot_io.types import FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class LineState:
+class LineState(NamedTuple):
     """Motion along the line: travel [m], speed [m/s] and acceleration [m/s^2], positive into the object."""
 
     travel_m: float
@@ -14,8 +13,7 @@ class LineState:
     acceleration_m_s2: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class JointMotion:
+class JointMotion(NamedTuple):
     """Joint positions [rad], velocities [rad/s] and accelerations [rad/s^2], shape (n,) each."""
 
     position_rad: FloatArray

@@ -5,7 +5,6 @@ The surface is not given: the approach ends with the touch that the force sensor
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 from control.excitation import Profile, position_amplitude_m
 from control.gains import Gains
@@ -220,7 +219,7 @@ class ProbingRun:
 
     def _leave(self) -> None:
         """Move out, at the set speed while in contact."""
-        start = replace(self._control.state, acceleration_m_s2=0.0)
+        start = self._control.state._replace(acceleration_m_s2=0.0)
         self._blend = SpeedBlend(start, -self.spec.speed_m_s, self._plan.acceleration_m_s2)
         self._enter(Phase.UNLOADING, self._unloading)
 

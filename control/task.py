@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from control.phases import Phase
 from robot_io.types import Command, FloatArray, Measurement
@@ -25,8 +25,7 @@ class TaskEvent:
     data: Mapping[str, object] | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class TaskOutput:
+class TaskOutput(NamedTuple):
     """What a task wants in one tick, and what it was aiming at.
 
     Attributes:

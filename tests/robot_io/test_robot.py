@@ -1,7 +1,5 @@
 """A robot: honest samples, commands as sent, and a way back from every failure."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -101,7 +99,7 @@ class TestReading:
     @pytest.mark.parametrize("part", ["read_position", "read_velocity"])
     def test_the_worse_of_position_and_velocity_counts(self, active, monkeypatch, part):
         read = getattr(active.encoder, part)
-        monkeypatch.setattr(active.encoder, part, lambda: replace(read(), status=Status.FAULT))
+        monkeypatch.setattr(active.encoder, part, lambda: read()._replace(status=Status.FAULT))
         assert tick(active).encoder_status is Status.FAULT
 
     def test_before_the_first_sample_nothing_looks_measured(self, robot, bus):
