@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 from control.gains import ContactGains
 from control.object_guess import Compliance
+from robot_io.clip import clip
 
 _OWN_DAMPING = 0.4  # of the object's damping counts; all of it would overshoot, none would creep
 _FOLLOW_S = 0.004  # how fast the speed follows the braking curve
@@ -77,4 +78,4 @@ def loading_acceleration(
     hardest = _BRAKING_RESERVE * max(gains.braking_m_s2, stopping) + excess_n / gains.mass_kg
     hardest = min(hardest, gains.yielding_m_s2)
     change = (goal_m_s - speed_m_s) / _FOLLOW_S
-    return min(max(change, -hardest), gains.braking_m_s2)
+    return clip(change, -hardest, gains.braking_m_s2)

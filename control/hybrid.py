@@ -7,7 +7,7 @@ the acceleration can change, and it is bounded. Inverse kinematics and computed 
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,12 +18,12 @@ from control.motion import JointMotion, LineState
 from control.object_guess import ObjectGuess
 from control.press_line import PressLine
 from control.rigid_body import RigidBody, TipMotion
+from robot_io.clip import clip
 from robot_io.errors import InputError
 from robot_io.types import Command, FloatArray, Measurement, Status
 
 
-@dataclass(frozen=True, slots=True)
-class ForceGoal:
+class ForceGoal(NamedTuple):
     """What is wanted in contact.
 
     Attributes:
@@ -37,8 +37,7 @@ class ForceGoal:
     hold: bool
 
 
-@dataclass(frozen=True, slots=True)
-class HybridReference:
+class HybridReference(NamedTuple):
     """What is wanted in one tick.
 
     Attributes:
@@ -50,8 +49,7 @@ class HybridReference:
     force: ForceGoal | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class ControlOutput:
+class ControlOutput(NamedTuple):
     """What the controller made of one tick.
 
     Attributes:
@@ -163,7 +161,7 @@ class HybridController:
             raise InputError("hybrid controller: set_line comes before step")
         tip = self._body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
         force_n = measurement.force_n - self.force_bias_n
-        speed_m_s = float(tip.velocity_world_m_s @ self._line.direction_world)
+        speed_m_s = float(tip.velocity_world_m_s.dot(self._line.direction_world))
         since_s = measurement.force_at_s - self._force_at_s
         if self._is_new(measurement):
             self._sense(self._line.travel_of(tip.position_world_m), speed_m_s, force_n, since_s)
@@ -210,7 +208,7 @@ class HybridController:
             admittance = scheduled_admittance(compliance, gains)
             wanted = admittance.acceleration(goal.force_n - force_n, speed_m_s, dt_s)
             wanted = min(wanted, (goal.speed_limit_m_s - speed_m_s) / dt_s)
-            return min(max(wanted, -gains.yielding_m_s2), gains.yielding_m_s2)
+            return clip(wanted, -gains.yielding_m_s2, gains.yielding_m_s2)
         # The measured speed would be right for the spring's share; the reference's own speed in its place
         # integrates the force error. Half of each follows the limit closely and stays clear of oscillation.
         spring_n = force_n - compliance.damping_n_s_m * 0.5 * (measured_m_s + speed_m_s)
@@ -221,8 +219,8 @@ class HybridController:
         self, measurement: Measurement, motion: JointMotion, tip: TipMotion, force_n: float, dt_s: float
     ) -> ControlOutput:
         self.reference_rad = motion.position_rad
-        push_world = tip.rotation_world_tip @ self._axis_tip
+        push_world = tip.rotation_world_tip.dot(self._axis_tip)
         balance_n = force_n * self._contact_gains.force_feedforward
-        contact_torque = (push_world * balance_n) @ tip.jacobian_world[:3]
+        contact_torque = (push_world * balance_n).dot(tip.jacobian_world[:3])
         torque = self._torque.step(measurement, motion, contact_torque, dt_s)
         return ControlOutput(Command(torque), motion, tip, self.state, self.switch.in_contact, force_n)

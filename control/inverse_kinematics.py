@@ -19,6 +19,7 @@ import numpy as np
 from control.dh import DhTable
 from control.dh_urdf import dh_to_urdf
 from control.rigid_body import RigidBody
+from robot_io.clip import clip
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, frozen_array
 
@@ -142,7 +143,7 @@ class PlanarArm:
                 f"target out of reach: with this tool direction its wrist is {distance_m:.4f} m from the "
                 f"shoulder, which reaches {abs(first_m - second_m):.4f} to {first_m + second_m:.4f} m"
             )
-        bend = elbow * math.acos(min(max(cosine, -1.0), 1.0))
+        bend = elbow * math.acos(clip(cosine, -1.0, 1.0))
         first = math.atan2(wrist_w, wrist_u) - math.atan2(
             second_m * math.sin(bend), first_m + second_m * math.cos(bend)
         )

@@ -7,6 +7,8 @@ object, so that it follows a stiffening one. What the object is really like is f
 import math
 from typing import NamedTuple
 
+from robot_io.clip import clip
+
 _STIFFNESS_BOUNDS_N_M = (50.0, 30_000.0)
 _DAMPING_BOUNDS_N_S_M = (0.0, 400.0)
 _STIFFNESS_SPREAD_N_M = 3000.0  # what is likely before anything is known
@@ -43,7 +45,7 @@ class ObjectGuess:
     @property
     def compliance(self) -> Compliance:
         """The guess, within bounds."""
-        return Compliance(_within(self._k, _STIFFNESS_BOUNDS_N_M), _within(self._c, _DAMPING_BOUNDS_N_S_M))
+        return Compliance(clip(self._k, *_STIFFNESS_BOUNDS_N_M), clip(self._c, *_DAMPING_BOUNDS_N_S_M))
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float, dt_s: float) -> None:
         """Learn from one sample.
@@ -67,8 +69,4 @@ class ObjectGuess:
         self._p_kk = min((self._p_kk - gain_k**2 / spread) / forget, _STIFFNESS_SPREAD_N_M**2)
         self._p_cc = min((self._p_cc - gain_c**2 / spread) / forget, _DAMPING_SPREAD_N_S_M**2)
         most = math.sqrt(max(self._p_kk * self._p_cc, 0.0))
-        self._p_kc = _within((self._p_kc - gain_k * gain_c / spread) / forget, (-most, most))
-
-
-def _within(value: float, bounds: tuple[float, float]) -> float:
-    return min(max(value, bounds[0]), bounds[1])
+        self._p_kc = clip((self._p_kc - gain_k * gain_c / spread) / forget, -most, most)

@@ -1,7 +1,8 @@
-"""PID on all joints at once, with a filtered derivative and without windup."""
+"""PID on every joint, with a filtered derivative and without windup."""
 
 import numpy as np
 
+from robot_io.clip import clip
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -43,18 +44,18 @@ class Pid:
         self._kp, self._ki, self._kd = kp, ki, kd
         self._limit = output_limit
         self._filter_s = derivative_filter_s
-        self._integral = np.zeros(joint_count)  # already times ki, so that a change of gain makes no bump
-        self._rate = np.zeros(joint_count)
+        self._joint_count = joint_count
+        self.reset()
 
     @property
     def integral(self) -> FloatArray:
         """The integral part of the output, shape (n,)."""
-        return self._integral.copy()
+        return np.array(self._integral)
 
     def reset(self) -> None:
         """Forget the past."""
-        self._integral[:] = 0.0
-        self._rate[:] = 0.0
+        self._integral = [0.0] * self._joint_count  # times ki, so that a change of gain makes no bump
+        self._rate = [0.0] * self._joint_count
 
     def step(self, error_rad: FloatArray, error_rate_rad_s: FloatArray, dt_s: float) -> FloatArray:
         """Output, shape (n,).
@@ -64,10 +65,15 @@ class Pid:
             error_rate_rad_s: its rate from the devices' own velocities, shape (n,) [rad/s].
             dt_s: time since the last step [s].
         """
-        self._rate += (error_rate_rad_s - self._rate) * (dt_s / (dt_s + self._filter_s))
-        growth = error_rad * (self._ki * dt_s)
-        wanted = self._kp * error_rad + self._kd * self._rate + self._integral + growth
-        output: FloatArray = np.minimum(np.maximum(wanted, -self._limit), self._limit)
-        growth[(wanted - output) * growth > 0.0] = 0.0
-        self._integral += growth
-        return output
+        followed = dt_s / (dt_s + self._filter_s)
+        output: list[float] = []  # joint by joint: for a few of them several times as fast as arrays
+        errors = zip(error_rad.tolist(), error_rate_rad_s.tolist(), strict=True)
+        for joint, (error, error_rate) in enumerate(errors):
+            self._rate[joint] += (error_rate - self._rate[joint]) * followed
+            growth = error * (self._ki * dt_s)
+            wanted = self._kp * error + self._kd * self._rate[joint] + self._integral[joint] + growth
+            allowed = clip(wanted, -self._limit, self._limit)
+            if not (wanted - allowed) * growth > 0.0:
+                self._integral[joint] += growth
+            output.append(allowed)
+        return np.array(output)

@@ -38,7 +38,7 @@ class PressLine:
 
     def travel_of(self, tip_position_world_m: FloatArray) -> float:
         """Travel [m] of the point on the line nearest to a position (3,) [m]."""
-        return float((tip_position_world_m - self.start_world_m) @ self.direction_world)
+        return float((tip_position_world_m - self.start_world_m).dot(self.direction_world))
 
     def point_at(self, travel_m: float) -> FloatArray:
         """World position (3,) [m] at a travel [m]."""

@@ -11,6 +11,7 @@ World frame: that of the URDF's root link, gravity 9.81 m/s^2 along -z.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,10 +21,10 @@ from robot_io.errors import InputError
 from robot_io.types import FloatArray, frozen_array
 
 PARAMETERS_PER_LINK = 10
+_WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
-@dataclass(frozen=True, slots=True)
-class TipMotion:
+class TipMotion(NamedTuple):
     """Where the tip is and how it moves, in the world frame.
 
     Attributes:
@@ -122,13 +123,10 @@ class RigidBody:
     def tip_motion(self, position_rad: FloatArray, velocity_rad_s: FloatArray) -> TipMotion:
         """Forward kinematics of positions (n,) [rad] and velocities (n,) [rad/s]."""
         model, data = self._model, self._data
-        jacobian = pin.computeFrameJacobian(
-            model, data, position_rad, self._tip, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )
+        jacobian = pin.computeFrameJacobian(model, data, position_rad, self._tip, _WORLD_AXES)
         placement = pin.updateFramePlacement(model, data, self._tip)
-        return TipMotion(
-            placement.translation.copy(), placement.rotation.copy(), jacobian[:3] @ velocity_rad_s, jacobian
-        )
+        position, rotation = placement.translation.copy(), placement.rotation.copy()
+        return TipMotion(position, rotation, jacobian[:3].dot(velocity_rad_s), jacobian)
 
     def tip_pose(self, position_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tip position (3,) [m] and rotation (3, 3) in the world, for joint positions (n,) [rad]."""
@@ -139,7 +137,7 @@ class RigidBody:
     def tip_jacobian(self, position_rad: FloatArray) -> FloatArray:
         """Shape (6, n), world axes: tip velocity above angular velocity, per joint velocity."""
         jacobian: FloatArray = pin.computeFrameJacobian(
-            self._model, self._data, position_rad, self._tip, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+            self._model, self._data, position_rad, self._tip, _WORLD_AXES
         )
         return jacobian
 

@@ -5,6 +5,7 @@ from math import inf, nan
 
 import numpy as np
 
+from robot_io.clip import clip
 from robot_io.errors import InputError, SafetyTripError
 from robot_io.limit_checks import LimitChecks
 from robot_io.limits import Limits, SafeState
@@ -182,9 +183,9 @@ class Guard:
         for wanted, previous, (largest, rate) in zip(
             wanted_nm, previous_nm, self._torque_limits, strict=True
         ):
-            allowed = min(max(wanted, -largest), largest)
+            allowed = clip(wanted, -largest, largest)
             torque_clipped |= allowed != wanted
-            sent = min(max(allowed, previous - rate * dt_s), previous + rate * dt_s)
+            sent = clip(allowed, previous - rate * dt_s, previous + rate * dt_s)
             rate_clipped |= sent != allowed
             sent_nm.append(sent)
         self.torque_clips += torque_clipped
@@ -195,7 +196,7 @@ class Guard:
     def _measured_within_limits(self, measurement: Measurement) -> list[float]:
         measured_nm = measurement.joint_torque_nm.tolist()
         return [
-            min(max(torque, -largest), largest)
+            clip(torque, -largest, largest)
             for torque, (largest, _) in zip(measured_nm, self._torque_limits, strict=True)
         ]
 

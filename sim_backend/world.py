@@ -9,6 +9,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import ArrayLike
 
+from robot_io.clip import clip
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, frozen_array
 from sim_backend.arm import SimulatedArm
@@ -176,9 +177,9 @@ class World:
         Raises:
             InputError: wrong number of joints, or a torque that is not finite.
         """
-        torque = frozen_array(torque_nm, (self.joint_count,), what="joint torque")
-        limit = self._arm.torque_limit_nm
-        self._torque_nm = np.clip(torque, np.negative(limit), limit).tolist()
+        torque = frozen_array(torque_nm, (self.joint_count,), what="joint torque").tolist()
+        limits = self._arm.torque_limit_nm
+        self._torque_nm = [clip(t, -limit, limit) for t, limit in zip(torque, limits, strict=True)]
 
     def advance_to(self, time_s: float) -> None:
         """Let physics pass up to the last whole step not after `time_s`; the past changes nothing."""

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from robot_io.clip import clip
 from robot_io.driver import DriverContext
 from robot_io.errors import LifecycleError
 from robot_io.file_model import FileModel
@@ -12,6 +13,7 @@ from robot_io.interfaces import JointTorque
 from robot_io.types import FloatArray, Reading
 from sim_backend.drivers.pybullet_bus import PyBulletBus
 from sim_backend.drivers.readings import reading_of
+from sim_backend.sensors.quantise import quantise
 
 
 class SimTorque(JointTorque):
@@ -60,10 +62,8 @@ class SimTorque(JointTorque):
         """
         if not self._active:
             raise LifecycleError("the drives are off: activate them before the first command")
-        sent = np.asarray(torque_nm, dtype=np.float64)
-        if self._resolution_nm:
-            sent = np.round(sent / self._resolution_nm) * self._resolution_nm
-        limit = np.asarray(self._bus.world.torque_limit_nm)
-        sent = np.clip(sent, -limit, limit)
+        resolution_nm, limits_nm = self._resolution_nm, self._bus.world.torque_limit_nm
+        wanted = zip(torque_nm.tolist(), limits_nm, strict=True)
+        sent = np.array([clip(quantise(torque, resolution_nm), -limit, limit) for torque, limit in wanted])
         self._bus.stage(sent)
         return sent

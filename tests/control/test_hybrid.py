@@ -1,6 +1,5 @@
 """The hybrid controller: the switch's hysteresis and debounce, and no bumps in either direction."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -81,8 +80,8 @@ def press_and_leave(bench: Bench, speed_m_s: float = 0.06) -> Bench:
     for _ in range(300):
         bench.tick(HybridReference(force=load))
     for _ in range(500):
-        bench.tick(HybridReference(force=replace(load, hold=True)))
-    leave = SpeedBlend(replace(bench.states[-1], acceleration_m_s2=0.0), -speed_m_s, 3.0)
+        bench.tick(HybridReference(force=load._replace(hold=True)))
+    leave = SpeedBlend(bench.states[-1]._replace(acceleration_m_s2=0.0), -speed_m_s, 3.0)
     for tick in range(1, 2400):
         bench.tick(HybridReference(free=leave.at(tick * TICK_S)))
     return bench
@@ -137,10 +136,10 @@ def test_a_stale_force_proves_no_contact():
     measurement = bench.plant.measure()
     still = HybridReference(free=LineState(0.0))
     for tick in range(20):
-        late = replace(measurement, time_s=tick * TICK_S)  # sampled at the same time, again and again
+        late = measurement._replace(time_s=tick * TICK_S)  # sampled at the same time, again and again
         assert not bench.control.step(late, still, TICK_S).in_contact
     for tick in range(20, 40):
-        fault = replace(measurement, force_at_s=tick * TICK_S, force_status=Status.FAULT)
+        fault = measurement._replace(force_at_s=tick * TICK_S, force_status=Status.FAULT)
         assert not bench.control.step(fault, still, TICK_S).in_contact
 
 
