@@ -55,9 +55,9 @@ class RecursiveEstimator(OnlineEstimator):
 
     def update(self, row: FloatArray, effort: float) -> FloatArray:
         """See `OnlineEstimator.update`."""
-        spread = self._covariance @ row
-        error = effort - float(row @ self._gains)
-        self._pull = spread / (self.forgetting + float(row @ spread))
+        spread = self._covariance.dot(row)
+        error = effort - float(row.dot(self._gains))
+        self._pull = spread / (self.forgetting + float(row.dot(spread)))
         self._gains = self._gains + self._pull * error
         reduced = self._covariance - self._pull[:, None] * spread
         self._covariance = self._next_covariance(reduced, error)
