@@ -1,6 +1,8 @@
 """The probing task: several speeds, repeats and targets, one run after the other.
 
 MOVE -> FREE_AIR -> APPROACH -> LOADING -> HOLD -> UNLOADING -> RETRACT -> MOVE -> ... -> IDLE
+
+The last move goes back to where the task started: there the arm stood without torque, and can stand again.
 """
 
 import math
@@ -18,11 +20,15 @@ from control.probing_sites import probing_sites
 from control.rigid_body import RigidBody
 from control.task import NO_RUN, TaskEvent, TaskOutput
 from control.trajectory import JointMove
+from robot_io.errors import SafetyTripError
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, Measurement, frozen_array
 
 _OBSTACLE_SHARE = 0.5  # of the force limit: while moving to a target, something is in the way
+_LEAVING_SHARE = 1.5  # the same while it is being left
 _OBSTACLE_TICKS = 3
+_REST_RAD_S = 0.05  # slower than this the arm is at rest,
+_REST_WAIT_S = 2.0  # which it must be so long after a move that has ended
 
 
 class ProbingTask:
@@ -79,6 +85,7 @@ class ProbingTask:
             InputError: a target cannot be probed from here.
         """
         position_rad = measurement.joint_position_rad
+        self._start_rad = position_rad.copy()
         tip, _ = self._body.tip_pose(position_rad)
         self._sites = probing_sites(self._arm, self._plan, tip, position_rad, self._limits_rad)
         self._control.start(measurement)
@@ -87,6 +94,7 @@ class ProbingTask:
         self._events: list[TaskEvent] = []
         self._runs_done = 0
         self.failures = ()
+        self._obstacle_share = _OBSTACLE_SHARE
         self._begin_move()
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
@@ -97,10 +105,9 @@ class ProbingTask:
             output = run.step(measurement, dt_s)
             phase = run.phase
             self._after(run)
-        elif phase is Phase.MOVE:
-            output = self._move(measurement, dt_s)
         else:
-            output = self._control.step_joints(measurement, self._joint_move.at(math.inf), dt_s)
+            output = self._move(measurement, dt_s)
+            phase = self._phase
         return TaskOutput(
             command=output.command,
             reference_position_rad=output.motion.position_rad,
@@ -129,16 +136,12 @@ class ProbingTask:
         self._begin_move()
 
     def _begin_move(self) -> None:
-        """To the next run's approach start, or to the end."""
+        """To the next run's approach start, or back to where the task started."""
         plan, here_rad = self._plan, self._control.reference_rad
-        goal_rad = here_rad
+        goal_rad = self._start_rad
         if self._specs:
-            self._phase = Phase.MOVE
             goal_rad = self._sites[self._specs[0].target].joint_position_rad(here_rad)
-        else:
-            self._phase = Phase.IDLE
-            text = f"{self._runs_done} runs done, {len(self.failures)} failures"
-            self._events.append(TaskEvent("probing_done", text, {"runs": self._runs_done}))
+        self._phase = Phase.MOVE
         self._move_s = 0.0
         self._blocked_ticks = 0
         self._joint_move = JointMove(
@@ -148,19 +151,48 @@ class ProbingTask:
     def _move(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         self._move_s += dt_s
         output = self._control.step_joints(measurement, self._joint_move.at(self._move_s), dt_s)
-        is_blocked = abs(output.force_n) > _OBSTACLE_SHARE * self._plan.force_limit_n
-        self._blocked_ticks = self._blocked_ticks + 1 if is_blocked else 0
-        if self._blocked_ticks >= _OBSTACLE_TICKS:
-            self._give_up(f"{output.force_n:.1f} N on the way to a target: something is in the way")
+        if self._is_blocked(output.force_n):
+            self._give_up(f"{output.force_n:.1f} N on the way")
         elif self._move_s >= self._joint_move.duration_s + self._plan.settle_s:
-            spec = self._specs.popleft()
-            site = self._sites[spec.target]
-            self._control.set_line(site.line, site.approach_travel_m)
-            self._run = ProbingRun(self._control, site, spec, self._plan, self._gains)
+            if self._specs:
+                self._begin_run()
+            else:
+                self._end_at_rest(measurement)
         return output
 
-    def _give_up(self, text: str) -> None:
+    def _is_blocked(self, force_n: float) -> bool:
+        share = abs(force_n) / self._plan.force_limit_n
+        if share < _OBSTACLE_SHARE:
+            self._obstacle_share = _OBSTACLE_SHARE
+        self._blocked_ticks = self._blocked_ticks + 1 if share > self._obstacle_share else 0
+        return self._blocked_ticks >= _OBSTACLE_TICKS
+
+    def _give_up(self, what: str) -> None:
+        """Go back without the runs that are left; on the way back already, leave it to the guard."""
+        if not self._specs:
+            raise SafetyTripError(f"{what} back to where the task started: something is in the way")
+        text = f"{what} to a target: something is in the way"
         self.failures += (text,)
         self._events.append(TaskEvent("obstacle", text))
         self._specs.clear()
+        self._obstacle_share = _LEAVING_SHARE
         self._begin_move()
+
+    def _begin_run(self) -> None:
+        spec = self._specs.popleft()
+        site = self._sites[spec.target]
+        self._control.set_line(site.line, site.approach_travel_m)
+        self._run = ProbingRun(self._control, site, spec, self._plan, self._gains)
+
+    def _end_at_rest(self, measurement: Measurement) -> None:
+        """Be done, once the arm stands still."""
+        fastest_rad_s = float(np.abs(measurement.joint_velocity_rad_s).max())
+        if fastest_rad_s < _REST_RAD_S:
+            self._phase = Phase.IDLE
+            text = f"{self._runs_done} runs done, {len(self.failures)} failures"
+            self._events.append(TaskEvent("probing_done", text, {"runs": self._runs_done}))
+        elif self._move_s > self._joint_move.duration_s + self._plan.settle_s + _REST_WAIT_S:
+            raise SafetyTripError(
+                f"back where the task started a joint still moves at {fastest_rad_s:.3g} rad/s after "
+                f"{_REST_WAIT_S} s: the arm does not come to rest"
+            )

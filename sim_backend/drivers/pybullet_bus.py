@@ -15,6 +15,8 @@ from sim_backend.scenario import Scenario, load_scenario
 from sim_backend.sensors import Sample
 from sim_backend.world import ArmDescription, World
 
+_REST_RAD, _REST_RAD_S = 0.01, 0.1  # nearer and slower than this the arm is on its rest
+
 
 class PyBulletSettings(FileModel):
     """What the robot file says about the world.
@@ -30,7 +32,8 @@ class PyBulletBus(Bus):
     """A simulated world in place of a wire.
 
     On a simulated clock the world moves whenever the clock does; on any other it catches up at each poll and
-    flush. Until it is activated for the first time the arm stands on its rest instead of falling.
+    flush. Until it is activated for the first time the arm stands on its rest instead of falling, and again
+    when it is deactivated there.
 
     Args:
         settings: as `PyBulletSettings`.
@@ -57,6 +60,7 @@ class PyBulletBus(Bus):
         self._robot_file = context.robot_file
         self._world: World | None = None
         self._staged_torque_nm: FloatArray | None = None
+        self._rest_rad: FloatArray | None = None
         self.encoder_sample: Sample | None = None
         self.torque_sample: Sample | None = None
         self.force_sample: Sample | None = None
@@ -105,11 +109,18 @@ class PyBulletBus(Bus):
 
     def activate(self) -> None:
         """Let the arm off its rest."""
+        if self.world.held:
+            self._rest_rad = self.world.truth().joint_position_rad
         self.world.held = False
 
     def deactivate(self) -> None:
-        """See `torque_off`."""
+        """See `torque_off`; where its rest is, the arm stands on it again."""
         self.torque_off()
+        if self._world is not None and self._rest_rad is not None:
+            truth = self._world.truth()
+            is_there = np.abs(truth.joint_position_rad - self._rest_rad).max() < _REST_RAD
+            is_still = np.abs(truth.joint_velocity_rad_s).max() < _REST_RAD_S
+            self._world.held = self._world.held or bool(is_there and is_still)
 
     def close(self) -> None:
         """End the world."""

@@ -1,5 +1,7 @@
 """The probing task on the reference plant: every phase, every corner object, everything that can go wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from control.phases import Phase
 from control.probing import ProbingTask
 from control.probing_plan import ProbingPlan
 from control.rigid_body import RigidBody
-from robot_io.errors import InputError
+from robot_io.errors import InputError, SafetyTripError
 from tests.control.probing_runs import plant_above, probing_task, run_probing
 from tests.control.reference_plant import TABLE, TOOL_AXIS_TIP
 
@@ -63,6 +65,7 @@ def test_the_phases_of_a_run_in_their_order():
         Phase.HOLD,
         Phase.UNLOADING,
         Phase.RETRACT,
+        Phase.MOVE,
         Phase.IDLE,
     ]
     free_air = record.in_phase(Phase.FREE_AIR)
@@ -168,13 +171,68 @@ def test_a_touch_before_the_set_speed_is_said():
     assert record.event("touch").data["tip_m_s"] < 0.14
 
 
+def back_at_the_start(record) -> bool:
+    return record.outputs[-1].done and np.abs(record.position_rad[-1] - record.position_rad[0]).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        {},
+        {"search_depth_m": 0.02},  # no touch
+        {"targets_world_m": ((0.40, 0.0, 0.05), (0.44, 0.0, 0.05))},
+        {"max_depth_m": 0.005},
+    ],
+)
+def test_the_task_is_done_where_it_started_and_at_rest(plan):
+    record, _ = probe(hold_s=0.1, settle_s=0.05, **plan)
+    assert back_at_the_start(record)
+    speed = np.abs(np.diff(record.position_rad[-3:], axis=0)).max() / 0.001
+    assert speed < 0.01
+    assert record.kinds()[-1] == "probing_done"
+
+
+def test_an_arm_that_does_not_come_to_rest_is_not_let_go():
+    plant = plant_above(stiffness_n_m=500.0)
+    task = probing_task(ProbingPlan(speeds_m_s=(0.15,), search_depth_m=0.02, settle_s=0.0))
+    truth = plant.measure
+
+    def measure():
+        measurement = truth()
+        if not task.failures:
+            return measurement
+        return replace(measurement, joint_velocity_rad_s=np.array([0.0, 0.06, 0.0]))
+
+    plant.measure = measure
+    with pytest.raises(SafetyTripError, match=r"still moves at 0.06 rad/s after 2.0 s"):
+        run_probing(plant, task)
+
+
+def test_something_in_the_way_back_ends_with_the_guard():
+    plant = plant_above(height_m=0.12, stiffness_n_m=500.0)
+    task = probing_task(ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1))
+    truth, began = plant.measure, []
+
+    def measure():
+        """From the last move on a hand pushes."""
+        measurement = truth()
+        is_back = plant.time_s > 1.0 and task._phase is Phase.MOVE and not task._run
+        began.append(is_back)
+        return replace(measurement, force_n=measurement.force_n + 6.0 * is_back)
+
+    plant.measure = measure
+    with pytest.raises(SafetyTripError, match=r"6.0 N on the way back to where the task started"):
+        run_probing(plant, task)
+    assert sum(began) == 3
+
+
 def test_something_in_the_way_ends_the_task_at_rest():
     plant = plant_above(height_m=0.12, stiffness_n_m=2000.0)
     plan = {"targets_world_m": ((0.42, 0.0, 0.02),), "approach_clearance_m": 0.02}  # hover below the surface
     record, task = probe(plant=plant, **plan)
     assert record.kinds() == ["obstacle", "probing_done"]
     assert "something is in the way" in task.failures[0]
-    assert record.outputs[-1].done
+    assert back_at_the_start(record)
     assert record.force_n.max() < 12.0
 
 

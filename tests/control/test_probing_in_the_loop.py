@@ -65,3 +65,21 @@ def test_the_simulated_arms_keep_the_force_limit(name, stiffness, damping, speed
     assert force[phase == Phase.HOLD][-200:] == pytest.approx(10.0, abs=0.2)
     tracking = np.abs(log.column("joint_position_rad") - log.column("reference_position_rad"))
     assert tracking.max() < 0.003
+
+
+@pytest.mark.parametrize("name", ["follower", "leader"])
+def test_when_the_torque_goes_off_the_arm_stands_where_it_stood_before(name):
+    robot_file = load_robot_file(ARMS / name / f"{name}.yaml")
+    clock, log = SimulatedClock(), MemoryLog()
+    robot = build_robot(robot_file, DriverCatalogue("sim_backend.drivers"), clock)
+    guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
+    task = ProbingTask.from_robot_file(robot_file, ProbingPlan(speeds_m_s=(0.15,), hold_s=0.2))
+    with robot:
+        world = robot.buses["world"].world
+        run_loop(robot, guard, task, clock, log, rate_hz=1000.0).raise_for_trip()
+        ended = world.truth()
+        assert ended.joint_position_rad == pytest.approx(robot_file.home_rad, abs=1e-3)
+        assert np.abs(ended.joint_velocity_rad_s).max() < 0.01
+        clock.sleep_until(clock.now_s() + 0.5)
+        assert world.truth().force_n == 0.0
+        assert world.truth().tip_position_world_m == pytest.approx(ended.tip_position_world_m, abs=1e-3)

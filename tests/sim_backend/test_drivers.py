@@ -85,7 +85,7 @@ def test_a_device_without_a_sample_yet_reads_nan_and_not_zero():
         assert (measured.force_at_s, measured.force_status) == (-np.inf, Status.STALE)
 
 
-def test_the_arm_stands_until_it_is_activated_and_hangs_when_it_is_switched_off():
+def test_the_arm_stands_on_its_rest_and_falls_when_it_is_switched_off_elsewhere():
     with build() as robot:
         world, clock = world_of(robot), robot.clock
         clock.sleep_until(0.2)
@@ -97,6 +97,13 @@ def test_the_arm_stands_until_it_is_activated_and_hangs_when_it_is_switched_off(
         robot.deactivate()
         assert not world.truth().drive_torque_nm.any()
         clock.sleep_until(0.41)
+        assert world.truth().tip_position_world_m[2] == pytest.approx(
+            0.18, abs=1e-3
+        )  # its rest is still there
+        robot.activate()
+        world.place(world.truth().joint_position_rad + 0.02)
+        robot.deactivate()
+        clock.sleep_until(0.61)
         assert world.truth().tip_position_world_m[2] < 0.10
         with pytest.raises(LifecycleError):
             robot.torque.stage_torque(np.zeros(3))
