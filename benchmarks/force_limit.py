@@ -17,11 +17,14 @@ from control.loop import run_loop
 from control.phases import Phase
 from control.probing import ProbingTask
 from control.probing_plan import ProbingPlan
+from control.task import TaskOutput
+from control.tick_record import NO_ESTIMATE, Estimates, tick_stream
 from palpate.robots import find_robot, shipped_robots
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.guard import Guard
 from robot_io.robot import build_robot
+from robot_io.types import Measurement
 from sim_backend.scenario import load_scenario
 
 RATE_HZ = 1000.0
@@ -60,12 +63,12 @@ class Ticks:
     failure = None
 
     def __init__(self) -> None:
-        self.records: list[np.void] = []
+        self.records: list[tuple[object, ...]] = []
         self.force_n: list[float] = []
 
-    def append(self, stream_name: str, record: np.void) -> None:
-        """Keep a copy."""
-        self.records.append(record.copy())
+    def append(self, stream_name: str, record: tuple[object, ...]) -> None:
+        """Keep it."""
+        self.records.append(record)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
         """Nothing is kept."""
@@ -81,13 +84,14 @@ def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPla
     bus = robot.buses["world"]
     bus.use_scenario(load_scenario({"object": {"law": law}}))
 
-    def keep_truth(_record: np.void) -> tuple[float, float, float]:
+    def keep_truth(_measurement: Measurement, _output: TaskOutput) -> Estimates:
         log.force_n.append(bus.world.truth().force_n)
-        return np.nan, np.nan, np.nan
+        return NO_ESTIMATE
 
     with robot:
         run_loop(robot, guard, task, clock, log, rate_hz=RATE_HZ, observer=keep_truth).raise_for_trip()
-    records, force_n = np.array(log.records), np.array(log.force_n)
+    records = np.array(log.records, tick_stream(robot.joint_count).dtype)
+    force_n = np.array(log.force_n)
     runs = range(len(plan.speeds_m_s))
     return [summary(records[records["run"] == run], force_n[records["run"] == run], plan) for run in runs]
 

@@ -20,7 +20,7 @@ from control.probing import ProbingTask
 from control.probing_plan import ProbingPlan, ProbingRunSpec, load_probing_plan
 from control.rigid_body import JointAxis, RigidBody, TipMotion
 from control.task import NO_RUN, Task, TaskEvent, TaskOutput
-from control.tick_record import TickRecord, tick_stream
+from control.tick_record import Estimates, TickDurations, tick_record, tick_stream
 from control.trajectory import JointMove, LineReturn, SpeedBlend
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "DhRow",
     "DhTable",
     "Elbow",
+    "Estimates",
     "Excitation",
     "ForceGoal",
     "Gains",
@@ -64,7 +65,7 @@ __all__ = [
     "Task",
     "TaskEvent",
     "TaskOutput",
-    "TickRecord",
+    "TickDurations",
     "TipMotion",
     "dh_to_urdf",
     "gains_of",
@@ -73,5 +74,6 @@ __all__ = [
     "loading_acceleration",
     "run_loop",
     "scheduled_admittance",
+    "tick_record",
     "tick_stream",
 ]

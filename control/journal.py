@@ -1,36 +1,31 @@
 """What the loop hands on of each tick, to log and observer, without ever being stopped by them."""
 
-from collections.abc import Callable, Mapping
-from time import perf_counter
+from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-
-from control.task import TaskOutput
+from control.task import TaskEvent, TaskOutput
 from control.tick_log import TickLog
-from control.tick_record import STREAM_NAME, TickDurations, TickRecord
-from robot_io.types import FloatArray, Measurement
+from control.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates
+from robot_io.types import Measurement
 
-Observer = Callable[[np.void], tuple[float, float, float]]
-"""Gets the record of a tick, which is only valid during the call; returns the online estimates of stiffness
-[N/m], damping [N s/m] and the surface along the press direction [m], each NaN if there is none."""
+Observer = Callable[[Measurement, TaskOutput], Estimates]
+"""Looks at what was measured in a tick and what the task made of it, once the command is sent; returns the
+online estimates, each NaN if there is none."""
 
 
 class Journal:
-    """Fills the record of each tick, shows it to the observer and logs it.
+    """Shows each tick to the observer, and logs it.
 
     Args:
         log: where records and events go.
         observer: the online estimator, or None.
-        joint_count: number of joints n.
     """
 
-    def __init__(self, log: TickLog, observer: Observer | None, joint_count: int) -> None:
+    def __init__(self, log: TickLog, observer: Observer | None) -> None:
         self.log_failures = 0
         self.log_error = ""  # the first failure
         self.observer_error = ""
         self._log = log
         self._observer = observer
-        self._record = TickRecord(joint_count)
 
     @property
     def log_trouble(self) -> str:
@@ -42,33 +37,28 @@ class Journal:
         """Records that found no room in the log."""
         return self._log.dropped
 
-    def tick(
-        self,
-        tick: int,
-        measurement: Measurement,
-        output: TaskOutput,
-        *,
-        sent_torque_nm: FloatArray,
-        tripped: bool,
-        durations: TickDurations,
-    ) -> float:
-        """Hand on one tick, see `TickRecord.fill`; returns the time that the observer took [s]."""
-        row = self._record.fill(
-            tick,
-            measurement,
-            output,
-            sent_torque_nm=sent_torque_nm,
-            tripped=tripped,
-            durations=durations,
-        )
-        observer_s = 0.0 if tripped else self._observe(row, measurement.time_s)
+    def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
+        """What the observer makes of a tick."""
+        if self._observer is None:
+            return NO_ESTIMATE
         try:
-            self._log.append(STREAM_NAME, row)
+            stiffness_n_m, damping_n_s_m, surface_m = self._observer(measurement, output)
+            return float(stiffness_n_m), float(damping_n_s_m), float(surface_m)
         except Exception as error:
-            self._log_failed(error, measurement.time_s)
-        for event in output.events:
-            self.event(measurement.time_s, event.kind, event.text, event.data)
-        return observer_s
+            self._observer = None
+            self.observer_error = f"{type(error).__name__}: {error}"
+            text = f"online estimation is off: {self.observer_error}"
+            self.event(measurement.time_s, "observer_failed", text)
+            return NO_ESTIMATE
+
+    def tick(self, time_s: float, record: tuple[object, ...], events: Sequence[TaskEvent]) -> None:
+        """Log a tick's record, see `control.tick_record`, and what happened in it."""
+        try:
+            self._log.append(STREAM_NAME, record)
+        except Exception as error:
+            self._log_failed(error, time_s)
+        for event in events:
+            self.event(time_s, event.kind, event.text, event.data)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
         """Log one event."""
@@ -76,21 +66,6 @@ class Journal:
             self._log.event(time_s, kind, text, data)
         except Exception as error:
             self._log_failed(error, time_s)
-
-    def _observe(self, row: np.void, time_s: float) -> float:
-        if self._observer is None:
-            return 0.0
-        begun = perf_counter()
-        try:
-            estimate = self._observer(row)
-            observer_s = perf_counter() - begun
-            self._record.add_estimate(estimate, observer_s)
-        except Exception as error:
-            observer_s = perf_counter() - begun
-            self._observer = None
-            self.observer_error = f"{type(error).__name__}: {error}"
-            self.event(time_s, "observer_failed", f"online estimation is off: {self.observer_error}")
-        return observer_s
 
     def _log_failed(self, error: Exception, time_s: float) -> None:
         self.log_failures += 1

@@ -14,7 +14,7 @@ from control.phases import Phase
 from control.task import Task, TaskOutput
 from control.tick_grid import TickGrid
 from control.tick_log import TickLog
-from control.tick_record import TickDurations
+from control.tick_record import NO_ESTIMATE, TickDurations, tick_record
 from control.timing import LoopTiming
 from control.way_out import WayOut, one_line
 from robot_io.clock import Clock
@@ -73,7 +73,7 @@ def run_loop(
     begun_s, begun_wall_s = clock.now_s(), perf_counter()
     with InterruptFlag() as interrupt:
         measurement = _first_measurement(robot, clock, 1.0 / rate_hz)
-        journal = Journal(log, observer, measurement.joint_count)
+        journal = Journal(log, observer)
         way_out = WayOut(guard, robot, clock, journal, interrupt=interrupt, stop=stop)
         loop = _Loop(robot, guard, task, clock, journal, way_out=way_out, period_s=1.0 / rate_hz)
         loop.run(measurement)
@@ -188,39 +188,36 @@ class _Loop:
         tripped = guard.tripped is not None
         if tripped:
             self._way_out.note_trip()
-            output = replace(output, phase=Phase.STOPPED)  # also where the guard refused what the task wanted
+            output = output._replace(phase=Phase.STOPPED)  # also where the guard refused what the task wanted
+        estimates = NO_ESTIMATE if tripped else self._journal.observe(measurement, output)
+        observed = perf_counter()
         durations = TickDurations(
             read_s=read - woken,
             control_s=stepped - watched,
             guard_s=(watched - read) + (limited - stepped),
             write_s=written - limited,
+            observer_s=observed - written,
             log_s=self._log_s,
             lateness_s=max(0.0, now_s - self._grid.due_s),
         )
-        observer_s = self._journal.tick(
-            self._grid.index,
-            measurement,
-            output,
-            sent_torque_nm=sent_nm,
-            tripped=tripped,
-            durations=durations,
-        )
+        record = tick_record(self._grid.index, measurement, output, sent_nm, tripped, estimates, durations)
+        self._journal.tick(measurement.time_s, record, output.events)
         self._reference_rad = None if tripped else output.reference_position_rad
         self._ticks += 1
-        self._count(durations, observer_s, written=written, woken=woken)
+        self._count(durations, woken, observed)
         return guard.finished if tripped else output.done
 
-    def _count(self, durations: TickDurations, observer_s: float, *, written: float, woken: float) -> None:
+    def _count(self, durations: TickDurations, woken: float, observed: float) -> None:
         """Add a tick to the timing, at its end."""
         ended = perf_counter()
-        self._log_s = ended - written - observer_s
+        self._log_s = ended - observed
         self._timing.add(
             (
                 durations.read_s,
                 durations.guard_s,
                 durations.control_s,
                 durations.write_s,
-                observer_s,
+                durations.observer_s,
                 self._log_s,
                 ended - woken,
                 durations.lateness_s,
@@ -234,8 +231,8 @@ class _Loop:
         except Exception as error:
             self._way_out.fail("reading the robot", error)
             stale = Status.STALE
-            self._measurement = replace(
-                self._measurement, time_s=now_s, encoder_status=stale, torque_status=stale, force_status=stale
+            self._measurement = self._measurement._replace(
+                time_s=now_s, encoder_status=stale, torque_status=stale, force_status=stale
             )
         return self._measurement
 

@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from typing import Protocol
 
-import numpy as np
-
 
 class TickLog(Protocol):
     """The part of a session's writer that the loop needs; neither call may block."""
@@ -17,8 +15,8 @@ class TickLog(Protocol):
     def failure(self) -> str | None:
         """Why records no longer reach the disk; None while all is well."""
 
-    def append(self, stream_name: str, record: np.void) -> object:
-        """Take over a copy of one record."""
+    def append(self, stream_name: str, record: tuple[object, ...]) -> object:
+        """Take over one record, a value for each column of the stream."""
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> object:
         """Take over one event."""

@@ -1,9 +1,7 @@
-"""What a session keeps of every tick: the stream called "tick", and the record that the loop fills."""
+"""What a session keeps of every tick: the stream called "tick", and its records."""
 
 import math
 from typing import NamedTuple
-
-import numpy as np
 
 from control.phases import Phase
 from control.task import TaskOutput
@@ -11,7 +9,10 @@ from robot_io.session import Column, Stream
 from robot_io.types import FloatArray, Measurement
 
 STREAM_NAME = "tick"
-NO_ESTIMATE = (math.nan, math.nan, math.nan)
+Estimates = tuple[float, float, float]
+"""Online estimates of stiffness [N/m], damping [N s/m], and the surface along the press direction [m]."""
+
+NO_ESTIMATE: Estimates = (math.nan, math.nan, math.nan)
 
 
 def tick_stream(joint_count: int) -> Stream:
@@ -52,6 +53,7 @@ def tick_stream(joint_count: int) -> Stream:
             Column("stiffness_n_m", "N/m", 1, "online estimate, NaN if none", "float64"),
             Column("damping_n_s_m", "N s/m", 1, "online estimate, NaN if none", "float64"),
             Column("surface_m", "m", 1, "online estimate along the press direction, NaN if none", "float64"),
+            # In the order of `TickDurations`.
             Column("read_s", "s", 1, "time spent reading the robot", "float64"),
             Column("control_s", "s", 1, "time spent in the task", "float64"),
             Column("guard_s", "s", 1, "time spent in the guard", "float64"),
@@ -64,91 +66,61 @@ def tick_stream(joint_count: int) -> Stream:
 
 
 class TickDurations(NamedTuple):
-    """Time spent in the sections of one tick that are over when its record is filled [s]."""
+    """Time spent in the sections of one tick that are over when its record is made [s]."""
 
     read_s: float
     control_s: float
     guard_s: float
     write_s: float
+    observer_s: float
     log_s: float  # of the tick before
     lateness_s: float
 
 
-class TickRecord:
-    """One record, filled anew in every tick in a single assignment (about 2 us for three joints).
+def tick_record(  # noqa: PLR0917 (what a tick is made of)
+    tick: int,
+    measurement: Measurement,
+    output: TaskOutput,
+    sent_torque_nm: FloatArray,
+    tripped: bool,
+    estimates: Estimates,
+    durations: TickDurations,
+) -> tuple[object, ...]:
+    """One record of `tick_stream`, with a value for each column.
 
     Args:
-        joint_count: number of joints n.
+        tick: number of the tick on the grid.
+        measurement: what was measured.
+        output: what the task wanted.
+        sent_torque_nm: shape (n,), what was really sent [N m].
+        tripped: whether the guard was tripped at the end of the tick.
+        estimates: what the observer found.
+        durations: time spent in this tick's sections so far.
     """
-
-    def __init__(self, joint_count: int) -> None:
-        self._record = np.zeros(1, tick_stream(joint_count).dtype)
-        self.row: np.void = self._record[0]  # a view: copy it to keep it
-
-    def fill(
-        self,
-        tick: int,
-        measurement: Measurement,
-        output: TaskOutput,
-        *,
-        sent_torque_nm: FloatArray,
-        tripped: bool,
-        durations: TickDurations,
-    ) -> np.void:
-        """Fill in all but what the observer adds.
-
-        Args:
-            tick: number of the tick on the grid.
-            measurement: what was measured.
-            output: what the task wanted.
-            sent_torque_nm: shape (n,), what was really sent [N m].
-            tripped: whether the guard was tripped at the end of the tick.
-            durations: time spent in this tick's sections so far.
-
-        Returns:
-            The row; the next call overwrites it.
-        """
-        self._record[0] = (
-            tick,
-            measurement.time_s,
-            output.run,
-            output.phase,
-            measurement.joint_position_rad,
-            measurement.joint_velocity_rad_s,
-            measurement.joint_torque_nm,
-            output.command.joint_torque_nm,
-            sent_torque_nm,
-            measurement.force_n,
-            output.reference_position_rad,
-            output.reference_velocity_rad_s,
-            output.tip_position_world_m,
-            output.tip_velocity_world_m_s,
-            output.press_direction_world,
-            output.desired_force_n,
-            measurement.encoder_at_s,
-            measurement.torque_at_s,
-            measurement.force_at_s,
-            measurement.encoder_status,
-            measurement.torque_status,
-            measurement.force_status,
-            tripped,
-            *NO_ESTIMATE,
-            durations.read_s,
-            durations.control_s,
-            durations.guard_s,
-            durations.write_s,
-            0.0,
-            durations.log_s,
-            durations.lateness_s,
-        )
-        return self.row
-
-    def add_estimate(self, estimate: tuple[float, float, float], observer_s: float) -> None:
-        """Add what the observer found.
-
-        Args:
-            estimate: stiffness [N/m], damping [N s/m], surface along the press direction [m].
-            observer_s: time that it took [s].
-        """
-        self.row["stiffness_n_m"], self.row["damping_n_s_m"], self.row["surface_m"] = estimate
-        self.row["observer_s"] = observer_s
+    return (
+        tick,
+        measurement.time_s,
+        output.run,
+        output.phase,
+        measurement.joint_position_rad,
+        measurement.joint_velocity_rad_s,
+        measurement.joint_torque_nm,
+        output.command.joint_torque_nm,
+        sent_torque_nm,
+        measurement.force_n,
+        output.reference_position_rad,
+        output.reference_velocity_rad_s,
+        output.tip_position_world_m,
+        output.tip_velocity_world_m_s,
+        output.press_direction_world,
+        output.desired_force_n,
+        measurement.encoder_at_s,
+        measurement.torque_at_s,
+        measurement.force_at_s,
+        measurement.encoder_status,
+        measurement.torque_status,
+        measurement.force_status,
+        tripped,
+        *estimates,
+        *durations,
+    )

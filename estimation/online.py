@@ -6,13 +6,12 @@ from collections import deque
 import numpy as np
 
 from control.running_mean import RunningMean
+from control.task import TaskOutput
+from control.tick_record import NO_ESTIMATE, Estimates
 from estimation.data.derivatives import centre_slope
 from estimation.estimator import OnlineEstimator
-from robot_io.types import Status
+from robot_io.types import Measurement, Status
 
-Estimates = tuple[float, float, float]  # stiffness [N/m], damping [N s/m], surface along the press axis [m]
-
-NONE_YET: Estimates = (math.nan, math.nan, math.nan)
 _GAINS = 3
 _ENOUGH = 30  # samples before which three gains are hardly determined
 _NOISE_FACTOR = 6.0  # standard deviations of the free-air force that are no noise any more
@@ -49,19 +48,19 @@ class OnlineContactEstimator:
         self._air = RunningMean()
         self._first_touch_m = math.nan
         self._samples = 0
-        self._estimates = NONE_YET
+        self._estimates = NO_ESTIMATE
         self.in_contact = False
 
-    def observe(self, record: np.void) -> Estimates:
-        """Take in one record of the stream "tick"; see `control.journal.Observer`.
+    def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
+        """Take in one tick; see `control.journal.Observer`.
 
         Returns:
             The newest estimates, NaN before there are any.
         """
-        if record["force_status"] != Status.OK or record["encoder_status"] != Status.OK:
+        if measurement.force_status is not Status.OK or measurement.encoder_status is not Status.OK:
             return self._estimates
-        along_m = float(record["tip_position_world_m"] @ record["press_direction_world"])
-        return self.update(float(record["force_at_s"]), along_m, float(record["force_n"]))
+        along_m = float(output.tip_position_world_m.dot(output.press_direction_world))
+        return self.update(measurement.force_at_s, along_m, measurement.force_n)
 
     def update(self, time_s: float, along_m: float, force_n: float) -> Estimates:
         """Take in one sample.
@@ -108,8 +107,8 @@ class OnlineContactEstimator:
         window = self._window
         step_s = (window[-1][0] - window[0][0]) / (len(window) - 1)
         _, depth_m, force_n = window[self._half]
-        depths_m = np.fromiter((sample[1] for sample in window), np.float64, len(window))
-        row = np.array([depth_m, float(self._slope @ depths_m) / step_s, 1.0])
+        depths_m = np.array([depth_m for _, depth_m, _ in window])
+        row = np.array([depth_m, float(self._slope.dot(depths_m)) / step_s, 1.0])
         stiffness, damping, offset_n = self._estimator.update(row, force_n).tolist()
         self._samples += 1
         if self._samples >= _ENOUGH and stiffness > 0.0:

@@ -7,7 +7,6 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
 import yaml
 
 from control.journal import Observer
@@ -17,7 +16,8 @@ from control.probing import ProbingTask
 from control.probing_plan import ProbingPlan
 from control.realtime import realtime
 from control.rigid_body import RigidBody
-from control.tick_record import tick_stream
+from control.task import TaskOutput
+from control.tick_record import NO_ESTIMATE, Estimates, tick_stream
 from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator
@@ -29,6 +29,7 @@ from robot_io.guard import Guard
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
 from robot_io.session import SessionMetadata, SessionWriter
+from robot_io.types import Measurement
 from sim_backend.drivers.pybullet_bus import PyBulletBus
 from sim_backend.scenario import Scenario
 
@@ -73,8 +74,8 @@ class Watcher:
     def started(self) -> None:
         """The arm is ready, and begins to move after this."""
 
-    def tick(self, record: np.void) -> None:
-        """A tick has passed; its record is valid during the call only. With a real arm, take no time here."""
+    def tick(self, measurement: Measurement, output: TaskOutput) -> None:
+        """A tick has passed. With a real arm, take no time here."""
 
 
 NOBODY = Watcher()
@@ -158,16 +159,16 @@ def _clock(simulated: bool, paced: bool) -> Clock:
 
 
 def _watched(estimate: Observer, watcher: Watcher) -> Observer:
-    def observe(record: np.void) -> tuple[float, float, float]:
-        watcher.tick(record)
-        return estimate(record)
+    def observe(measurement: Measurement, output: TaskOutput) -> Estimates:
+        watcher.tick(measurement, output)
+        return estimate(measurement, output)
 
     return observe
 
 
 def _online_observer(name: str | None) -> Observer:
     if name is None:
-        return lambda _record: (np.nan, np.nan, np.nan)
+        return lambda _measurement, _output: NO_ESTIMATE
     estimator = ESTIMATORS[name]()
     if not isinstance(estimator, OnlineEstimator):
         valid = ", ".join(online_estimators())

@@ -4,14 +4,15 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import numpy as np
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from control.phases import Phase
 from control.probing_plan import ProbingPlan
+from control.task import TaskOutput
 from palpate import console
 from palpate.probing_run import Watcher
 from palpate.words import count
+from robot_io.types import Measurement
 
 REFRESH_S = 0.1
 SHARE_DONE = {  # of a run, when a phase begins
@@ -79,18 +80,18 @@ class _Bar(Watcher):
         if self._is_drawn:
             self._progress.stop()
 
-    def tick(self, record: np.void) -> None:
+    def tick(self, measurement: Measurement, output: TaskOutput) -> None:
         """See `Watcher.tick`."""
         now_s = time.monotonic()
         if now_s < self._next_s:
             return
         self._next_s = now_s + REFRESH_S
-        self._run = max(self._run, int(record["run"]))
-        share = SHARE_DONE.get(Phase(int(record["phase"])), 0.0)
+        self._run = max(self._run, output.run)
+        share = SHARE_DONE.get(output.phase, 0.0)
         speed_mm_s = MILLI * self._speeds_m_s[self._run]
         words = (
             f"run {self._run + 1} of {len(self._speeds_m_s)} at {speed_mm_s:.0f} mm/s, "
-            f"{record['time_s']:.1f} s simulated"
+            f"{measurement.time_s:.1f} s simulated"
         )
         self._completed = max(self._completed, self._run + share)
         self._progress.update(self._task, completed=self._completed, description=words)

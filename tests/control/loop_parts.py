@@ -6,6 +6,7 @@ import numpy as np
 
 from control.phases import Phase
 from control.task import TaskEvent, TaskOutput
+from control.tick_record import tick_stream
 from robot_io.clock import Clock, SimulatedClock
 from robot_io.guard import Guard
 from robot_io.types import Command
@@ -64,7 +65,7 @@ class MemoryLog:
         assert stream_name == "tick"
         if self.error:
             raise self.error
-        self.records.append(record.copy())
+        self.records.append(np.array(record, tick_stream(JOINTS).dtype)[()])
 
     def event(self, time_s, kind, text, data=None) -> None:
         self.events.append((time_s, kind, text))

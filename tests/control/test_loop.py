@@ -5,7 +5,6 @@ from itertools import count
 import numpy as np
 import pytest
 
-import control.journal
 import control.loop
 from control.loop import run_loop
 from control.loop_result import Outcome
@@ -107,28 +106,27 @@ def test_what_stop_asks_for_is_a_safe_stop():
     result.raise_for_trip()  # asked for: not an error
 
 
-def test_the_observer_sees_each_record_and_its_estimates_are_logged_with_it():
+def test_the_observer_sees_each_tick_and_its_estimates_are_logged_with_it():
     seen = []
 
-    def observe(record):
-        seen.append((int(record["tick"]), float(record["force_n"])))
-        return 500.0 + record["tick"], 10.0, 0.25
+    def observe(measurement, output):
+        seen.append((output.run, measurement.force_n))
+        return 500.0 + len(seen), 10.0, 0.25
 
     arm = Arm()
     arm.plant.hand_force_n = 3.0
     _, log = run(arm, Swing(done_at=20), observer=observe)
     assert min(force_n for _, force_n in seen) > 2.0
-    assert seen == list(zip(range(20), log.column("force_n"), strict=True))
-    assert np.array_equal(log.column("stiffness_n_m"), 500.0 + np.arange(20))
+    assert seen == list(zip(log.column("run"), log.column("force_n"), strict=True))
+    assert np.array_equal(log.column("stiffness_n_m"), 501.0 + np.arange(20))
     assert np.array_equal(log.column("surface_m"), [0.25] * 20)
     assert (log.column("observer_s") > 0).all()
 
 
 def test_the_sections_of_a_tick_make_up_the_tick(monkeypatch):
     looks = count(step=1e-5)  # a stopwatch on which 10 us pass between two looks, whatever the machine does
-    for module in (control.loop, control.journal):
-        monkeypatch.setattr(module, "perf_counter", lambda: next(looks))
-    result, log = run(Arm(), Swing(done_at=200, torque_nm=0.0), observer=lambda _: (1.0, 2.0, 3.0))
+    monkeypatch.setattr(control.loop, "perf_counter", lambda: next(looks))
+    result, log = run(Arm(), Swing(done_at=200, torque_nm=0.0), observer=lambda *_: (1.0, 2.0, 3.0))
     assert list(result.timing) == list(SECTIONS)
     assert all(section.count == 200 for section in result.timing.values())
     parts = [result.timing[name].max_s for name in SECTIONS if name not in {"tick", "lateness"}]

@@ -25,7 +25,7 @@ def test_a_run_is_read_back_with_units_and_events(tmp_path):
             arm.clock,
             log,
             rate_hz=RATE_HZ,
-            observer=lambda record: (2.0 * record["time_s"], 1.0, 0.5),
+            observer=lambda measurement, output: (2.0 * measurement.time_s, 1.0, 0.5),
         )
     session = Session.open(path)
     ticks = session.samples(STREAM_NAME)

@@ -51,7 +51,7 @@ def test_the_simulated_arms_keep_the_force_limit(name, stiffness, damping, speed
     law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness, "damping_n_s_m": damping}
     bus.use_scenario(bus.scenario.model_validate({"object": {"law": law}}))
 
-    def watch(row):
+    def watch(measurement, output):
         truth.append(bus.world.truth().force_n)
         return np.nan, np.nan, np.nan
 

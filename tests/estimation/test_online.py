@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
 
+from control.phases import Phase
+from control.task import TaskOutput
 from estimation.estimators import ESTIMATORS
 from estimation.estimators.rls import Rls
 from estimation.online import OnlineContactEstimator
-from robot_io.types import Status
-from tests.estimation.little_probe import hunt_crossley, kelvin_voigt, probe, ticks
+from robot_io.types import Command, Measurement, Status
+from tests.estimation.little_probe import hunt_crossley, kelvin_voigt, probe
 
 SURFACE_M = 0.4321
 
@@ -13,8 +15,12 @@ SURFACE_M = 0.4321
 def follow(recorded, estimator=None, **settings):
     """Estimates after each sample, shape (n, 3)."""
     online = OnlineContactEstimator(estimator or Rls(), **settings)
-    samples = zip(recorded.time_s.tolist(), recorded.along_m.tolist(), recorded.force_n.tolist(), strict=True)
-    return np.array([online.update(*sample) for sample in samples])
+    return np.array([online.update(*sample) for sample in samples_of(recorded)])
+
+
+def samples_of(recorded):
+    """Time, place and force, sample by sample."""
+    return zip(recorded.time_s.tolist(), recorded.along_m.tolist(), recorded.force_n.tolist(), strict=True)
 
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(300.0, 0.0), (500.0, 100.0), (2000.0, 20.0)])
@@ -53,17 +59,23 @@ def test_a_biased_sensor_is_tared_in_free_air():
     assert found[2] == pytest.approx(SURFACE_M, abs=1e-4)
 
 
-def test_works_on_tick_records_and_skips_what_is_stale():
+def tick(time_s, along_m, force_n):
+    """What was measured and aimed at when the tool presses down."""
+    joints, down = np.zeros(3), np.array([0.0, 0.0, -1.0])
+    measurement = Measurement(time_s, joints, joints, joints, force_n, time_s, time_s, time_s)
+    output = TaskOutput(Command(joints), joints, joints, along_m * down, joints, down, 10.0, Phase.LOADING)
+    return measurement, output
+
+
+def test_works_on_ticks_and_skips_what_is_stale():
     recorded = probe(kelvin_voigt(800.0, 30.0), surface_m=SURFACE_M)
-    samples = ticks(recorded)
-    records = samples.stream.records(dict(samples.columns))
     online = OnlineContactEstimator(Rls())
-    for index, record in enumerate(records):
-        found = online.observe(record)
-        stale = record.copy()
-        stale["force_status"], stale["force_n"] = Status.STALE, 1e3
+    for index, sample in enumerate(samples_of(recorded)):
+        measurement, output = tick(*sample)
+        found = online.observe(measurement, output)
+        stale = measurement._replace(force_status=Status.STALE, force_n=1e3)
         if index % 3 == 0:
-            assert online.observe(stale) == found or np.isnan(found).all()
+            assert online.observe(stale, output) == found or np.isnan(found).all()
     assert found[0] == pytest.approx(800.0, rel=0.01)
     assert found[2] == pytest.approx(SURFACE_M, abs=1e-4)
 
