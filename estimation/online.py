@@ -5,19 +5,20 @@ from collections import deque
 
 import numpy as np
 
+from control.gains import TouchGains
 from control.running_mean import RunningMean
 from control.task import TaskOutput
 from control.tick_record import NO_ESTIMATE, Estimates
+from control.touch import release_force_n, touch_force_n
 from estimation.data.derivatives import centre_slope
 from estimation.estimator import OnlineEstimator
 from robot_io.types import Measurement, Status
 
 _GAINS = 3
 _ENOUGH = 30  # samples before which three gains are hardly determined
-_NOISE_FACTOR = 6.0  # standard deviations of the free-air force that are no noise any more
 _AIR_SAMPLES = 20  # at the start, taken for free air whatever they show: they tell the sensor's zero
-_RELEASE_SHARE = 0.5  # of the touch force
 _GAP = 1.5  # steps that are a gap
+_DEFAULT_TOUCH = TouchGains()
 
 
 class OnlineContactEstimator:
@@ -34,14 +35,17 @@ class OnlineContactEstimator:
 
     Args:
         estimator: takes one sample at a time.
-        touch_force_n: force above that in free air that is a touch; or 6 standard deviations, if more [N].
+        touch: what counts as contact, by the controller's own rule (see `control.touch`).
         half_window: samples on either side that go into a velocity.
     """
 
-    def __init__(self, estimator: OnlineEstimator, touch_force_n: float = 0.3, half_window: int = 5) -> None:
+    def __init__(
+        self, estimator: OnlineEstimator, touch: TouchGains = _DEFAULT_TOUCH, half_window: int = 5
+    ) -> None:
         self._estimator = estimator
         self._estimator.start(_GAINS)
-        self._touch_force_n = touch_force_n
+        self._touch_gains = touch
+        self._release_n = 0.0
         self._slope = centre_slope(half_window)
         self._half = half_window
         self._window: deque[tuple[float, float, float]] = deque(maxlen=2 * half_window + 1)
@@ -76,24 +80,25 @@ class OnlineContactEstimator:
         above_n = force_n - self._air.mean
         if self.in_contact:
             self._follow(time_s, along_m, above_n)
-        elif self._air.count >= _AIR_SAMPLES and above_n > self._touch_limit_n():
-            self._touch(along_m)
+        elif self._air.count >= _AIR_SAMPLES and above_n > (touch_n := self._touch_n()):
+            self._touch(along_m, touch_n)
         else:
             self._air.add(force_n)
         return self._estimates
 
-    def _touch_limit_n(self) -> float:
-        return max(self._touch_force_n, _NOISE_FACTOR * self._air.standard_deviation)
+    def _touch_n(self) -> float:
+        return touch_force_n(self._air.standard_deviation, self._touch_gains.touch_force_n)
 
-    def _touch(self, along_m: float) -> None:
+    def _touch(self, along_m: float, touch_n: float) -> None:
         """The first sample is left out: it was chosen for its force."""
         self.in_contact = True
+        self._release_n = release_force_n(touch_n, self._touch_gains)
         self._window.clear()
         if math.isnan(self._first_touch_m):
             self._first_touch_m = along_m
 
     def _follow(self, time_s: float, along_m: float, above_n: float) -> None:
-        if above_n < _RELEASE_SHARE * self._touch_force_n:
+        if above_n < self._release_n:
             self.in_contact = False
             return
         window = self._window

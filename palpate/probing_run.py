@@ -9,6 +9,7 @@ from pathlib import Path
 
 import yaml
 
+from control.gains import TouchGains, gains_of
 from control.journal import Observer
 from control.loop import run_loop
 from control.loop_result import LoopResult
@@ -111,7 +112,7 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     """
     simulated = is_simulated(job.robot_file)
     clock = _clock(simulated, job.paced)
-    observer = _watched(_online_observer(job.online), watcher)
+    observer = _watched(_online_observer(job.online, gains_of(job.robot_file).touch), watcher)
     task = ProbingTask.from_robot_file(job.robot_file, job.plan)
     robot = build_robot(job.robot_file, DriverCatalogue(SIMULATED_DRIVERS, *job.drivers), clock)
     scenario = _use_scenario(robot, job)
@@ -166,14 +167,14 @@ def _watched(estimate: Observer, watcher: Watcher) -> Observer:
     return observe
 
 
-def _online_observer(name: str | None) -> Observer:
+def _online_observer(name: str | None, touch: TouchGains) -> Observer:
     if name is None:
         return lambda _measurement, _output: NO_ESTIMATE
     estimator = ESTIMATORS[name]()
     if not isinstance(estimator, OnlineEstimator):
         valid = ", ".join(online_estimators())
         raise InputError(f"estimator '{name}' needs all samples at once. Online: {valid}")
-    return OnlineContactEstimator(estimator).observe
+    return OnlineContactEstimator(estimator, touch).observe
 
 
 def _use_scenario(robot: Robot, job: ProbingJob) -> Scenario | None:

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from control.phases import Phase
+from control.touch import touch_force_n
 from estimation.serial_covariance import sum_covariance
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-_NOISE_FACTOR = 6.0  # standard deviations of the free-air force that are no noise any more
 _LASTING = 3  # samples in a row
 _FREE = (Phase.FREE_AIR, Phase.APPROACH)  # the first of these that a run has tells its noise
 
@@ -61,7 +61,7 @@ def contact_rows(force_n: FloatArray, run: IntArray, phase: IntArray) -> BoolArr
 def _contact_of(number: int, rows: IntArray, force_n: FloatArray, phase: IntArray) -> Contact:
     free = _free_air(force_n[rows], phase[rows])
     baseline_n, noise_n = float(np.mean(free)), float(np.std(free))
-    touching = _lasting(force_n[rows] > baseline_n + _NOISE_FACTOR * noise_n)
+    touching = _lasting(force_n[rows] > baseline_n + touch_force_n(noise_n))
     inside = np.flatnonzero(touching)[1:-1]
     if len(inside):  # a bounce is no contact, a single low sample within it is noise
         lifted = _lasting(~touching[inside[0] : inside[-1] + 1])

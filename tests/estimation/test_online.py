@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from control.gains import TouchGains
 from control.phases import Phase
 from control.task import TaskOutput
 from estimation.estimators import ESTIMATORS
@@ -95,3 +96,24 @@ def test_an_object_that_is_no_kelvin_voigt_still_gives_numbers():
     found = follow(probe(hunt_crossley(5000.0, 8000.0, 1.4)))[-1]
     assert np.isfinite(found).all()
     assert found[0] > 0
+
+
+@pytest.mark.parametrize(("noise_n", "still_touching"), [(0.02, True), (0.1, False)])
+def test_touch_and_release_rise_with_the_sensor_s_noise_alike(noise_n, still_touching):
+    """0.2 N is above half of the touch force of a quiet sensor, and below half of that of a noisy one."""
+    online = OnlineContactEstimator(Rls())
+    air_n = noise_n * np.resize([1.0, -1.0], 200)
+    for number, force_n in enumerate(np.concatenate([air_n, np.full(50, 5.0), np.full(5, 0.2)])):
+        online.update(1e-3 * number, 1e-4 * number, float(force_n))
+        if number == 220:
+            assert online.in_contact
+    assert online.in_contact is still_touching
+
+
+def test_the_robot_s_own_touch_force_counts():
+    gentle, firm = (OnlineContactEstimator(Rls(), TouchGains(touch_force_n=force)) for force in (0.3, 2.0))
+    for online in (gentle, firm):
+        for number, force_n in enumerate([0.0] * 50 + [1.0] * 5):
+            online.update(1e-3 * number, 1e-4 * number, force_n)
+    assert gentle.in_contact
+    assert not firm.in_contact
