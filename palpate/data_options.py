@@ -1,5 +1,6 @@
 """Options of every command that reads somebody's data file."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +9,7 @@ import typer
 from estimation.data.import_options import ImportOptions, parse_pairs
 from palpate.estimation_run import Arm
 from palpate.files import existing_file
+from palpate.words import shown
 from robot_io.errors import InputError
 
 FileArgument = Annotated[
@@ -27,6 +29,10 @@ WhereOption = Annotated[
 ]
 ContextOption = Annotated[
     list[str] | None, typer.Option(help="Further column of numbers to keep.", metavar="COLUMN")
+]
+FolderOption = Annotated[
+    Path | None,
+    typer.Option(help="Where the revisions are kept, if not in the usual place.", metavar="FOLDER"),
 ]
 UrdfOption = Annotated[
     Path | None,
@@ -49,6 +55,21 @@ def import_options(
         where=parse_pairs(where or (), "--where"),
         context=tuple(context or ()),
     )
+
+
+def retyped(file: Path, **options: str | Path | list[str] | None) -> str:
+    """The file with its options as one would type them again, for commands to try next.
+
+    Args:
+        file: session or data file.
+        options: values by the name of the option; None where it was not given.
+    """
+    words = [shown(file)]
+    for name, value in options.items():
+        for each in value if isinstance(value, list) else [value]:
+            if each is not None:
+                words += [f"--{name}", str(each)]
+    return shlex.join(words)
 
 
 def given_arm(urdf: Path | None, tip_frame: str, otherwise: Arm) -> Arm:

@@ -17,6 +17,7 @@ from palpate.data_options import (
     WhereOption,
     given_arm,
     import_options,
+    retyped,
 )
 from palpate.derived import derived_folder
 from palpate.effect_library import library_with
@@ -60,37 +61,39 @@ def command(  # noqa: PLR0917, one parameter an option
     Goes on from the newest revision; --from goes back to another one.
     """
     material = load_material(file, import_options(column, unit, where, context))
+    data = {"column": column, "unit": unit, "where": where, "context": context}
+    typed = retyped(file, model=model, urdf=urdf, out=out, **data)
     arm, library = given_arm(urdf, tip_frame, material.arm), library_with(effect)
     folder = derived_folder(material, out)
     wish = Wish(effects, model, channel, start, fresh)
     with console.stderr().status("refitting stage by stage"):
         growth = grow(material, arm, RevisionShelf(folder), library, wish)
     with console.stderr().status("report, picture and recording"):
-        written = write_outcome(
-            folder, material, [growth.story], [f"palpate add {shown(file)} {' '.join(effects)}"]
-        )
+        added = [stage.added for stage in growth.story.stages[1:]]
+        again = f"palpate add {typed} {' '.join(added)} --fresh"
+        written = write_outcome(folder, material, [growth.story], [again])
     if as_json:
         channel_name = growth.story.subject.channel.name
         kept = [revision.model_dump(mode="json") for revision in growth.kept]
         console.print_json({"file": str(file), "channel": channel_name, "revisions": kept})
     else:
-        _print(file, growth, written)
+        back = retyped(file, urdf=urdf, out=out, **data)
+        _print(back, retyped(file, folder=out, **data), growth, written)
 
 
-def _print(file: Path, growth: Growth, written: dict[str, Path]) -> None:
+def _print(back: str, kept: str, growth: Growth, written: dict[str, Path]) -> None:
     story, out = growth.story, console.stdout()
     unit = story.subject.channel.kind.effort_unit
     out.print(fall_sentence(story))
     out.print(stage_table(story.stages, unit, growth.numbers))
     out.print(parameter_table(story.stages[-1]))
     print_files(written)
-    session = shown(file)
     steps = [
         (f"rerun {shown(written['recording'])}", "see the model grow, revision by revision"),
-        (f"palpate revisions {session}", "all stages, to go back to"),
-        (f"palpate export {session}", "the improved model as a simulated world"),
+        (f"palpate revisions {kept}", "all stages, to go back to"),
+        (f"palpate export {kept}", "the improved model as a simulated world"),
     ]
     if growth.parent is not None or len(growth.kept) > 1:
-        back = growth.kept[-1].parent
-        steps.insert(2, (f"palpate add {session} EFFECT --from {back}", "go back, and try another effect"))
+        before = growth.kept[-1].parent
+        steps.insert(2, (f"palpate add {back} EFFECT --from {before}", "go back, and try another effect"))
     console.next_steps(*steps)

@@ -19,6 +19,7 @@ from palpate.data_options import (
     WhereOption,
     given_arm,
     import_options,
+    retyped,
 )
 from palpate.estimation_run import load_material
 from palpate.files import output_folder
@@ -54,7 +55,7 @@ def command(  # noqa: PLR0917, one parameter an option
     found = subjects_of(material, model, given_arm(urdf, tip_frame, material.arm))
     subjects = only_channel(found, channel)
     folder = output_folder(out) if out is not None else None
-    typed = shown(file) + (f" --model {model}" if model else "")
+    typed = retyped(file, model=model, urdf=urdf, column=column, unit=unit, where=where, context=context)
     compared, failures = _compare(subjects)
     data: dict[str, object] = {
         "file": str(file),

@@ -19,6 +19,7 @@ from palpate.data_options import (
     WhereOption,
     given_arm,
     import_options,
+    retyped,
 )
 from palpate.derived import derived_folder
 from palpate.diagnosis_progress import diagnosis_progress
@@ -69,6 +70,8 @@ def command(  # noqa: PLR0917, one parameter an option
     """
     material = load_material(file, import_options(column, unit, where, context))
     subjects = only_channel(subjects_of(material, model, given_arm(urdf, tip_frame, material.arm)), channel)
+    data = {"column": column, "unit": unit, "where": where, "context": context}
+    typed = retyped(file, model=model, urdf=urdf, **data)
     library = library_with(effect)
     library.rehearse([subject.channel for subject in subjects])
     wanted = bool(out) or apply or (material.session is not None and not as_json)
@@ -81,7 +84,7 @@ def command(  # noqa: PLR0917, one parameter an option
         _print(diagnosis)
     if folder is None:
         if not as_json:
-            _next(_typed(file, model), diagnosis, None, apply)
+            _next(typed, typed, diagnosis, None, applied=apply)
         return
     write_json(diagnosis.model_dump(mode="json"), folder / RESULT)
     plan = _write_plan(material, diagnosis, folder)
@@ -89,12 +92,12 @@ def command(  # noqa: PLR0917, one parameter an option
     if apply:
         _keep(folder, stories, library.own, quiet=as_json)
     written = write_outcome(
-        folder, material, stories, [f"palpate diagnose {_typed(file, model)}{' --apply' if apply else ''}"]
+        folder, material, stories, [f"palpate diagnose {typed}{' --apply' if apply else ''}"]
     )
     if not as_json:
         console.stdout().print()
         print_files({"result": folder / RESULT, **written})
-        _next(_typed(file, model), diagnosis, plan, apply)
+        _next(typed, retyped(file, folder=out, **data), diagnosis, plan, applied=apply)
 
 
 def _print(diagnosis: Diagnosis) -> None:
@@ -139,21 +142,15 @@ def _write_plan(material: Material, diagnosis: Diagnosis, folder: Path) -> Path 
     return None
 
 
-def _typed(file: Path, model: str | None) -> str:
-    """How the data and the model are named on the command line."""
-    return shown(file) + (f" --model {model}" if model else "")
-
-
-def _next(typed: str, diagnosis: Diagnosis, plan: Path | None, applied: bool) -> None:
+def _next(typed: str, kept: str, diagnosis: Diagnosis, plan: Path | None, *, applied: bool) -> None:
     steps = []
-    file = typed.partition(" --model")[0]
     missing = [found for found in diagnosis.channels if found.accepted]
     if missing and not applied:
         names = " ".join(entry.effect for entry in missing[0].accepted)
         steps.append((f"palpate add {typed} {names}", "refit with it, and keep that as a revision"))
     if missing and applied:
-        steps.append((f"palpate export {file}", "the improved model as a simulated world"))
-        steps.append((f"palpate revisions {file}", "all stages, to go back to"))
+        steps.append((f"palpate export {kept}", "the improved model as a simulated world"))
+        steps.append((f"palpate revisions {kept}", "all stages, to go back to"))
     if plan is not None:
         steps.append((f"palpate probe --experiment {shown(plan)}", "the experiment that would tell more"))
     if any(found.verdict is Verdict.UNEXPLAINED for found in diagnosis.channels):

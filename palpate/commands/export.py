@@ -7,7 +7,16 @@ import typer
 
 from estimation.channel import ChannelKind
 from palpate import console
-from palpate.data_options import FileArgument
+from palpate.data_options import (
+    ColumnOption,
+    ContextOption,
+    FileArgument,
+    FolderOption,
+    UnitOption,
+    WhereOption,
+    import_options,
+    retyped,
+)
 from palpate.derived import derived_folder
 from palpate.effect_library import library_with
 from palpate.estimation_run import Material, load_material
@@ -24,12 +33,17 @@ from sim_backend.scenario import Scenario
 SCENARIO = "scenario.yaml"
 
 
-def command(
+def command(  # noqa: PLR0917, one parameter an option
     file: FileArgument,
     revision: Annotated[
         list[int] | None,
         typer.Option(help="Take these revisions; default: the newest of each channel.", metavar="N"),
     ] = None,
+    folder: FolderOption = None,
+    column: ColumnOption = None,
+    unit: UnitOption = None,
+    where: WhereOption = None,
+    context: ContextOption = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Scenario file to write.", metavar="FILE.yaml")
     ] = None,
@@ -40,10 +54,10 @@ def command(
 
     Where the simulator cannot do what was fitted, that is said, and the rest is written.
     """
-    material = load_material(file)
-    folder = derived_folder(material, None)
-    path = output_file(out, force=force) if out is not None else output_file(folder / SCENARIO, force=True)
-    kept = _revisions(material, RevisionShelf(folder), revision)
+    material = load_material(file, import_options(column, unit, where, context))
+    place = derived_folder(material, folder)
+    path = output_file(out, force=force) if out is not None else output_file(place / SCENARIO, force=True)
+    kept = _revisions(material, RevisionShelf(place), revision)
     fitted = [_fitted(material, each) for each in kept]
     description = f"as measured in {file.name}: " + "; ".join(_model(each) for each in kept)
     export = export_scenario(_base(material), fitted, description)
@@ -56,7 +70,8 @@ def command(
             {"file": str(file), "scenario": str(path), "used": export.used, "left_out": export.left_out}
         )
     else:
-        _print(file, path, export)
+        data = {"column": column, "unit": unit, "where": where, "context": context}
+        _print(retyped(file, **data), path, export)
 
 
 def _revisions(material: Material, shelf: RevisionShelf, numbers: list[int] | None) -> list[KeptRevision]:
@@ -97,7 +112,7 @@ def _model(revision: KeptRevision) -> str:
     return f"{revision.channel} {' + '.join([revision.model, *revision.effects])}"
 
 
-def _print(file: Path, path: Path, export: Export) -> None:
+def _print(typed: str, path: Path, export: Export) -> None:
     out = console.stdout()
     out.print(f"scenario  [bold]{shown(path)}[/bold]", soft_wrap=True)
     for line in export.used:
@@ -106,5 +121,5 @@ def _print(file: Path, path: Path, export: Export) -> None:
         out.print(f"  [yellow]out[/yellow]  {safe(line)}")
     console.next_steps(
         (f"palpate probe --scenario {shown(path)}", "probe the model as if it were the object"),
-        (f"palpate compare {shown(file)}", "where the model still fails"),
+        (f"palpate compare {typed}", "where the model still fails"),
     )

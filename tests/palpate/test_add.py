@@ -27,9 +27,9 @@ def test_stages_are_kept_continued_and_gone_back_to(hardening, tmp_path):
     (third,) = add(hardening, tmp_path, "cubic_stiffness", "--from", 0)
     assert (third["number"], third["parent"], third["effects"]) == (3, 0, ["cubic_stiffness"])
     assert third["rmse"] < first[1]["rmse"] < first[0]["rmse"]
-    listed = json.loads(run("revisions", hardening, "--out", tmp_path, "--json").stdout)["revisions"]
+    listed = json.loads(run("revisions", hardening, "--folder", tmp_path, "--json").stdout)["revisions"]
     assert listed == [*first, second, third]
-    shown = run("revisions", hardening, "--out", tmp_path).stdout
+    shown = run("revisions", hardening, "--folder", tmp_path).stdout
     assert "kelvin_voigt + cubic_stiffness" in shown
 
 
@@ -77,11 +77,11 @@ def test_ones_own_effect_is_run_again_only_if_one_says_so(hardening, tmp_path):
 def test_a_damaged_revision_is_named(hardening, tmp_path):
     (tmp_path / "revisions").mkdir()
     (tmp_path / "revisions" / "0000.json").write_text('{"number": 0}')
-    assert_refused(run("revisions", hardening, "--out", tmp_path), "0000.json", "damaged")
+    assert_refused(run("revisions", hardening, "--folder", tmp_path), "0000.json", "damaged")
 
 
 def test_without_revisions_one_is_told_how_to_make_some(hardening, tmp_path):
-    result = run("revisions", hardening, "--out", tmp_path)
+    result = run("revisions", hardening, "--folder", tmp_path)
     assert result.exit_code == 0
     assert "no revisions yet" in result.stdout
     assert "--apply" in result.stderr
