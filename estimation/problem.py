@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.model import Model
-from estimation.regression import Regression
+from estimation.regression import Regression, weights_of
 from estimation.search_scale import SearchScale
 from robot_io.types import BoolArray, FloatArray
 
@@ -44,10 +44,8 @@ class Problem:
     @property
     def weights(self) -> FloatArray:
         """1 / sigma of the samples that count, with mean square 1."""
-        if self.sigma is None:
-            return np.ones(int(np.count_nonzero(self.rows)))
-        inverse: FloatArray = 1.0 / self.sigma[self.rows]
-        return np.asarray(inverse / np.sqrt(np.mean(inverse**2)))
+        sigma = None if self.sigma is None else self.sigma[self.rows]
+        return weights_of(sigma, int(np.count_nonzero(self.rows)))
 
     def parameters(self, gains: FloatArray, vector: FloatArray) -> dict[str, float]:
         """Gains, then inner parameters, by "effect.parameter"."""

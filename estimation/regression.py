@@ -8,6 +8,14 @@ from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 
+def weights_of(sigma: FloatArray | None, count: int) -> FloatArray:
+    """1 / sigma with mean square 1, shape (count,); ones if the noise is equal."""
+    if sigma is None:
+        return np.ones(count)
+    inverse: FloatArray = 1.0 / sigma
+    return np.asarray(inverse / np.sqrt(np.mean(inverse**2)))
+
+
 @dataclass(frozen=True)
 class Regression:
     """effort = columns @ gains + noise.
@@ -54,12 +62,8 @@ class Regression:
 
     @property
     def weights(self) -> FloatArray:
-        """1 / sigma, shape (n,), with mean square 1; ones if the noise is equal."""
-        if self.sigma is None:
-            return np.ones(len(self.effort))
-        inverse: FloatArray = 1.0 / self.sigma
-        weights: FloatArray = inverse / np.sqrt(np.mean(inverse**2))
-        return weights
+        """See `weights_of`."""
+        return weights_of(self.sigma, len(self.effort))
 
     @property
     def condition_number(self) -> float:

@@ -1,11 +1,11 @@
 """Operators with memory, each started afresh in every run."""
 
 from collections.abc import Callable
-from itertools import pairwise
 
 import numpy as np
 from scipy.signal import lfilter, savgol_filter
 
+from estimation.blocks import blocks
 from robot_io.types import FloatArray, IntArray
 
 
@@ -18,9 +18,8 @@ def sample_time(time_s: FloatArray, run: IntArray) -> float:
 def per_run(operator: Callable[[FloatArray], FloatArray], signal: FloatArray, run: IntArray) -> FloatArray:
     """`operator` applied to each run's rows of `signal`, shape (n,) or (n, k)."""
     result = np.empty_like(signal, dtype=np.float64)
-    borders = np.concatenate([[0], np.flatnonzero(np.diff(run)) + 1, [len(run)]])
-    for start, stop in pairwise(borders):
-        result[start:stop] = operator(np.asarray(signal[start:stop], dtype=np.float64))
+    for rows in blocks(run):
+        result[rows] = operator(np.asarray(signal[rows], dtype=np.float64))
     return result
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.blocks import blocks
 from robot_io.types import FloatArray, IntArray
 
 _MAX_AR1 = 0.99  # prewhitening closer to 1 would divide by next to nothing
@@ -50,7 +51,7 @@ def _runs(run: IntArray | None, count: int) -> Iterator[IntArray]:
         yield np.arange(count)
         return
     order = np.argsort(run, kind="stable")
-    yield from np.split(order, np.flatnonzero(np.diff(run[order])) + 1)
+    yield from (order[rows] for rows in blocks(run[order]))
 
 
 def _ar1(pieces: list[FloatArray]) -> FloatArray:

@@ -10,12 +10,11 @@ acceleration (a pilot fit as in J. Fan, I. Gijbels, Local Polynomial Modelling a
 ch. 4). Errors must differ from sample to sample for that: interpolated positions would mislead it.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
+from estimation.blocks import blocks
 from estimation.data.local_fit import even_coefficients, local_fit
 from robot_io.types import FloatArray, IntArray
 
@@ -51,7 +50,7 @@ def differentiate(
         piece: shape (n,), the same number for samples that belong to one smooth motion; in one block each.
         half_window: samples on either side; None to find out.
     """
-    pieces = list(_blocks(piece))
+    pieces = list(blocks(piece))
     if half_window is None:
         halves = _best_half_windows(time_s, position, pieces)
     else:
@@ -74,13 +73,6 @@ def centre_slope(half_window: int) -> FloatArray:
     """What turns 2 h + 1 evenly spaced samples into the slope per step in their middle, shape (2 h + 1,)."""
     slope: FloatArray = even_coefficients(2 * half_window + 1, half_window)[1]
     return slope
-
-
-def _blocks(piece: IntArray) -> Iterator[slice]:
-    borders = [0, *(np.flatnonzero(np.diff(piece)) + 1).tolist(), len(piece)]
-    for start, stop in pairwise(borders):
-        if stop > start:
-            yield slice(start, stop)
 
 
 @dataclass(frozen=True)

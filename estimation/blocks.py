@@ -1,0 +1,20 @@
+"""The stretches of samples that belong together."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from robot_io.types import IntArray
+
+
+def blocks(number: IntArray) -> Iterator[slice]:
+    """The rows of each stretch of equal numbers, in their order; none of no rows.
+
+    Args:
+        number: of the run or piece that each sample belongs to, shape (n,).
+    """
+    borders = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(number)]
+    for start, stop in pairwise(borders):
+        if stop > start:
+            yield slice(start, stop)
