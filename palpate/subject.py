@@ -64,3 +64,21 @@ def _subject(channel: ChannelData, model: str, arm: Arm) -> Subject:
     base, context = MODELS[model](), context_of(channel, arm)
     built = base.build(context)
     return Subject(base.prepare(channel, context), built)
+
+
+ALL_CHANNELS = "all"
+
+
+def channels_to_diagnose(subjects: tuple[Subject, ...], name: str | None) -> tuple[Subject, ...]:
+    """The named channel, all for "all", and for None the contacts where there are any.
+
+    An arm's joints are left out unless they are asked for: the accelerations of a probing session are too
+    noisy for a verdict that can be trusted (docs/missing-effects.md, "Joints").
+
+    Raises:
+        InputError: there is no such channel.
+    """
+    if name == ALL_CHANNELS:
+        return subjects
+    contacts = tuple(subject for subject in subjects if subject.channel.kind is ChannelKind.CONTACT)
+    return contacts if name is None and contacts else only_channel(subjects, name)

@@ -32,7 +32,7 @@ from palpate.outcome import write_json, write_outcome
 from palpate.revisions import RevisionShelf
 from palpate.stage_text import print_files
 from palpate.story import Story, diagnose_subjects, tell_story
-from palpate.subject import Subject, only_channel, subjects_of
+from palpate.subject import ALL_CHANNELS, Subject, channels_to_diagnose, subjects_of
 from palpate.words import shown
 
 RESULT = "diagnosis.json"
@@ -43,7 +43,12 @@ def command(  # noqa: PLR0917, one parameter an option
     model: Annotated[
         str | None, typer.Option(help=f"One of {', '.join(MODELS)}; default: what suits each channel.")
     ] = None,
-    channel: Annotated[str | None, typer.Option(help="Only this channel, such as contact.")] = None,
+    channel: Annotated[
+        str | None,
+        typer.Option(
+            help=f"Only this channel, such as joint_2, or {ALL_CHANNELS}; default: contacts, if any."
+        ),
+    ] = None,
     effect: Annotated[
         list[str] | None,
         typer.Option(help="Effect of your own to try as well; its file is run.", metavar="FILE.py:CLASS"),
@@ -69,7 +74,8 @@ def command(  # noqa: PLR0917, one parameter an option
     data cannot say). All is judged on runs that the fit has not seen.
     """
     material = load_material(file, import_options(column, unit, where, context))
-    subjects = only_channel(subjects_of(material, model, given_arm(urdf, tip_frame, material.arm)), channel)
+    known = subjects_of(material, model, given_arm(urdf, tip_frame, material.arm))
+    subjects = channels_to_diagnose(known, channel)
     data = {"column": column, "unit": unit, "where": where, "context": context}
     typed = retyped(file, model=model, urdf=urdf, **data)
     library = library_with(effect)

@@ -183,3 +183,15 @@ def test_a_verdict_of_something_unknown_says_what_it_depends_on_and_what_was_fou
     about = {"confused_with": [], "physics": "p", "equation": "e", "signature": "s"}
     more = found.model_copy(update={"accepted": [Accepted(**step, **about)]})
     assert "[bold]bias[/bold] and something more is missing" in sentence(more)
+
+
+def test_a_probing_session_is_judged_at_its_contact_unless_joints_are_asked_for(probed):
+    path, _ = probed
+    result = run("diagnose", path, "--json")
+    assert result.exit_code == 0, result.stderr
+    (contact,) = json.loads(result.stdout)["channels"]
+    assert contact["channel"] == "contact"
+    assert contact["verdict"] == "adequate"
+    assert_refused(
+        run("diagnose", path, "--channel", "joint_9"), "joint_9", "contact, joint_1, joint_2, joint_3"
+    )
