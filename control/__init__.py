@@ -20,7 +20,8 @@ from control.probing import ProbingTask
 from control.probing_plan import ProbingPlan, ProbingRunSpec, load_probing_plan
 from control.rigid_body import JointAxis, RigidBody, TipMotion
 from control.task import NO_RUN, Task, TaskEvent, TaskOutput
-from control.tick_record import Estimates, TickDurations, tick_record, tick_stream
+from control.tick_record import Estimates, tick_record, tick_stream
+from control.timing import TickDurations
 from control.trajectory import JointMove, LineReturn, SpeedBlend
 
 __all__ = [

@@ -14,8 +14,8 @@ from control.phases import Phase
 from control.task import Task, TaskOutput
 from control.tick_grid import TickGrid
 from control.tick_log import TickLog
-from control.tick_record import NO_ESTIMATE, TickDurations, tick_record
-from control.timing import LoopTiming
+from control.tick_record import NO_ESTIMATE, tick_record
+from control.timing import LoopTiming, TickDurations
 from control.way_out import WayOut, one_line
 from robot_io.clock import Clock
 from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
@@ -204,25 +204,9 @@ class _Loop:
         self._journal.tick(measurement.time_s, record, output.events)
         self._reference_rad = None if tripped else output.reference_position_rad
         self._ticks += 1
-        self._count(durations, woken, observed)
+        self._timing.add(durations)
+        self._log_s = perf_counter() - observed
         return guard.finished if tripped else output.done
-
-    def _count(self, durations: TickDurations, woken: float, observed: float) -> None:
-        """Add a tick to the timing, at its end."""
-        ended = perf_counter()
-        self._log_s = ended - observed
-        self._timing.add(
-            (
-                durations.read_s,
-                durations.guard_s,
-                durations.control_s,
-                durations.write_s,
-                durations.observer_s,
-                self._log_s,
-                ended - woken,
-                durations.lateness_s,
-            )
-        )
 
     def _read(self, now_s: float) -> Measurement:
         """This tick's measurement; if reading fails, the last one, marked as the old one that it is."""

@@ -1,10 +1,10 @@
 """What a session keeps of every tick: the stream called "tick", and its records."""
 
 import math
-from typing import NamedTuple
 
 from control.phases import Phase
 from control.task import TaskOutput
+from control.timing import TickDurations
 from robot_io.session import Column, Stream
 from robot_io.types import FloatArray, Measurement
 
@@ -63,18 +63,6 @@ def tick_stream(joint_count: int) -> Stream:
             Column("lateness_s", "s", 1, "woken up after the tick was due", "float64"),
         ),
     )
-
-
-class TickDurations(NamedTuple):
-    """Time spent in the sections of one tick that are over when its record is made [s]."""
-
-    read_s: float
-    control_s: float
-    guard_s: float
-    write_s: float
-    observer_s: float
-    log_s: float  # of the tick before
-    lateness_s: float
 
 
 def tick_record(  # noqa: PLR0917 (what a tick is made of)

@@ -7,15 +7,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from control.timing import SECTIONS, Histogram, LoopTiming
+from control.timing import SECTIONS, Histogram, LoopTiming, TickDurations
 
 BIN_ERROR = 0.012  # half a bin
 
 
 def filled(durations_s) -> Histogram:
     histogram = Histogram()
-    for duration_s in durations_s:
-        histogram.add(float(duration_s))
+    for part_s in np.array_split(np.asarray(durations_s), 3):
+        histogram.add(part_s)
     return histogram
 
 
@@ -57,11 +57,16 @@ def test_an_empty_histogram_knows_nothing():
     assert math.isnan(Histogram().percentile(50.0))
 
 
-def test_each_section_is_kept_apart():
+@pytest.mark.parametrize("count", [1, 100, 1000])
+def test_each_section_is_kept_apart_and_a_tick_is_all_of_them_but_lateness(count):
     timing = LoopTiming()
-    for _ in range(100):
-        timing.add([1e-6 * (i + 1) for i in range(len(SECTIONS))])
-    for i, name in enumerate(SECTIONS):
-        section = timing.summary()[name]
-        assert section.count == 100
-        assert section.p50_s == pytest.approx(1e-6 * (i + 1), rel=BIN_ERROR)
+    for number in range(count):
+        timing.add(TickDurations(*(1e-6 * (i + 1) * (1 + number / count) for i in range(7))))
+    summary = timing.summary()
+    assert tuple(summary) == SECTIONS
+    for i, name in enumerate(name for name in SECTIONS if name != "tick"):
+        assert summary[name].count == count
+        assert summary[name].p50_s == pytest.approx(1.5e-6 * (i + 1), rel=BIN_ERROR + 0.5 / count)
+        assert summary[name].max_s == pytest.approx(1e-6 * (i + 1) * (2 - 1 / count))
+    assert summary["tick"].max_s == pytest.approx(21e-6 * (2 - 1 / count))
+    assert timing.summary()["tick"].count == count
