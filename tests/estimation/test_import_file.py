@@ -284,7 +284,7 @@ def test_an_unknown_phase_lists_the_known_ones(contact):
         ("ragged.csv", b"time_s,displacement_m,force_N\n0,1,2\n1,2\n", "Expected 3 columns, got 2"),
         (
             "torn.csv.gz",
-            gzip.compress(b"time_s,displacement_m,force_N\n" + b"1,2,3\n" * 9)[:25],
+            gzip.compress(b"time_s,displacement_m,force_N\n" + b"1,2,3\n" * 9, mtime=0)[:25],
             "cannot be read",
         ),
         ("not.csv.gz", b"time_s,displacement_m,force_N\n0,1,2\n", "cannot be read"),
