@@ -50,6 +50,7 @@ class Estimate:
         covariance: of the parameters, shape (m, m); NaN where unknown.
         history: for recursive estimators, gains after each sample, shape (n, p); else None.
         details: method-specific figures, such as trials or skipped subsets.
+        unphysical: gains that lie outside what is physical with their whole intervals.
     """
 
     estimator: str
@@ -62,6 +63,7 @@ class Estimate:
     covariance: FloatArray
     history: FloatArray | None = None
     details: dict[str, float] = field(default_factory=dict)
+    unphysical: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> ParameterEstimate:
         """The parameter called `name`.

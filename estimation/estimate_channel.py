@@ -12,9 +12,12 @@ from estimation.fit import Fit, fit
 from estimation.least_squares import solve
 from estimation.model import Model
 from estimation.problem import Problem
+from estimation.regression import Regression
 from estimation.uncertainty import Covariance, assemble, common_error_covariance
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
+
+_ROUNDING = 1e-9  # share of the effort below which a gain is one of the last digits of the numbers
 
 
 def fitting_rows(data: ChannelData) -> BoolArray:
@@ -54,7 +57,7 @@ def estimate_channel(
         Gains, then inner parameters, called "effect.parameter"; its arrays hold the samples used.
 
     Raises:
-        InputError: too few samples, or the estimator cannot work on them.
+        InputError: too few samples or none with an effort, or the estimator cannot work on them.
     """
     used = fitting_rows(data) if rows is None else rows
     count = len(model.gains) + len(model.inner)
@@ -63,14 +66,20 @@ def estimate_channel(
             f"channel '{data.name}': {np.count_nonzero(used)} samples in use cannot determine {count} "
             f"parameters of '{model.name}'; was the object touched?"
         )
+    if not data.effort[used].any():
+        raise InputError(
+            f"channel '{data.name}': the effort is 0 {data.kind.effort_unit} in all {np.count_nonzero(used)} "
+            "samples in use; was the object touched, and the sensor connected?"
+        )
     problem = Problem(model, data, used)
     if model.inner or data.tare is not None:
         searched = fit(model, data, rows=used, loss=estimator.loss)
-        vector = problem.scale.vector(searched.parameters)
-        found = _combine(problem, searched, estimator.fit(problem.regression(vector), rng=rng))
+        regression = problem.regression(problem.scale.vector(searched.parameters))
+        found = _combine(problem, searched, estimator.fit(regression, rng=rng))
     else:
-        found = estimator.fit(problem.regression(np.zeros(0)), rng=rng)
-    return _mark_unphysical(found, model)
+        regression = problem.regression(np.zeros(0))
+        found = estimator.fit(regression, rng=rng)
+    return _mark_unphysical(found, model, regression)
 
 
 def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:
@@ -116,13 +125,17 @@ def _of_tare(problem: Problem, searched: Fit, inliers: BoolArray) -> FloatArray:
     return matrix
 
 
-def _mark_unphysical(found: Estimate, model: Model) -> Estimate:
-    """Say so where a gain lies outside what is physical with its whole interval."""
-    beyond = [
-        f"{estimated.name} = {estimated.value:.4g} is {'below' if low else 'above'} what is physical"
-        for estimated, parameter in zip(found.parameters, model.gains.values(), strict=False)
-        if (low := estimated.interval[1] < parameter.lower) or estimated.interval[0] > parameter.upper
-    ]
+def _mark_unphysical(found: Estimate, model: Model, regression: Regression) -> Estimate:
+    """Say so where a gain lies outside what is physical with its whole interval, and is no rounding error."""
+    parts = np.sqrt(np.mean(regression.columns**2, axis=0) / np.mean(regression.effort**2))
+    beyond = {
+        estimated.name: f"{estimated.name} = {estimated.value:.4g} is {'below' if low else 'above'}"
+        for estimated, parameter, part in zip(found.parameters, model.gains.values(), parts, strict=False)
+        if ((low := estimated.interval[1] < parameter.lower) or estimated.interval[0] > parameter.upper)
+        and abs(estimated.value) * part > _ROUNDING
+    }
     if not beyond:
         return found
-    return replace(found, note=f"{found.note}; but {', '.join(beyond)}: the model lacks something")
+    why = "the model lacks something, or the sign of effort or motion is turned"
+    note = f"{found.note}; but {', '.join(beyond.values())} what is physical: {why}"
+    return replace(found, note=note, unphysical=tuple(beyond))

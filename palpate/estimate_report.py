@@ -7,6 +7,7 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
+from estimation.misfit import Misfit, misfit
 from palpate.estimation_run import BEST, MOST, OFFSET, ChannelEstimates
 from palpate.truth import SURFACE
 from palpate.words import significant
@@ -15,6 +16,7 @@ MILLI = 1e3
 PERCENT = 100.0
 SIGMAS_95 = 1.96
 NOTABLE = 4.0  # standard errors of a force in free air that is worth a word
+POOR = 4.0  # times the noise: right models stay below 2.6, also on objects of 1e5 N/m or 200 N s/m
 
 
 def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:
@@ -27,15 +29,34 @@ def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:
         true = f" (truth {MILLI * truth[SURFACE]:.3f} mm)" if SURFACE in truth else ""
         lines.append(f"surface found at {place}{sure}{true}")
     lines += _tare_remark(found.channel)
+    lines += _misfit_remark(found)
     lines += [f"{name}: {problem}" for name, problem in found.failures.items()]
     for estimate in found.estimates:
         left_out = 1.0 - float(np.mean(estimate.inliers))
         if estimate.estimator == BEST[0] and left_out > 1.0 - MOST:
             share = f"{PERCENT * left_out:.0f} % of the samples"
             lines.append(f"{estimate.estimator} set {share} aside: the model does not describe them")
-        if estimate.identifiability is not Identifiability.GOOD:
+        if estimate.identifiability is not Identifiability.GOOD or estimate.unphysical:
             lines.append(f"{estimate.estimator}: {estimate.note}")
     return lines
+
+
+def _misfit_remark(found: ChannelEstimates) -> list[str]:
+    """That the model does not describe the data, however narrow its intervals are."""
+    left, best, unit = misfit_of(found), found.best, found.channel.kind.effort_unit
+    if not left.times > POOR:
+        return []
+    sizes = f"{best.rmse:.2g} {unit} (rms), and the noise from sample to sample is {left.noise:.2g} {unit}"
+    return [
+        f"{best.estimator} leaves {sizes}: {found.model.name} does not describe these data, whatever the "
+        "intervals say"
+    ]
+
+
+def misfit_of(found: ChannelEstimates) -> Misfit:
+    """What the best estimate leaves beside the noise."""
+    best = found.best
+    return misfit(best.residuals, found.channel.run[found.rows], best.inliers)
 
 
 def _tare_remark(channel: ChannelData) -> list[str]:
@@ -56,6 +77,7 @@ def as_data(found: ChannelEstimates, truth: Mapping[str, float]) -> dict[str, An
         "truth": dict(truth),
         "tare": _tare_data(found.channel),
         "failures": found.failures,
+        "misfit": vars(misfit_of(found)),
         "estimates": [_estimate_data(found, estimate, truth) for estimate in found.estimates],
     }
 

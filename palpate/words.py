@@ -5,6 +5,8 @@ from pathlib import Path
 
 from rich.markup import escape
 
+_MOST_DECIMALS = 6  # what would need more is written with a power of ten
+_MOST_DIGITS = 8
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
@@ -39,6 +41,9 @@ def significant(value: float, uncertainty: float | None = None) -> str:
     if uncertainty is None or not 0 < uncertainty < float("inf"):
         return f"{value:.5g}"
     decimals = max(0, 1 - _exponent(uncertainty))
+    if decimals > _MOST_DECIMALS:
+        digits = _exponent(value) - _exponent(uncertainty) + 2
+        return f"{value:.{min(max(digits, 1), _MOST_DIGITS)}g}"
     return f"{value:.{decimals}f}"
 
 

@@ -74,6 +74,25 @@ def test_a_stiffness_that_cannot_be_is_pointed_out():
         data, base_model("kelvin_voigt"), ESTIMATORS["lsq"](), rng=np.random.default_rng(0)
     )
     assert "stiffness.k = -200 is below what is physical" in found.note
+    assert found.unphysical == ("stiffness.k",)
+
+
+def test_a_damping_of_rounding_errors_is_not_called_unphysical():
+    t = np.arange(500) * 1e-3
+    x = 0.005 + 0.004 * np.sin(20 * t)
+    data = channel(200 * x - 1e-12 * 0.08 * np.cos(20 * t), x, 0.08 * np.cos(20 * t), t)
+    found = estimate_channel(
+        data, base_model("kelvin_voigt"), ESTIMATORS["lsq"](), rng=np.random.default_rng(0)
+    )
+    assert found["damping.c"].interval[1] < 0
+    assert found.unphysical == ()
+
+
+def test_a_force_that_is_zero_throughout_is_refused():
+    t = np.arange(100) * 1e-3
+    data = channel(np.zeros(100), np.full(100, 0.01), np.zeros(100), t)
+    with pytest.raises(InputError, match="the effort is 0 N in all 100 samples"):
+        estimate_channel(data, base_model("kelvin_voigt"), ESTIMATORS["lsq"](), rng=np.random.default_rng(0))
 
 
 def test_no_contact_is_said_clearly():

@@ -86,6 +86,30 @@ def test_a_data_file_is_estimated_directly(tmp_path):
     assert data["channels"][0]["truth"] == {}
 
 
+def test_a_model_that_does_not_fit_is_said_not_to(tmp_path):
+    file = tmp_path / "stiffening.csv"
+    t = np.arange(0, 2, 0.002)
+    depth = 0.006 - 0.005 * np.cos(6 * t)
+    force = 2e6 * depth**2 + np.random.default_rng(0).normal(0, 0.02, len(t))
+    file.write_text(HEADER + "".join(f"{a},{b},{c}\n" for a, b, c in zip(t, depth, force, strict=True)))
+    shown = " ".join(run("estimate", file).stdout.split())
+    assert "kelvin_voigt does not describe these data" in shown
+    assert estimate_json(file)["channels"][0]["misfit"]["times"] > 30
+
+
+def test_nothing_is_said_against_a_model_that_fits(probed, tmp_path):
+    for file in (probed[0], contact_csv(tmp_path / "mine.csv")):
+        assert "does not describe" not in run("estimate", file).stdout
+        assert estimate_json(file)["channels"][0]["misfit"]["times"] < 1.5
+
+
+def test_a_force_with_the_wrong_sign_is_pointed_out_by_every_estimator(tmp_path):
+    file = contact_csv(tmp_path / "mine.csv", force_scale=-1.0)
+    assert "the sign of effort or motion is turned" in " ".join(
+        run("estimate", file, "--estimator", "lsq").stdout.split()
+    )
+
+
 def test_other_names_and_units_are_given_as_options(tmp_path):
     file = contact_csv(tmp_path / "mine.csv", force_scale=1000.0, names="clock,depth,load,run")
     options = []
