@@ -11,6 +11,7 @@ from robot_io.types import FloatArray
 MAD_TO_SIGMA = 1.0 / stats.norm.ppf(0.75)  # median absolute deviation of Gaussian noise, in sigmas, inverted
 _BIN_COUNT = 20
 _LEAST_PER_BIN = 25
+_NO_NOISE = 1e-100  # in any unit; its square and the inverse of that are still numbers
 _FLOOR_SHARE = 1e-3  # of the overall level: keeps weights finite where the model predicts no noise at all
 
 
@@ -46,9 +47,9 @@ def fit_noise_level(residuals: FloatArray, predicted: FloatArray) -> NoiseLevel:
         residuals: shape (n,).
         predicted: shape (n,), effort without noise as far as known.
     """
-    overall = max(robust_sigma(residuals), float(np.finfo(float).tiny))
+    overall = max(robust_sigma(residuals), _NO_NOISE)
     bins = min(_BIN_COUNT, len(residuals) // _LEAST_PER_BIN)
-    if bins < 2:
+    if bins < 2 or overall == _NO_NOISE:
         return NoiseLevel(overall, 0.0)
     parts = np.array_split(np.argsort(np.abs(predicted)), bins)
     variance = np.array([robust_sigma(residuals[part]) ** 2 for part in parts])

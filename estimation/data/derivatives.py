@@ -51,12 +51,21 @@ def differentiate(
         half_window: samples on either side; None to find out.
     """
     pieces = list(blocks(piece))
+    position = _from_its_start(position, pieces)
     if half_window is None:
         halves = _best_half_windows(time_s, position, pieces)
     else:
         halves = half_window, half_window
     fitted = {half: _fit_all(time_s, position, pieces, half) for half in set(halves)}
     return Motion(fitted[halves[0]][:, 1], fitted[halves[1]][:, 2], halves)
+
+
+def _from_its_start(position: FloatArray, pieces: list[slice]) -> FloatArray:
+    """Position (n,) less each piece's first: what rests has a velocity of 0, not one of rounding errors."""
+    moved = np.empty(len(position))
+    for rows in pieces:
+        moved[rows] = position[rows] - position[rows.start]
+    return moved
 
 
 def _fit_all(time_s: FloatArray, position: FloatArray, pieces: list[slice], half: int) -> FloatArray:

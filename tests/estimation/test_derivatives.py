@@ -125,3 +125,11 @@ def test_pieces_end_at_runs_and_gaps():
     time_s = np.array([0, 1, 2, 3, 7, 8, 0, 1, 2], float)
     run = np.array([0, 0, 0, 0, 0, 0, 1, 1, 1])
     np.testing.assert_array_equal(number_pieces(time_s, run), [0, 0, 0, 0, 1, 1, 2, 2, 2])
+
+
+@pytest.mark.parametrize("place", [0.01, 1e6 / 3])
+def test_what_rests_does_not_move_not_even_by_rounding(place):
+    time_s, piece = np.arange(200) * 0.002, np.repeat([0, 1], 100)
+    found = differentiate(time_s, np.full(200, place), piece)
+    assert not found.velocity.any()
+    assert not found.acceleration.any()

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from estimation.estimators import ESTIMATORS
 from estimation.estimators.lsq import Lsq
 from estimation.estimators.robust import Robust
 from estimation.estimators.weighted import Weighted
@@ -94,3 +95,13 @@ def test_even_noise_has_no_share():
     level = fit_noise_level(0.05 * rng.standard_normal(8000), rng.uniform(0.0, 10.0, 8000))
     assert level.floor == pytest.approx(0.05, rel=0.1)
     assert level.share < 0.003
+
+
+@pytest.mark.parametrize("estimator", ["robust", "weighted", "ransac", "lsq", "rls"])
+def test_data_without_any_noise_are_estimated_too(estimator):
+    time_s = np.arange(400) * 0.002
+    columns = np.column_stack([np.arange(400) % 7, np.sin(9 * time_s)]) * 1.0
+    exact = Regression(columns, columns @ [3.0, 0.0], ("k", "c"), ("N/m", "N s/m"))
+    found = ESTIMATORS[estimator]().fit(exact, rng=np.random.default_rng(0))
+    assert found["k"].value == pytest.approx(3.0)
+    assert found["c"].value == pytest.approx(0.0, abs=1e-9)
