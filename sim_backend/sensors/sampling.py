@@ -58,7 +58,8 @@ class SampledSensor(ABC):
         self._sample_s = start_s - _SAME_TIME_S
         self._low_pass = low_pass
         self.look_s = -inf if low_pass else self._sample_s
-        self._arriving: deque[Sample] = deque()
+        # As many as can be on their way at once, and the newest that has arrived.
+        self._samples: deque[Sample] = deque(maxlen=floor(delay_s * rate_hz) + 3)
         self._shown_at_s: float | None = None
 
     @abstractmethod
@@ -71,20 +72,11 @@ class SampledSensor(ABC):
             signal = self._low_pass.filter(signal)
         if time_s < self._sample_s:
             return
-        self._sample_s = self._instant_after(time_s)
+        periods = floor((time_s - self._first_instant_s + _SAME_TIME_S) / self._period_s) + 1
+        self._sample_s = self._first_instant_s + periods * self._period_s - _SAME_TIME_S  # the next instant
         if not self._low_pass:
             self.look_s = self._sample_s
-        self._arriving.append(self._measure(time_s, signal))
-        self._drop_superseded(time_s)
-
-    def _instant_after(self, time_s: float) -> float:
-        periods = floor((time_s - self._first_instant_s + _SAME_TIME_S) / self._period_s) + 1
-        return self._first_instant_s + periods * self._period_s - _SAME_TIME_S
-
-    def _drop_superseded(self, time_s: float) -> None:
-        newest_readable_s = time_s - self._delay_s + _SAME_TIME_S
-        while len(self._arriving) > 1 and self._arriving[1].sampled_at_s <= newest_readable_s:
-            self._arriving.popleft()
+        self._samples.append(self._measure(time_s, signal))
 
     def read(self, time_s: float) -> Sample | None:
         """The newest sample that has arrived by `time_s`; it is stale if it was read before.
@@ -92,10 +84,12 @@ class SampledSensor(ABC):
         Returns:
             the sample, or None before the first one has arrived.
         """
-        self._drop_superseded(time_s)
-        if not self._arriving or self._arriving[0].sampled_at_s > time_s - self._delay_s + _SAME_TIME_S:
+        arrived_s = time_s - self._delay_s + _SAME_TIME_S
+        for sample in reversed(self._samples):
+            if sample.sampled_at_s <= arrived_s:
+                break
+        else:
             return None
-        sample = self._arriving[0]
         if sample.sampled_at_s == self._shown_at_s:
             return sample._replace(status=Status.STALE)
         self._shown_at_s = sample.sampled_at_s

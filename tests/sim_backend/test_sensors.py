@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robot_io.types import Status
+from sim_backend.sensors import ForceSettings, SimulatedForceSensor
 from tests.sim_backend.parts import column, make_world, sample_each_step, scenario, shipped_arm, slider, watch
 
 QUIET_FORCE = {"noise_std_n": 0.0, "resolution_n": 0.0}
@@ -55,6 +58,32 @@ def test_a_late_sensor_shows_the_state_of_the_time_when_it_sampled():
         assert sample.value[0] == pytest.approx(then, abs=1e-8)
     world.close()
     fast.close()
+
+
+@given(
+    rate_hz=st.floats(50.0, 20_000.0),
+    delay_s=st.floats(0.0, 0.02),
+    step_s=st.sampled_from([1e-4, 2.5e-4, 1e-3]),
+    reads=st.sets(st.integers(0, 299)),
+)
+def test_the_newest_sample_that_has_arrived_is_shown_whatever_rate_and_delay(rate_hz, delay_s, step_s, reads):
+    """Against a sensor that never forgets: one without delay, read at each step."""
+    late, prompt = (
+        SimulatedForceSensor(
+            ForceSettings(rate_hz=rate_hz, delay_s=seconds), np.random.default_rng(0), 0.0, step_s
+        )
+        for seconds in (delay_s, 0.0)
+    )
+    sampled_s = []
+    for step in range(300):
+        time_s = step * step_s
+        for sensor in (late, prompt):
+            sensor.observe(time_s, [float(step)])
+        sampled_s.append(prompt.read(time_s).sampled_at_s)
+        if step in reads:
+            arrived_s = [at_s for at_s in sampled_s if at_s <= time_s - delay_s + 1e-9]
+            sample = late.read(time_s)
+            assert (sample and sample.sampled_at_s) == (max(arrived_s) if arrived_s else None)
 
 
 def test_a_sample_that_was_read_before_is_stale_and_keeps_its_time():
