@@ -88,6 +88,17 @@ class Effect(ABC):
         values = product(*(p.spread(count) for p in self.inner))
         return tuple({p.name: float(v) for p, v in zip(self.inner, row, strict=True)} for row in values)
 
+    def simpler(self, columns: FloatArray) -> FloatArray:
+        """Columns of the simpler effect that is left if what is essential is nothing.
+
+        Args:
+            columns: of all gains, shape (n, len(gains)).
+
+        Returns:
+            Shape (n, k), k below len(gains), or equal where nothing is essential.
+        """
+        return columns[:, [p.name not in self.essential for p in self.gains]]
+
     def applies_to(self, data: ChannelData) -> bool:
         """Whether the channel is of the right kind and has the signals that the effect needs."""
         return data.kind in self.channels and all(name in data.context for name in self.needs)

@@ -11,7 +11,7 @@ from estimation.diagnosis.gate import refuse, usable
 from estimation.diagnosis.held_out import held_out_residual, rmse
 from estimation.diagnosis.noise_floor import NoiseFloor, noise_floor
 from estimation.diagnosis.standing import stand
-from estimation.diagnosis.unexplained import LEFT
+from estimation.diagnosis.unexplained import is_explained
 from estimation.model import Model
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
@@ -103,7 +103,7 @@ def compare(data: ChannelData, model: Model) -> Comparison:
         rmse=rmse(residual),
         floor=floor,
         parts=parts,
-        words=_words(rmse(residual), floor, parts, data.kind.effort_unit),
+        words=_words(rmse(residual), floor, parts, data.kind.effort_unit, explained=is_explained(standing)),
     )
 
 
@@ -119,11 +119,11 @@ def _part(label: str, residual: FloatArray, mask: BoolArray, floor: float) -> Pa
 
 
 def _words(
-    error: float, floor: NoiseFloor, parts: Mapping[str, tuple[Part, ...]], unit: str
+    error: float, floor: NoiseFloor, parts: Mapping[str, tuple[Part, ...]], unit: str, *, explained: bool
 ) -> tuple[str, ...]:
     """The overall judgement, then the splits that tell most, the most telling first."""
     times = error / floor.value if floor.value > 0.0 else float("inf")
-    if floor.share_left <= LEFT:
+    if explained:
         return (f"The error of {error:.3g} {unit} is noise: nothing smooth is left in it.",)
     said = [
         f"The error of {error:.3g} {unit} is {times:.1f} times the noise floor of {floor.value:.3g} {unit}."

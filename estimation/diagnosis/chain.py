@@ -20,7 +20,7 @@ from estimation.diagnosis.selection import (
     screen,
 )
 from estimation.diagnosis.standing import Standing, stand
-from estimation.diagnosis.unexplained import is_explained, is_nearly_explained
+from estimation.diagnosis.unexplained import is_explained
 from estimation.effect import Effect
 from estimation.model import Model
 from robot_io.types import BoolArray
@@ -70,8 +70,8 @@ class Chain:
 
     @property
     def is_complete(self) -> bool:
-        """Whether nothing worth a name is left at the end."""
-        return is_explained(self.end) or is_nearly_explained(self.start, self.end)
+        """Whether no more than noise is left at the end."""
+        return is_explained(self.end)
 
     @property
     def named(self) -> tuple[Step, ...]:

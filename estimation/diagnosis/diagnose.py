@@ -184,20 +184,22 @@ def _ranking(chain: Chain) -> list[Ranked]:
 
 
 def _reason(verdict: Verdict, chain: Chain, signals: Sequence[str]) -> str:
-    left = f"{100.0 * max(chain.end.left, 0.0):.0f} %"
     if verdict is Verdict.ADEQUATE:
         return "no effect of the library lowers the error in held-out runs, and nothing smooth is left in it"
     if verdict is Verdict.MISSING:
         names = " and ".join(s.effect for s in chain.steps)
-        if is_explained(chain.end):
-            return f"with {names}, nothing smooth is left in the error"
-        return f"with {names}, {left} of the error could still be explained, next to nothing of what was"
+        return f"with {names}, nothing smooth is left in the error"
     if chain.dominant:
-        left = f"{100.0 * max(chain.dominant.standing.left, 0.0):.0f} %"
+        left = _percent(chain.dominant.standing.left)
         names = f"{chain.dominant.effect} is missing above all"
         return f"{names}; {left} of the error with it could still be explained, by {_told(signals)}"
+    left = _percent(chain.end.left)
     known = " even with " + " and ".join(s.effect for s in chain.steps) if chain.steps else ""
     return f"{left} of the error{known} could be explained, by {_told(signals)}"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * max(share, 0.0):.0f} %"
 
 
 def _told(signals: Sequence[str]) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from estimation.channel import ChannelKind
 from estimation.diagnosis.confusion import contains
 from estimation.diagnosis.flexible import signals_of
 from estimation.diagnosis.selection import Candidate, close_to_best
@@ -18,7 +19,7 @@ from robot_io.types import FloatArray
 
 SHARE = 0.9  # of the explainable energy, that an effect has to take away
 MARGIN = 3.0  # times as much as the effect has to be left by any other
-MISSHAPEN = 0.01  # of the energy that an effect takes away, that its own signals may still explain
+MISSHAPEN = 0.008  # of the energy that an effect takes away, that its own signals may still explain
 _OWN = (
     0.9  # of the energy of an effect's contribution, that a signal of its own can draw, relative to the best
 )
@@ -61,14 +62,16 @@ def misshapen(before: Standing, after: Standing) -> float:
 def own_signals(before: Standing, after: Standing) -> list[str]:
     """Signals that an effect is a function of: those that can draw what it changes.
 
-    Everything is a function of the effort, so that is none of them; who depends on the direction of motion
-    depends on the velocity.
+    What depends on the direction of motion depends on the velocity. Everything in a joint is a function of
+    the effort and of the noise that its acceleration brings into it, so there the effort is none of them.
     """
     kept = after.plain.kept
     change = (before.trial.residual - after.trial.residual)[kept]
     base = np.column_stack([np.ones(len(change)), before.trial.columns[kept]])
     blocks = signals_of(after.plain, after.trial)
-    drawn = _drawn(change, base, {n: c[kept] for n, c in blocks.items() if n != "effort"})
+    if after.data.kind is not ChannelKind.CONTACT:
+        del blocks["effort"]
+    drawn = _drawn(change, base, {name: columns[kept] for name, columns in blocks.items()})
     most = max(drawn.values())
     own = [name for name, share in drawn.items() if share >= _OWN * most]
     return sorted({*own, "velocity"}) if "direction" in own else own

@@ -4,13 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.channel import ChannelData
+from estimation.channel import ChannelData, ChannelKind
 from estimation.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-RATE_HZ = 200.0  # blocks per second aimed at; slower data is taken sample by sample
+# Blocks per second aimed at; slower data is taken as it is. A joint's effort goes with an acceleration
+# that was derived twice from an encoder: what of it is noise lies above this rate.
+CONTACT_RATE_HZ, JOINT_RATE_HZ = 200.0, 100.0
 FOLDS = 6
 _PIECES = 5  # that a single run is cut into
+_REST = 0.05  # of the joint's usual highest speed
 
 
 @dataclass(frozen=True)
@@ -48,17 +51,17 @@ class Frame:
         return mean
 
 
-def frame_of(data: ChannelData, good: BoolArray | None = None, rate_hz: float = RATE_HZ) -> Frame:
-    """Cut a channel into blocks that last `1 / rate_hz` or one sample, whichever is longer.
+def frame_of(data: ChannelData, good: BoolArray | None = None) -> Frame:
+    """Cut a channel into blocks that last 5 or 10 ms, or one sample where that is longer.
 
     Blocks in which a contact begins or ends are not trusted: where in them it does depends on the last digit
-    of the encoder, and a damper makes a step of it.
+    of the encoder, and a damper makes a step of it. Neither are blocks in which a probing arm's joint rests.
 
     Args:
         data: the channel.
         good: samples that are fit for use, shape (n,); None for all.
-        rate_hz: blocks per second.
     """
+    rate_hz = CONTACT_RATE_HZ if data.kind is ChannelKind.CONTACT else JOINT_RATE_HZ
     block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
     rows, folds = [], []
     runs = data.runs
@@ -72,7 +75,8 @@ def frame_of(data: ChannelData, good: BoolArray | None = None, rate_hz: float = 
     grid = np.concatenate(rows)
     fold = np.unique(np.concatenate(folds), return_inverse=True)[1]
     trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
-    return Frame(data, grid, data.run[grid[:, 0]], fold, trusted & ~_mixed(data, grid))
+    trusted &= ~(_mixed(data, grid) | _at_rest(data, grid))
+    return Frame(data, grid, data.run[grid[:, 0]], fold, trusted)
 
 
 def _mixed(data: ChannelData, rows: IntArray) -> BoolArray:
@@ -82,3 +86,15 @@ def _mixed(data: ChannelData, rows: IntArray) -> BoolArray:
     changes = np.zeros_like(mixed)
     changes[1:] = engaged[1:, 0] != engaged[:-1, -1]
     return mixed | changes
+
+
+def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:
+    """Blocks in which a joint of a probing arm stands still, shape (m,).
+
+    What friction holds there depends on how the joint came to rest, and the sign of a velocity that is noise
+    says nothing. Other recordings are taken as they were made.
+    """
+    if data.kind is ChannelKind.CONTACT or (data.phase < 0).all():
+        return np.zeros(len(rows), dtype=np.bool_)
+    speed = np.abs(data.velocity[rows].mean(axis=1))
+    return np.asarray(speed < _REST * float(np.quantile(np.abs(data.velocity), 0.95)))

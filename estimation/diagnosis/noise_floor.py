@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.held_out import held_out_residual, rmse
+from estimation.diagnosis.held_out import held_out_residual
 from estimation.diagnosis.standing import Standing
 from robot_io.types import FloatArray, IntArray
 
@@ -34,12 +34,10 @@ class NoiseFloor:
 
 def noise_floor(standing: Standing) -> NoiseFloor:
     """The floor, judged from where things stand."""
-    frame = standing.plain.frame
-    residual = held_out_residual(frame, standing.trial)
-    count = int(frame.trusted.sum())
-    explainable = (standing.trial.held_out - float(standing.flexible.held_out.sum())) / max(count, 1)
-    value = np.sqrt(max(rmse(residual) ** 2 - max(explainable, 0.0), 0.0))
-    return NoiseFloor(float(value), free_air(standing.data), repeats(standing.data, residual), standing.left)
+    residual = held_out_residual(standing.plain.frame, standing.trial)
+    return NoiseFloor(
+        standing.floor, free_air(standing.data), repeats(standing.data, residual), standing.left
+    )
 
 
 def free_air(data: ChannelData) -> float | None:

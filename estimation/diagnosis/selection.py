@@ -5,15 +5,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.channel import ChannelKind
 from estimation.diagnosis.standing import Standing
 from estimation.diagnosis.surrogates import best_gains, p_value, surrogates
-from estimation.diagnosis.trial import Search, Trial, look, refine
+from estimation.diagnosis.trial import Bench, Search, Trial, look, refine
 from estimation.effect import Effect
 from estimation.model import Model
+from estimation.runwise import sample_time
 from robot_io.types import FloatArray
 
 LEAST_GAIN = 0.02  # of the held-out error; less is not worth a name, whatever its significance
-LEAST_SAMPLE_GAIN = 0.01  # of the held-out error sample by sample, which is what a user sees
+# Of the held-out error sample by sample, which is what a user sees; a joint's model has noise in it as well.
+LEAST_SAMPLE_GAIN, LEAST_JOINT_SAMPLE_GAIN = 0.01, 0.05
 LEAST_JUDGED_GAIN = 0.0  # of what is new in each sample, which slow data says little about
 LEAST_BROAD_GAIN = 0.005
 LEAST_FOLDS = 0.6  # share of the folds in which the error must fall
@@ -70,7 +73,7 @@ def screen(
     for effect, tried, gain in zip(effects, looked, gains, strict=True):
         promising = gain >= least
         best = refine(standing.plain, model.with_effect(effect), effect, tried) if promising else tried
-        if _possible(effect, best.best):
+        if _possible(effect, best.best, standing.plain):
             found.append(Candidate(effect, best))
     return sorted(found, key=lambda candidate: candidate.held_out)
 
@@ -103,6 +106,7 @@ class Evidence:
         folds: share of the folds in which it falls.
         broad_gain: the judged gain without the few blocks that gain most.
         p_value: how often the best of all candidates does as well on noise.
+        least_sample_gain: what is asked of `sample_gain`.
     """
 
     gain: float
@@ -111,13 +115,14 @@ class Evidence:
     folds: float
     broad_gain: float
     p_value: float
+    least_sample_gain: float = LEAST_SAMPLE_GAIN
 
     @property
     def enough(self) -> bool:
         """Whether the candidate is accepted."""
         gains = (
             (self.gain, LEAST_GAIN),
-            (self.sample_gain, LEAST_SAMPLE_GAIN),
+            (self.sample_gain, self.least_sample_gain),
             (self.judged_gain, LEAST_JUDGED_GAIN),
             (self.broad_gain, LEAST_BROAD_GAIN),
         )
@@ -150,7 +155,16 @@ def evidence(
     chance = best_gains(noise, before.trial.columns[kept], starts)
     observed = 1.0 - after.trial.sse / before.trial.sse
     sample_gain = 1.0 - after.rmse / before.rmse
-    return Evidence(gain, sample_gain, judged_gain, folds, broad_gain, p_value(observed, chance))
+    in_contact = before.data.kind is ChannelKind.CONTACT
+    return Evidence(
+        gain,
+        sample_gain,
+        judged_gain,
+        folds,
+        broad_gain,
+        p_value(observed, chance),
+        LEAST_SAMPLE_GAIN if in_contact else LEAST_JOINT_SAMPLE_GAIN,
+    )
 
 
 def hopeless(before: Standing, chosen: Candidate) -> Evidence:
@@ -176,15 +190,20 @@ def _fall(before: float, after: float) -> float:
     return float(1.0 - np.sqrt(after / before)) if before > 0.0 else 0.0
 
 
-def _possible(effect: Effect, trial: Trial) -> bool:
-    """Whether the effect's own gains make physical sense, and those that make it what it is are there."""
-    count = len(trial.target)
-    for parameter in getattr(effect, "gains", ()):
+def _possible(effect: Effect, trial: Trial, bench: Bench) -> bool:
+    """Whether the effect's parameters make physical sense, and what makes it what it is is there."""
+    for parameter in effect.gains:
         name = f"{effect.name}.{parameter.name}"
-        value, spread = trial.parameters[name], trial.spread[name]
-        if not parameter.lower - 2.0 * spread <= value <= parameter.upper + 2.0 * spread:
+        value, slack = trial.parameters[name], 2.0 * trial.spread[name]
+        if not parameter.lower - slack <= value <= parameter.upper + slack:
             return False
-        # (value / spread)^2 / count is the share of the error's energy that this gain alone takes away
-        if parameter.name in effect.essential and value**2 < LEAST_GAIN * count * spread**2:
-            return False
-    return True
+    # no time stamp is better than half a step
+    half = 0.5 * sample_time(bench.frame.data.time_s, bench.frame.data.run)
+    if any(trial.parameters[f"{effect.name}.{p.name}"] < half for p in effect.inner if p.unit == "s"):
+        return False
+    own = np.array([name.startswith(f"{effect.name}.") for name in trial.model.gains], dtype=np.bool_)
+    simpler = effect.simpler(trial.columns[:, own])
+    if simpler.shape[1] == own.sum():
+        return True
+    without = bench.fit(np.column_stack([trial.columns[:, ~own], simpler]), trial.target)
+    return float(without.sse.sum()) - trial.sse >= LEAST_GAIN * trial.sse

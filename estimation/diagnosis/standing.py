@@ -48,6 +48,18 @@ class Standing:
         """Error in held-out runs, sample by sample."""
         return rmse(held_out_residual(self.plain.frame, self.trial))
 
+    @cached_property
+    def floor(self) -> float:
+        """The error that would be left, sample by sample, if all that a flexible law explains were known."""
+        explainable = self.trial.held_out - float(self.flexible.held_out.sum())
+        count = max(int(self.plain.frame.trusted.sum()), 1)
+        return float(np.sqrt(max(self.rmse**2 - max(explainable, 0.0) / count, 0.0)))
+
+    @property
+    def left_of_samples(self) -> float:
+        """Share of the error in held-out runs, sample by sample, that a flexible regression takes away."""
+        return 1.0 - self.floor / self.rmse if self.rmse > 0.0 else 0.0
+
     @property
     def left(self) -> float:
         """Share of the error in held-out runs that a flexible regression takes away."""

@@ -1,25 +1,21 @@
 """What is left when no known effect explains it: how much, and what it depends on."""
 
+from estimation.channel import ChannelKind
 from estimation.diagnosis.standing import Standing
 
-LEFT = (
-    0.03  # share of the held-out error that a flexible regression may still take away from a complete model
+LEFT = 0.03  # share of the held-out error that a flexible regression may take away from a complete model
+JOINT_LEFT = (
+    0.05  # the same sample by sample, for a joint: noise of the derived acceleration is in the model too
 )
-NEARLY = 0.005  # of the explainable energy
 _SHARE = 0.4  # of the most telling signal's share; signals with less are not named
 _LEAST = 0.01
 
 
 def is_explained(standing: Standing) -> bool:
     """Whether no more is left than noise."""
-    return standing.left <= LEFT
-
-
-def is_nearly_explained(start: Standing, end: Standing) -> bool:
-    """Whether what is left, though seen, is next to nothing beside what was found."""
-    floor = float(end.flexible.held_out.sum())
-    explainable = start.trial.held_out - floor
-    return end is not start and end.trial.held_out - floor <= NEARLY * explainable
+    if standing.left <= LEFT:
+        return True
+    return standing.data.kind is not ChannelKind.CONTACT and standing.left_of_samples <= JOINT_LEFT
 
 
 def depends_on(standing: Standing) -> list[str]:

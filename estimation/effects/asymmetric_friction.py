@@ -40,3 +40,7 @@ class AsymmetricFriction(AdditiveEffect):
         """See `Effect.starts`: smoothing at a small share of the usual speed."""
         speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
         return tuple({"transition": float(part * speed)} for part in (0.003, 0.01, 0.03, 0.08))
+
+    def simpler(self, columns: FloatArray) -> FloatArray:
+        """See `Effect.simpler`: alike in both directions."""
+        return np.column_stack([columns[:, 0] + columns[:, 1], columns[:, 2] + columns[:, 3]])
