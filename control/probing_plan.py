@@ -52,7 +52,7 @@ class ProbingPlan(FileModel):
     """
 
     speeds_m_s: Annotated[tuple[Speed, ...], Field(min_length=1, max_length=100)] = (0.15, 0.09, 0.06)
-    repeats: Annotated[int, Field(ge=1, le=1000)] = 1
+    repeats: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1
     targets_world_m: Annotated[tuple[Vector, ...], Field(max_length=1000)] = ()
     press_direction_world: Vector = (0.0, 0.0, -1.0)
     force_limit_n: Annotated[Positive, Field(le=1000.0)] = 10.0
@@ -94,6 +94,15 @@ class ProbingPlan(FileModel):
                     f"acceleration_m_s2 {self.acceleration_m_s2}: at least {run_up_m:.4f} m"
                 )
         return self
+
+    @property
+    def shortest_s(self) -> float:
+        """Time [s] that the plan takes at least, if every surface lies one clearance ahead of the tip."""
+        ride_s = self.excitation.duration_s if self.excitation else 0.0
+        still_s = self.settle_s + self.free_air_s + self.hold_s + ride_s
+        approach_s = sum(self.approach_clearance_m / speed_m_s for speed_m_s in self.speeds_m_s)
+        rounds = max(len(self.targets_world_m), 1) * self.repeats
+        return rounds * (approach_s + len(self.speeds_m_s) * still_s)
 
     def runs(self) -> Iterator[ProbingRunSpec]:
         """All runs in order: targets, in each the repeats, in each the speeds."""

@@ -86,6 +86,11 @@ def _site(
     highest_m = line.reach_m(-max(plan.retract_m, plan.approach_clearance_m), near_rad, limits_rad)
     search_m = min(plan.search_depth_m, deepest_m)
     run_up_m = blend_distance_m(max(plan.speeds_m_s), plan.acceleration_m_s2)
+    if plan.search_depth_m <= run_up_m:
+        raise InputError(
+            f"search_depth_m {plan.search_depth_m:g} m: the tip needs more than {run_up_m:.4f} m to come up "
+            "to speed"
+        )
     if search_m <= run_up_m:
         raise InputError(
             f"{name}: the arm can go only {deepest_m * 1e3:.0f} mm on from the start of the approach within "

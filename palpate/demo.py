@@ -45,12 +45,13 @@ def probe_demo(session: Path, scenario: Scenario, seed: int | None, watcher: Wat
         watcher: told how far it is.
 
     Raises:
-        PalpateError: the arm was stopped, or the session cannot be written.
+        KeyboardInterrupt: the user stopped it.
+        PalpateError: the arm was stopped, nothing was touched, or the session cannot be written.
     """
     job = ProbingJob(
         find_robot(DEFAULT), PLAN, session, scenario=scenario, seed=seed, command_line="palpate demo"
     )
-    run_probing(job, watcher).loop.raise_for_trip()
+    run_probing(job, watcher).raise_for_failure()
 
 
 def show_demo(session: Path) -> Demo:

@@ -73,12 +73,13 @@ def probe_hidden(session: Path, scenario: Scenario, seed: int | None, watcher: W
         The sealed file.
 
     Raises:
-        PalpateError: the arm was stopped, or the session cannot be written.
+        KeyboardInterrupt: the user stopped it.
+        PalpateError: the arm was stopped, nothing was touched, or the session cannot be written.
     """
     job = ProbingJob(
         find_robot(DEFAULT), PLAN, session, scenario=scenario, seed=seed, command_line="palpate demo"
     )
-    run_probing(job, watcher).loop.raise_for_trip()
+    run_probing(job, watcher).raise_for_failure()
     return sealed_path(session)
 
 

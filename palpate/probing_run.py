@@ -12,7 +12,7 @@ import yaml
 from control.gains import TouchGains, gains_of
 from control.journal import Observer
 from control.loop import run_loop
-from control.loop_result import LoopResult
+from control.loop_result import LoopResult, Outcome
 from control.probing import ProbingTask
 from control.probing_plan import ProbingPlan
 from control.realtime import realtime
@@ -23,9 +23,10 @@ from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator
 from palpate.hiding import hide, seal_hidden
+from palpate.words import count
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
-from robot_io.errors import InputError
+from robot_io.errors import InputError, PalpateError
 from robot_io.guard import Guard
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
@@ -36,6 +37,7 @@ from sim_backend.scenario import Scenario
 
 SIMULATED_DRIVERS = "sim_backend.drivers"
 PLAN = "plan"  # key of the plan's text in the session's metadata
+MOST_TICKS = 10_000_000  # of up to 400 bytes: a session of more than 4 GiB is not read
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,20 @@ class ProbingOutcome:
     failures: tuple[str, ...]
     sealed: Path | None = None
 
+    def raise_for_failure(self) -> None:
+        """Raise if the session does not hold all that was planned.
+
+        Raises:
+            KeyboardInterrupt: the user stopped it.
+            PalpateError: the arm was stopped, or a run gave no data.
+        """
+        if self.loop.outcome is Outcome.STOPPED:
+            raise KeyboardInterrupt
+        self.loop.raise_for_trip()
+        if self.failures:
+            text = count(len(self.failures), "failure")
+            raise PalpateError(f"{text} while probing: {self.failures[0]}")
+
 
 def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     """Probe, and write the session file; it is complete when this returns.
@@ -107,9 +123,11 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
         watcher: told how far it is.
 
     Raises:
-        InputError: robot file, plan and scenario do not fit each other, or the session cannot be written.
+        InputError: robot file, plan and scenario do not fit each other, or the session cannot be written;
+            nothing has moved then, and no session is left.
         DeviceError: a device could not be started.
     """
+    _check_plan(job.plan, job.robot_file)
     simulated = is_simulated(job.robot_file)
     clock = _clock(simulated, job.paced)
     observer = _watched(_online_observer(job.online, gains_of(job.robot_file).touch), watcher)
@@ -133,8 +151,36 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
             stack.enter_context(realtime())
         rate_hz = job.robot_file.control_rate_hz
         watcher.started()
-        result = run_loop(robot, guard, task, clock, log, rate_hz=rate_hz, observer=observer)
+        try:
+            result = run_loop(robot, guard, task, clock, log, rate_hz=rate_hz, observer=observer)
+        except InputError:  # the plan does not suit where the arm stands
+            log.close()
+            for file in (job.session, sealed):
+                if file is not None:
+                    file.unlink(missing_ok=True)
+            raise
     return ProbingOutcome(job.session, result, task.failures, sealed)
+
+
+def _check_plan(plan: ProbingPlan, robot_file: RobotFile) -> None:
+    """Refuse a plan that the guard would stop, or that would write more than can be read.
+
+    Raises:
+        InputError: one of the two.
+    """
+    limit_n = robot_file.limits.force_n
+    if plan.force_limit_n >= limit_n:
+        raise InputError(
+            f"force_limit_n {plan.force_limit_n:g} N: the guard of '{robot_file.name}' stops the arm at "
+            f"{limit_n:g} N (limits.force_n of its robot file)"
+        )
+    if plan.shortest_s * robot_file.control_rate_hz > MOST_TICKS:
+        longest_s = MOST_TICKS / robot_file.control_rate_hz
+        raise InputError(
+            f"the plan takes {plan.shortest_s / 3600:.3g} h or more, and a session holds "
+            f"{longest_s / 3600:.3g} h at {robot_file.control_rate_hz:g} Hz: plan fewer runs, shorter holds "
+            "or faster approaches"
+        )
 
 
 def _guard(robot_file: RobotFile) -> Guard:
@@ -189,7 +235,7 @@ def _use_scenario(robot: Robot, job: ProbingJob) -> Scenario | None:
     world = worlds[0]
     scenario = job.scenario or world.scenario
     if job.seed is not None:
-        scenario = scenario.model_copy(update={"seed": job.seed})
+        scenario = scenario.with_seed(job.seed)
     if job.hidden is not None:
         scenario = hide(scenario, job.hidden)
     world.use_scenario(scenario)

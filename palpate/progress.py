@@ -10,7 +10,7 @@ from control.phases import Phase
 from control.probing_plan import ProbingPlan
 from control.task import TaskOutput
 from palpate import console
-from palpate.probing_run import Watcher
+from palpate.probing_run import NOBODY, Watcher
 from palpate.words import count
 from robot_io.types import Measurement
 
@@ -28,7 +28,7 @@ MILLI = 1e3
 
 @contextmanager
 def probing_progress(plan: ProbingPlan, *, live: bool) -> Iterator[Watcher]:
-    """Show how far the runs have come, on stderr.
+    """Show how far the runs have come, on stderr; nothing where a simulation's stderr is no terminal.
 
     Args:
         plan: what is going to be done.
@@ -38,9 +38,13 @@ def probing_progress(plan: ProbingPlan, *, live: bool) -> Iterator[Watcher]:
     if not live:
         yield _Announcer(len(runs))
         return
+    talk = console.stderr()
+    if not talk.is_terminal:
+        yield NOBODY
+        return
     bar = BarColumn(bar_width=32)
     words = TextColumn("{task.description}")
-    progress = Progress(bar, words, console=console.stderr(), transient=True, auto_refresh=False)
+    progress = Progress(bar, words, console=talk, transient=True, auto_refresh=False)
     task = progress.add_task("starting", total=len(runs))
     watcher = _Bar(progress, task, [run.speed_m_s for run in runs])
     try:

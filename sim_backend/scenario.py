@@ -16,6 +16,7 @@ from sim_backend.imperfection import Imperfection, describe_imperfection, parse_
 from sim_backend.sensors import SensorSettings
 
 SHIPPED_DIR = Path(__file__).parent / "scenarios"
+MOST_SEED = 10**18 - 1  # the longest whole number that the YAML reader takes
 
 Law = Annotated[ContactLaw, BeforeValidator(parse_contact_law), PlainSerializer(describe_contact_law)]
 Hidden = Annotated[Imperfection, BeforeValidator(parse_imperfection), PlainSerializer(describe_imperfection)]
@@ -71,7 +72,7 @@ class Scenario(FileModel):
     """
 
     description: str = ""
-    seed: int = Field(default=1, ge=0, strict=True)
+    seed: int = Field(default=1, ge=0, le=MOST_SEED, strict=True)
     object: ObjectSettings = ObjectSettings()
     arm: ArmSettings = ArmSettings()
     sensors: SensorSettings = SensorSettings()
@@ -99,6 +100,14 @@ class Scenario(FileModel):
             InputError: they do not fit the scenario.
         """
         return validate(type(self), self.model_dump() | {"hidden": tuple(hidden)})
+
+    def with_seed(self, seed: int) -> Self:
+        """The same world with other noise.
+
+        Raises:
+            InputError: it is no seed.
+        """
+        return validate(type(self), self.model_dump() | {"hidden": self.hidden, "seed": seed})
 
     def to_yaml(self) -> str:
         """The whole scenario, defaults included, in the form that `parse_scenario` reads."""

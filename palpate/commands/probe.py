@@ -11,14 +11,13 @@ import typer
 from control.loop_result import Outcome
 from control.probing_plan import ProbingPlan, load_probing_plan
 from palpate import console
-from palpate.failures import INTERRUPTED
 from palpate.files import existing_file, output_file
 from palpate.hiding import RANDOM
 from palpate.probing_run import ProbingJob, ProbingOutcome, is_simulated, online_estimators, run_probing
 from palpate.progress import probing_progress
 from palpate.robots import DEFAULT, find_robot, shipped_robots
 from palpate.words import count, duration, safe, shown
-from robot_io.errors import InputError, PalpateError
+from robot_io.errors import InputError
 from robot_io.file_model import validate
 from robot_io.robot_file import RobotFile
 from sim_backend.scenario import load_scenario, shipped_scenarios
@@ -138,16 +137,11 @@ def _default_session(robot_file: RobotFile) -> Path:
 
 
 def _report(outcome: ProbingOutcome, plan: ProbingPlan, as_json: bool) -> None:
-    loop = outcome.loop
     if as_json:
         console.print_json(_as_data(outcome))
     else:
         _print(outcome, len(list(plan.runs())))
-    if loop.outcome is Outcome.STOPPED:
-        raise typer.Exit(INTERRUPTED)
-    loop.raise_for_trip()
-    if outcome.failures:
-        raise PalpateError(f"{count(len(outcome.failures), 'failure')} while probing: {outcome.failures[0]}")
+    outcome.raise_for_failure()
 
 
 def _as_data(outcome: ProbingOutcome) -> dict[str, Any]:
@@ -173,7 +167,10 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
         if loop.wall_s < 0.9 * loop.duration_s
         else ""
     )
-    done = "done" if loop.outcome is Outcome.FINISHED else f"[red]{loop.outcome}[/red]: {safe(loop.cause)}"
+    if loop.outcome is Outcome.FINISHED:
+        done = "planned" if outcome.failures else "done"
+    else:
+        done = f"planned, [red]{loop.outcome}[/red]: {safe(loop.cause)}"
     if outcome.failures:
         done += f", [yellow]{count(len(outcome.failures), 'failure')}[/yellow]"
     out.print(

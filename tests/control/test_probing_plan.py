@@ -55,3 +55,16 @@ def test_a_plan_is_read_from_its_file(tmp_path):
     assert plan.speeds_m_s == (0.05,)
     assert plan.excitation.shape == "chirp"
     assert plan.force_limit_n == 10.0
+
+
+def test_the_shortest_time_counts_every_run():
+    plan = ProbingPlan(
+        speeds_m_s=(0.1, 0.05),
+        repeats=3,
+        hold_s=2.0,
+        settle_s=0.5,
+        free_air_s=0.25,
+        approach_clearance_m=0.05,
+    )
+    assert plan.shortest_s == pytest.approx(3 * (0.5 + 1.0 + 2 * 2.75))
+    assert len(list(plan.runs())) == 6

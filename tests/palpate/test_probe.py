@@ -15,7 +15,7 @@ from estimation.data import session_channels
 from palpate.probing_run import PLAN
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
-from sim_backend.scenario import parse_scenario
+from sim_backend.scenario import MOST_SEED, parse_scenario
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import ROOT, assert_refused, run, run_process
 
@@ -209,3 +209,48 @@ def test_as_a_process_json_is_all_that_stdout_holds(tmp_path):
     result = run_process("probe", "-o", tmp_path / "p.mcap", *options, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert json.loads(result.stdout)["outcome"] == "finished"
+
+
+PLANS = {
+    "targets_world_m: [[4, 0, 0.05]]": "out of reach",
+    "search_depth_m: 1.0e-6": "search_depth_m 1e-06 m",
+    "force_limit_n: 60": "limits.force_n",
+    "hold_s: 1.0e+7": "plan fewer runs",
+    "speeds_m_s: [1.0e-9]": "plan fewer runs",
+    "repeats: true": "repeats",
+}
+
+
+@pytest.mark.parametrize(("plan", "words"), PLANS.items())
+def test_a_plan_that_cannot_be_carried_out_is_refused_and_leaves_nothing(tmp_path, plan, words):
+    (tmp_path / "plan.yaml").write_text(plan + "\n")
+    out = tmp_path / "out" / "x.mcap"
+    assert_refused(
+        run("probe", "--experiment", tmp_path / "plan.yaml", "-o", out, "--hidden", "random"), words
+    )
+    assert not out.parent.exists() or not list(out.parent.iterdir())
+
+
+def test_a_seed_that_could_not_be_read_back_is_refused(tmp_path):
+    assert_refused(run("probe", "-o", tmp_path / "x.mcap", "--seed", 10**18), "seed", str(10**18))
+
+
+def test_the_largest_seed_is_read_back(tmp_path):
+    path = tmp_path / "x.mcap"
+    options = ("--speed-mm-s", 150, "--hold-s", 0.1, "--online", "none")
+    assert run("probe", "-o", path, "--seed", MOST_SEED, *options).exit_code == 0
+    assert parse_scenario(Session.open(path).metadata.scenario, "session").seed == MOST_SEED
+
+
+def test_runs_that_failed_are_not_called_done(tmp_path):
+    (tmp_path / "deep.yaml").write_text("object: {surface_height_m: -0.5}\n")
+    result = run("probe", "-o", tmp_path / "x.mcap", "--scenario", tmp_path / "deep.yaml")
+    assert result.exit_code == 1
+    assert "3 runs planned, 1 failure" in result.stdout
+
+
+def test_a_demo_that_touches_nothing_says_so(tmp_path):
+    (tmp_path / "deep.yaml").write_text("object: {surface_height_m: -0.5}\n")
+    result = run("demo", "-o", tmp_path / "x.mcap", "--scenario", tmp_path / "deep.yaml")
+    assert result.exit_code == 1
+    assert "no touch" in result.stderr
