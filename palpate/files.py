@@ -35,18 +35,21 @@ def open_session(path: Path) -> Session:
     return Session.open(existing_file(path, "session"))
 
 
-def output_file(path: Path, *, force: bool | None = None) -> Path:
+def output_file(path: Path, *, force: bool | None = None, keep: Path | None = None) -> Path:
     """The path, if a file can be written there; its folder is made.
 
     Args:
         path: as the user gave it.
         force: whether a file that is there already may be replaced; None where that is not offered.
+        keep: what is read, which is never replaced.
 
     Raises:
         InputError: something is in the way and may not be replaced, or the folder cannot be written to.
     """
     if path.is_dir():
         raise InputError(f"output {path}: is a directory")
+    if keep is not None and path.exists() and path.samefile(keep):
+        raise InputError(f"output {path}: is what is read; choose another name")
     if path.exists() and not force:
         remedy = "choose another name" + (", or add --force to replace it" if force is False else "")
         raise InputError(f"output {path}: exists already; {remedy}")

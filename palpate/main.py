@@ -6,7 +6,15 @@ from palpate import preflight
 
 
 def main() -> None:
-    """Run the command line; the process ends with 0 (done), 1 (failed) or 2 (bad input)."""
+    """Run the command line; the process ends with 0 (done), 1 (failed), 2 (bad input) or 130 (Ctrl-C)."""
+    try:
+        _run()
+    except KeyboardInterrupt:  # while commands are still being imported; later the commands see to it
+        print("palpate: interrupted", file=sys.stderr)
+        sys.exit(130)
+
+
+def _run() -> None:
     if problem := preflight.first_problem():
         sys.exit(_refuse(problem))
     try:

@@ -39,10 +39,9 @@ def command(  # noqa: PLR0917, one parameter an option
     """
     found = open_session(session)
     pixels = _size(size)
-    if save is not None:
-        output_file(save, force=force)
-    if screenshot is not None:
-        output_file(screenshot, force=force)
+    for output in (save, screenshot):
+        if output is not None:
+            output_file(output, force=force, keep=session)
     if plots is not None:
         output_folder(plots)
     recording = save or output_folder(found.derived_dir) / RECORDING

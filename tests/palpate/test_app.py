@@ -4,7 +4,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from palpate import preflight
 from palpate.failures import OneLineGroup
+from palpate.main import main
 from robot_io.errors import DeviceError, InputError
 from tests.palpate.cli import assert_refused, run, run_process
 
@@ -84,3 +86,14 @@ def test_the_version_is_told():
     result = run("--version")
     assert result.exit_code == 0
     assert result.stdout.startswith("palpate ")
+
+
+def test_ctrl_c_while_commands_are_loaded_leaves_no_traceback(monkeypatch, capsys):
+    def pressed():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(preflight, "first_problem", pressed)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == "palpate: interrupted\n"

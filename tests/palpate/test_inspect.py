@@ -129,3 +129,10 @@ def test_the_demo_finds_what_it_hid_and_tells_a_person(tmp_path):
     assert found["final"]["rmse"] < 1.05 * found["noise_floor"]
     for file in ("report.html", "waterfall.png", "revisions.rrd", "revisions/0001.json"):
         assert (folder / file).is_file()
+
+
+@pytest.mark.parametrize("option", ["--save", "--screenshot"])
+def test_the_session_itself_is_never_replaced(probed, option):
+    before = probed[0].read_bytes()
+    assert_refused(run("inspect", probed[0], option, probed[0], "--force"), "is what is read")
+    assert probed[0].read_bytes() == before
