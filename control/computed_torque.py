@@ -7,6 +7,8 @@ a decoupled, linear oscillator on every joint. Siciliano et al., "Robotics", Spr
 figure 2 of "Compliance Estimation during Bilateral Teleoperation of a Robotic Arm".
 """
 
+import numpy as np
+
 from control.gains import TrackingGains
 from control.motion import JointMotion
 from control.pid import Pid
@@ -20,10 +22,14 @@ class ComputedTorque:
     Args:
         body: the arm's dynamics.
         gains: bandwidth, damping and integral.
+
+    Attributes:
+        correction_rad_s2: what the PID added to the accelerations in the last step, shape (n,) [rad/s^2].
     """
 
     def __init__(self, body: RigidBody, gains: TrackingGains) -> None:
         self._body = body
+        self.correction_rad_s2: FloatArray = np.zeros(body.joint_count)
         bandwidth = gains.bandwidth_rad_s
         self._pid = Pid(
             body.joint_count,
@@ -51,5 +57,6 @@ class ComputedTorque:
         """
         position, velocity = measurement.joint_position_rad, measurement.joint_velocity_rad_s
         correction = self._pid.step(motion.position_rad - position, motion.velocity_rad_s - velocity, dt_s)
+        self.correction_rad_s2 = correction
         acceleration = motion.acceleration_rad_s2 + correction
         return self._body.inverse_dynamics(position, velocity, acceleration) + contact_torque_nm

@@ -77,12 +77,29 @@ class ContactGains(FileModel):
     force_feedforward: Share = 1.0
 
 
+class WitnessGains(FileModel):
+    """When joint torques and force sensor contradict each other; see `control.force_witness`.
+
+    Attributes:
+        share: threshold as a share of the plan's force limit, plus
+        floor_n: what weight and friction may leave unexplained [N].
+        filter_s: low-pass on the difference [s].
+        samples: ticks in a row before it counts.
+    """
+
+    share: Share = 0.5
+    floor_n: Positive = 4.0
+    filter_s: Annotated[NotNegative, Field(le=0.1)] = 0.005
+    samples: Annotated[int, Field(ge=1, le=100)] = 3
+
+
 class Gains(FileModel):
     """All gains of an arm; sections and keys may be left out."""
 
     tracking: TrackingGains = TrackingGains()
     touch: TouchGains = TouchGains()
     contact: ContactGains = ContactGains()
+    witness: WitnessGains = WitnessGains()
 
 
 def gains_of(robot_file: RobotFile) -> Gains:

@@ -59,6 +59,8 @@ class ControlOutput(NamedTuple):
         state: reference along the press line.
         in_contact: what the contact switch says.
         force_n: measured force above the free-air mean [N].
+        push_lever_m: joint torques per force along the tool, shape (n,) [m].
+        correction_rad_s2: accelerations that were added to stay on the motion, shape (n,) [rad/s^2].
     """
 
     command: Command
@@ -67,6 +69,8 @@ class ControlOutput(NamedTuple):
     state: LineState
     in_contact: bool
     force_n: float
+    push_lever_m: FloatArray
+    correction_rad_s2: FloatArray
 
 
 class ContactSwitch:
@@ -220,7 +224,16 @@ class HybridController:
     ) -> ControlOutput:
         self.reference_rad = motion.position_rad
         push_world = tip.rotation_world_tip.dot(self._axis_tip)
-        balance_n = force_n * self._contact_gains.force_feedforward
-        contact_torque = (push_world * balance_n).dot(tip.jacobian_world[:3])
+        lever_m = push_world.dot(tip.jacobian_world[:3])
+        contact_torque = lever_m * (force_n * self._contact_gains.force_feedforward)
         torque = self._torque.step(measurement, motion, contact_torque, dt_s)
-        return ControlOutput(Command(torque), motion, tip, self.state, self.switch.in_contact, force_n)
+        return ControlOutput(
+            Command(torque),
+            motion,
+            tip,
+            self.state,
+            self.switch.in_contact,
+            force_n,
+            lever_m,
+            self._torque.correction_rad_s2,
+        )

@@ -10,6 +10,7 @@ from collections import deque
 
 import numpy as np
 
+from control.force_witness import ForceWitness
 from control.gains import Gains, gains_of
 from control.hybrid import ControlOutput, HybridController
 from control.inverse_kinematics import PlanarArm
@@ -27,6 +28,8 @@ from robot_io.types import FloatArray, Measurement, frozen_array
 _OBSTACLE_SHARE = 0.5  # of the force limit: while moving to a target, something is in the way
 _LEAVING_SHARE = 1.5  # the same while it is being left
 _OBSTACLE_TICKS = 3
+_OUTWARD = (Phase.UNLOADING, Phase.RETRACT)  # no object is harmed, and friction pulls the other way
+_IN_FREE_AIR = (Phase.IDLE, Phase.MOVE, Phase.FREE_AIR)
 _REST_RAD_S = 0.05  # slower than this the arm is at rest,
 _REST_WAIT_S = 2.0  # which it must be so long after a move that has ended
 
@@ -59,6 +62,8 @@ class ProbingTask:
         self._body = body
         self._arm = PlanarArm(body, sensor_axis_tip)
         self._control = HybridController(body, frozen_array(sensor_axis_tip, (3,)), gains)
+        feedforward = gains.contact.force_feedforward
+        self._witness = ForceWitness(body, gains.witness, plan.force_limit_n, feedforward)
         self._gains = gains
         self._plan = plan
         self._limits_rad = position_limits_rad or body.position_limits_rad
@@ -89,6 +94,7 @@ class ProbingTask:
         tip, _ = self._body.tip_pose(position_rad)
         self._sites = probing_sites(self._arm, self._plan, tip, position_rad, self._limits_rad)
         self._control.start(measurement)
+        self._witness.restart()
         self._specs = deque(self._plan.runs())
         self._run: ProbingRun | None = None
         self._events: list[TaskEvent] = []
@@ -98,7 +104,12 @@ class ProbingTask:
         self._begin_move()
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `control.task.Task.step`."""
+        """See `control.task.Task.step`.
+
+        Raises:
+            SafetyTripError: force sensor and joint torques contradict each other, something is in the way
+                back, or the arm does not come to rest there.
+        """
         self._events = []
         phase, run = self._phase, self._run
         if run is not None:
@@ -108,6 +119,7 @@ class ProbingTask:
         else:
             output = self._move(measurement, dt_s)
             phase = self._phase
+        self._hear_witness(measurement, output, phase, dt_s)
         return TaskOutput(
             command=output.command,
             reference_position_rad=output.motion.position_rad,
@@ -121,6 +133,14 @@ class ProbingTask:
             done=phase is Phase.IDLE,
             events=tuple(self._events),
         )
+
+    def _hear_witness(
+        self, measurement: Measurement, output: ControlOutput, phase: Phase, dt_s: float
+    ) -> None:
+        if phase in _OUTWARD:
+            self._witness.pause()
+        else:
+            self._witness.watch(measurement, output, dt_s, in_free_air=phase in _IN_FREE_AIR)
 
     def _after(self, run: ProbingRun) -> None:
         """Collect what a run said; when it is over, go on to the next. A target that is not there is left."""

@@ -165,6 +165,17 @@ class RigidBody:
         matrix: FloatArray = np.triu(upper) + np.triu(upper, 1).T
         return matrix
 
+    def mass_along(self, position_rad: FloatArray, lever_m: FloatArray) -> float:
+        """Mass [kg] that the tip has in one direction, 1 / (b M^-1 b).
+
+        Args:
+            position_rad: joint positions, shape (n,) [rad].
+            lever_m: b, tip speed in this direction per joint velocity, shape (n,) [m].
+        """
+        inverse = pin.computeMinverse(self._model, self._data, position_rad)
+        mobility_1_kg = float(lever_m.dot(inverse).dot(lever_m))
+        return 1.0 / mobility_1_kg if mobility_1_kg > 0.0 else 0.0
+
     def gravity(self, position_rad: FloatArray) -> FloatArray:
         """g(q): torques (n,) [N m] that hold the arm still."""
         torque: FloatArray = pin.computeGeneralizedGravity(self._model, self._data, position_rad).copy()

@@ -1,25 +1,15 @@
 """What a stop does to an arm that weighs something, on both simulated arms."""
 
+from contextlib import closing
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from control.loop import run_loop
 from control.phases import Phase
-from control.probing import ProbingTask
 from control.probing_plan import ProbingPlan
-from control.rigid_body import RigidBody
-from robot_io.clock import SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.guard import Guard
-from robot_io.robot import build_robot
-from robot_io.robot_file import load_robot_file
-from tests.control.loop_parts import MemoryLog
+from tests.control.simulated_arms import NAMES, SimulatedArm, kelvin_voigt
 
-ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
-NAMES = ["follower", "leader"]
 PLAN = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.4)
 SURFACE_M = 0.05
 
@@ -46,38 +36,21 @@ class Stop:
 
 def stop_in(name: str, phase: Phase, ticks: int, *, gravity=True, stiffness=500.0) -> Stop:
     """Probe, and ask for a stop `ticks` after the arm was first seen in a phase."""
-    robot_file = load_robot_file(ARMS / name / f"{name}.yaml")
-    clock, log, rows = SimulatedClock(), MemoryLog(), []
-    robot = build_robot(robot_file, DriverCatalogue("sim_backend.drivers"), clock)
-    bus = robot.buses["world"]
-    law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness, "damping_n_s_m": 20.0}
-    bus.use_scenario(bus.scenario.model_validate({"object": {"law": law}}))
-    body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
-    model = body.gravity if gravity else None
-    guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, model)
-    task = ProbingTask.from_robot_file(robot_file, PLAN)
-    left = ticks
-
-    def keep(_time_s: float) -> None:
-        truth = bus.world.truth()
-        speed = np.abs(truth.joint_velocity_rad_s).max()
-        rows.append((truth.time_s, truth.tip_position_world_m[2], truth.force_n, speed))
+    arm, left = SimulatedArm(name, PLAN, kelvin_voigt(stiffness), gravity), ticks
 
     def stop() -> bool:
         nonlocal left
-        left -= bool(log.records) and log.records[-1]["phase"] == phase
+        records = arm.log.records
+        left -= bool(records) and records[-1]["phase"] == phase
         return left <= 0
 
-    with robot:
-        clock.subscribe(keep)
-        result = run_loop(robot, guard, task, clock, log, rate_hz=1000.0, stop=stop)
-        assert result.cause == "stopped on request"
-        ended = len(rows)
-        for _ in range(400):
-            clock.sleep_until(clock.now_s() + 1e-3)
-    table = np.array(rows)
-    tripped_s = next(record["time_s"] for record in log.records if record["phase"] == Phase.STOPPED)
-    stopping = table[:ended][table[:ended, 0] >= tripped_s - 1e-9]
+    with closing(arm.robot):
+        assert arm.run(stop).cause == "stopped on request"
+        ended = len(arm.rows)
+        arm.wait(0.4)
+    table = arm.truth
+    stopped_s = next(record["time_s"] for record in arm.log.records if record["phase"] == Phase.STOPPED)
+    stopping = table[:ended][table[:ended, 0] >= stopped_s - 1e-9]
     time_s, height_m, force_n, speed = stopping.T
     return Stop(time_s, height_m, force_n, speed, time_s[-1] - time_s[0], table[ended:, 2].max())
 
@@ -103,9 +76,10 @@ def test_without_a_model_of_its_weight_the_arm_falls(name):
     assert stop.finished_s == pytest.approx(0.3, abs=0.003)
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("phase", [Phase.LOADING, Phase.HOLD])
-@pytest.mark.parametrize("stiffness", [500.0, 7100.0])
+@pytest.mark.parametrize(
+    ("name", "phase", "stiffness"),
+    [("follower", Phase.LOADING, 7100.0), ("follower", Phase.HOLD, 500.0), ("leader", Phase.HOLD, 7100.0)],
+)
 def test_in_contact_the_object_pushes_the_arm_out_and_carries_it_softly_later(name, phase, stiffness):
     stop = stop_in(name, phase, 10, stiffness=stiffness)
     at_trip_n = stop.force_n[0]
@@ -117,8 +91,7 @@ def test_in_contact_the_object_pushes_the_arm_out_and_carries_it_softly_later(na
     assert stop.finished_s == pytest.approx(3.3, abs=0.003)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_torque_off_comes_softer_than_without_lowering(name):
-    plain = stop_in(name, Phase.HOLD, 10, gravity=False)
-    lowered = stop_in(name, Phase.HOLD, 10)
+def test_torque_off_comes_softer_than_without_lowering():
+    plain = stop_in("follower", Phase.HOLD, 10, gravity=False)
+    lowered = stop_in("follower", Phase.HOLD, 10)
     assert lowered.force_after_n < 0.7 * plain.force_after_n

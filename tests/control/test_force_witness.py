@@ -1,0 +1,134 @@
+"""What the joint torques say about the force: a dead sensor is found out, and an honest one never accused."""
+
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from control.gains import Gains, WitnessGains
+from control.probing_plan import ProbingPlan
+from control.rigid_body import RigidBody
+from robot_io.errors import SafetyTripError
+from robot_io.types import Reading, Status
+from tests.control.probing_runs import TICK_S, plant_above, probing_task, run_probing
+from tests.control.simulated_arms import NAMES, SimulatedArm, kelvin_voigt
+
+LIMIT_N = 10.0  # of the plan
+NOISY = {"sensors": {"force": {"noise_std_n": 0.1}}}
+
+
+def freeze(arm: SimulatedArm, value_n: float) -> None:
+    """Samples go on arriving in time, and all say the same."""
+    sensor = arm.robot.force
+    alive = sensor.read_force
+    sensor.read_force = lambda: Reading(np.array([value_n]), alive().sampled_at_s, Status.OK)
+
+
+@pytest.mark.parametrize(
+    ("name", "stiffness", "speed_m_s"),
+    [
+        ("follower", 7100.0, 0.05),
+        ("leader", 7100.0, 0.05),
+        ("follower", 2000.0, 0.15),
+        ("leader", 500.0, 0.15),
+    ],
+)
+def test_a_dead_but_fresh_force_sensor_is_found_out_before_twice_the_limit(name, stiffness, speed_m_s):
+    arm = SimulatedArm(name, ProbingPlan(speeds_m_s=(speed_m_s,)), kelvin_voigt(stiffness))
+    freeze(arm, 0.01)
+    with closing(arm.robot):
+        result = arm.run()
+    assert "joint torques say about" in result.cause
+    assert "where the force sensor says 0.0 N: is the sensor alive" in result.cause
+    tripped_s = arm.guard.tripped.time_s
+    time_s, _, force_n, _ = arm.truth.T
+    assert force_n[time_s <= tripped_s].max() < 1.4 * LIMIT_N
+    assert force_n[(time_s > tripped_s) & (time_s < tripped_s + 0.3)].max() < 1.5 * LIMIT_N
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    ("mass_scale", "stiffness", "damping", "speed_m_s"),
+    [(0.8, 500.0, 200.0, 0.15), (1.2, 10_000.0, 0.0, 0.05)],
+)
+def test_an_arm_of_another_mass_with_a_noisy_sensor_is_not_accused(
+    name, mass_scale, stiffness, damping, speed_m_s
+):
+    scenario = kelvin_voigt(stiffness, damping) | NOISY | {"arm": {"mass_scale": mass_scale}}
+    arm = SimulatedArm(name, ProbingPlan(speeds_m_s=(speed_m_s,), hold_s=0.1), scenario)
+    with closing(arm.robot):
+        arm.run().raise_for_trip()
+    assert arm.task.failures == ()
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        [{"effect": "coulomb_friction", "joint": joint, "coulomb_nm": 1.0} for joint in (1, 2)],
+        [{"effect": "viscous_friction", "joint": joint, "viscous_nms_rad": 1.0} for joint in (1, 2)],
+        [{"effect": "load_dependent_friction", "joint": joint, "load_share": 0.2} for joint in (1, 2)],
+        [{"effect": "payload", "joint": 3, "mass_kg": 0.5}],
+    ],
+    ids=lambda hidden: hidden[0]["effect"],
+)
+def test_joints_with_friction_or_load_of_ordinary_size_are_not_accused(hidden):
+    scenario = kelvin_voigt(2000.0) | {"hidden": hidden}
+    arm = SimulatedArm("follower", ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1), scenario)
+    with closing(arm.robot):
+        arm.run().raise_for_trip()
+
+
+class TestOnTheReferencePlant:
+    """The plant that shares nothing with the simulator."""
+
+    def run(self, gains=None, change=lambda plant, measurement: measurement, **plan):
+        plant = plant_above(stiffness_n_m=2000.0)
+        truth = plant.measure
+        plant.measure = lambda: change(plant, truth())
+        task = probing_task(ProbingPlan(**({"speeds_m_s": (0.1,), "hold_s": 0.5} | plan)), gains)
+        return plant, run_probing(plant, task)
+
+    def test_a_sensor_that_stops_in_the_hold_is_found_out_when_the_object_is_taken_away(self):
+        def stick(plant, measurement):
+            if plant.time_s < 1.3:
+                return measurement
+            plant.surface_height_m -= 0.04 * TICK_S  # slowly, while the sensor says that all is well
+            return measurement._replace(force_n=9.9)
+
+        with pytest.raises(SafetyTripError, match=r"about -?[0-2]\.\d N where the force sensor says 9.9 N"):
+            self.run(change=stick, hold_s=3.0)
+
+    def test_a_sensor_that_shows_half_is_found_out(self):
+        with pytest.raises(SafetyTripError, match="joint torques say about"):
+            self.run(change=lambda plant, measured: measured._replace(force_n=0.3 * measured.force_n))
+
+    def test_what_the_controller_leaves_to_the_pid_is_no_contradiction(self):
+        contact = Gains().contact.model_copy(update={"force_feedforward": 0.0})
+        _, record = self.run(Gains(contact=contact, witness=WitnessGains(share=0.1, floor_n=2.5)))
+        assert record.kinds()[-1] == "probing_done"
+
+    def test_a_late_tick_is_no_contradiction(self):
+        """30 ms without a command leave the arm off its motion; it comes back, and is not accused."""
+        plant = plant_above(stiffness_n_m=500.0)
+        task = probing_task(ProbingPlan(speeds_m_s=(0.15,), hold_s=0.3))
+        task.start(plant.measure())
+        done, dt_s, ticks = False, TICK_S, 0
+        while not done:
+            output = task.step(plant.measure(), dt_s)
+            done, ticks = output.done, ticks + 1
+            dt_s = 0.03 if ticks % 200 == 0 else TICK_S
+            plant.advance(output.command.joint_torque_nm, dt_s)
+        assert task.failures == ()
+
+    def test_the_threshold_is_the_robot_files(self):
+        with pytest.raises(SafetyTripError, match="joint torques say"):
+            self.run(Gains(witness=WitnessGains(share=0.0, floor_n=0.05)))
+
+
+def test_the_mass_that_the_tip_has_is_that_of_the_forward_dynamics():
+    body: RigidBody = plant_above().body
+    position = np.array([0.7, -1.4, 0.3])
+    lever_m = np.array([0.0, 0.6, 0.8]) @ body.tip_jacobian(position)[:3]
+    zeros = np.zeros(3)
+    pushed = body.forward_dynamics(position, zeros, lever_m) - body.forward_dynamics(position, zeros, zeros)
+    assert body.mass_along(position, lever_m) == pytest.approx(1.0 / (lever_m @ pushed), rel=1e-9)
