@@ -97,7 +97,7 @@ def _by_option(table: Table, options: ImportOptions) -> dict[Key, tuple[Role, st
     chosen = {}
     for name, column in options.columns.items():
         if column not in table.names:
-            raise InputError(f"--column {name}={column}: {table.path} has only {', '.join(table.names)}")
+            raise InputError(f"--column {name}={column}: {table.path} has only {table.listed_names}")
         if name not in (RUN, PHASE):
             role = role_of_option(name, "--column")
             chosen[role.key] = (role, column)

@@ -96,7 +96,7 @@ def _sources(columns: Columns) -> list[_Source]:
                 sources.append(source)
     if not sources:
         raise InputError(
-            f"{columns.table.path}: no channel can be made of columns {', '.join(columns.table.names)}; "
+            f"{columns.table.path}: no channel can be made of columns {columns.table.listed_names}; "
             "a contact needs time_s, displacement_m, force_N, a joint time_s, position_rad, torque_Nm "
             "(or position_m, force_N); say which is which with --column NAME=COLUMN"
         )

@@ -43,7 +43,7 @@ def arrange_rows(columns: Columns) -> Rows:
     if ("time", 0) not in columns:
         raise InputError(
             f"{table.path}: no time; name it time_s or add --column time_s=COLUMN. "
-            f"Columns: {', '.join(table.names)}"
+            f"Columns: {table.listed_names}"
         )
     run, labels = _runs(table, columns.run)
     order = np.argsort(run, kind="stable")

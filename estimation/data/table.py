@@ -1,7 +1,8 @@
 """A file of measurements as named columns: CSV (also .gz), Parquet, or NPZ."""
 
-import gzip
 import os
+import zipfile
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -10,15 +11,16 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import NDArray
 
+from estimation.data.text_table import MOST_BYTES, number_of, read_text_table
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-_DELIMITERS = (",", ";", "\t")
 _LONGEST_LABEL = 60
+_MOST_NAMES = 20  # that an error lists
+_LARGEST = 1e30  # in any unit; squares of what is larger overflow
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,12 @@ class Table:
         return len(self.rows)
 
     @property
+    def listed_names(self) -> str:
+        """The names for an error; not all of them where there are very many."""
+        more = f" and {len(self.names) - _MOST_NAMES} more" if len(self.names) > _MOST_NAMES else ""
+        return ", ".join(self.names[:_MOST_NAMES]) + more
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the columns, in their order."""
         return tuple(self.columns.column_names)
@@ -53,14 +61,14 @@ class Table:
         try:
             values = np.asarray(_as_numbers(column).to_numpy(zero_copy_only=False), dtype=np.float64)
         except (pa.ArrowException, TypeError, ValueError):
-            values = np.array([_number_or_nan(text) for text in column.to_pylist()], dtype=np.float64)
-        bad = np.flatnonzero(~np.isfinite(values))
+            values = np.array([number_of(text) for text in column.to_pylist()], dtype=np.float64)
+        bad = np.flatnonzero(~(np.abs(values) <= _LARGEST))
         if len(bad):
             shown = str(column[int(bad[0])].as_py())[:_LONGEST_LABEL]
             more = f" ({len(bad) - 1} more like it)" if len(bad) > 1 else ""
             raise InputError(
-                f"{self.path}: row {self.rows[bad[0]]}, column '{name}': {shown!r} is no finite number{more}"
-                "; remove such rows, or choose others with --where"
+                f"{self.path}: row {self.rows[bad[0]]}, column '{name}': {shown!r} is {_fault(shown)}{more}"
+                f"; {_remedy(shown)}"
             )
         return values
 
@@ -81,7 +89,7 @@ class Table:
             close = get_close_matches(name, self.names, n=1)
             hint = f"; did you mean '{close[0]}'?" if close else ""
             raise UnknownNameError(
-                f"{self.path}: no column '{name}'{hint} There are: {', '.join(self.names)}"
+                f"{self.path}: no column '{name}'{hint or '.'} There are: {self.listed_names}"
             )
         return self.columns.column(name)
 
@@ -110,7 +118,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         raise
     except Exception as error:  # a broken file can make the libraries raise almost anything
         raise InputError(f"{place}: cannot be read: {' '.join(str(error).split())[:200]}") from error
-    twice = sorted({name for name in names if names.count(name) > 1})
+    twice = sorted(name for name, times in Counter(names).items() if times > 1)[:_MOST_NAMES]
     if twice:
         raise InputError(f"{place}: column {', '.join(map(repr, twice))} is there twice; rename one")
     if columns.num_rows == 0:
@@ -118,27 +126,16 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     return Table(place, columns, np.arange(1, columns.num_rows + 1))
 
 
-def _read_text(path: Path) -> pa.Table:
-    open_text = gzip.open if path.name.lower().endswith(".gz") else open
-    with open_text(path, "rt", encoding="utf-8-sig", newline="") as file:
-        header = file.readline().rstrip("\r\n")
-    delimiter = max(_DELIMITERS, key=header.count)
-    names = [name.strip().strip('"') for name in header.split(delimiter)]
-    if all(not np.isnan(_number_or_nan(name)) for name in names):
-        raise InputError(f"{path}: the first line holds numbers; put the names of the columns there")
-    return pa.csv.read_csv(
-        path,
-        read_options=pa.csv.ReadOptions(column_names=names, skip_rows=1),
-        parse_options=pa.csv.ParseOptions(delimiter=delimiter),
-        convert_options=pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
-    )
-
-
 def _read_parquet(path: Path) -> pa.Table:
-    return pa.parquet.read_table(path)
+    with pa.parquet.ParquetFile(path) as file:
+        groups = [file.metadata.row_group(index) for index in range(file.metadata.num_row_groups)]
+        _check_size(path, sum(group.total_byte_size for group in groups))
+        return file.read()
 
 
 def _read_npz(path: Path) -> pa.Table:
+    with zipfile.ZipFile(path) as archive:
+        _check_size(path, sum(entry.file_size for entry in archive.infolist()))
     with np.load(path, allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}
     flat = {name: array for name, array in arrays.items() if array.ndim == 1}
@@ -148,17 +145,27 @@ def _read_npz(path: Path) -> pa.Table:
     return pa.table(flat)
 
 
+def _check_size(path: Path, size: int) -> None:
+    if size > MOST_BYTES:
+        raise InputError(
+            f"{path}: holds {size // 2**20} MiB, at most {MOST_BYTES // 2**20}; cut it into pieces"
+        )
+
+
+def _fault(shown: str) -> str:
+    return "too large a number" if np.isfinite(number_of(shown)) else "no finite number"
+
+
+def _remedy(shown: str) -> str:
+    if shown.count(",") == 1 and not np.isnan(number_of(shown.replace(",", "."))):
+        return "write numbers with a decimal point, not a comma"
+    return "remove such rows, or choose others with --where"
+
+
 def _as_numbers(column: pa.ChunkedArray) -> pa.ChunkedArray:
     if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
         return pc.cast(pc.utf8_trim_whitespace(column), pa.float64())
     return pc.cast(column, pa.float64())
-
-
-def _number_or_nan(text: object) -> float:
-    try:
-        return float(str(text).strip())
-    except ValueError:
-        return float("nan")
 
 
 def _text(value: object) -> str:
@@ -169,7 +176,7 @@ def _text(value: object) -> str:
 
 
 _READERS: tuple[tuple[tuple[str, ...], Callable[[Path], pa.Table]], ...] = (
-    ((".csv", ".tsv", ".txt"), _read_text),
+    ((".csv", ".tsv", ".txt"), read_text_table),
     ((".parquet", ".pq"), _read_parquet),
     ((".npz",), _read_npz),
 )

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from control.phases import Phase
 from estimation.channel import ChannelKind
-from estimation.data import ImportOptions, import_file, load_channels, parse_pairs
+from estimation.data import ImportOptions, import_file, load_channels, parse_pairs, table, text_table
 from robot_io.errors import InputError
 
 T = np.arange(50) * 0.01
@@ -195,7 +195,7 @@ def test_an_empty_or_bad_number_is_named_by_row_and_column(contact):
         contact(force_N=force)
     )
     force[16:19] = "1,5"
-    assert "cannot be read" in refusal(contact(force_N=force))  # three columns, four fields
+    assert "row 17 has 4 cells and the header 3" in refusal(contact(force_N=force))
 
 
 def test_row_numbers_are_those_of_the_file_after_a_choice_of_rows(contact):
@@ -277,18 +277,18 @@ def test_an_unknown_phase_lists_the_known_ones(contact):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("empty.csv", b"", "cannot be read"),
+        ("empty.csv", b"", "no rows of data"),
         ("header.csv", b"time_s,displacement_m,force_N\n", "no rows of data"),
         ("numbers.csv", b"0,1,2\n1,2,3\n", "first line holds numbers"),
         ("twice.csv", b"time_s,force_N,force_N\n1,2,3\n", "column 'force_N' is there twice"),
-        ("ragged.csv", b"time_s,displacement_m,force_N\n0,1,2\n1,2\n", "Expected 3 columns, got 2"),
+        ("ragged.csv", b"time_s,displacement_m,force_N\n0,1,2\n1,2\n", "row 2 has 2 cells and the header 3"),
         (
             "torn.csv.gz",
             gzip.compress(b"time_s,displacement_m,force_N\n" + b"1,2,3\n" * 9, mtime=0)[:25],
             "cannot be read",
         ),
         ("not.csv.gz", b"time_s,displacement_m,force_N\n0,1,2\n", "cannot be read"),
-        ("binary.csv", bytes(range(256)), "cannot be read"),
+        ("binary.csv", bytes(range(256)), "is no UTF-8 text"),
         ("broken.parquet", b"PAR1 nonsense", "cannot be read"),
         ("broken.npz", b"PK nonsense", "cannot be read"),
         ("data.xlsx", b"PK", "unknown kind of file"),
@@ -373,3 +373,48 @@ def test_pairs():
             parse_pairs(wrong, "--column")
     with pytest.raises(InputError, match="is given twice"):
         parse_pairs(["a=1", "a=2"], "--unit")
+
+
+TEXT = "time_s,displacement_m,force_N\n" + "".join(f"{i / 100},{0.001 * i},{i}\n" for i in range(9))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (TEXT.replace("\n0.03,0.003,3", "\n0.03,0.003"), "row 4 has 2 cells and the header 3: '0.03,0.003'"),
+        (TEXT.replace("\n0.03,", "\n0.03,7,"), "row 4 has 4 cells and the header 3"),
+        (TEXT.replace(",", ";").replace(".", ","), "with a decimal point, not a comma"),
+        (TEXT.replace("\n0.03,", "\n1_0,"), "row 4, column 'time_s': '1_0' is no finite number"),
+        (TEXT.replace(",3\n", ",1e300\n"), "row 4, column 'force_N': '1e300' is too large a number"),
+        ("<html>404</html>", "no rows of data"),
+        (TEXT.encode("utf-16"), "is no UTF-8 text; save it as CSV in UTF-8"),
+        (TEXT.splitlines()[0] + "\n" + "1" * 3_000_000 + "\n", "a line is longer than 1 MiB"),
+    ],
+)
+def test_a_broken_text_file_is_refused_with_row_and_remedy(tmp_path, text, words):
+    file = tmp_path / "broken.csv"
+    file.write_bytes(text if isinstance(text, bytes) else text.encode())
+    assert words in refusal(file)
+
+
+def test_a_file_of_very_many_columns_is_refused_briefly(tmp_path):
+    file = tmp_path / "wide.csv"
+    file.write_text(",".join(f"c{i}" for i in range(20_000)) + "\n" + ",".join("0" * 20_000) + "\n")
+    text = refusal(file)
+    assert "c19 and 19980 more" in text
+    assert len(text) < 600
+
+
+@pytest.mark.parametrize("name", ["big.csv", "big.csv.gz", "big.npz", "big.parquet"])
+def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, name):
+    for module in (text_table, table):
+        monkeypatch.setattr(module, "MOST_BYTES", 500)
+    file = tmp_path / name
+    if name.endswith(".npz"):
+        np.savez_compressed(file, time_s=T, displacement_m=X, force_N=0 * F)
+    elif name.endswith(".parquet"):
+        pyarrow.parquet.write_table(pa.table({"time_s": T, "displacement_m": X, "force_N": F}), file)
+    else:
+        content = contact().read_bytes()
+        file.write_bytes(gzip.compress(content) if name.endswith(".gz") else content)
+    assert "cut it into pieces" in refusal(file)
