@@ -22,6 +22,8 @@ _NOISE_FACTOR = 6.0  # the touch counts from at least this many standard deviati
 _LOADED_SHARE = 0.95  # of the force limit, and
 _SLOW_SHARE = 0.1  # of the set speed, but at least
 _SLOW_M_S = 0.002  # this, end the loading
+_HOLD_M_S = 0.02  # a hold makes small moves only; faster than this it would chase an object that is gone
+_LOST_S = 0.01  # without contact in hold or excitation: the object is gone
 _TOO_STRONG = 1.1  # times the force limit ends an excitation by position
 
 
@@ -60,6 +62,7 @@ class ProbingRun:
         self._held = RunningMean()
         self._step: Callable[[Measurement, float], ControlOutput] = self._free_air
         self._time_s = 0.0
+        self._lost_s = 0.0
         self.phase = Phase.FREE_AIR
         self.desired_force_n = math.nan
         self.events: list[TaskEvent] = []
@@ -158,7 +161,8 @@ class ProbingRun:
         return beyond_m + turning_distance_m(state.speed_m_s, self._plan.acceleration_m_s2) >= 0.0
 
     def _hold(self, measurement: Measurement, dt_s: float) -> ControlOutput:
-        output = self._hold_force(measurement, self._plan.force_limit_n, dt_s)
+        slow_m_s = min(self.spec.speed_m_s, _HOLD_M_S)
+        output = self._hold_force(measurement, self._plan.force_limit_n, slow_m_s, dt_s)
         if self._time_s > 0.5 * self._plan.hold_s:
             self._held.add(output.force_n)
         if self._time_s >= self._plan.hold_s and self.phase is Phase.HOLD:
@@ -168,13 +172,27 @@ class ProbingRun:
             self._excite_or_leave()
         return output
 
-    def _hold_force(self, measurement: Measurement, force_n: float, dt_s: float) -> ControlOutput:
+    def _hold_force(
+        self, measurement: Measurement, force_n: float, speed_limit_m_s: float, dt_s: float
+    ) -> ControlOutput:
         self.desired_force_n = force_n
-        reference = HybridReference(force=ForceGoal(force_n, self.spec.speed_m_s, hold=True))
+        reference = HybridReference(force=ForceGoal(force_n, speed_limit_m_s, hold=True))
         output = self._control.step(measurement, reference, dt_s)
-        if self._is_too_deep(output):
+        if self._is_lost(output, dt_s) or self._is_too_deep(output):
             self._leave()
         return output
+
+    def _is_lost(self, output: ControlOutput, dt_s: float) -> bool:
+        """Whether the object is gone; says so."""
+        self._lost_s = 0.0 if output.in_contact else self._lost_s + dt_s
+        if self._lost_s < _LOST_S:
+            return False
+        self.failure = (
+            f"run {self.spec.run}: contact lost while holding, {output.force_n:.3f} N where "
+            f"{self._plan.force_limit_n:g} N were held: has the object moved?"
+        )
+        self._event("contact_lost", self.failure, force_n=output.force_n)
+        return True
 
     def _excite_or_leave(self) -> None:
         excitation = self._plan.excitation
@@ -196,7 +214,7 @@ class ProbingRun:
 
     def _excite_force(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         desired_n = self._plan.force_limit_n + self._amplitude * self._profile.at(self._time_s).value
-        output = self._hold_force(measurement, desired_n, dt_s)
+        output = self._hold_force(measurement, desired_n, self.spec.speed_m_s, dt_s)
         if self._time_s >= self._profile.duration_s and self.phase is Phase.HOLD:
             self._leave()
         return output
@@ -209,7 +227,9 @@ class ProbingRun:
             size_m * point.acceleration_1_s2,
         )
         output = self._control.step(measurement, HybridReference(free=free), dt_s)
-        if output.force_n > _TOO_STRONG * self._plan.force_limit_n:
+        if self._is_lost(output, dt_s):
+            self._leave()
+        elif output.force_n > _TOO_STRONG * self._plan.force_limit_n:
             text = f"excitation ended early: {output.force_n:.2f} N is above the force limit"
             self._event("excitation_too_strong", text, force_n=output.force_n)
             self._leave()

@@ -238,6 +238,41 @@ def test_something_in_the_way_ends_the_task_at_rest():
     assert record.force_n.max() < 12.0
 
 
+RIDES = {
+    "hold": None,
+    "force": Excitation(shape="chirp", quantity="force", duration_s=2.0),
+    "position": Excitation(shape="chirp", quantity="position", duration_s=2.0),
+}
+
+
+@pytest.mark.parametrize("ride", RIDES)
+def test_an_object_that_is_taken_away_is_not_chased_and_not_held(ride):
+    plant = plant_above(stiffness_n_m=500.0, damping_n_s_m=20.0, **NOISE)
+    task = probing_task(ProbingPlan(speeds_m_s=(0.15, 0.09), hold_s=0.5, excitation=RIDES[ride]))
+    step, taken_after_s = task.step, 0.2 if ride == "hold" else 0.8
+    held_ticks, heights = 0, []
+
+    def watched_step(measurement, dt_s):
+        nonlocal held_ticks
+        output = step(measurement, dt_s)
+        held_ticks += output.phase is Phase.HOLD
+        if held_ticks * dt_s > taken_after_s:
+            plant.surface_height_m = -1.0
+            heights.append(output.tip_position_world_m[2])
+        return output
+
+    task.step = watched_step
+    record = run_probing(plant, task)
+    kinds = record.kinds()
+    assert "contact_lost" in kinds
+    assert "held" not in kinds or ride != "hold"
+    assert len(task.failures) == 1  # and the other speed is not tried on nothing
+    assert "contact lost while holding" in task.failures[0]
+    assert record.event("probing_done").data["runs"] == 0
+    assert heights[0] - min(heights) < 0.004
+    assert back_at_the_start(record)
+
+
 def test_a_force_bias_changes_nothing():
     plant = plant_above(stiffness_n_m=500.0, force_bias_n=4.0, **NOISE)
     record, _ = probe(plant=plant)
