@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from measured import read
-from measured.free_run import free_run
+from measured.free_run import free_run, refined
 
 from estimation.channel import ChannelData
 from estimation.diagnosis import ChannelDiagnosis, diagnose
@@ -103,12 +103,21 @@ def tell(name: str, found: ChannelDiagnosis, said: str, seconds: float) -> None:
 
 
 def tell_free_run(folder: Path) -> None:
-    """Print the resonator's free run on the arrow, before and after."""
+    """Print the resonator's free run on the arrow, before and after, as found and refined on other runs."""
     data, u, y = read.silverbox(folder)
+    step_s = read.SILVERBOX_STEP_S
+    runs = [(data.effort[data.run == run], data.position[data.run == run]) for run in data.runs[:3]]
     for stage in revise(data, model("smd", "inertia", "damping", "stiffness"), ["cubic_stiffness"]):
-        simulated = free_run(u, read.SILVERBOX_STEP_S, {k: v.value for k, v in stage.parameters.items()})
-        error = 1e3 * float(np.sqrt(np.mean((simulated - y)[50:] ** 2)))
-        print(f"  free run on the arrow with {stage.added or 'the base model'}: {error:.2f} mV")
+        found = {name: entry.value for name, entry in stage.parameters.items()}
+        errors = [
+            1e3 * float(np.sqrt(np.mean((free_run(u, step_s, parameters) - y)[50:] ** 2)))
+            for parameters in (found, refined(runs, step_s, found))
+        ]
+        added = stage.added or "the base model"
+        print(
+            f"  free run on the arrow with {added}: {errors[0]:.2f} mV; "
+            f"refined by free runs on others, with their shift: {errors[1]:.2f} mV"
+        )
 
 
 def main() -> None:

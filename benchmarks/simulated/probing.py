@@ -1,0 +1,95 @@
+"""Probing runs of the simulated arm in which one effect is hidden, and what the diagnosis says of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from control.probing_plan import ProbingPlan
+from estimation.diagnosis import ChannelDiagnosis, diagnose
+from palpate.estimation_run import load_material
+from palpate.probing_run import ProbingJob, run_probing
+from palpate.robots import DEFAULT, find_robot
+from palpate.subject import subjects_of
+from sim_backend.hidden import draw_hidden, noise_scale
+from sim_backend.imperfection import IMPERFECTIONS
+from sim_backend.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Probed:
+    """One session.
+
+    Attributes:
+        hidden: effect, with its parameters; empty if nothing was hidden.
+        seed: of all that is random.
+        found: the answer for each channel.
+    """
+
+    hidden: str
+    seed: int
+    found: list[ChannelDiagnosis]
+
+    @property
+    def effect(self) -> str:
+        """Name of what was hidden, or ""."""
+        return self.hidden.split(" ")[0]
+
+    @property
+    def groups(self) -> dict[str, list[set[str]]]:
+        """Effects accepted in each channel, each with those it is said to be confused with."""
+        return {
+            entry.channel: [{a.effect, *a.confused_with} for a in entry.accepted]
+            for entry in self.found
+            if entry.accepted
+        }
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the hidden effect was named in one channel at least, and nothing else in any."""
+        groups = [group for of_channel in self.groups.values() for group in of_channel]
+        return all(self.effect in group for group in groups) and bool(groups) == bool(self.effect)
+
+    @property
+    def told(self) -> str:
+        """What was said, in short."""
+        said = {
+            channel: " + ".join("/".join(sorted(g)) for g in of_channel)
+            for channel, of_channel in self.groups.items()
+        }
+        unknown = [entry.channel for entry in self.found if entry.verdict.value == "unexplained"]
+        rest = [f"unexplained in {', '.join(unknown)}"] if unknown else []
+        return "; ".join([*(f"{names} in {channel}" for channel, names in said.items()), *rest]) or "adequate"
+
+
+def drawable() -> list[str]:
+    """Effects that some channel of a probing run shows."""
+    channels = noise_scale(Scenario()).channels
+    return [
+        name
+        for name in IMPERFECTIONS
+        if any(IMPERFECTIONS[name].can_show_in(channel) for channel in channels)
+    ]
+
+
+def probe(effect: str, seed: int, folder: Path) -> Probed:
+    """Probe with one effect hidden (or none, ""), and diagnose all channels.
+
+    Args:
+        effect: what to hide; place and strength are drawn by seed, 5 to 50 times the noise floor.
+        seed: of the drawing and of all noise.
+        folder: for the session.
+    """
+    world = Scenario()
+    hidden: Sequence = draw_hidden(seed, effect=effect, scenario=world) if effect else []
+    path = folder / f"{effect or 'nothing'}-{seed}.mcap"
+    scenario = world.with_hidden(list(hidden))
+    job = ProbingJob(find_robot(DEFAULT), ProbingPlan(), path, scenario=scenario, seed=seed, online=None)
+    run_probing(job)
+    material = load_material(path)
+    subjects = subjects_of(material, None, material.arm)
+    rng = np.random.default_rng(seed)
+    found = diagnose([s.channel for s in subjects], [s.model for s in subjects], rng=rng).channels
+    told = "; ".join(f"{entry.name} {entry.model_dump(exclude={'effect'})}" for entry in hidden)
+    return Probed(told, seed, found)
