@@ -1,19 +1,25 @@
 """Hides effects in made-up sessions and counts how often the diagnosis is right.
 
-    python benchmarks/hidden_effects.py [--quick] [--kind contact|revolute] [--processes 2]
+    python benchmarks/hidden_effects.py [--quick] [--kind contact|revolute] [--seed 0] [--processes 2]
+    python benchmarks/hidden_effects.py --simulated [--quick] [--seed 0] [--processes 2]
 
 The sessions come from `synthetic/`, which shares no code with the effects that find them. Strength is the RMS
-of what the base model cannot mimic over the noise; cells that an effect cannot reach are left out.
+of what the base model cannot mimic over the noise; cells that an effect cannot reach are left out. With
+`--simulated` they are probing runs of the simulated arm, with the simulator's own hidden effects.
 """
 
 import argparse
+import multiprocessing
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+from simulated.probing import drawable, probe
 from synthetic.scene import FLOOR, Scene, make, names
 from threadpoolctl import threadpool_limits
 
@@ -83,12 +89,13 @@ def run(job: Job) -> Outcome | None:
     return Outcome(job, found, time.process_time() - started, made.truth)
 
 
-def jobs(kind: ChannelKind, quick: bool) -> Iterator[Job]:
-    """The grid."""
-    seeds, strengths = (range(1), (10.0,)) if quick else (range(4), (3.0, 10.0, 30.0))
+def jobs(kind: ChannelKind, quick: bool, first: int) -> Iterator[Job]:
+    """The grid, from this seed on."""
+    seeds = range(first, first + (1 if quick else 4))
+    strengths = (10.0,) if quick else (3.0, 10.0, 30.0)
     for colour in (0.0, 0.9, 0.97):
         for seed in range(4 if quick else 70):
-            yield Job("none", Scene(kind, {}, colour, 1000 + seed))
+            yield Job("none", Scene(kind, {}, colour, 1000 + first + seed))
     for name in names(kind):
         for seed in seeds:
             for strength in strengths:
@@ -96,8 +103,9 @@ def jobs(kind: ChannelKind, quick: bool) -> Iterator[Job]:
                 yield Job("one", Scene(kind, {name: strength}, colour, seed))
                 yield Job("removed", Scene(kind, {name: strength}, 0.0, seed), (name,))
     for seed in range(4 if quick else 60):
-        pair = np.random.default_rng(seed).choice(names(kind), 2, replace=False)
-        yield Job("pair", Scene(kind, {str(name): 10.0 for name in pair}, 0.0, 2000 + seed))
+        number = 2000 + first + seed
+        pair = np.random.default_rng(number).choice(names(kind), 2, replace=False)
+        yield Job("pair", Scene(kind, {str(name): 10.0 for name in pair}, 0.0, number))
 
 
 def stated(found: ChannelDiagnosis) -> list[set[str]]:
@@ -186,6 +194,31 @@ def confusion(outcomes: Sequence[Outcome], title: str) -> None:
         print(f"  {hidden:24s} " + ", ".join(f"{name} {count}" for name, count in counts.most_common()))
 
 
+def run_simulated(options: argparse.Namespace) -> None:
+    """Probe the simulated arm with each effect hidden once, and a few times with nothing."""
+    shown = drawable()[::5] if options.quick else drawable()
+    hidden = ["" for _ in range(2 if options.quick else 10)] + shown
+    with TemporaryDirectory() as folder, _pool(options.processes) as pool:
+        tasks = [
+            pool.submit(probe, effect, options.seed + number, Path(folder))
+            for number, effect in enumerate(hidden)
+        ]
+        probed = []
+        for task in tasks:
+            probed.append(task.result())
+            one = probed[-1]
+            print(
+                f"{'right' if one.is_right else 'WRONG'} | {one.hidden or 'nothing'} | {one.told}", flush=True
+            )
+    print(f"nothing hidden: right {share([one.is_right for one in probed if not one.effect])}")
+    print(f"one effect hidden: right {share([one.is_right for one in probed if one.effect])}")
+
+
+def _pool(processes: int) -> ProcessPoolExecutor:
+    spawn = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(processes, spawn, initializer=threadpool_limits, initargs=(1,))
+
+
 def main() -> None:
     """Run the grid."""
     parser = argparse.ArgumentParser(
@@ -193,13 +226,19 @@ def main() -> None:
     )
     parser.add_argument("--quick", action="store_true", help="one seed, one strength")
     parser.add_argument("--kind", choices=["contact", "revolute"], help="one kind of channel only")
+    parser.add_argument("--simulated", action="store_true", help="probing runs of the simulated arm")
+    parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
+    if options.simulated:
+        run_simulated(options)
+        return
     kinds = [ChannelKind(options.kind)] if options.kind else list(BASE)
     for kind in kinds:
         print(f"\n== {kind.value}, base model {BASE[kind]}", flush=True)
-        with ProcessPoolExecutor(options.processes, initializer=threadpool_limits, initargs=(1,)) as pool:
-            outcomes = [o for o in pool.map(run, jobs(kind, options.quick), chunksize=1) if o is not None]
+        with _pool(options.processes) as pool:
+            grid = jobs(kind, options.quick, options.seed)
+            outcomes = [o for o in pool.map(run, grid, chunksize=1) if o is not None]
         report(outcomes)
 
 
