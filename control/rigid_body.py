@@ -8,6 +8,7 @@ Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, chapters 5 (RNEA)
 World frame: that of the URDF's root link, gravity 9.81 m/s^2 along -z.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,6 +97,7 @@ class RigidBody:
             root = ElementTree.fromstring(text)  # noqa: S314
             if root.tag != "robot":
                 raise ValueError(f"its root is <{root.tag}>, not <robot>")  # noqa: TRY301
+            _check_masses(root)
             model = pin.buildModelFromXML(text)
         except (OSError, ValueError, RuntimeError, ElementTree.ParseError) as error:
             reason = getattr(error, "strerror", None) or " ".join(str(error).split())
@@ -113,6 +115,12 @@ class RigidBody:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, from the base outwards, in the order of all arrays."""
         return tuple(self._model.names[1:])
+
+    @property
+    def weightless_joint(self) -> str:
+        """Name of the first joint that moves no mass and no inertia, empty if every joint does."""
+        inertia = np.diag(self.mass_matrix(pin.neutral(self._model)))
+        return next((name for name, own in zip(self.joint_names, inertia, strict=True) if own <= 0.0), "")
 
     @property
     def position_limits_rad(self) -> tuple[FloatArray, FloatArray]:
@@ -237,3 +245,16 @@ class RigidBody:
             origin = data.oMi[index + 1].translation
             axes.append(JointAxis(model.names[index + 1], frozen_array(origin), frozen_array(axis), revolute))
         return tuple(axes)
+
+
+def _check_masses(root: ElementTree.Element) -> None:
+    """Refuse masses that are none; the URDF parser would take -1 kg, and drop what is no number with a shout.
+
+    Raises:
+        ValueError: with link and mass.
+    """
+    for link in root.iter("link"):
+        for mass in link.iterfind("inertial/mass"):
+            value = float(mass.get("value", "nan"))
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ValueError(f"mass of link '{link.get('name')}' is {mass.get('value')} kg")

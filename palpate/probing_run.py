@@ -9,6 +9,7 @@ from pathlib import Path
 
 import yaml
 
+from control.dh_check import check_dh_table
 from control.gains import TouchGains, gains_of
 from control.journal import Observer
 from control.loop import run_loop
@@ -184,8 +185,17 @@ def _check_plan(plan: ProbingPlan, robot_file: RobotFile) -> None:
 
 
 def _guard(robot_file: RobotFile) -> Guard:
-    """The arm's guard, with a model of its own of the arm's weight."""
+    """The arm's guard, with a model of its own of the arm's weight.
+
+    Raises:
+        InputError: the URDF is not valid, says nothing of the arm's masses, or is not the DH table's arm.
+    """
     body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
+    if joint := body.weightless_joint:
+        raise InputError(
+            f"{robot_file.urdf_path}: joint '{joint}' moves no mass; give its links an <inertial>"
+        )
+    check_dh_table(robot_file, body)
     return Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
 
 

@@ -189,9 +189,19 @@ def test_joint_axes_are_where_the_urdf_puts_them():
         ("<table/>", "tip", "its root is <table>"),
         ('<robot name="r"><link name="tip"/></robot>', "tip", "has no movable joint"),
         ("missing.urdf", "tip", "missing.urdf: not a readable URDF .No such file"),
+        (PENDULUM.format(kind="revolute").replace("1.5", "-1.5"), "tip", "mass of link 'rod' is -1.5 kg"),
+        (PENDULUM.format(kind="revolute").replace("1.5", "nan"), "tip", "mass of link 'rod' is nan kg"),
+        (PENDULUM.format(kind="revolute").replace("1.5", "much"), "tip", "not a readable URDF .*much"),
     ],
 )
 def test_a_bad_urdf_is_one_clear_line(urdf, tip, message):
     with pytest.raises(InputError, match=message) as caught:
         RigidBody.from_urdf(urdf, tip)
     assert "\n" not in str(caught.value)
+
+
+def test_a_joint_that_moves_no_mass_is_named():
+    urdf = PENDULUM.format(kind="revolute")
+    inertial = urdf[urdf.index("<inertial>") : urdf.index("</inertial>") + len("</inertial>")]
+    assert RigidBody.from_urdf(urdf, "tip").weightless_joint == ""
+    assert RigidBody.from_urdf(urdf.replace(inertial, ""), "tip").weightless_joint == "pivot"

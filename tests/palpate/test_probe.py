@@ -1,6 +1,8 @@
 """`palpate probe` on the simulated arm."""
 
 import json
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +15,7 @@ from control.phases import Phase
 from control.rigid_body import RigidBody
 from estimation.data import session_channels
 from palpate.probing_run import PLAN
+from palpate.robots import find_robot
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
 from sim_backend.scenario import MOST_SEED, parse_scenario
@@ -254,3 +257,30 @@ def test_a_demo_that_touches_nothing_says_so(tmp_path):
     result = run("demo", "-o", tmp_path / "x.mcap", "--scenario", tmp_path / "deep.yaml")
     assert result.exit_code == 1
     assert "no touch" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right", "words"),
+    [
+        (r"<inertial>.*?</inertial>", "", "joint 'shoulder' moves no mass"),
+        (r'<mass value="[^"]*"', '<mass value="-1"', "mass of link 'upper_arm' is -1 kg"),
+    ],
+)
+def test_an_arm_without_masses_is_refused_before_anything_moves(tmp_path, wrong, right, words):
+    shipped = find_robot("follower")
+    (tmp_path / "arm.urdf").write_text(re.sub(wrong, right, shipped.urdf_path.read_text(), flags=re.DOTALL))
+    text = re.sub("^urdf: .*$", "urdf: arm.urdf", shipped.text, flags=re.MULTILINE)
+    (tmp_path / "arm.yaml").write_text(re.sub("^dh: .*$", "", text, flags=re.MULTILINE))
+    out = tmp_path / "x.mcap"
+    assert_refused(run("probe", "--robot", tmp_path / "arm.yaml", "-o", out), words)
+    assert not out.exists()
+
+
+def test_another_arm_s_dh_table_is_refused_before_anything_moves(tmp_path):
+    shipped = find_robot("follower")
+    shutil.copytree(shipped.path.parent, tmp_path / "arm")
+    table = tmp_path / "arm" / "follower.dh.yaml"
+    table.write_text(table.read_text().replace("a_m: 0.25", "a_m: 0.26"))
+    out = tmp_path / "x.mcap"
+    assert_refused(run("probe", "--robot", tmp_path / "arm" / "follower.yaml", "-o", out), "10 mm from")
+    assert not out.exists()
