@@ -1,14 +1,14 @@
 """Runs estimators over the channels of a session or data file."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from estimation.base_model import ModelContext
-from estimation.channel import ChannelData
+from estimation.channel import ChannelData, ChannelKind
 from estimation.data.channels import is_session, load_channels, session_channels
 from estimation.data.import_options import ImportOptions
 from estimation.estimate import Estimate
@@ -31,6 +31,11 @@ SEED = 1  # of the random choices of RANSAC
 OFFSET = "contact_offset.offset"
 DEFAULT_MODEL = "kelvin_voigt"
 NO_OPTIONS = ImportOptions()
+_IN_WORDS = {
+    ChannelKind.CONTACT: "contact",
+    ChannelKind.PRISMATIC: "prismatic joint",
+    ChannelKind.REVOLUTE: "revolute joint",
+}
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,7 @@ class Material:
         path: session or data file.
         session: None for a data file.
         channels: what was measured.
-        truth: true parameters, where the session was simulated.
+        truth: true parameters of the object, where the session was simulated.
         arm: what the channels belong to.
     """
 
@@ -76,10 +81,19 @@ class Material:
         kinds = MODELS[model].channels
         found = tuple(channel for channel in self.channels if channel.kind in kinds)
         if not found:
-            wanted = " or ".join(sorted(kinds))
+            wanted = " or ".join(_IN_WORDS[kind] for kind in sorted(kinds))
             there = ", ".join(f"{channel.name} ({channel.kind})" for channel in self.channels)
-            raise InputError(f"{self.path}: model '{model}' describes a {wanted}, its channels are: {there}")
+            hint = (
+                "" if self.session is None or ChannelKind.CONTACT not in kinds else "; was anything touched?"
+            )
+            raise InputError(
+                f"{self.path}: model '{model}' describes a {wanted}, its channels are: {there}{hint}"
+            )
         return found
+
+    def truth_of(self, channel: ChannelData) -> Mapping[str, float]:
+        """True parameters of a channel, as far as they are known: those of the object, not of the joints."""
+        return self.truth if channel.kind is ChannelKind.CONTACT else {}
 
 
 @dataclass(frozen=True)
@@ -131,7 +145,7 @@ def load_material(path: Path, options: ImportOptions = NO_OPTIONS, *, tared: boo
 
     Args:
         path: either.
-        options: for a data file.
+        options: for a data file; none for a session.
         tared: take the force in free air off that of a probing, to estimate; else leave it as it was
             measured, to look for what is wrong with it.
 
@@ -141,6 +155,8 @@ def load_material(path: Path, options: ImportOptions = NO_OPTIONS, *, tared: boo
     existing_file(path, "session or data file")
     if not is_session(path):
         return Material(path, None, load_channels(path, options, tared=tared), {}, NO_ARM)
+    if options != NO_OPTIONS:
+        raise InputError(f"{path}: is a session; --column, --unit, --where and --context are for data files")
     session = Session.open(path)
     channels = session_channels(session, tared=tared)
     return Material(path, session, channels, true_parameters(session), arm_of(session))

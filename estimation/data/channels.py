@@ -17,9 +17,9 @@ _DEFAULT = ImportOptions()
 
 
 def is_session(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is a session, by its first bytes; by its ending if there is no such file."""
+    """Whether a file is or should be a session: by its ending, or by its first bytes."""
     place = Path(path)
-    if not place.is_file():
+    if place.suffix == ".mcap" or not place.is_file():
         return place.suffix == ".mcap"
     with place.open("rb") as file:
         return file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC

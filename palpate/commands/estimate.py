@@ -60,8 +60,9 @@ def command(  # noqa: PLR0917, one parameter an option
     channels = [only_runs(channel, run) for channel in material.described_by(model)]
     found = [estimate_with(channel, model, names, arm) for channel in channels]
     if as_json:
-        results = [as_data(each, material.truth) for each in found]
-        console.print_json({"file": str(file), "model": model, "channels": results})
+        results = [as_data(each, material.truth_of(each.channel)) for each in found]
+        cut_off = material.session is not None and material.session.truncated
+        console.print_json({"file": str(file), "model": model, "cut_off": cut_off, "channels": results})
     else:
         _print(material, found)
 
@@ -90,9 +91,14 @@ def only_runs(channel: ChannelData, runs: str | None) -> ChannelData:
 def _print(material: Material, found: list[ChannelEstimates]) -> None:
     out = console.stdout()
     out.print(f"[bold]{safe(shown(material.path))}[/bold]: {count(len(found), 'channel')}")
+    if material.session is not None and material.session.truncated:
+        out.print(
+            "  [yellow]the session is cut off: what follows is from what was written until then[/yellow]"
+        )
     for each in found:
-        out.print(estimate_table(each, material.truth, out.width))
-        for remark in remarks(each, material.truth):
+        truth = material.truth_of(each.channel)
+        out.print(estimate_table(each, truth, out.width))
+        for remark in remarks(each, truth):
             out.print(f"  {safe(remark)}")
     if material.session is not None:
         console.next_steps((f"palpate inspect {shown(material.path)}", "see it in Rerun"))

@@ -243,3 +243,36 @@ def test_a_value_has_as_many_digits_as_its_uncertainty_allows(value, uncertainty
 def test_an_unknown_interval_is_shown_as_unknown():
     unknown = ParameterEstimate("k", "N/m", 5.0, float("nan"), (float("nan"), float("nan")))
     assert with_interval(unknown) == "5 ± ?"
+
+
+def test_the_object_s_truth_is_not_held_against_a_joint(probed):
+    data = estimate_json(probed[0], "--model", "spring_mass_damper", "--estimator", "lsq")
+    assert data["channels"][0]["channel"] == "joint_1"
+    for channel in data["channels"]:
+        assert channel["truth"] == {}
+        assert "truth" not in channel["estimates"][0]["parameters"]["stiffness.k"]
+    assert "truth" not in run("estimate", probed[0], "--model", "spring_mass_damper").stdout
+
+
+def test_a_session_that_is_cut_off_is_said_to_be(probed, tmp_path):
+    whole, part = probed[0].read_bytes(), tmp_path / "part.mcap"
+    part.write_bytes(whole[: len(whole) * 2 // 3])
+    assert "the session is cut off" in run("estimate", part).stdout
+    assert estimate_json(part)["cut_off"]
+    assert not estimate_json(probed[0])["cut_off"]
+    assert "cut off" not in run("estimate", probed[0]).stdout
+
+
+@pytest.mark.parametrize("content", [b"", b"nonsense", b"\0" * 100])
+def test_what_is_called_a_session_and_is_none_is_not_taken_for_a_data_file(tmp_path, content):
+    (tmp_path / "x.mcap").write_bytes(content)
+    assert_refused(run("estimate", tmp_path / "x.mcap"), "no session")
+
+
+def test_options_of_data_files_are_refused_for_a_session(probed):
+    assert_refused(run("estimate", probed[0], "--column", "force_N=load"), "--column", "data files")
+
+
+def test_a_model_for_something_else_is_refused_in_words(probed, tmp_path):
+    refused = run("estimate", contact_csv(tmp_path / "mine.csv"), "--model", "inertia")
+    assert_refused(refused, "describes a prismatic joint or revolute joint", "contact (contact)")
