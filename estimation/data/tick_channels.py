@@ -46,7 +46,8 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
 
     A move between two runs belongs to the run after it. The context holds the whole arm's motion as
     `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints), and what its tip does:
-    `contact_force` (n,), positive in compression, and `press_direction_world` (n, 3).
+    `contact_force` (n,), positive in compression and less what the sensor reads in free air, and
+    `press_direction_world` (n, 3).
 
     Args:
         ticks: the stream "tick".
@@ -63,7 +64,7 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
         "joint_position": np.column_stack([position for position, _, _ in motions]),
         "joint_velocity": np.column_stack([velocity for _, velocity, _ in motions]),
         "joint_acceleration": np.column_stack([acceleration for _, _, acceleration in motions]),
-        "contact_force": np.nan_to_num(chosen["force_n"]),
+        "contact_force": _above_free_air(np.nan_to_num(chosen["force_n"]), run, chosen["phase"]),
         "press_direction_world": chosen["press_direction_world"],
     }
     torque = chosen.vector("torque_measured_nm")
@@ -80,6 +81,11 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
         )
         for joint, motion in enumerate(motions)
     )
+
+
+def _above_free_air(force_n: FloatArray, run: IntArray, phase: IntArray) -> FloatArray:
+    """Force less its mean in each run's free air: no joint feels a sensor's bias."""
+    return force_n - _tare(list(find_contacts(force_n, run, phase))).of(run)
 
 
 def _good(ticks: Samples, *status_columns: str) -> BoolArray:

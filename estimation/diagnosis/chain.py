@@ -17,6 +17,7 @@ from estimation.diagnosis.selection import (
     close_to_best,
     evidence,
     hopeless,
+    is_possible,
     screen,
 )
 from estimation.diagnosis.standing import Standing, stand
@@ -178,7 +179,7 @@ def _next(
             continue
         after = search.stand([*names, chosen.effect.name], chosen.search.best.parameters)
         weighed = evidence(before, after, found, chosen, search.rng)
-        if weighed.enough:
+        if weighed.enough and is_possible(chosen.effect, after.trial, after.plain):
             return Step(chosen.effect.name, weighed, after), None
         refused = refused or (chosen, weighed)
     return None, refused
@@ -215,7 +216,7 @@ def _redo(search: Search, start: Standing, names: Sequence[str], end: Standing) 
             return None
         after = end if count == len(names) else search.stand(names[:count], chosen.search.best.parameters)
         weighed = evidence(before, after, found, chosen, search.rng)
-        if not weighed.enough:
+        if not (weighed.enough and is_possible(chosen.effect, after.trial, after.plain)):
             return None
         steps.append(Step(name, weighed, after))
         before = after

@@ -12,7 +12,7 @@ from estimation.diagnosis.trial import Bench, Search, Trial, look, refine
 from estimation.effect import Effect
 from estimation.model import Model
 from estimation.runwise import sample_time
-from robot_io.types import FloatArray
+from robot_io.types import BoolArray, FloatArray
 
 LEAST_GAIN = 0.02  # of the held-out error; less is not worth a name, whatever its significance
 # Of the held-out error sample by sample, which is what a user sees; a joint's model has noise in it as well.
@@ -26,6 +26,7 @@ TRIES = 3  # candidates weighed before giving up
 MOST = 0.95  # of what the best candidate takes away; a simpler one that does as much comes first
 PROMISING = 0.3  # of what the best candidate takes away at its starts; those below are not tried in between
 REFINED = 5  # candidates that are tried in between in any case
+LOOSE = 0.05  # of the effort, that a gain may be off its bounds before all parameters are fitted together
 TIE = 0.02  # of the squared held-out error; candidates closer than this are told apart by simplicity only
 
 
@@ -73,7 +74,7 @@ def screen(
     for effect, tried, gain in zip(effects, looked, gains, strict=True):
         promising = gain >= least
         best = refine(standing.plain, model.with_effect(effect), effect, tried) if promising else tried
-        if _possible(effect, best.best, standing.plain):
+        if is_possible(effect, best.best, standing.plain, LOOSE):
             found.append(Candidate(effect, best))
     return sorted(found, key=lambda candidate: candidate.held_out)
 
@@ -190,20 +191,37 @@ def _fall(before: float, after: float) -> float:
     return float(1.0 - np.sqrt(after / before)) if before > 0.0 else 0.0
 
 
-def _possible(effect: Effect, trial: Trial, bench: Bench) -> bool:
-    """Whether the effect's parameters make physical sense, and what makes it what it is is there."""
-    for parameter in effect.gains:
+def is_possible(effect: Effect, trial: Trial, bench: Bench, loose: float = 0.0) -> bool:
+    """Whether the effect's parameters make physical sense, and what makes it what it is is there.
+
+    Args:
+        effect: part of the model.
+        trial: of the model.
+        bench: where.
+        loose: effort, as a share of the whole, that a gain may be beyond its bounds.
+    """
+    effort = loose * float(np.sqrt(np.mean(trial.target**2)))
+    for column, parameter in zip(_own_columns(effect, trial).T, effect.gains, strict=True):
         name = f"{effect.name}.{parameter.name}"
         value, slack = trial.parameters[name], 2.0 * trial.spread[name]
+        slack += effort / max(float(np.sqrt(np.mean(column**2))), 1e-300)
         if not parameter.lower - slack <= value <= parameter.upper + slack:
             return False
     # no time stamp is better than half a step
     half = 0.5 * sample_time(bench.frame.data.time_s, bench.frame.data.run)
     if any(trial.parameters[f"{effect.name}.{p.name}"] < half for p in effect.inner if p.unit == "s"):
         return False
-    own = np.array([name.startswith(f"{effect.name}.") for name in trial.model.gains], dtype=np.bool_)
-    simpler = effect.simpler(trial.columns[:, own])
-    if simpler.shape[1] == own.sum():
+    simpler = effect.simpler(_own_columns(effect, trial))
+    if simpler.shape[1] == len(effect.gains):
         return True
-    without = bench.fit(np.column_stack([trial.columns[:, ~own], simpler]), trial.target)
+    others = trial.columns[:, ~_is_own(effect, trial)]
+    without = bench.fit(np.column_stack([others, simpler]), trial.target)
     return float(without.sse.sum()) - trial.sse >= LEAST_GAIN * trial.sse
+
+
+def _is_own(effect: Effect, trial: Trial) -> BoolArray:
+    return np.array([name.startswith(f"{effect.name}.") for name in trial.model.gains], dtype=np.bool_)
+
+
+def _own_columns(effect: Effect, trial: Trial) -> FloatArray:
+    return trial.columns[:, _is_own(effect, trial)]
