@@ -1,16 +1,19 @@
 """`palpate inspect` and `palpate demo`: what is written, and what is refused."""
 
+import errno
 import json
+import resource
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 from rerun.chunk import RrdReader
 
 from palpate.doctor.viewer import has_vulkan_driver
 from palpate.views import viewer
 from robot_io.session import Session
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import assert_refused, run, run_process
 from tests.palpate.sessions import synthetic_session
 
 PLOTS = {"force-displacement.png", "force-time.png", "residual.png", "torque.png"}
@@ -136,3 +139,26 @@ def test_the_session_itself_is_never_replaced(probed, option):
     before = probed[0].read_bytes()
     assert_refused(run("inspect", probed[0], option, probed[0], "--force"), "is what is read")
     assert probed[0].read_bytes() == before
+
+
+def test_a_recording_on_a_full_disk_is_refused_in_words_and_leaves_no_half_of_it(probed, tmp_path):
+    def small():  # no file may grow beyond this: to a program it is a disk that is full
+        resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
+
+    out = tmp_path / "x.rrd"
+    result = run_process("inspect", probed[0], "--save", out, preexec_fn=small)
+    assert result.returncode == 2, result.stderr
+    assert f"palpate: cannot write {out}: " in result.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_plot_on_a_full_disk_is_refused_in_words_and_leaves_no_half_of_it(probed, tmp_path, monkeypatch):
+    def fill(_figure, path, **_):
+        path.write_bytes(b"half a picture")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Figure, "savefig", fill)
+    result = run("inspect", probed[0], "--save", tmp_path / "x.rrd", "--plots", tmp_path / "plots")
+    assert result.exit_code == 2
+    assert "No space left on device" in result.stderr
+    assert not list((tmp_path / "plots").iterdir())

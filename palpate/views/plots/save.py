@@ -68,5 +68,6 @@ def _save(name: str, draw: Callable[[], Figure], folder: Path) -> Path:
         with style.house_style():
             draw().savefig(path)
     except OSError as error:
+        path.unlink(missing_ok=True)  # what is there of it
         raise InputError(f"cannot write {path}: {error.strerror}") from error
     return path

@@ -37,5 +37,7 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
         unfinished.replace(path)
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror}") from error
+    except RuntimeError as error:  # what Rerun makes of a full disk
+        raise InputError(f"cannot write {path}: {' '.join(str(error).split())}") from error
     finally:
         unfinished.unlink(missing_ok=True)
