@@ -5,7 +5,7 @@ import subprocess
 
 import numpy as np
 
-from control.timing import SectionTiming
+from control.loop.timing import SectionTiming
 
 _LONGEST_US = 20_000
 

@@ -13,12 +13,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Column, Table
 
-from control.loop import run_loop
-from control.phases import Phase
-from control.probing import ProbingTask
-from control.probing_plan import ProbingPlan
-from control.task import TaskOutput
-from control.tick_record import NO_ESTIMATE, Estimates, tick_stream
+from control.loop.loop import run_loop
+from control.loop.phases import Phase
+from control.loop.task import TaskOutput
+from control.loop.tick_record import NO_ESTIMATE, Estimates, tick_stream
+from control.probing.plan import ProbingPlan
+from control.probing.task import ProbingTask
 from palpate.robots import find_robot, shipped_robots
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue

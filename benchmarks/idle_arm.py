@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from control.phases import Phase
-from control.task import TaskOutput
+from control.loop.phases import Phase
+from control.loop.task import TaskOutput
 from robot_io.clock import Clock
 from robot_io.guard import Guard
 from robot_io.interfaces import ForceSensor, JointEncoder, JointTorque

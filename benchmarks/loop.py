@@ -15,12 +15,12 @@ from idle_arm import JOINTS, IdleTask, idle_robot
 from rich.console import Console
 from rich.table import Column, Table
 
-from control.loop import run_loop
-from control.loop_result import LoopResult
-from control.probing_plan import ProbingPlan
-from control.realtime import realtime
-from control.tick_record import tick_stream
-from control.timing import SectionTiming
+from control.loop.loop import run_loop
+from control.loop.realtime import realtime
+from control.loop.result import LoopResult
+from control.loop.tick_record import tick_stream
+from control.loop.timing import SectionTiming
+from control.probing.plan import ProbingPlan
 from palpate.probing_run import ProbingJob, run_probing
 from palpate.robots import find_robot
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock

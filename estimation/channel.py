@@ -44,7 +44,7 @@ class ChannelData:
         acceleration: second derivative of position, without phase error.
         effort: what was measured and is to be explained.
         run: number of the run (one approach, one recording) that each sample belongs to.
-        phase: numbers of `control.phases.Phase`, or -1 where unknown.
+        phase: numbers of `control.loop.phases.Phase`, or -1 where unknown.
         context: other signals that an effect may need, by name, each of shape (n,) or (n, k); the face shows
             which are there. `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints) for an arm;
             `load` (n,), the effort a joint carries apart from friction.

@@ -8,12 +8,12 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.contact import contact_rows
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
-from estimation.fit import Fit, fit
-from estimation.least_squares import solve
+from estimation.fitting.fit import Fit, fit
+from estimation.fitting.least_squares import solve
+from estimation.fitting.problem import Problem
 from estimation.model import Model
-from estimation.problem import Problem
 from estimation.regression import Regression
-from estimation.uncertainty import Covariance, assemble, common_error_covariance
+from estimation.statistics.uncertainty import Covariance, assemble, common_error_covariance
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
 

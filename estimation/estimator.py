@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from estimation.estimate import Estimate
-from estimation.loss import Loss
+from estimation.fitting.loss import Loss
 from estimation.regression import Regression
 from robot_io.types import FloatArray
 

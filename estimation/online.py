@@ -5,11 +5,11 @@ from collections import deque
 
 import numpy as np
 
-from control.gains import TouchGains
-from control.running_mean import RunningMean
-from control.task import TaskOutput
-from control.tick_record import NO_ESTIMATE, Estimates
-from control.touch import release_force_n, touch_force_n
+from control.laws.gains import TouchGains
+from control.laws.touch import release_force_n, touch_force_n
+from control.loop.task import TaskOutput
+from control.loop.tick_record import NO_ESTIMATE, Estimates
+from control.probing.running_mean import RunningMean
 from estimation.data.derivatives import centre_slope
 from estimation.estimator import OnlineEstimator
 from robot_io.types import Measurement, Status
@@ -35,7 +35,7 @@ class OnlineContactEstimator:
 
     Args:
         estimator: takes one sample at a time.
-        touch: what counts as contact, by the controller's own rule (see `control.touch`).
+        touch: what counts as contact, by the controller's own rule (see `control.laws.touch`).
         half_window: samples on either side that go into a velocity.
     """
 
@@ -56,7 +56,7 @@ class OnlineContactEstimator:
         self.in_contact = False
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """Take in one tick; see `control.journal.Observer`.
+        """Take in one tick; see `control.loop.journal.Observer`.
 
         Returns:
             The newest estimates, NaN before there are any.

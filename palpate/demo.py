@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from control.probing_plan import ProbingPlan
+from control.probing.plan import ProbingPlan
 from estimation.estimators import ESTIMATORS
 from palpate.estimation_run import DEFAULT_MODEL, ChannelEstimates, Material, estimate_with, load_material
 from palpate.files import output_folder

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from control.phases import Phase
+from control.loop.phases import Phase
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.channels import session_channels
 from palpate.estimate_report import markdown_summary

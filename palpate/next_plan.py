@@ -5,7 +5,7 @@ from typing import Any
 
 import yaml
 
-from control.probing_plan import ProbingPlan
+from control.probing.plan import ProbingPlan
 from estimation.diagnosis.result import NextExperiment
 from palpate.probing_run import PLAN
 from robot_io.errors import InputError

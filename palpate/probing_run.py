@@ -9,17 +9,17 @@ from pathlib import Path
 
 import yaml
 
-from control.dh_check import check_dh_table
-from control.gains import TouchGains, gains_of
-from control.journal import Observer
-from control.loop import run_loop
-from control.loop_result import LoopResult, Outcome
-from control.probing import ProbingTask
-from control.probing_plan import ProbingPlan
-from control.realtime import realtime
-from control.rigid_body import RigidBody
-from control.task import TaskOutput
-from control.tick_record import NO_ESTIMATE, Estimates, tick_stream
+from control.arm.dh_check import check_dh_table
+from control.arm.rigid_body import RigidBody
+from control.laws.gains import TouchGains, gains_of
+from control.loop.journal import Observer
+from control.loop.loop import run_loop
+from control.loop.realtime import realtime
+from control.loop.result import LoopResult, Outcome
+from control.loop.task import TaskOutput
+from control.loop.tick_record import NO_ESTIMATE, Estimates, tick_stream
+from control.probing.plan import ProbingPlan
+from control.probing.task import ProbingTask
 from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator

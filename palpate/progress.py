@@ -6,9 +6,9 @@ from contextlib import contextmanager
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
-from control.phases import Phase
-from control.probing_plan import ProbingPlan
-from control.task import TaskOutput
+from control.loop.phases import Phase
+from control.loop.task import TaskOutput
+from control.probing.plan import ProbingPlan
 from palpate import console
 from palpate.probing_run import NOBODY, Watcher
 from palpate.words import count

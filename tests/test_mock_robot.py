@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from control.rigid_body import RigidBody
+from control.arm.rigid_body import RigidBody
 from tests.mock_robot import URDF, MockPlant, build_mock_robot, mock_bus
 
 POSE = np.array([-0.9, 1.2, 0.7])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from control.probing_plan import ProbingPlan
+from control.probing.plan import ProbingPlan
 from estimation.base_model import ModelContext
 from estimation.data import load_channels
 from estimation.estimate_channel import estimate_channel

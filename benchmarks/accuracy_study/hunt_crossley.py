@@ -4,9 +4,9 @@ import numpy as np
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
-from estimation.fit import Fit, fit
-from estimation.least_squares import solve
-from estimation.loss import Loss
+from estimation.fitting.fit import Fit, fit
+from estimation.fitting.least_squares import solve
+from estimation.fitting.loss import Loss
 from estimation.models import MODELS
 from robot_io.types import FloatArray
 

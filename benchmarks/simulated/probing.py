@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from control.probing_plan import ProbingPlan
+from control.probing.plan import ProbingPlan
 from estimation.diagnosis import ChannelDiagnosis, diagnose
 from palpate.estimation_run import load_material
 from palpate.probing_run import ProbingJob, run_probing

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from control.phases import Phase
+from control.loop.phases import Phase
 from estimation.channel import ChannelData
 from robot_io.types import BoolArray, FloatArray
 

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from control.tick_record import STREAM_NAME
+from control.loop.tick_record import STREAM_NAME
 from estimation.channel import ChannelData
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions

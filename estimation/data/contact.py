@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from control.phases import Phase
-from control.touch import touch_force_n
-from estimation.serial_covariance import sum_covariance
+from control.laws.touch import touch_force_n
+from control.loop.phases import Phase
+from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _LASTING = 3  # samples in a row
@@ -43,7 +43,7 @@ def find_contacts(force_n: FloatArray, run: IntArray, phase: IntArray) -> tuple[
     Args:
         force_n: shape (n,), positive in compression [N].
         run: shape (n,).
-        phase: shape (n,), numbers of `control.phases.Phase`.
+        phase: shape (n,), numbers of `control.loop.phases.Phase`.
     """
     return tuple(
         _contact_of(int(number), np.flatnonzero(run == number), force_n, phase) for number in np.unique(run)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.blocks import blocks
 from estimation.data.local_fit import even_coefficients, local_fit
+from estimation.signals.blocks import blocks
 from robot_io.types import FloatArray, IntArray
 
 _HALF_WINDOWS = (2, 3, 4, 5, 7, 10, 14, 20, 28)

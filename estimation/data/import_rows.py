@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from control.phases import Phase
+from control.loop.phases import Phase
 from estimation.data.assign_columns import Columns
 from estimation.data.table import Table
 from robot_io.errors import InputError
@@ -22,7 +22,7 @@ class Rows:
         order: index in the table of each row, shape (n,).
         time_s: shape (n,), strictly increasing within a run [s].
         run: shape (n,).
-        phase: shape (n,), numbers of `control.phases.Phase`, or -1 where unknown.
+        phase: shape (n,), numbers of `control.loop.phases.Phase`, or -1 where unknown.
         labels: what the file calls each run.
     """
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from estimation.least_squares import solve
+from estimation.fitting.least_squares import solve
+from estimation.statistics.uncertainty import common_error_covariance, sandwich
 from estimation.surface import Surface
 from estimation.tare import Tare
-from estimation.uncertainty import common_error_covariance, sandwich
 from robot_io.types import FloatArray, IntArray
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from control.phases import Phase
-from control.task import NO_RUN
+from control.loop.phases import Phase
+from control.loop.task import NO_RUN
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.contact import Contact, find_contacts
 from estimation.data.derivatives import differentiate

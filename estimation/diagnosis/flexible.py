@@ -11,7 +11,7 @@ from estimation.channel import ChannelKind
 from estimation.diagnosis.frame import Frame
 from estimation.diagnosis.moments import Moments, moments_of, score
 from estimation.diagnosis.trial import Bench, Trial
-from estimation.runwise import low_pass, play, rate, running_max, sample_time
+from estimation.signals.runwise import low_pass, play, rate, running_max, sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _KNOTS = 9

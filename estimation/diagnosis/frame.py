@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.runwise import sample_time
+from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 # Blocks per second aimed at; slower data is taken as it is. A joint's effort goes with an acceleration

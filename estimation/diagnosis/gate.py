@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.runwise import per_run, sample_time
+from estimation.signals.runwise import per_run, sample_time
 from robot_io.types import BoolArray, FloatArray
 
 LEAST_SAMPLES = 100

@@ -8,7 +8,7 @@ from estimation.diagnosis.polish import polish
 from estimation.diagnosis.standing import Standing
 from estimation.diagnosis.trial import Bench, Trial, attempt
 from estimation.diagnosis.unexplained import is_explained
-from estimation.serial_covariance import sum_covariance
+from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import FloatArray, IntArray
 
 _STEP = 1e-3  # of an inner parameter in a difference quotient, relative to its value or typical range

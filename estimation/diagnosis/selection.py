@@ -11,7 +11,7 @@ from estimation.diagnosis.surrogates import best_gains, p_value, surrogates
 from estimation.diagnosis.trial import Bench, Search, Trial, look, refine
 from estimation.effect import Effect
 from estimation.model import Model
-from estimation.runwise import sample_time
+from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray
 
 LEAST_GAIN = 0.02  # of the held-out error; less is not worth a name, whatever its significance

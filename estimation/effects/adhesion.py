@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
-from estimation.runwise import running_max
+from estimation.signals.runwise import running_max
 from robot_io.types import FloatArray
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
-from estimation.moved import moved
-from estimation.runwise import play
+from estimation.signals.moved import moved
+from estimation.signals.runwise import play
 
 
 class Backlash(MotionEffect):

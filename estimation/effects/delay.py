@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
-from estimation.runwise import sample_time, shift
+from estimation.signals.runwise import sample_time, shift
 from robot_io.types import FloatArray
 
 

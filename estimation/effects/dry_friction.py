@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
-from estimation.runwise import direction
+from estimation.signals.runwise import direction
 from robot_io.types import FloatArray
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
-from estimation.runwise import play
+from estimation.signals.runwise import play
 from robot_io.types import FloatArray
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
-from estimation.moved import moved
-from estimation.runwise import rate
+from estimation.signals.moved import moved
+from estimation.signals.runwise import rate
 
 
 class JointElasticity(MotionEffect):

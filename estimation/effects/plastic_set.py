@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
-from estimation.runwise import running_max
+from estimation.signals.runwise import running_max
 
 
 class PlasticSet(MotionEffect):

@@ -17,7 +17,7 @@ class RigidBodyFitted(AdditiveEffect):
 
     Args:
         chosen: columns of the regressor that are independent of each other, ten a link (see
-            `control.rigid_body.RigidBody.regressor`); what the others would add, these take over.
+            `control.arm.rigid_body.RigidBody.regressor`); what the others would add, these take over.
     """
 
     name = "rigid_body_fitted"

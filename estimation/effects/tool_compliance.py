@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
-from estimation.runwise import low_pass, rate, sample_time
+from estimation.signals.runwise import low_pass, rate, sample_time
 
 
 class ToolCompliance(MotionEffect):

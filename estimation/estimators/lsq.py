@@ -4,9 +4,9 @@ import numpy as np
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
-from estimation.least_squares import solve
+from estimation.fitting.least_squares import solve
 from estimation.regression import Regression
-from estimation.uncertainty import assemble, sandwich
+from estimation.statistics.uncertainty import assemble, sandwich
 
 
 class Lsq(Estimator):

@@ -7,12 +7,12 @@ from scipy import stats
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
-from estimation.least_squares import solve
-from estimation.loss import Loss
-from estimation.noise_level import robust_sigma
+from estimation.fitting.least_squares import solve
+from estimation.fitting.loss import Loss
+from estimation.fitting.subsets import solve_subsets
 from estimation.regression import Regression
-from estimation.subsets import solve_subsets
-from estimation.uncertainty import Covariance, assemble, sandwich
+from estimation.statistics.noise_level import robust_sigma
+from estimation.statistics.uncertainty import Covariance, assemble, sandwich
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray, IntArray
 

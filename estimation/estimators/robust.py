@@ -4,12 +4,12 @@ import numpy as np
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
-from estimation.least_squares import solve
-from estimation.loss import Loss, absolute_share
-from estimation.noise_level import NoiseLevel, fit_noise_level, robust_sigma
+from estimation.fitting.least_squares import solve
+from estimation.fitting.loss import Loss, absolute_share
+from estimation.fitting.subsets import solve_subsets
 from estimation.regression import Regression
-from estimation.subsets import solve_subsets
-from estimation.uncertainty import assemble, sandwich
+from estimation.statistics.noise_level import NoiseLevel, fit_noise_level, robust_sigma
+from estimation.statistics.uncertainty import assemble, sandwich
 from robot_io.types import BoolArray, FloatArray
 
 _CUT = 4.685  # of the biweight, in sigmas: 95 % efficient at Gaussian noise

@@ -4,10 +4,10 @@ import numpy as np
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
-from estimation.least_squares import solve
-from estimation.noise_level import fit_noise_level
+from estimation.fitting.least_squares import solve
 from estimation.regression import Regression
-from estimation.uncertainty import assemble, sandwich
+from estimation.statistics.noise_level import fit_noise_level
+from estimation.statistics.uncertainty import assemble, sandwich
 from robot_io.types import FloatArray
 
 _ROUNDS = 5  # the weights depend on the gains only weakly: they have settled by then

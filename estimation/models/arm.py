@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import qr
 
-from control.rigid_body import RigidBody
+from control.arm.rigid_body import RigidBody
 from estimation.base_model import ModelContext
 from robot_io.errors import InputError
 

@@ -1,11 +1,11 @@
 """An arm whose masses are those of its URDF."""
 
-from estimation.arm_signals import with_rigid_body
 from estimation.base_model import BaseModel, ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effects.rigid_body import RigidBody
 from estimation.model import Model
 from estimation.models.arm import arm_of
+from estimation.signals.arm_signals import with_rigid_body
 
 
 class RigidBodyModel(BaseModel):

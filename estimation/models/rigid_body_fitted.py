@@ -1,12 +1,12 @@
 """An arm whose masses are found from the data."""
 
-from estimation.arm_signals import with_rigid_body
 from estimation.base_model import BaseModel, ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effects.rigid_body_fitted import RigidBodyFitted
 from estimation.effects.viscous_friction import ViscousFriction
 from estimation.model import Model
 from estimation.models.arm import arm_of, base_columns
+from estimation.signals.arm_signals import with_rigid_body
 
 
 class RigidBodyFittedModel(BaseModel):

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from control.loop_result import Outcome
-from control.probing_plan import ProbingPlan, load_probing_plan
+from control.loop.result import Outcome
+from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate import console
 from palpate.files import existing_file, output_file
 from palpate.hiding import RANDOM

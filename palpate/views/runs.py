@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.lines import Line2D
 
-from control.phases import Phase
+from control.loop.phases import Phase
 from estimation.channel import ChannelData
 from palpate.views import style
 from robot_io.types import BoolArray

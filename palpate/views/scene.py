@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from control.phases import Phase
+from control.loop.phases import Phase
 from estimation.estimate import Estimate, ParameterEstimate
 from palpate.views.columns import Columns
 from robot_io.session import Event

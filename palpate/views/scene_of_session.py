@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from control.tick_record import STREAM_NAME
+from control.loop.tick_record import STREAM_NAME
 from estimation.estimate import Estimate
 from palpate.truth import SURFACE
 from palpate.views.columns import Columns

@@ -8,7 +8,7 @@ from matplotlib import font_manager, rc_context
 from matplotlib.colors import LinearSegmentedColormap, to_hex
 from matplotlib.figure import Figure
 
-from control.phases import Phase
+from control.loop.phases import Phase
 
 INK = "#1d2733"
 MUTED = "#66727f"

@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from control.phases import Phase
-from control.task import TaskEvent, TaskOutput
-from control.tick_record import tick_stream
+from control.loop.phases import Phase
+from control.loop.task import TaskEvent, TaskOutput
+from control.loop.tick_record import tick_stream
 from robot_io.clock import Clock, SimulatedClock
 from robot_io.guard import Guard
 from robot_io.types import Command

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from control.gains import Gains
-from control.inverse_kinematics import Elbow, PlanarArm
-from control.phases import Phase
-from control.probing import ProbingTask
-from control.probing_plan import ProbingPlan
-from control.task import TaskEvent, TaskOutput
+from control.arm.inverse_kinematics import Elbow, PlanarArm
+from control.laws.gains import Gains
+from control.loop.phases import Phase
+from control.loop.task import TaskEvent, TaskOutput
+from control.probing.plan import ProbingPlan
+from control.probing.task import ProbingTask
 from robot_io.types import Measurement
 from tests.control.reference_plant import DOWN, TOOL_AXIS_TIP, Plant, test_arm
 

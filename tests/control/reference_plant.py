@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from control.dh import DhRow, DhTable
-from control.dh_urdf import LinkInertia, dh_to_urdf
-from control.rigid_body import RigidBody
+from control.arm.dh import DhRow, DhTable
+from control.arm.dh_urdf import LinkInertia, dh_to_urdf
+from control.arm.rigid_body import RigidBody
 from robot_io.types import Measurement
 
 SUBSTEP_S = 0.00025

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from control.loop import run_loop
-from control.loop_result import LoopResult
-from control.probing import ProbingTask
-from control.probing_plan import ProbingPlan
-from control.rigid_body import RigidBody
+from control.arm.rigid_body import RigidBody
+from control.loop.loop import run_loop
+from control.loop.result import LoopResult
+from control.probing.plan import ProbingPlan
+from control.probing.task import ProbingTask
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.guard import Guard

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.admittance import Admittance, loading_acceleration, scheduled_admittance
-from control.gains import ContactGains
-from control.object_guess import Compliance, ObjectGuess
+from control.laws.admittance import Admittance, loading_acceleration, scheduled_admittance
+from control.laws.gains import ContactGains
+from control.laws.object_guess import Compliance, ObjectGuess
 
 DT_S = 0.001
 GAINS = ContactGains()

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from control.computed_torque import ComputedTorque
-from control.gains import TrackingGains
-from control.motion import JointMotion
-from control.trajectory import JointMove
+from control.laws.computed_torque import ComputedTorque
+from control.laws.gains import TrackingGains
+from control.paths.motion import JointMotion
+from control.paths.trajectory import JointMove
 from tests.control.probing_runs import TICK_S, plant_above
 from tests.control.reference_plant import test_arm
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from control.dh import DhRow, DhTable, load_dh_table
-from control.dh_urdf import LinkInertia, dh_to_urdf
-from control.rigid_body import RigidBody
+from control.arm.dh import DhRow, DhTable, load_dh_table
+from control.arm.dh_urdf import LinkInertia, dh_to_urdf
+from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
 from robot_io.safe_yaml import parse_yaml
 from tests.control.reference_plant import TABLE

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from control.excitation import Excitation, Profile, position_amplitude_m
-from control.object_guess import Compliance
+from control.laws.object_guess import Compliance
+from control.paths.excitation import Excitation, Profile, position_amplitude_m
 
 STEP_S = 1e-5
 SHAPES = ["multisine", "chirp"]

@@ -5,9 +5,9 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from control.gains import Gains, WitnessGains
-from control.probing_plan import ProbingPlan
-from control.rigid_body import RigidBody
+from control.arm.rigid_body import RigidBody
+from control.laws.gains import Gains, WitnessGains
+from control.probing.plan import ProbingPlan
 from robot_io.errors import SafetyTripError
 from robot_io.types import Reading, Status
 from tests.control.probing_runs import TICK_S, plant_above, probing_task, run_probing

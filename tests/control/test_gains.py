@@ -2,7 +2,7 @@
 
 import pytest
 
-from control.gains import Gains, gains_of
+from control.laws.gains import Gains, gains_of
 from robot_io.errors import InputError
 from robot_io.robot_file import parse_robot_file
 from tests.mock_robot import ROBOT_YAML

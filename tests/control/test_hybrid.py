@@ -5,12 +5,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from control.gains import Gains, TouchGains
-from control.hybrid import ContactSwitch, ForceGoal, HybridController, HybridReference
-from control.inverse_kinematics import Elbow, PlanarArm
-from control.motion import LineState
-from control.press_line import PressLine
-from control.trajectory import SpeedBlend
+from control.arm.inverse_kinematics import Elbow, PlanarArm
+from control.laws.gains import Gains, TouchGains
+from control.laws.hybrid import ContactSwitch, ForceGoal, HybridController, HybridReference
+from control.paths.motion import LineState
+from control.paths.press_line import PressLine
+from control.paths.trajectory import SpeedBlend
 from robot_io.errors import InputError
 from robot_io.types import Status
 from tests.control.probing_runs import TICK_S, plant_above

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from control.dh import DhRow, DhTable, load_dh_table
-from control.dh_urdf import dh_to_urdf
-from control.inverse_kinematics import Elbow, PlanarArm
-from control.rigid_body import RigidBody
+from control.arm.dh import DhRow, DhTable, load_dh_table
+from control.arm.dh_urdf import dh_to_urdf
+from control.arm.inverse_kinematics import Elbow, PlanarArm
+from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
 from tests.control.reference_plant import DOWN, TABLE, TOOL_AXIS_TIP, test_arm
 

@@ -5,11 +5,11 @@ from itertools import count
 import numpy as np
 import pytest
 
-import control.loop
-from control.loop import run_loop
-from control.loop_result import Outcome
-from control.phases import Phase
-from control.timing import SECTIONS
+import control.loop.loop
+from control.loop.loop import run_loop
+from control.loop.phases import Phase
+from control.loop.result import Outcome
+from control.loop.timing import SECTIONS
 from robot_io.clock import SimulatedClock
 from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
 from robot_io.robot import RobotState
@@ -125,7 +125,7 @@ def test_the_observer_sees_each_tick_and_its_estimates_are_logged_with_it():
 
 def test_the_sections_of_a_tick_make_up_the_tick(monkeypatch):
     looks = count(step=1e-5)  # a stopwatch on which 10 us pass between two looks, whatever the machine does
-    monkeypatch.setattr(control.loop, "perf_counter", lambda: next(looks))
+    monkeypatch.setattr(control.loop.loop, "perf_counter", lambda: next(looks))
     result, log = run(Arm(), Swing(done_at=200, torque_nm=0.0), observer=lambda *_: (1.0, 2.0, 3.0))
     assert list(result.timing) == list(SECTIONS)
     assert all(section.count == 200 for section in result.timing.values())

@@ -6,9 +6,9 @@ import signal
 import numpy as np
 import pytest
 
-from control.loop import run_loop
-from control.loop_result import Outcome
-from control.phases import Phase
+from control.loop.loop import run_loop
+from control.loop.phases import Phase
+from control.loop.result import Outcome
 from robot_io.clock import MonotonicClock
 from robot_io.errors import DeviceError, InputError, PalpateError, SafetyTripError
 from tests.control.loop_parts import AGE_LIMIT_S, RATE_HZ, STOP_TIME_S, Arm, MemoryLog, Swing

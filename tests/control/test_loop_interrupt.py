@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from control.interrupt import InterruptFlag
+from control.loop.interrupt import InterruptFlag
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from control.loop import run_loop
-from control.phases import Phase
-from control.tick_record import STREAM_NAME, tick_stream
+from control.loop.loop import run_loop
+from control.loop.phases import Phase
+from control.loop.tick_record import STREAM_NAME, tick_stream
 from robot_io.session import Session, SessionMetadata, SessionWriter
 from tests.control.loop_parts import JOINTS, RATE_HZ, Arm, Swing
 
@@ -42,8 +42,8 @@ def test_a_run_is_read_back_with_units_and_events(tmp_path):
 
 PROGRAM = """
 import sys
-from control.loop import run_loop
-from control.tick_record import tick_stream
+from control.loop.loop import run_loop
+from control.loop.tick_record import tick_stream
 from robot_io.clock import MonotonicClock
 from robot_io.session import SessionMetadata, SessionWriter
 from tests.control.loop_parts import JOINTS, RATE_HZ, Arm, Swing

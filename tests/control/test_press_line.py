@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from control.inverse_kinematics import Elbow, PlanarArm
-from control.motion import LineState
-from control.press_line import PressLine
+from control.arm.inverse_kinematics import Elbow, PlanarArm
+from control.paths.motion import LineState
+from control.paths.press_line import PressLine
 from robot_io.errors import InputError
 from tests.control.reference_plant import DOWN, TOOL_AXIS_TIP, test_arm
 

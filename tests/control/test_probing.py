@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from control.dh_urdf import JointRange, dh_to_urdf
-from control.excitation import Excitation
-from control.gains import ContactGains, Gains
-from control.inverse_kinematics import Elbow
-from control.phases import Phase
-from control.probing import ProbingTask
-from control.probing_plan import ProbingPlan
-from control.rigid_body import RigidBody
+from control.arm.dh_urdf import JointRange, dh_to_urdf
+from control.arm.inverse_kinematics import Elbow
+from control.arm.rigid_body import RigidBody
+from control.laws.gains import ContactGains, Gains
+from control.loop.phases import Phase
+from control.paths.excitation import Excitation
+from control.probing.plan import ProbingPlan
+from control.probing.task import ProbingTask
 from robot_io.errors import InputError, SafetyTripError
 from tests.control.probing_runs import plant_above, probing_task, run_probing
 from tests.control.reference_plant import TABLE, TOOL_AXIS_TIP

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from control.gains import gains_of
-from control.loop import run_loop
-from control.phases import Phase
-from control.probing import ProbingTask
-from control.probing_plan import ProbingPlan
-from control.rigid_body import RigidBody
+from control.arm.rigid_body import RigidBody
+from control.laws.gains import gains_of
+from control.loop.loop import run_loop
+from control.loop.phases import Phase
+from control.probing.plan import ProbingPlan
+from control.probing.task import ProbingTask
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.guard import Guard

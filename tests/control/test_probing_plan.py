@@ -2,7 +2,7 @@
 
 import pytest
 
-from control.probing_plan import ProbingPlan, load_probing_plan
+from control.probing.plan import ProbingPlan, load_probing_plan
 from robot_io.errors import InputError
 
 TARGETS = ((0.4, 0.0, 0.05), (0.42, 0.0, 0.05))

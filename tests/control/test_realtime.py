@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from control import realtime as module
-from control.realtime import realtime
+from control.loop import realtime as module
+from control.loop.realtime import realtime
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the switches are Linux's")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from control.rigid_body import RigidBody
+from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
 from tests.control.reference_plant import URDF, test_arm
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from control.phases import Phase
-from control.probing_plan import ProbingPlan
+from control.loop.phases import Phase
+from control.probing.plan import ProbingPlan
 from tests.control.simulated_arms import NAMES, SimulatedArm, kelvin_voigt
 
 PLAN = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.4)

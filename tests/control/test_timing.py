@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from control.timing import SECTIONS, Histogram, LoopTiming, TickDurations
+from control.loop.timing import SECTIONS, Histogram, LoopTiming, TickDurations
 
 BIN_ERROR = 0.012  # half a bin
 

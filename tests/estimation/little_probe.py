@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from control.phases import Phase
-from control.tick_record import tick_stream
+from control.loop.phases import Phase
+from control.loop.tick_record import tick_stream
 from robot_io.session import Samples
 
 MASS_KG = 1.5

@@ -3,8 +3,8 @@ import pytest
 
 from estimation.effects import EFFECTS
 from estimation.estimate import Identifiability
-from estimation.fit import fit
-from estimation.loss import Loss
+from estimation.fitting.fit import fit
+from estimation.fitting.loss import Loss
 from estimation.model import Model
 from tests.estimation.contact_data import base_model, channel, swing
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.phases import Phase
+from control.loop.phases import Phase
 from estimation.channel import ChannelKind
 from estimation.data import ImportOptions, import_file, load_channels, parse_pairs, table, text_table
 from robot_io.errors import InputError

@@ -9,7 +9,7 @@ import pytest
 from estimation.data import ImportOptions, import_file
 from estimation.estimate_channel import estimate_channel
 from estimation.estimators import ESTIMATORS
-from estimation.fit import fit
+from estimation.fitting.fit import fit
 from tests.estimation.contact_data import base_model
 
 DATA = Path(os.environ.get("PALPATE_DATA") or Path(__file__).resolve().parents[2].parent / "shared" / "data")

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from control.gains import TouchGains
-from control.phases import Phase
-from control.task import TaskOutput
+from control.laws.gains import TouchGains
+from control.loop.phases import Phase
+from control.loop.task import TaskOutput
 from estimation.estimators import ESTIMATORS
 from estimation.estimators.rls import Rls
 from estimation.online import OnlineContactEstimator

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import sim_backend
-from control.rigid_body import RigidBody
-from estimation.arm_signals import with_rigid_body
+from control.arm.rigid_body import RigidBody
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effects import EFFECTS
+from estimation.signals.arm_signals import with_rigid_body
 
 URDF = Path(sim_backend.__file__).parent / "arms/follower/follower.urdf"
 PRESS = np.array([0.0, 0.0, -1.0])

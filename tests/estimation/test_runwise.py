@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from estimation.runwise import direction, low_pass, play, rate, relax, running_max, shift
+from estimation.signals.runwise import direction, low_pass, play, rate, relax, running_max, shift
 
 TIME = np.arange(1000) * 0.01
 ONE_RUN = np.zeros(1000, dtype=np.int64)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimation.serial_covariance import sum_covariance
+from estimation.statistics.serial_covariance import sum_covariance
 
 
 def ar1(rng, correlation, count):

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from control.phases import Phase
+from control.loop.phases import Phase
 from estimation.channel import ChannelKind
 from estimation.data.contact import contact_rows, find_contacts
 from estimation.data.tick_channels import contact_channels, joint_channels

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from estimation.estimate import Identifiability
-from estimation.uncertainty import judge, sandwich, unknown_covariance
+from estimation.statistics.uncertainty import judge, sandwich, unknown_covariance
 from tests.estimation.problems import motion
 
 NAMES = ("k", "c")

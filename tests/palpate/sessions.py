@@ -1,6 +1,6 @@
 """Session files for tests."""
 
-from control.tick_record import tick_stream
+from control.loop.tick_record import tick_stream
 from robot_io.session import Event, SessionMetadata, write_session
 from tests.palpate import synthetic
 

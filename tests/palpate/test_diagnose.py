@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from control.probing_plan import ProbingPlan, load_probing_plan
+from control.probing.plan import ProbingPlan, load_probing_plan
 from estimation.channel import ChannelKind
 from estimation.diagnosis.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.result import Accepted, ChannelDiagnosis, NextExperiment

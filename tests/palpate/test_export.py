@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from control.phases import Phase
+from control.loop.phases import Phase
 from estimation.effects import EFFECTS
 from palpate.export import export_scenario
 from palpate.export.scenario import FittedChannel

@@ -11,8 +11,8 @@ import time
 import numpy as np
 import pytest
 
-from control.phases import Phase
-from control.rigid_body import RigidBody
+from control.arm.rigid_body import RigidBody
+from control.loop.phases import Phase
 from estimation.data import session_channels
 from palpate.probing_run import PLAN
 from palpate.robots import find_robot

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from control.probing_plan import ProbingPlan
+from control.probing.plan import ProbingPlan
 from palpate.estimation_run import load_material
 from palpate.probing_run import ProbingJob, run_probing
 from palpate.robots import find_robot

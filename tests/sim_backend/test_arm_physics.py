@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from control.dh import load_dh_table
+from control.arm.dh import load_dh_table
 from robot_io.errors import InputError
 from sim_backend import ArmDescription
 from sim_backend.contact_laws import KelvinVoigt

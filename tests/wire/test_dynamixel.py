@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from control.loop_result import Outcome
+from control.loop.result import Outcome
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.robot import build_robot

@@ -5,11 +5,11 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from control.loop import run_loop
-from control.loop_result import LoopResult, Outcome
-from control.probing import ProbingTask
-from control.probing_plan import ProbingPlan
-from control.tick_record import tick_stream
+from control.loop.loop import run_loop
+from control.loop.result import LoopResult, Outcome
+from control.loop.tick_record import tick_stream
+from control.probing.plan import ProbingPlan
+from control.probing.task import ProbingTask
 from estimation.data.channels import session_channels
 from palpate.estimation_run import estimate_with
 from robot_io import Session, SessionMetadata, SessionWriter

@@ -25,19 +25,18 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
     Raises:
         InputError: the file cannot be written.
     """
+    # Into memory and only then to the disk: Rerun's own writer waits forever when the disk is full.
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        unfinished.touch()  # Rerun reports a file that it cannot open only in its log
+        unfinished.touch()  # before the work, so that a folder that is not there is said at once
         recording = rr.RecordingStream(APPLICATION, recording_id=name)
-        recording.save(unfinished, default_blueprint=blueprint)
+        memory = recording.memory_recording()
+        recording.send_blueprint(blueprint)
         recording.send_recording_name(name)
         yield recording
-        recording.flush()
-        recording.disconnect()
+        unfinished.write_bytes(memory.drain_as_bytes() or b"")
         unfinished.replace(path)
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror}") from error
-    except RuntimeError as error:  # what Rerun makes of a full disk
-        raise InputError(f"cannot write {path}: {' '.join(str(error).split())}") from error
     finally:
         unfinished.unlink(missing_ok=True)

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from control.rigid_body import RigidBody
+from control.arm.rigid_body import RigidBody
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose

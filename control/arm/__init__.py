@@ -1,0 +1,1 @@
+"""The arm itself: its kinematics and dynamics, from URDF or DH table."""

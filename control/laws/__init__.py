@@ -1,0 +1,1 @@
+"""Control laws: pure steps from a measurement to a command."""

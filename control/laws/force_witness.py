@@ -1,0 +1,95 @@
+"""The second witness of the contact force: what the joints need beyond their model and the force sensor.
+
+With M the mass matrix and n the tool's direction, the controller's correction c of a motion that is followed
+stands for a torque M c that nobody expected. A force f on the tip, beyond what the sensor says, explains it
+as M c = J^T n f, so f = m (J^T n).c with the mass m = 1 / (n^T J M^-1 J^T n) that the tip has along n. The
+inverse dynamics of the controller are the model; nothing is computed twice. It is the stationary form of a
+disturbance observer, Siciliano et al., "Robotics", Springer 2009, section 8.5.2 and problem 8.13.
+"""
+
+import math
+
+from control.arm.rigid_body import RigidBody
+from control.laws.gains import WitnessGains
+from control.laws.hybrid import ControlOutput
+from robot_io.errors import SafetyTripError
+from robot_io.types import Measurement
+
+_FREE_FILTER_S = 0.05  # in free air what weight and friction leave unexplained is learnt within this
+_MASS_TICKS = 50  # the arm moves by millimetres meanwhile
+_STALL_PERIODS = 3  # a tick so late leaves the arm off its motion,
+_STALL_S = 0.1  # which proves nothing for so long
+
+
+class ForceWitness:
+    """Compares the force sensor with the joint torques, tick after tick.
+
+    Args:
+        body: the arm's dynamics.
+        gains: threshold, filter.
+        force_limit_n: of the plan; a share of it is the threshold [N].
+        force_feedforward: share of the measured force that the controller balances by itself.
+    """
+
+    def __init__(
+        self, body: RigidBody, gains: WitnessGains, force_limit_n: float, force_feedforward: float
+    ) -> None:
+        self._body = body
+        self._threshold_n = gains.share * force_limit_n + gains.floor_n
+        self._filter_s, self._samples = gains.filter_s, gains.samples
+        self._left_to_pid = 1.0 - force_feedforward
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget everything."""
+        self._ticks = 0
+        self._mass_kg = 0.0
+        self._period_s = math.inf
+        self._stalled_s = 0.0
+        self.pause()
+
+    def pause(self) -> None:
+        """Forget what was learnt in free air: what is unexplained at the next look counts as free air."""
+        self._free_n = math.nan
+        self._beyond_n = math.nan
+        self._count = 0
+
+    def watch(
+        self, measurement: Measurement, output: ControlOutput, dt_s: float, *, in_free_air: bool
+    ) -> None:
+        """Judge one tick.
+
+        Args:
+            measurement: this tick's measurement.
+            output: what the controller made of it.
+            dt_s: time since the last tick [s].
+            in_free_air: nothing but the arm itself can be what is not explained.
+
+        Raises:
+            SafetyTripError: for several ticks the joint torques have said something else than the sensor.
+        """
+        if self._ticks % _MASS_TICKS == 0:
+            self._mass_kg = self._body.mass_along(measurement.joint_position_rad, output.push_lever_m)
+        self._ticks += 1
+        beyond_n = self._mass_kg * float(output.push_lever_m.dot(output.correction_rad_s2))
+        beyond_n -= self._left_to_pid * output.force_n
+        if math.isnan(self._free_n):
+            self._free_n = self._beyond_n = beyond_n
+        self._beyond_n += (beyond_n - self._beyond_n) * dt_s / (dt_s + self._filter_s)
+        if in_free_air:
+            self._free_n += (beyond_n - self._free_n) * dt_s / (dt_s + _FREE_FILTER_S)
+        unexplained_n = self._beyond_n - self._free_n
+        suspicious = abs(unexplained_n) > self._threshold_n and not self._is_stalled(dt_s)
+        self._count = self._count + 1 if suspicious else 0
+        if self._count >= self._samples:
+            raise SafetyTripError(
+                f"joint torques say about {output.force_n + unexplained_n:.1f} N where the force sensor says "
+                f"{output.force_n:.1f} N: is the sensor alive, and does nothing else touch the arm?"
+            )
+
+    def _is_stalled(self, dt_s: float) -> bool:
+        self._period_s = min(self._period_s, dt_s)
+        self._stalled_s = max(self._stalled_s - dt_s, 0.0)
+        if dt_s > _STALL_PERIODS * self._period_s:
+            self._stalled_s = _STALL_S
+        return self._stalled_s > 0.0

@@ -1,0 +1,111 @@
+"""Controller gains: the section `gains` of a robot file. The defaults suit a light, stiff arm."""
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from robot_io.file_model import FileModel, NotNegative, Positive, validate
+from robot_io.robot_file import RobotFile
+
+Share = Annotated[NotNegative, Field(le=1.0)]
+
+
+class TrackingGains(FileModel):
+    """Computed torque and PID, the same for all joints since the mass matrix decouples them.
+
+    Attributes:
+        bandwidth_rad_s: natural frequency of a position error, below a tenth of the control rate [rad/s].
+        damping_ratio: 1 is critically damped.
+        integral_rate_1_s: how fast a constant disturbance is taken out [1/s].
+        derivative_filter_s: low-pass on the velocity error [s].
+        acceleration_limit_rad_s2: the most that the PID may ask for [rad/s^2].
+    """
+
+    bandwidth_rad_s: Annotated[Positive, Field(le=1000.0)] = 60.0
+    damping_ratio: Annotated[Positive, Field(le=5.0)] = 1.0
+    integral_rate_1_s: NotNegative = 6.0
+    derivative_filter_s: Annotated[NotNegative, Field(le=0.1)] = 0.001
+    acceleration_limit_rad_s2: Positive = 400.0
+
+    @model_validator(mode="after")
+    def _check_integral(self) -> "TrackingGains":
+        if self.integral_rate_1_s > 0.5 * self.bandwidth_rad_s * self.damping_ratio:
+            raise ValueError(
+                f"integral_rate_1_s {self.integral_rate_1_s} is too fast for bandwidth_rad_s "
+                f"{self.bandwidth_rad_s}: at most half of it times damping_ratio"
+            )
+        return self
+
+
+class TouchGains(FileModel):
+    """When the tool is in contact, judged by force above the free-air mean.
+
+    Attributes:
+        touch_force_n: above it is contact; raised by the task where the sensor is noisier [N].
+        release_share: below this share of the touch force is no contact.
+        debounce_samples: new force samples in a row before the state changes.
+    """
+
+    touch_force_n: Positive = 0.3
+    release_share: Annotated[Positive, Field(lt=1.0)] = 0.5
+    debounce_samples: Annotated[int, Field(ge=1, le=100)] = 2
+
+
+class ContactGains(FileModel):
+    """The force law in contact.
+
+    Attributes:
+        mass_kg: virtual mass of the admittance; the object's damping over it is the fastest reaction [kg].
+        damping_ratio: of virtual mass, damping and the object's stiffness.
+        damping_min_n_s_m: least virtual damping [N s/m].
+        reaction_rad_s: fastest reaction on a damped object; delays of sensor and drives limit it.
+        braking_m_s2: deceleration planned for when loading comes to the force limit [m/s^2].
+        yielding_m_s2: largest change of speed in contact, when the force is above the limit [m/s^2].
+        loading_aim: share of the force limit that loading comes to; the rest is margin, and the hold's.
+        latency_s: time from a force to a motion in answer: sensor, tick, drives [s].
+        force_feedforward: share of the measured force that the joints compensate.
+    """
+
+    mass_kg: Positive = 1.0
+    damping_ratio: Annotated[Positive, Field(le=5.0)] = 1.0
+    damping_min_n_s_m: Positive = 5.0
+    reaction_rad_s: Positive = 200.0
+    braking_m_s2: Positive = 4.0
+    yielding_m_s2: Positive = 30.0
+    loading_aim: Annotated[Share, Field(ge=0.96)] = 0.98
+    latency_s: Annotated[NotNegative, Field(le=0.1)] = 0.003
+    force_feedforward: Share = 1.0
+
+
+class WitnessGains(FileModel):
+    """When joint torques and force sensor contradict each other; see `control.laws.force_witness`.
+
+    Attributes:
+        share: threshold as a share of the plan's force limit, plus
+        floor_n: what weight and friction may leave unexplained [N].
+        filter_s: low-pass on the difference [s].
+        samples: ticks in a row before it counts.
+    """
+
+    share: Share = 0.5
+    floor_n: Positive = 4.0
+    filter_s: Annotated[NotNegative, Field(le=0.1)] = 0.005
+    samples: Annotated[int, Field(ge=1, le=100)] = 3
+
+
+class Gains(FileModel):
+    """All gains of an arm; sections and keys may be left out."""
+
+    tracking: TrackingGains = TrackingGains()
+    touch: TouchGains = TouchGains()
+    contact: ContactGains = ContactGains()
+    witness: WitnessGains = WitnessGains()
+
+
+def gains_of(robot_file: RobotFile) -> Gains:
+    """The gains of a robot file.
+
+    Raises:
+        InputError: with file, line, key and the valid choices.
+    """
+    return validate(Gains, robot_file.gains, robot_file.document, ("gains",))

@@ -1,0 +1,239 @@
+"""The hybrid controller of figure 2: position before contact, force in contact, one reference for both.
+
+Before contact the reference is the demanded motion X_pre. In contact the force law moves it, and it becomes
+X_des. Position and speed of the reference carry over in both directions, so the switch makes no bump: only
+the acceleration can change, and it is bounded. Inverse kinematics and computed torque follow in either case.
+"Compliance Estimation during Bilateral Teleoperation of a Robotic Arm", section IV-C.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from control.arm.rigid_body import RigidBody, TipMotion
+from control.laws.admittance import loading_acceleration, scheduled_admittance
+from control.laws.computed_torque import ComputedTorque
+from control.laws.gains import Gains, TouchGains
+from control.laws.object_guess import ObjectGuess
+from control.paths.motion import JointMotion, LineState
+from control.paths.press_line import PressLine
+from robot_io.clip import clip
+from robot_io.errors import InputError
+from robot_io.types import Command, FloatArray, Measurement, Status
+
+
+class ForceGoal(NamedTuple):
+    """What is wanted in contact.
+
+    Attributes:
+        force_n: force to reach or to hold, positive in compression [N].
+        speed_limit_m_s: fastest way in [m/s].
+        hold: follow the admittance, rather than load at the speed limit.
+    """
+
+    force_n: float
+    speed_limit_m_s: float
+    hold: bool
+
+
+class HybridReference(NamedTuple):
+    """What is wanted in one tick.
+
+    Attributes:
+        free: motion demanded while there is no contact, or at all times if `force` is None.
+        force: what is wanted from contact on; with `free` None also while contact is lost for a moment.
+    """
+
+    free: LineState | None = None
+    force: ForceGoal | None = None
+
+
+class ControlOutput(NamedTuple):
+    """What the controller made of one tick.
+
+    Attributes:
+        command: joint torques.
+        motion: joint motion that was aimed at.
+        tip: measured motion of the tip.
+        state: reference along the press line.
+        in_contact: what the contact switch says.
+        force_n: measured force above the free-air mean [N].
+        push_lever_m: joint torques per force along the tool, shape (n,) [m].
+        correction_rad_s2: accelerations that were added to stay on the motion, shape (n,) [rad/s^2].
+    """
+
+    command: Command
+    motion: JointMotion
+    tip: TipMotion
+    state: LineState
+    in_contact: bool
+    force_n: float
+    push_lever_m: FloatArray
+    correction_rad_s2: FloatArray
+
+
+class ContactSwitch:
+    """Contact or not, with hysteresis and debounce.
+
+    Args:
+        gains: release share and debounce.
+        touch_force_n: above it is contact [N].
+    """
+
+    def __init__(self, gains: TouchGains, touch_force_n: float) -> None:
+        self._debounce = gains.debounce_samples
+        self._count = 0
+        self.touch_force_n = touch_force_n
+        self.release_force_n = touch_force_n * gains.release_share
+        self.in_contact = False
+
+    def update(self, force_n: float) -> bool:
+        """Judge one new force sample [N]; returns whether there is contact."""
+        against = force_n < self.release_force_n if self.in_contact else force_n > self.touch_force_n
+        self._count = self._count + 1 if against else 0
+        if self._count >= self._debounce:
+            self.in_contact = not self.in_contact
+            self._count = 0
+        return self.in_contact
+
+
+class HybridController:
+    """Position and force along a press line; joint motions between lines.
+
+    Args:
+        body: the arm's dynamics.
+        sensor_axis_tip: direction in the tip frame in which the tool pushes, shape (3,).
+        gains: all gains.
+
+    Attributes:
+        switch: contact or not.
+        guess: what the object may be like.
+        state: reference along the press line.
+        reference_rad: joint positions aimed at, shape (n,) [rad].
+        force_bias_n: force in free air, which counts as none [N].
+        surface_travel_m: travel at which the last touch began, to within one tick [m].
+    """
+
+    def __init__(self, body: RigidBody, sensor_axis_tip: FloatArray, gains: Gains) -> None:
+        self._body = body
+        self._axis_tip = sensor_axis_tip
+        self._contact_gains = gains.contact
+        self._torque = ComputedTorque(body, gains.tracking)
+        self._line: PressLine | None = None
+        self.reference_rad = np.zeros(body.joint_count)
+        self._force_at_s = -math.inf
+        self._touch_gains = gains.touch
+        self.switch = ContactSwitch(gains.touch, gains.touch.touch_force_n)
+        self.guess = ObjectGuess()
+        self.state = LineState(0.0)
+        self.force_bias_n = 0.0
+        self.surface_travel_m = 0.0
+        self._clear_travel_m = 0.0  # where there was last no force
+
+    def start(self, measurement: Measurement) -> None:
+        """Begin from the measured joint positions, with the measured force as that of free air."""
+        self._torque.reset()
+        self.reference_rad = measurement.joint_position_rad.copy()
+        self.force_bias_n = measurement.force_n if math.isfinite(measurement.force_n) else 0.0
+
+    def set_line(self, line: PressLine, travel_m: float) -> None:
+        """Follow `line` from now on, at rest at a travel [m]; the joints' reference must be there."""
+        self._line = line
+        self.state = LineState(travel_m)
+
+    def tare(self, force_bias_n: float, touch_force_n: float) -> None:
+        """Take a force [N] as that of free air, and another above it [N] as touch; clears the contact."""
+        self.force_bias_n = force_bias_n
+        self.switch = ContactSwitch(self._touch_gains, touch_force_n)
+
+    def step_joints(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> ControlOutput:
+        """Follow a motion of the joints in free air."""
+        tip = self._body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
+        force_n = measurement.force_n - self.force_bias_n
+        if self._is_new(measurement):
+            self.switch.update(force_n)
+        return self._follow(measurement, motion, tip, force_n, dt_s)
+
+    def step(self, measurement: Measurement, reference: HybridReference, dt_s: float) -> ControlOutput:
+        """Follow the press line as `reference` says.
+
+        Raises:
+            InputError: no line is set, or the reference left the arm's reach.
+        """
+        if self._line is None:
+            raise InputError("hybrid controller: set_line comes before step")
+        tip = self._body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
+        force_n = measurement.force_n - self.force_bias_n
+        speed_m_s = float(tip.velocity_world_m_s.dot(self._line.direction_world))
+        since_s = measurement.force_at_s - self._force_at_s
+        if self._is_new(measurement):
+            self._sense(self._line.travel_of(tip.position_world_m), speed_m_s, force_n, since_s)
+        self.state = self._next_state(reference, force_n, speed_m_s, dt_s)
+        motion = self._line.joint_motion(self.state, self.reference_rad)
+        return self._follow(measurement, motion, tip, force_n, dt_s)
+
+    def _is_new(self, measurement: Measurement) -> bool:
+        """Whether the force was sampled since the last tick; a repeated sample proves nothing."""
+        is_new = measurement.force_at_s > self._force_at_s and measurement.force_status == Status.OK
+        self._force_at_s = max(self._force_at_s, measurement.force_at_s)
+        return is_new
+
+    def _sense(self, travel_m: float, speed_m_s: float, force_n: float, since_s: float) -> None:
+        was_in_contact = self.switch.in_contact
+        if not was_in_contact and force_n < self.switch.release_force_n:
+            self._clear_travel_m = travel_m
+        if not self.switch.update(force_n):
+            return
+        if not was_in_contact:
+            self.surface_travel_m = self._clear_travel_m
+            self.guess.reset()
+        self.guess.update(travel_m - self.surface_travel_m, speed_m_s, force_n, since_s)
+
+    def _next_state(
+        self, reference: HybridReference, force_n: float, speed_m_s: float, dt_s: float
+    ) -> LineState:
+        goal, free = reference.force, reference.free
+        if free is not None and (goal is None or not self.switch.in_contact):
+            return free
+        if goal is None:
+            raise InputError("hybrid controller: the reference has neither a motion nor a force")
+        last = self.state
+        speed = last.speed_m_s + last.acceleration_m_s2 * dt_s
+        travel = last.travel_m + 0.5 * (last.speed_m_s + speed) * dt_s
+        return LineState(travel, speed, self._force_law(goal, force_n, speed_m_s, speed, dt_s))
+
+    def _force_law(
+        self, goal: ForceGoal, force_n: float, measured_m_s: float, speed_m_s: float, dt_s: float
+    ) -> float:
+        """Acceleration of the reference [m/s^2]."""
+        compliance, gains = self.guess.compliance, self._contact_gains
+        if goal.hold:
+            admittance = scheduled_admittance(compliance, gains)
+            wanted = admittance.acceleration(goal.force_n - force_n, speed_m_s, dt_s)
+            wanted = min(wanted, (goal.speed_limit_m_s - speed_m_s) / dt_s)
+            return clip(wanted, -gains.yielding_m_s2, gains.yielding_m_s2)
+        # The measured speed would be right for the spring's share; the reference's own speed in its place
+        # integrates the force error. Half of each follows the limit closely and stays clear of oscillation.
+        spring_n = force_n - compliance.damping_n_s_m * 0.5 * (measured_m_s + speed_m_s)
+        room_n = gains.loading_aim * goal.force_n - spring_n
+        return loading_acceleration(speed_m_s, goal.speed_limit_m_s, room_n, compliance, gains)
+
+    def _follow(
+        self, measurement: Measurement, motion: JointMotion, tip: TipMotion, force_n: float, dt_s: float
+    ) -> ControlOutput:
+        self.reference_rad = motion.position_rad
+        push_world = tip.rotation_world_tip.dot(self._axis_tip)
+        lever_m = push_world.dot(tip.jacobian_world[:3])
+        contact_torque = lever_m * (force_n * self._contact_gains.force_feedforward)
+        torque = self._torque.step(measurement, motion, contact_torque, dt_s)
+        return ControlOutput(
+            Command(torque),
+            motion,
+            tip,
+            self.state,
+            self.switch.in_contact,
+            force_n,
+            lever_m,
+            self._torque.correction_rad_s2,
+        )

@@ -1,0 +1,251 @@
+"""The loop: read the robot, ask the task, let the guard decide, command the robot; tick after tick."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+
+from control.loop.interrupt import InterruptFlag
+from control.loop.journal import Journal, Observer
+from control.loop.phases import Phase
+from control.loop.result import LoopResult
+from control.loop.task import Task, TaskOutput
+from control.loop.tick_grid import TickGrid
+from control.loop.tick_log import TickLog
+from control.loop.tick_record import NO_ESTIMATE, tick_record
+from control.loop.timing import LoopTiming, TickDurations
+from control.loop.way_out import WayOut, one_line
+from robot_io.clock import Clock
+from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
+from robot_io.guard import Guard
+from robot_io.robot import Robot
+from robot_io.types import Command, FloatArray, Measurement, Status
+
+FIRST_SAMPLE_S = 1.0  # how long the devices may take to their first sample
+READ_SHARE = 0.6  # of the period; then reading gives up, so that there is still time to command
+
+
+def run_loop(
+    robot: Robot,
+    guard: Guard,
+    task: Task,
+    clock: Clock,
+    log: TickLog,
+    *,
+    rate_hz: float,
+    observer: Observer | None = None,
+    stop: Callable[[], bool] = lambda: False,
+) -> LoopResult:
+    """Run a task until it is done, stopped or tripped; then see that the torque is off.
+
+    The task is started with the torque still off; then the robot is activated and ticks run on a grid of
+    absolute times. A trip of the guard, Ctrl-C (also SIGTERM and SIGHUP; in the main thread only), `stop`, a
+    device that fails and an exception in the task all take one way out: the guard's safe state, tick after
+    tick until it is finished, then deactivation, which is tried whatever happened before. Trouble with
+    observer or log stops nothing: the observer is switched off, the log's failures are counted, both with an
+    event.
+
+    Args:
+        robot: configured and not active; on return it is deactivated, not closed.
+        guard: armed. Unless the task was done it is tripped on return, until it is re-armed.
+        task: what to run.
+        clock: the robot's clock, real or simulated.
+        log: takes the records of the stream "tick" and the events; stays open.
+        rate_hz: ticks per second.
+        observer: called after each command, see `control.loop.journal.Observer`.
+        stop: asked once a tick; true ends the run.
+
+    Returns:
+        How it ended; `LoopResult.raise_for_trip` turns a bad end into an error.
+
+    Raises:
+        InputError: the rate is not positive.
+        SafetyTripError: the guard is tripped already.
+        DeviceError: a device failed before the first tick.
+        Exception: whatever the task raised at its start, such as `InputError` for a target out of reach.
+    """
+    if not (math.isfinite(rate_hz) and rate_hz > 0):
+        raise InputError(f"control rate {rate_hz} Hz: must be positive")
+    if guard.tripped:
+        raise SafetyTripError(f"the guard is tripped ({guard.tripped.cause}): re-arm it first")
+    begun_s, begun_wall_s = clock.now_s(), perf_counter()
+    with InterruptFlag() as interrupt:
+        measurement = _first_measurement(robot, clock, 1.0 / rate_hz)
+        journal = Journal(log, observer)
+        way_out = WayOut(guard, robot, clock, journal, interrupt=interrupt, stop=stop)
+        loop = _Loop(robot, guard, task, clock, journal, way_out=way_out, period_s=1.0 / rate_hz)
+        loop.run(measurement)
+        result = replace(
+            loop.result(), duration_s=clock.now_s() - begun_s, wall_s=perf_counter() - begun_wall_s
+        )
+        journal.event(clock.now_s(), "loop_ended", result.one_line())
+    return result
+
+
+def _first_measurement(robot: Robot, clock: Clock, period_s: float) -> Measurement:
+    """Read, with the torque off, until every device has sampled."""
+    give_up_s = clock.now_s() + FIRST_SAMPLE_S
+    while True:
+        measurement = robot.read(clock.now_s() + period_s)
+        sampled = {
+            "encoder": measurement.encoder_at_s,
+            "torque": measurement.torque_at_s,
+            "force": measurement.force_at_s,
+        }
+        missing = [device for device, at_s in sampled.items() if not math.isfinite(at_s)]
+        if not missing:
+            return measurement
+        if clock.now_s() >= give_up_s:
+            silent = ", ".join([*missing, *robot.bus_errors.values(), *robot.bus_delays.values()])
+            raise DeviceTimeoutError(f"{robot.name}: no sample within {FIRST_SAMPLE_S} s from: {silent}")
+        clock.sleep_until(clock.now_s() + period_s)
+
+
+class _Loop:
+    """One run of `run_loop`."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        guard: Guard,
+        task: Task,
+        clock: Clock,
+        journal: Journal,
+        *,
+        way_out: WayOut,
+        period_s: float,
+    ) -> None:
+        self._robot, self._guard, self._task, self._clock = robot, guard, task, clock
+        self._journal, self._way_out, self._period_s = journal, way_out, period_s
+        self._grid = TickGrid(clock.now_s(), period_s)
+        self._timing = LoopTiming()
+        self._reference_rad: FloatArray | None = None  # what the joints were to follow in the tick before
+        self._log_s = 0.0  # of the tick before
+        self._ticks = self._unsent = 0
+        self._deactivation_error = ""
+        self._unknown = np.full(robot.joint_count, np.nan)
+        self._stopped_output = _stopped_output(robot.joint_count)
+
+    def run(self, measurement: Measurement) -> None:
+        """Everything from the start of the task to torque off."""
+        self._measurement = measurement
+        self._guard.watch(measurement)
+        if not self._guard.tripped:
+            self._guard.rearm(measurement)  # the rate limit starts from here, not from an earlier run
+        try:
+            if not self._guard.tripped:  # else the arm is never powered
+                self._task.start(measurement)
+                self._robot.activate()
+                self._spin()
+        finally:
+            self._deactivate()
+
+    def result(self) -> LoopResult:
+        """How it ended, but for the times."""
+        return LoopResult(
+            outcome=self._way_out.outcome,
+            cause=self._way_out.cause,
+            ticks=self._ticks,
+            overruns=self._grid.overruns,
+            skipped=self._grid.skipped,
+            dropped=self._journal.dropped,
+            log_failures=self._journal.log_failures,
+            log_error=self._journal.log_trouble,
+            observer_error=self._journal.observer_error,
+            unsent=self._unsent,
+            deactivation_error=self._deactivation_error,
+            timing=self._timing.summary(),
+            error=self._way_out.error,
+        )
+
+    def _spin(self) -> None:
+        self._grid = TickGrid(self._clock.now_s() + self._period_s, self._period_s)
+        periods, ended = 1, False
+        while not ended:
+            self._clock.sleep_until(self._grid.due_s)
+            ended = self._tick(periods * self._period_s)
+            periods = self._grid.advance(self._clock.now_s())
+
+    def _tick(self, dt_s: float) -> bool:
+        """One tick, `dt_s` after the one before [s]; true if it was the last."""
+        guard = self._guard
+        woken = perf_counter()
+        now_s = self._clock.now_s()
+        self._way_out.heed_requests()
+        measurement = self._read(now_s)
+        read = perf_counter()
+        guard.watch(measurement, self._reference_rad)
+        watched = perf_counter()
+        output = self._stopped_output if guard.tripped else self._step(measurement, dt_s)
+        stepped = perf_counter()
+        command = guard.limit(output.command, measurement, dt_s)
+        limited = perf_counter()
+        sent_nm = self._write(command, now_s)
+        written = perf_counter()
+
+        tripped = guard.tripped is not None
+        if tripped:
+            self._way_out.note_trip()
+            output = output._replace(phase=Phase.STOPPED)  # also where the guard refused what the task wanted
+        estimates = NO_ESTIMATE if tripped else self._journal.observe(measurement, output)
+        observed = perf_counter()
+        durations = TickDurations(
+            read_s=read - woken,
+            control_s=stepped - watched,
+            guard_s=(watched - read) + (limited - stepped),
+            write_s=written - limited,
+            observer_s=observed - written,
+            log_s=self._log_s,
+            lateness_s=max(0.0, now_s - self._grid.due_s),
+        )
+        record = tick_record(self._grid.index, measurement, output, sent_nm, tripped, estimates, durations)
+        self._journal.tick(measurement.time_s, record, output.events)
+        self._reference_rad = None if tripped else output.reference_position_rad
+        self._ticks += 1
+        self._timing.add(durations)
+        self._log_s = perf_counter() - observed
+        return guard.finished if tripped else output.done
+
+    def _read(self, now_s: float) -> Measurement:
+        """This tick's measurement; if reading fails, the last one, marked as the old one that it is."""
+        try:
+            self._measurement = self._robot.read(now_s + READ_SHARE * self._period_s)
+        except Exception as error:
+            self._way_out.fail("reading the robot", error)
+            stale = Status.STALE
+            self._measurement = self._measurement._replace(
+                time_s=now_s, encoder_status=stale, torque_status=stale, force_status=stale
+            )
+        return self._measurement
+
+    def _step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        try:
+            return self._task.step(measurement, dt_s)
+        except Exception as error:
+            self._way_out.fail("the task", error)
+            return self._stopped_output
+
+    def _write(self, command: Command, now_s: float) -> FloatArray:
+        """Send a command; returns what was sent, NaN if nothing was."""
+        try:
+            return self._robot.write(command, now_s + self._period_s).joint_torque_nm
+        except Exception as error:
+            self._unsent += 1
+            self._way_out.fail("commanding the robot", error)
+            return self._unknown
+
+    def _deactivate(self) -> None:
+        try:
+            self._robot.deactivate()
+        except Exception as error:
+            self._deactivation_error = one_line(error)
+            self._way_out.fail("switching the torque off", error)
+
+
+def _stopped_output(joint_count: int) -> TaskOutput:
+    """What stands in a record while the guard commands: nothing is aimed at, and nobody computed the tip."""
+    joints, space = np.full(joint_count, np.nan), np.full(3, np.nan)
+    command = Command(np.zeros(joint_count))
+    return TaskOutput(command, joints, joints, space, space, space, math.nan, Phase.STOPPED)

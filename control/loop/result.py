@@ -1,0 +1,87 @@
+"""How a run of the loop ended, and what it cost."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from control.loop.timing import SectionTiming
+from robot_io.errors import PalpateError, SafetyTripError
+
+
+class Outcome(StrEnum):
+    """Why the loop ended."""
+
+    FINISHED = "finished"  # the task was done
+    STOPPED = "stopped"  # somebody asked for it
+    TRIPPED = "tripped"  # a limit, a device or an exception
+
+
+@dataclass(frozen=True, slots=True)
+class LoopResult:
+    """How a run of the loop ended. However it ended, the robot has been told to switch its torque off.
+
+    Attributes:
+        outcome: finished, stopped or tripped.
+        cause: why it was stopped or tripped; empty when the task was done.
+        ticks: ticks that were run.
+        overruns: ticks that ended after the next one was due.
+        skipped: instants of the grid that passed without a tick.
+        dropped: records that found no room in the log.
+        log_failures: calls of the log that failed; the arm is not stopped for it.
+        log_error: why the log is not complete (such as a full disk), empty if nothing is known against it.
+        observer_error: why the observer was switched off, empty if it was not.
+        unsent: commands that could not be sent.
+        deactivation_error: why switching the torque off could not be confirmed, empty if it was.
+        duration_s: time on the loop's clock [s].
+        wall_s: time of the wall clock [s].
+        timing: duration of the tick's sections.
+        error: the exception behind the trip, if there was one.
+    """
+
+    outcome: Outcome
+    cause: str = ""
+    ticks: int = 0
+    overruns: int = 0
+    skipped: int = 0
+    dropped: int = 0
+    log_failures: int = 0
+    log_error: str = ""
+    observer_error: str = ""
+    unsent: int = 0
+    deactivation_error: str = ""
+    duration_s: float = 0.0
+    wall_s: float = 0.0
+    timing: Mapping[str, SectionTiming] = field(default_factory=dict)
+    error: Exception | None = None
+
+    def one_line(self) -> str:
+        """What a person wants to know first, with everything that went wrong and nothing that did not."""
+        text = f"{self.outcome}{': ' if self.cause else ''}{self.cause}; {self.ticks} ticks"
+        for count, what in (
+            (self.overruns, "overruns"),
+            (self.dropped, "records dropped"),
+            (self.unsent, "commands not sent"),
+        ):
+            text += f", {count} {what}" if count else ""
+        for trouble, what in (
+            (self.log_error, "the log is not complete"),
+            (self.observer_error, "online estimation was switched off"),
+            (self.deactivation_error, "the torque may still be on"),
+        ):
+            text += f"; {what}: {trouble}" if trouble else ""
+        return text
+
+    def raise_for_trip(self) -> None:
+        """Raise if the loop was tripped, or if the torque may still be on.
+
+        Raises:
+            SafetyTripError: a limit was exceeded, or the torque could not be switched off.
+            PalpateError: a device or the task failed; chained to what was raised there.
+        """
+        if self.deactivation_error:
+            raise SafetyTripError(
+                f"the torque may still be on, cut the power: {self.deactivation_error}"
+            ) from self.error
+        if self.outcome is Outcome.TRIPPED:
+            kind = PalpateError if self.error else SafetyTripError
+            raise kind(f"the arm was stopped: {self.cause}") from self.error

@@ -1,0 +1,97 @@
+"""The one way out of a run that is not done: through the guard, with the cause said once."""
+
+from collections.abc import Callable
+
+from control.loop.interrupt import InterruptFlag
+from control.loop.journal import Journal
+from control.loop.result import Outcome
+from robot_io.clock import Clock
+from robot_io.errors import PalpateError
+from robot_io.guard import Guard
+from robot_io.robot import Robot
+
+
+class WayOut:
+    """Turns requests to stop and failures into trips of the guard, each logged once.
+
+    Args:
+        guard: what is tripped.
+        robot: asked which of its buses have failed when the guard trips.
+        clock: stamps events.
+        journal: takes events.
+        interrupt: set by Ctrl-C.
+        stop: asked once a tick; true ends the run.
+
+    Attributes:
+        error: the exception that tripped the guard, if one did.
+    """
+
+    def __init__(
+        self,
+        guard: Guard,
+        robot: Robot,
+        clock: Clock,
+        journal: Journal,
+        *,
+        interrupt: InterruptFlag,
+        stop: Callable[[], bool],
+    ) -> None:
+        self.error: Exception | None = None
+        self._guard, self._robot, self._clock, self._journal = guard, robot, clock, journal
+        self._interrupt, self._stop = interrupt, stop
+        self._on_request = False
+        self._cause = ""
+        self._last_failure = ""
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the run has ended, if it ends now."""
+        if not self._guard.tripped:
+            return Outcome.FINISHED
+        return Outcome.STOPPED if self._on_request else Outcome.TRIPPED
+
+    @property
+    def cause(self) -> str:
+        """Why the guard is tripped, empty if it is not."""
+        self.note_trip()
+        return self._cause
+
+    def heed_requests(self) -> None:
+        """Trip if somebody wants the arm to stop; once it is tripped nothing can hurry or undo it."""
+        if self._guard.tripped:
+            return
+        if self._interrupt.signal_name:
+            self._on_request = True
+            self._guard.trip(f"interrupted by the user ({self._interrupt.signal_name})")
+            return
+        try:
+            self._on_request = self._stop()
+        except Exception as error:
+            self.fail("asking whether to stop", error)
+        if self._on_request:
+            self._guard.trip("stopped on request")
+
+    def fail(self, what: str, error: Exception) -> None:
+        """Trip for an exception, or log it if the guard is tripped already."""
+        text = f"{what}: {one_line(error)}"
+        if not self._guard.tripped:
+            self.error = error
+            self._guard.trip(text)
+        elif text != self._last_failure:  # a failure that repeats in each tick is one event
+            self._journal.event(self._clock.now_s(), "failure", text)
+        self._last_failure = text
+
+    def note_trip(self) -> None:
+        """Log the trip, if there is one and it is new."""
+        trip = self._guard.tripped
+        if trip and not self._cause:
+            troubles = {**self._robot.bus_delays, **self._robot.bus_errors}
+            buses = (f"bus '{name}': {problem}" for name, problem in troubles.items())
+            self._cause = "; ".join((trip.cause, *buses))
+            self._journal.event(self._clock.now_s(), "stop" if self._on_request else "trip", self._cause)
+
+
+def one_line(error: Exception) -> str:
+    """An exception's text on one line, with its type unless the text is meant for users."""
+    text = " ".join(str(error).split())
+    return text if isinstance(error, PalpateError) else f"{type(error).__name__}: {text}"

@@ -1,0 +1,157 @@
+"""Persistent excitation: a profile that rides on the hold and separates stiffness from damping.
+
+At one frequency w, force over displacement is k + j w c, so several frequencies show both. The profile only
+takes force away, so that the force limit stays the limit.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from control.laws.object_guess import Compliance
+from robot_io.file_model import FileModel, Positive
+from robot_io.types import FloatArray
+
+_RAMP_SHARE = 0.2  # of the duration, for fading in
+_FADE_PEAK = 15.0 / 8.0  # fastest part of the fade, over its mean
+_PEAK_SAMPLES_PER_PERIOD = 50
+
+
+class Excitation(FileModel):
+    """What to ride on the hold.
+
+    Attributes:
+        shape: "multisine" (eight frequencies at once) or "chirp" (one that rises).
+        quantity: "force" modulates the desired force; "position" moves the tip by what makes this force.
+        amplitude_n: half of the force's peak to peak [N].
+        low_hz: lowest frequency [Hz].
+        high_hz: highest frequency [Hz].
+        duration_s: how long [s].
+    """
+
+    shape: Literal["multisine", "chirp"] = "multisine"
+    quantity: Literal["force", "position"] = "force"
+    amplitude_n: Positive = 1.5
+    low_hz: Annotated[Positive, Field(le=100.0)] = 0.5
+    high_hz: Annotated[Positive, Field(le=100.0)] = 8.0
+    duration_s: Annotated[Positive, Field(le=600.0)] = 4.0
+
+    @property
+    def ramp_s(self) -> float:
+        """Time in which it is faded in [s]."""
+        return _RAMP_SHARE * self.duration_s
+
+    @model_validator(mode="after")
+    def _check_frequencies(self) -> "Excitation":
+        if self.low_hz >= self.high_hz:
+            raise ValueError(f"low_hz {self.low_hz} must be below high_hz {self.high_hz}")
+        if self.low_hz * self.duration_s < 1.0:
+            raise ValueError(
+                f"duration_s {self.duration_s} is shorter than one period of low_hz {self.low_hz}"
+            )
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class ProfilePoint:
+    """Profile value [-], not positive, its rate [1/s] and acceleration [1/s^2]."""
+
+    value: float
+    rate_1_s: float
+    acceleration_1_s2: float
+
+
+class Profile:
+    """A wave between -1 and 1 less an offset, faded in so that value, rate and acceleration begin at zero.
+
+    It ends in full swing: the arm moves out of the object next.
+
+    Args:
+        excitation: shape, frequencies and duration.
+        offset: at least 1, so that the profile is never positive.
+    """
+
+    def __init__(self, excitation: Excitation, offset: float = 1.0) -> None:
+        self._offset = offset
+        self.duration_s = excitation.duration_s
+        self._ramp_s = excitation.ramp_s
+        self._chirp = excitation.shape == "chirp"
+        if self._chirp:
+            self._rates = np.array([math.tau * excitation.low_hz])
+            self._sweep = math.tau * (excitation.high_hz - excitation.low_hz) / excitation.duration_s
+            self._phases = np.zeros(1)
+            self._scale = 1.0
+        else:
+            self._rates, self._phases = _multisine(excitation)
+            self._sweep = 0.0
+            self._scale = 1.0 / self._peak(excitation)
+
+    def at(self, time_s: float) -> ProfilePoint:
+        """The profile `time_s` [s] after its start."""
+        wave, wave_rate, wave_acceleration = self._wave(time_s)
+        fade, fade_rate, fade_acceleration = self._fade(time_s)
+        below = wave - self._offset
+        return ProfilePoint(
+            fade * below,
+            fade_rate * below + fade * wave_rate,
+            fade_acceleration * below + 2.0 * fade_rate * wave_rate + fade * wave_acceleration,
+        )
+
+    def _wave(self, time_s: float) -> tuple[float, float, float]:
+        """The wave between -1 and 1, with its derivatives."""
+        angle = self._phases + time_s * (self._rates + 0.5 * self._sweep * time_s)
+        rate = self._rates + self._sweep * time_s
+        sine, cosine = np.sin(angle), np.cos(angle)
+        return (
+            self._scale * float(cosine.sum()),
+            -self._scale * float(rate @ sine),
+            -self._scale * float(rate**2 @ cosine + self._sweep * sine.sum()),
+        )
+
+    def _fade(self, time_s: float) -> tuple[float, float, float]:
+        """From 0 to 1, with its derivatives."""
+        ramp_s = self._ramp_s
+        s = max(time_s, 0.0) / ramp_s
+        if s >= 1.0:
+            return 1.0, 0.0, 0.0
+        return (
+            s**3 * (10.0 + s * (-15.0 + 6.0 * s)),
+            30.0 * s**2 * (1.0 - s) ** 2 / ramp_s,
+            60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / ramp_s**2,
+        )
+
+    def _peak(self, excitation: Excitation) -> float:
+        """Largest magnitude of the unscaled multisine."""
+        count = math.ceil(_PEAK_SAMPLES_PER_PERIOD * excitation.high_hz * excitation.duration_s)
+        times = np.linspace(0.0, excitation.duration_s, count)[:, None]
+        return float(np.abs(np.cos(self._phases + times * self._rates).sum(axis=1)).max())
+
+
+def position_amplitude_m(
+    excitation: Excitation, compliance: Compliance, force_limit_n: float, speed_limit_m_s: float
+) -> tuple[float, float]:
+    """Amplitude [m] and offset [-] of a position profile on an object of about this compliance.
+
+    The highest frequency makes the force's amplitude; the offset takes as much off the spring's force, so
+    that the sum stays below the limit. Neither the wave nor fading in may be faster than the speed limit, nor
+    fading in faster than what a third of the force moves the object's damper.
+    """
+    rate = math.tau * excitation.high_hz
+    impedance_n_m = math.hypot(compliance.stiffness_n_m, rate * compliance.damping_n_s_m)
+    offset = impedance_n_m / compliance.stiffness_n_m
+    fade_m_s = min(speed_limit_m_s, 0.3 * force_limit_n / max(compliance.damping_n_s_m, 1e-9))
+    slowest_m = min(speed_limit_m_s / rate, fade_m_s * excitation.ramp_s / (_FADE_PEAK * offset))
+    return min(excitation.amplitude_n / impedance_n_m, slowest_m), offset
+
+
+def _multisine(excitation: Excitation, count: int = 8) -> tuple[FloatArray, FloatArray]:
+    """Angular frequencies [rad/s], evenly spaced in ratio, and phases [rad] that keep the peak low.
+
+    Schroeder, IEEE Trans. Information Theory 16(1), 1970.
+    """
+    rates = math.tau * np.geomspace(excitation.low_hz, excitation.high_hz, count)
+    index = np.arange(count)
+    return rates, -math.pi * index * (index + 1) / count

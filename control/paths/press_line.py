@@ -1,0 +1,117 @@
+"""A straight line that the tip follows with the tool's direction kept: travel in, joint motion out."""
+
+import math
+
+import numpy as np
+
+from control.arm.inverse_kinematics import NEAR_SINGULAR, Elbow, IkSolution, PlanarArm
+from control.paths.motion import JointMotion, LineState
+from robot_io.errors import InputError
+from robot_io.types import FloatArray, frozen_array
+
+_REACH_STEP_M = 2e-3
+
+
+class PressLine:
+    """The line along which an object is pressed, in an arm's plane.
+
+    Args:
+        arm: closed-form kinematics.
+        start_world_m: shape (3,), tip position at travel 0 [m].
+        direction_world: shape (3,), direction of positive travel and of the tool; made a unit vector.
+        elbow: which way the elbow bends.
+
+    Raises:
+        InputError: the start cannot be reached.
+    """
+
+    def __init__(
+        self, arm: PlanarArm, start_world_m: FloatArray, direction_world: FloatArray, elbow: Elbow
+    ) -> None:
+        self.start: IkSolution = arm.solve(start_world_m, direction_world, elbow)
+        self.start_world_m = frozen_array(start_world_m)
+        self.direction_world = frozen_array(direction_world / np.linalg.norm(direction_world))
+        self._arm = arm
+        self._elbow = elbow
+        self._origin = arm.plane_point(start_world_m)
+        self._u, self._w, self._tool_rad = arm.plane_direction(direction_world)
+
+    def travel_of(self, tip_position_world_m: FloatArray) -> float:
+        """Travel [m] of the point on the line nearest to a position (3,) [m]."""
+        return float((tip_position_world_m - self.start_world_m).dot(self.direction_world))
+
+    def point_at(self, travel_m: float) -> FloatArray:
+        """World position (3,) [m] at a travel [m]."""
+        return self.start_world_m + travel_m * self.direction_world
+
+    def reach_m(
+        self, wanted_m: float, near_rad: FloatArray, limits_rad: tuple[FloatArray, FloatArray]
+    ) -> float:
+        """How far the tip can travel from the start, up to `wanted_m`, to within 2 mm [m].
+
+        Args:
+            wanted_m: way to try, negative for backwards [m].
+            near_rad: joint positions of a moment ago, shape (3,) [rad].
+            limits_rad: lowest and highest joint positions, (3,) each [rad].
+        """
+        steps = math.ceil(abs(wanted_m) / _REACH_STEP_M)
+        reached_m = 0.0
+        for step in range(1, steps + 1):
+            travel_m = wanted_m * step / steps
+            try:
+                near_rad = self.joint_motion(LineState(travel_m), near_rad).position_rad
+                first, second, _ = self._angles(travel_m)
+            except InputError:
+                break
+            is_within = np.all(limits_rad[0] <= near_rad) and np.all(near_rad <= limits_rad[1])
+            if not is_within or abs(math.sin(second - first)) < NEAR_SINGULAR:
+                break
+            reached_m = travel_m
+        return reached_m
+
+    def joint_motion(self, state: LineState, near_rad: FloatArray) -> JointMotion:
+        """Joint motion that gives this motion along the line.
+
+        Args:
+            state: travel, speed and acceleration.
+            near_rad: joint positions of a moment ago, shape (3,); each result is the turn nearest to it.
+
+        Raises:
+            InputError: out of reach, or singular.
+        """
+        angles = a1, a2, _ = self._angles(state.travel_m)
+        first_m, second_m, _ = self._arm.lengths_m
+        x1, y1 = first_m * math.cos(a1), first_m * math.sin(a1)
+        x2, y2 = second_m * math.cos(a2), second_m * math.sin(a2)
+        determinant = x1 * y2 - x2 * y1
+        if abs(determinant) < 1e-6 * first_m * second_m:
+            raise InputError("target is singular: the first two links are in one line")
+        # The third link keeps its direction, so tip velocity = sum over the first two of rate_i (-y_i, x_i).
+        vu, vw = self._u * state.speed_m_s, self._w * state.speed_m_s
+        rate1 = (vu * x2 + vw * y2) / determinant
+        rate2 = -(vu * x1 + vw * y1) / determinant
+        # Tip acceleration = sum of spin_i (-y_i, x_i) - rate_i^2 (x_i, y_i).
+        au = self._u * state.acceleration_m_s2 + rate1**2 * x1 + rate2**2 * x2
+        aw = self._w * state.acceleration_m_s2 + rate1**2 * y1 + rate2**2 * y2
+        spin1 = (au * x2 + aw * y2) / determinant
+        spin2 = -(au * x1 + aw * y1) / determinant
+        positions = zip(self._arm.joint_positions(angles), near_rad.tolist(), strict=True)
+        return JointMotion(
+            np.array([_nearest(position, near) for position, near in positions]),
+            self._per_joint(rate1, rate2),
+            self._per_joint(spin1, spin2),
+        )
+
+    def _angles(self, travel_m: float) -> tuple[float, float, float]:
+        u_m, w_m = self._origin[0] + travel_m * self._u, self._origin[1] + travel_m * self._w
+        return self._arm.absolute_angles(u_m, w_m, self._tool_rad, self._elbow)
+
+    def _per_joint(self, first: float, second: float) -> FloatArray:
+        """Rates of the joints from absolute rates of the first two links, the third standing still."""
+        s1, s2, s3 = self._arm.signs
+        return np.array((s1 * first, s2 * (second - first), -s3 * second))
+
+
+def _nearest(angle_rad: float, near_rad: float) -> float:
+    """The angle plus whole turns, as near as can be."""
+    return angle_rad + math.tau * round((near_rad - angle_rad) / math.tau)

@@ -1,0 +1,1 @@
+"""The probing task: what is pressed where, how fast and how hard."""

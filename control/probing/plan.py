@@ -1,0 +1,124 @@
+"""What a probing task is to do: where, how fast, how hard, how often."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, field_validator, model_validator
+
+from control.paths.excitation import Excitation
+from control.paths.trajectory import blend_distance_m
+from robot_io.file_model import FileModel, NotNegative, Number, Positive, validate
+from robot_io.safe_yaml import load_yaml
+
+Speed = Annotated[Positive, Field(le=1.0)]
+Vector = tuple[Number, Number, Number]
+
+
+@dataclass(frozen=True, slots=True)
+class ProbingRunSpec:
+    """One approach, loading, hold and retract: its number, target, repeat and speed [m/s]."""
+
+    run: int
+    target: int
+    repeat: int
+    speed_m_s: float
+
+
+class ProbingPlan(FileModel):
+    """A probing task; every target is probed `repeats` times at all speeds.
+
+    Attributes:
+        speeds_m_s: set speeds of approach and loading [m/s].
+        repeats: how often all speeds are run at each target.
+        targets_world_m: points near the surface, which itself is found by touch; empty: below the tip [m].
+        press_direction_world: direction in which the tool points and presses; made a unit vector.
+        force_limit_n: loading ends here, and this force is held [N].
+        hold_s: how long it is held [s].
+        excitation: profile that rides on the hold afterwards, or None.
+        approach_clearance_m: an approach starts this far before the target [m].
+        search_depth_m: way from there within which the surface must be touched [m].
+        max_depth_m: deepest indentation [m].
+        retract_m: way out of the object between runs [m].
+        settle_s: standing still before the free-air record [s].
+        free_air_s: free-air record before each approach, for bias and noise of the force [s].
+        load_time_limit_s: loading is given up after this [s].
+        acceleration_m_s2: of the tip in free air [m/s^2].
+        travel_speed_m_s: of the tip while retracting [m/s].
+        joint_speed_rad_s: fastest joint while moving to a target [rad/s].
+        joint_acceleration_rad_s2: the same for acceleration [rad/s^2].
+    """
+
+    speeds_m_s: Annotated[tuple[Speed, ...], Field(min_length=1, max_length=100)] = (0.15, 0.09, 0.06)
+    repeats: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1
+    targets_world_m: Annotated[tuple[Vector, ...], Field(max_length=1000)] = ()
+    press_direction_world: Vector = (0.0, 0.0, -1.0)
+    force_limit_n: Annotated[Positive, Field(le=1000.0)] = 10.0
+    hold_s: NotNegative = 1.0
+    excitation: Excitation | None = None
+    approach_clearance_m: Positive = 0.03
+    search_depth_m: Positive = 0.2
+    max_depth_m: Positive = 0.15
+    retract_m: Positive = 0.03
+    settle_s: NotNegative = 0.2
+    free_air_s: Annotated[float, Field(ge=0.05, le=60.0)] = 0.3
+    load_time_limit_s: Positive = 10.0
+    acceleration_m_s2: Positive = 3.0
+    travel_speed_m_s: Speed = 0.15
+    joint_speed_rad_s: Positive = 1.0
+    joint_acceleration_rad_s2: Positive = 4.0
+
+    @field_validator("press_direction_world")
+    @classmethod
+    def _make_unit(cls, direction: Vector) -> Vector:
+        length = math.hypot(*direction)
+        if length < 1e-6:
+            raise ValueError("has no direction")
+        x, y, z = direction
+        return x / length, y / length, z / length
+
+    @model_validator(mode="after")
+    def _check_amounts(self) -> "ProbingPlan":
+        if self.excitation and 2.0 * self.excitation.amplitude_n > 0.8 * self.force_limit_n:
+            raise ValueError(
+                f"excitation.amplitude_n {self.excitation.amplitude_n} N takes the force down to nothing: "
+                f"at most {0.4 * self.force_limit_n:.3g} N for force_limit_n {self.force_limit_n} N"
+            )
+        run_up_m = blend_distance_m(max(self.speeds_m_s), self.acceleration_m_s2)
+        for name in ("approach_clearance_m", "retract_m"):
+            if getattr(self, name) < run_up_m:
+                raise ValueError(
+                    f"{name} {getattr(self, name)} m is too short to reach {max(self.speeds_m_s)} m/s at "
+                    f"acceleration_m_s2 {self.acceleration_m_s2}: at least {run_up_m:.4f} m"
+                )
+        return self
+
+    @property
+    def shortest_s(self) -> float:
+        """Time [s] that the plan takes at least, if every surface lies one clearance ahead of the tip."""
+        ride_s = self.excitation.duration_s if self.excitation else 0.0
+        still_s = self.settle_s + self.free_air_s + self.hold_s + ride_s
+        approach_s = sum(self.approach_clearance_m / speed_m_s for speed_m_s in self.speeds_m_s)
+        rounds = max(len(self.targets_world_m), 1) * self.repeats
+        return rounds * (approach_s + len(self.speeds_m_s) * still_s)
+
+    def runs(self) -> Iterator[ProbingRunSpec]:
+        """All runs in order: targets, in each the repeats, in each the speeds."""
+        run = 0
+        for target in range(max(len(self.targets_world_m), 1)):
+            for repeat in range(self.repeats):
+                for speed_m_s in self.speeds_m_s:
+                    yield ProbingRunSpec(run, target, repeat, speed_m_s)
+                    run += 1
+
+
+def load_probing_plan(path: str | Path) -> ProbingPlan:
+    """Read a plan from a YAML file.
+
+    Raises:
+        InputError: with file, line, key and the valid choices.
+    """
+    document = load_yaml(path)
+    return validate(ProbingPlan, document.data, document)

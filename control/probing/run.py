@@ -1,0 +1,276 @@
+"""One probing run: free-air record, approach, loading, hold, unloading, retract.
+
+The surface is not given: the approach ends with the touch that the force sensor reports.
+"""
+
+import math
+from collections.abc import Callable
+
+from control.laws.gains import Gains
+from control.laws.hybrid import ControlOutput, ForceGoal, HybridController, HybridReference
+from control.loop.phases import Phase
+from control.loop.task import TaskEvent
+from control.paths.excitation import Profile, position_amplitude_m
+from control.paths.motion import LineState
+from control.paths.trajectory import LineReturn, SpeedBlend, turning_distance_m
+from control.probing.plan import ProbingPlan, ProbingRunSpec
+from control.probing.running_mean import RunningMean
+from control.probing.sites import ProbingSite
+from robot_io.types import Measurement
+
+_NOISE_FACTOR = 6.0  # the touch counts from at least this many standard deviations of the free-air force
+_LOADED_SHARE = 0.95  # of the force limit, and
+_SLOW_SHARE = 0.1  # of the set speed, but at least
+_SLOW_M_S = 0.002  # this, end the loading
+_HOLD_M_S = 0.02  # a hold makes small moves only; faster than this it would chase an object that is gone
+_LOST_S = 0.01  # without contact in hold or excitation: the object is gone
+_TOO_STRONG = 1.1  # times the force limit ends an excitation by position
+
+
+class ProbingRun:
+    """A state machine from a site's approach start and back to it.
+
+    Args:
+        control: the hybrid controller, at rest at the site's approach start.
+        site: where; told where the next approach starts.
+        spec: number and speed of this run.
+        plan: all else.
+        gains: touch threshold.
+
+    Attributes:
+        phase: what the arm is doing.
+        desired_force_n: force aimed at in the last tick, NaN where there is none [N].
+        events: what happened in the last tick.
+        failure: why the run gave no data, or None.
+        finished: the arm is at rest at the next approach's start.
+    """
+
+    def __init__(
+        self,
+        control: HybridController,
+        site: ProbingSite,
+        spec: ProbingRunSpec,
+        plan: ProbingPlan,
+        gains: Gains,
+    ) -> None:
+        self._control = control
+        self._site = site
+        self._plan = plan
+        self._touch_force_n = gains.touch.touch_force_n
+        self.spec = spec
+        self._air = RunningMean()
+        self._held = RunningMean()
+        self._step: Callable[[Measurement, float], ControlOutput] = self._free_air
+        self._time_s = 0.0
+        self._lost_s = 0.0
+        self.phase = Phase.FREE_AIR
+        self.desired_force_n = math.nan
+        self.events: list[TaskEvent] = []
+        self.failure: str | None = None
+        self.finished = False
+
+    def step(self, measurement: Measurement, dt_s: float) -> ControlOutput:
+        """One tick, `dt_s` [s] after the last."""
+        self._time_s += dt_s
+        self.desired_force_n = math.nan
+        self.events = []
+        return self._step(measurement, dt_s)
+
+    def _free_air(self, measurement: Measurement, dt_s: float) -> ControlOutput:
+        still = LineState(self._site.approach_travel_m)
+        output = self._control.step(measurement, HybridReference(free=still), dt_s)
+        self._air.add(measurement.force_n)
+        if self._time_s >= self._plan.free_air_s:
+            mean_n, noise_n = self._air.mean, self._air.standard_deviation
+            touch_n = max(self._touch_force_n, _NOISE_FACTOR * noise_n)
+            self._control.tare(mean_n, touch_n)
+            text = f"free-air force {mean_n:.4f} N, noise {noise_n:.4f} N; touch counts from {touch_n:.3f} N"
+            self._event("free_air", text, mean_n=mean_n, noise_n=noise_n, touch_n=touch_n)
+            self._enter(Phase.APPROACH, self._approach)
+            self._blend = SpeedBlend(still, self.spec.speed_m_s, self._plan.acceleration_m_s2)
+        return output
+
+    def _approach(self, measurement: Measurement, dt_s: float) -> ControlOutput:
+        goal = ForceGoal(self._plan.force_limit_n, self.spec.speed_m_s, hold=False)
+        reference = HybridReference(self._blend.at(self._time_s), goal)
+        output = self._control.step(measurement, reference, dt_s)
+        if output.in_contact:
+            self.desired_force_n = goal.force_n
+            self._touched(output)
+        elif output.state.travel_m >= self._site.search_travel_m or self._must_turn(output):
+            self._missed(output.state.travel_m)
+        return output
+
+    def _touched(self, output: ControlOutput) -> None:
+        speed_m_s, set_m_s = output.state.speed_m_s, self.spec.speed_m_s
+        surface_m = self._control.surface_travel_m
+        place = self._site.line.point_at(surface_m).tolist()
+        text = (
+            f"touch at {1e3 * speed_m_s:.0f} mm/s, {1e3 * surface_m:.1f} mm on from the approach line's start"
+        )
+        if speed_m_s < 0.98 * set_m_s:
+            text += f"; the set speed {1e3 * set_m_s:.0f} mm/s was not reached yet"
+        self._event("touch", text, surface_travel_m=surface_m, surface_world_m=place, tip_m_s=speed_m_s)
+        self._site.start_above(surface_m, self._plan.retract_m)
+        self._enter(Phase.LOADING, self._loading)
+
+    def _missed(self, travel_m: float) -> None:
+        line, from_m = self._site.line, self._site.approach_travel_m
+        start, end = line.point_at(from_m), line.point_at(travel_m)
+        self.failure = (
+            f"run {self.spec.run}: no touch within {1e3 * (travel_m - from_m):.0f} mm, from z = "
+            f"{1e3 * start[2]:.0f} mm to {1e3 * end[2]:.0f} mm: is the object there? "
+            "(search_depth_m, targets_world_m)"
+        )
+        self._event("missed_surface", self.failure)
+        self._go_back()
+
+    def _loading(self, measurement: Measurement, dt_s: float) -> ControlOutput:
+        limit_n, set_m_s = self._plan.force_limit_n, self.spec.speed_m_s
+        self.desired_force_n = limit_n
+        goal = ForceGoal(limit_n, set_m_s, hold=False)
+        output = self._control.step(measurement, HybridReference(force=goal), dt_s)
+        is_slow = abs(output.state.speed_m_s) < max(_SLOW_SHARE * set_m_s, _SLOW_M_S)
+        if self._is_too_deep(output):
+            self._leave()
+        elif output.force_n >= _LOADED_SHARE * limit_n and is_slow:
+            self._loaded("limit_reached", output)
+        elif self._time_s >= self._plan.load_time_limit_s:
+            self._loaded("load_time_limit", output)
+        return output
+
+    def _loaded(self, kind: str, output: ControlOutput) -> None:
+        depth_m = output.state.travel_m - self._control.surface_travel_m
+        text = f"{output.force_n:.2f} N at {1e3 * depth_m:.2f} mm depth after {self._time_s:.3f} s of loading"
+        self._event(kind, text, force_n=output.force_n, depth_m=depth_m, loading_s=self._time_s)
+        self._enter(Phase.HOLD, self._hold)
+
+    def _is_too_deep(self, output: ControlOutput) -> bool:
+        """Whether the object gave way as far as it may; says so."""
+        depth_m = output.state.travel_m - self._control.surface_travel_m
+        if not self._must_turn(output, depth_m - self._plan.max_depth_m):
+            return False
+        text = f"turned round {1e3 * depth_m:.1f} mm deep at {output.force_n:.2f} N"
+        self._event("depth_limit", text, depth_m=depth_m, force_n=output.force_n)
+        return True
+
+    def _must_turn(self, output: ControlOutput, beyond_m: float = -math.inf) -> bool:
+        """Whether the tip would else go beyond the site's end, or beyond a place `beyond_m` behind it [m]."""
+        state = output.state
+        beyond_m = max(beyond_m, state.travel_m - self._site.deepest_travel_m)
+        return beyond_m + turning_distance_m(state.speed_m_s, self._plan.acceleration_m_s2) >= 0.0
+
+    def _hold(self, measurement: Measurement, dt_s: float) -> ControlOutput:
+        slow_m_s = min(self.spec.speed_m_s, _HOLD_M_S)
+        output = self._hold_force(measurement, self._plan.force_limit_n, slow_m_s, dt_s)
+        if self._time_s > 0.5 * self._plan.hold_s:
+            self._held.add(output.force_n)
+        if self._time_s >= self._plan.hold_s and self.phase is Phase.HOLD:
+            held = self._held
+            text = f"held {held.mean:.3f} N +- {held.standard_deviation:.3f} N over the last half of the hold"
+            self._event("held", text, mean_n=held.mean, spread_n=held.standard_deviation)
+            self._excite_or_leave()
+        return output
+
+    def _hold_force(
+        self, measurement: Measurement, force_n: float, speed_limit_m_s: float, dt_s: float
+    ) -> ControlOutput:
+        self.desired_force_n = force_n
+        reference = HybridReference(force=ForceGoal(force_n, speed_limit_m_s, hold=True))
+        output = self._control.step(measurement, reference, dt_s)
+        if self._is_lost(output, dt_s) or self._is_too_deep(output):
+            self._leave()
+        return output
+
+    def _is_lost(self, output: ControlOutput, dt_s: float) -> bool:
+        """Whether the object is gone; says so."""
+        self._lost_s = 0.0 if output.in_contact else self._lost_s + dt_s
+        if self._lost_s < _LOST_S:
+            return False
+        self.failure = (
+            f"run {self.spec.run}: contact lost while holding, {output.force_n:.3f} N where "
+            f"{self._plan.force_limit_n:g} N were held: has the object moved?"
+        )
+        self._event("contact_lost", self.failure, force_n=output.force_n)
+        return True
+
+    def _excite_or_leave(self) -> None:
+        excitation = self._plan.excitation
+        if excitation is None:
+            self._leave()
+            return
+        self._event("excitation", f"{excitation.shape} of the {excitation.quantity} rides on the hold")
+        self._rest_travel_m = self._control.state.travel_m
+        if excitation.quantity == "force":
+            self._profile, self._amplitude = Profile(excitation), excitation.amplitude_n
+            self._enter(Phase.HOLD, self._excite_force)
+        else:
+            plan, compliance = self._plan, self._control.guess.compliance
+            self._amplitude, offset = position_amplitude_m(
+                excitation, compliance, plan.force_limit_n, plan.travel_speed_m_s
+            )
+            self._profile = Profile(excitation, offset)
+            self._enter(Phase.HOLD, self._excite_position)
+
+    def _excite_force(self, measurement: Measurement, dt_s: float) -> ControlOutput:
+        desired_n = self._plan.force_limit_n + self._amplitude * self._profile.at(self._time_s).value
+        output = self._hold_force(measurement, desired_n, self.spec.speed_m_s, dt_s)
+        if self._time_s >= self._profile.duration_s and self.phase is Phase.HOLD:
+            self._leave()
+        return output
+
+    def _excite_position(self, measurement: Measurement, dt_s: float) -> ControlOutput:
+        point, size_m = self._profile.at(self._time_s), self._amplitude
+        free = LineState(
+            self._rest_travel_m + size_m * point.value,
+            size_m * point.rate_1_s,
+            size_m * point.acceleration_1_s2,
+        )
+        output = self._control.step(measurement, HybridReference(free=free), dt_s)
+        if self._is_lost(output, dt_s):
+            self._leave()
+        elif output.force_n > _TOO_STRONG * self._plan.force_limit_n:
+            text = f"excitation ended early: {output.force_n:.2f} N is above the force limit"
+            self._event("excitation_too_strong", text, force_n=output.force_n)
+            self._leave()
+        elif self._time_s >= self._profile.duration_s:
+            self._leave()
+        return output
+
+    def _leave(self) -> None:
+        """Move out, at the set speed while in contact."""
+        start = self._control.state._replace(acceleration_m_s2=0.0)
+        self._blend = SpeedBlend(start, -self.spec.speed_m_s, self._plan.acceleration_m_s2)
+        self._enter(Phase.UNLOADING, self._unloading)
+
+    def _unloading(self, measurement: Measurement, dt_s: float) -> ControlOutput:
+        reference = HybridReference(free=self._blend.at(self._time_s))
+        output = self._control.step(measurement, reference, dt_s)
+        half_way_m = self._control.surface_travel_m - 0.5 * self._plan.retract_m
+        if not output.in_contact or output.state.travel_m < half_way_m:
+            kind = "still_in_contact" if output.in_contact else "release"
+            self._event(kind, f"{kind.replace('_', ' ')}: {output.force_n:.3f} N", force_n=output.force_n)
+            self._go_back()
+        return output
+
+    def _go_back(self) -> None:
+        """To where the next approach starts."""
+        plan, travel_m = self._plan, self._site.approach_travel_m
+        start = self._control.state
+        self._return = LineReturn(start, travel_m, plan.travel_speed_m_s, plan.acceleration_m_s2)
+        self._enter(Phase.RETRACT, self._retract)
+
+    def _retract(self, measurement: Measurement, dt_s: float) -> ControlOutput:
+        reference = HybridReference(free=self._return.at(self._time_s))
+        output = self._control.step(measurement, reference, dt_s)
+        self.finished = self._time_s >= self._return.duration_s
+        return output
+
+    def _enter(self, phase: Phase, step: Callable[[Measurement, float], ControlOutput]) -> None:
+        self.phase = phase
+        self._step = step
+        self._time_s = 0.0
+
+    def _event(self, kind: str, text: str, **data: object) -> None:
+        about = {"run": self.spec.run, "target": self.spec.target, "speed_m_s": self.spec.speed_m_s}
+        self.events.append(TaskEvent(kind, text, about | data))

@@ -1,0 +1,233 @@
+"""The probing task: several speeds, repeats and targets, one run after the other.
+
+MOVE -> FREE_AIR -> APPROACH -> LOADING -> HOLD -> UNLOADING -> RETRACT -> MOVE -> ... -> IDLE
+
+The last move goes back to where the task started: there the arm stood without torque, and can stand again.
+"""
+
+import math
+from collections import deque
+
+import numpy as np
+
+from control.arm.inverse_kinematics import PlanarArm
+from control.arm.rigid_body import RigidBody
+from control.laws.force_witness import ForceWitness
+from control.laws.gains import Gains, gains_of
+from control.laws.hybrid import ControlOutput, HybridController
+from control.loop.phases import Phase
+from control.loop.task import NO_RUN, TaskEvent, TaskOutput
+from control.paths.trajectory import JointMove
+from control.probing.limits import check_against_guard, check_tip_speeds
+from control.probing.plan import ProbingPlan
+from control.probing.run import ProbingRun
+from control.probing.sites import probing_sites
+from robot_io.errors import SafetyTripError
+from robot_io.robot_file import RobotFile
+from robot_io.types import FloatArray, Measurement, frozen_array
+
+_OBSTACLE_SHARE = 0.5  # of the force limit: while moving to a target, something is in the way
+_LEAVING_SHARE = 1.5  # the same while it is being left
+_OBSTACLE_TICKS = 3
+_OUTWARD = (Phase.UNLOADING, Phase.RETRACT)  # no object is harmed, and friction pulls the other way
+_IN_FREE_AIR = (Phase.IDLE, Phase.MOVE, Phase.FREE_AIR)
+_REST_RAD_S = 0.05  # slower than this the arm is at rest,
+_REST_WAIT_S = 2.0  # which it must be so long after a move that has ended
+
+
+class ProbingTask:
+    """Works through a `ProbingPlan`; see `control.loop.task.Task`.
+
+    Args:
+        body: the arm.
+        sensor_axis_tip: direction in the tip frame in which the tool pushes, shape (3,).
+        gains: of all controllers.
+        plan: what to do.
+        position_limits_rad: lowest and highest joint positions to use, (n,) each [rad]; default: the URDF's.
+        velocity_limits_rad_s: at which the guard trips, shape (n,) [rad/s]; default: none.
+
+    Attributes:
+        failures: one line for every run that gave no data.
+
+    Raises:
+        InputError: the arm is not planar, or the tool does not lie in its plane.
+    """
+
+    def __init__(
+        self,
+        body: RigidBody,
+        sensor_axis_tip: FloatArray,
+        gains: Gains,
+        plan: ProbingPlan,
+        *,
+        position_limits_rad: tuple[FloatArray, FloatArray] | None = None,
+        velocity_limits_rad_s: FloatArray | None = None,
+    ) -> None:
+        self._body = body
+        self._arm = PlanarArm(body, sensor_axis_tip)
+        self._control = HybridController(body, frozen_array(sensor_axis_tip, (3,)), gains)
+        feedforward = gains.contact.force_feedforward
+        self._witness = ForceWitness(body, gains.witness, plan.force_limit_n, feedforward)
+        self._gains = gains
+        self._plan = plan
+        self._limits_rad = position_limits_rad or body.position_limits_rad
+        self._fastest_rad_s = velocity_limits_rad_s
+        self._direction = frozen_array(plan.press_direction_world)
+        self._phase = Phase.IDLE
+        self.failures: tuple[str, ...] = ()
+
+    @classmethod
+    def from_robot_file(cls, robot_file: RobotFile, plan: ProbingPlan) -> "ProbingTask":
+        """The task for the arm of a robot file.
+
+        Raises:
+            InputError: URDF or gains are not valid, the arm is not planar, or the guard would trip on the plan.
+        """
+        check_against_guard(plan, robot_file)
+        body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
+        limits = robot_file.limits
+        position_limits = (np.array(limits.position_min_rad), np.array(limits.position_max_rad))
+        return cls(
+            body,
+            np.array(robot_file.sensor_axis_tip),
+            gains_of(robot_file),
+            plan,
+            position_limits_rad=position_limits,
+            velocity_limits_rad_s=np.array(limits.velocity_rad_s),
+        )
+
+    def start(self, measurement: Measurement) -> None:
+        """Begin from the measured posture, at rest and clear of everything.
+
+        Raises:
+            InputError: a target cannot be probed from here, or not at the speeds of the plan.
+        """
+        position_rad = measurement.joint_position_rad
+        self._start_rad = position_rad.copy()
+        tip, _ = self._body.tip_pose(position_rad)
+        self._sites = probing_sites(self._arm, self._plan, tip, position_rad, self._limits_rad)
+        if self._fastest_rad_s is not None:
+            check_tip_speeds(self._sites, self._plan, position_rad, self._fastest_rad_s)
+        self._control.start(measurement)
+        self._witness.restart()
+        self._specs = deque(self._plan.runs())
+        self._run: ProbingRun | None = None
+        self._events: list[TaskEvent] = []
+        self._runs_done = 0
+        self.failures = ()
+        self._obstacle_share = _OBSTACLE_SHARE
+        self._begin_move()
+
+    def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        """See `control.loop.task.Task.step`.
+
+        Raises:
+            SafetyTripError: force sensor and joint torques contradict each other, something is in the way
+                back, or the arm does not come to rest there.
+        """
+        self._events = []
+        phase, run = self._phase, self._run
+        if run is not None:
+            output = run.step(measurement, dt_s)
+            phase = run.phase
+            self._after(run)
+        else:
+            output = self._move(measurement, dt_s)
+            phase = self._phase
+        self._hear_witness(measurement, output, phase, dt_s)
+        return TaskOutput(
+            command=output.command,
+            reference_position_rad=output.motion.position_rad,
+            reference_velocity_rad_s=output.motion.velocity_rad_s,
+            tip_position_world_m=output.tip.position_world_m,
+            tip_velocity_world_m_s=output.tip.velocity_world_m_s,
+            press_direction_world=self._direction,
+            desired_force_n=run.desired_force_n if run else math.nan,
+            phase=phase,
+            run=run.spec.run if run else NO_RUN,
+            done=phase is Phase.IDLE,
+            events=tuple(self._events),
+        )
+
+    def _hear_witness(
+        self, measurement: Measurement, output: ControlOutput, phase: Phase, dt_s: float
+    ) -> None:
+        if phase in _OUTWARD:
+            self._witness.pause()
+        else:
+            self._witness.watch(measurement, output, dt_s, in_free_air=phase in _IN_FREE_AIR)
+
+    def _after(self, run: ProbingRun) -> None:
+        """Collect what a run said; when it is over, go on to the next. A target that is not there is left."""
+        self._events.extend(run.events)
+        if not run.finished:
+            return
+        if run.failure:
+            self.failures += (run.failure,)
+            self._specs = deque(spec for spec in self._specs if spec.target != run.spec.target)
+        else:
+            self._runs_done += 1
+        self._run = None
+        self._begin_move()
+
+    def _begin_move(self) -> None:
+        """To the next run's approach start, or back to where the task started."""
+        plan, here_rad = self._plan, self._control.reference_rad
+        goal_rad = self._start_rad
+        if self._specs:
+            goal_rad = self._sites[self._specs[0].target].joint_position_rad(here_rad)
+        self._phase = Phase.MOVE
+        self._move_s = 0.0
+        self._blocked_ticks = 0
+        self._joint_move = JointMove(
+            here_rad, goal_rad, plan.joint_speed_rad_s, plan.joint_acceleration_rad_s2
+        )
+
+    def _move(self, measurement: Measurement, dt_s: float) -> ControlOutput:
+        self._move_s += dt_s
+        output = self._control.step_joints(measurement, self._joint_move.at(self._move_s), dt_s)
+        if self._is_blocked(output.force_n):
+            self._give_up(f"{output.force_n:.1f} N on the way")
+        elif self._move_s >= self._joint_move.duration_s + self._plan.settle_s:
+            if self._specs:
+                self._begin_run()
+            else:
+                self._end_at_rest(measurement)
+        return output
+
+    def _is_blocked(self, force_n: float) -> bool:
+        share = abs(force_n) / self._plan.force_limit_n
+        if share < _OBSTACLE_SHARE:
+            self._obstacle_share = _OBSTACLE_SHARE
+        self._blocked_ticks = self._blocked_ticks + 1 if share > self._obstacle_share else 0
+        return self._blocked_ticks >= _OBSTACLE_TICKS
+
+    def _give_up(self, what: str) -> None:
+        """Go back without the runs that are left; on the way back already, leave it to the guard."""
+        if not self._specs:
+            raise SafetyTripError(f"{what} back to where the task started: something is in the way")
+        text = f"{what} to a target: something is in the way"
+        self.failures += (text,)
+        self._events.append(TaskEvent("obstacle", text))
+        self._specs.clear()
+        self._obstacle_share = _LEAVING_SHARE
+        self._begin_move()
+
+    def _begin_run(self) -> None:
+        spec = self._specs.popleft()
+        site = self._sites[spec.target]
+        self._control.set_line(site.line, site.approach_travel_m)
+        self._run = ProbingRun(self._control, site, spec, self._plan, self._gains)
+
+    def _end_at_rest(self, measurement: Measurement) -> None:
+        """Be done, once the arm stands still."""
+        fastest_rad_s = float(np.abs(measurement.joint_velocity_rad_s).max())
+        if fastest_rad_s < _REST_RAD_S:
+            self._phase = Phase.IDLE
+            text = f"{self._runs_done} runs done, {len(self.failures)} failures"
+            self._events.append(TaskEvent("probing_done", text, {"runs": self._runs_done}))
+        elif self._move_s > self._joint_move.duration_s + self._plan.settle_s + _REST_WAIT_S:
+            raise SafetyTripError(
+                f"back where the task started a joint still moves at {fastest_rad_s:.3g} rad/s after "
+                f"{_REST_WAIT_S} s: the arm does not come to rest"
+            )

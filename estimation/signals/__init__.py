@@ -1,0 +1,1 @@
+"""Signals derived from a channel, run by run."""

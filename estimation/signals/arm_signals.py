@@ -1,0 +1,98 @@
+"""What one joint of an arm carries, computed along its motion by the rigid-body model."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from control.arm.rigid_body import RigidBody
+from estimation.channel import ChannelData
+from estimation.signals.moved import BY_ACCELERATION, BY_POSITION
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+TORQUE = "rigid_body_torque"
+REGRESSOR = "rigid_body_regressor"
+PAYLOAD = "payload_effort_per_kg"
+TOUCH = "contact_torque"
+TILT = "tilt_effort_per_rad"
+_MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
+Motion = tuple[
+    FloatArray, FloatArray, FloatArray
+]  # of all joints: position, velocity, acceleration, (n, joints)
+Dynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+_GRAVITY_M_S2 = 9.81
+_STEP_RAD = 1e-4
+_STEP_S = 1e-4
+
+
+def with_rigid_body(
+    data: ChannelData, body: RigidBody, joint: int, *, regressor: bool = False
+) -> ChannelData:
+    """The channel of one joint with what the rigid body takes there.
+
+    Adds `rigid_body_torque` (n,) [N m] (and `rigid_body_regressor` (n, 10 joints)) with its derivatives by
+    the joint's own position and acceleration, `payload_effort_per_kg` (n,), and, where the first joint is
+    level, `tilt_effort_per_rad` (n,): the change of torque with a turn of the base about that axis. Where the
+    tip's contact force is known, `contact_torque` (n,) is what the joint spends on pressing.
+
+    Raises:
+        InputError: the context lacks the motion of all joints, or their number differs from the body's.
+    """
+    missing = [name for name in _MOTION if name not in data.context]
+    if missing:
+        raise InputError(f"channel '{data.name}': the rigid body needs {', '.join(missing)} of all joints")
+    q, v, a = (data.context[name].reshape(len(data), -1) for name in _MOTION)
+    if q.shape[1] != body.joint_count:
+        raise InputError(
+            f"channel '{data.name}': motion of {q.shape[1]} joints, but the URDF has {body.joint_count}"
+        )
+    context = dict(data.context)
+    if regressor:
+        context |= _with_slopes(REGRESSOR, lambda *motion: body.regressor(*motion)[joint], (q, v, a), joint)
+    context |= _with_slopes(TORQUE, lambda *motion: body.inverse_dynamics(*motion)[joint], (q, v, a), joint)
+    context[PAYLOAD] = np.array([_payload(body, *rows)[joint] for rows in zip(q, v, a, strict=True)])
+    if "contact_force" in data.context:
+        context[TOUCH] = _touch(body, data)[:, joint]
+    if abs(body.joint_axes()[0].axis_world[2]) < 1e-6:
+        turn = np.zeros(body.joint_count)
+        turn[0] = _STEP_RAD
+        ahead, behind = (np.array([body.gravity(row + s * turn)[joint] for row in q]) for s in (1.0, -1.0))
+        context[TILT] = (ahead - behind) / (2.0 * _STEP_RAD)
+    return replace(data, context=context)
+
+
+def _with_slopes(name: str, dynamics: Dynamics, motion: Motion, joint: int) -> dict[str, FloatArray]:
+    """A signal along the motion with its derivatives by one joint's position and acceleration."""
+    q, v, a = motion
+    step = np.zeros(q.shape[1])
+    step[joint] = 1.0
+
+    def along(dq: float, da: float) -> FloatArray:
+        shifted = zip(q + dq * step, v, a + da * step, strict=True)
+        return np.array([dynamics(*rows) for rows in shifted])
+
+    here = along(0.0, 0.0)
+    return {
+        name: here,
+        name + BY_POSITION: (along(_STEP_RAD, 0.0) - along(-_STEP_RAD, 0.0)) / (2.0 * _STEP_RAD),
+        name + BY_ACCELERATION: along(0.0, 1.0) - here,
+    }
+
+
+def _payload(body: RigidBody, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+    """Torques (n,) that one kilogram at the tip takes: J^T (a_tip - g)."""
+    jacobian = body.tip_jacobian(q)[:3]
+    turned = body.tip_jacobian(q + _STEP_S * v)[:3]
+    acceleration = jacobian @ a + (turned - jacobian) @ v / _STEP_S
+    acceleration[2] += _GRAVITY_M_S2
+    torque: FloatArray = jacobian.T @ acceleration
+    return torque
+
+
+def _touch(body: RigidBody, data: ChannelData) -> FloatArray:
+    """Torques (n, joints) that press with the measured force: J^T F p, p the press direction."""
+    press = data.context["contact_force"][:, None] * data.context["press_direction_world"]
+    jacobians = np.array([body.tip_jacobian(row)[:3] for row in data.context["joint_position"]])
+    torque: FloatArray = np.einsum("nij,ni->nj", jacobians, press)
+    return torque

@@ -1,0 +1,1 @@
+"""How large the noise is, and how sure a result."""

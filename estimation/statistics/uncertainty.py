@@ -1,0 +1,211 @@
+"""From gains to an estimate: standard errors, intervals, and a word on how far the data determine them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from estimation.estimate import Estimate, Identifiability, ParameterEstimate
+from estimation.fitting.least_squares import condition_of_gram, solve
+from estimation.statistics.serial_covariance import sum_covariance
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+CONFIDENCE = 0.95
+_SINGULAR = 1e8  # condition number beyond which double precision leaves no digit that could be trusted
+_LOST_SHARE = 1.0  # uncertainty, as a share of the effort, at which a parameter of no certain sign is lost
+_ROUGH = 0.25  # relative standard error above which a parameter is known only roughly
+_MATTERS = 0.01  # uncertainty, as a share of the effort, above which that is worth a word
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """Covariance of an estimate.
+
+    Attributes:
+        matrix: shape (m, m); NaN where there is none.
+        degrees_of_freedom: of Student's t for the intervals; fewer where residuals are correlated.
+    """
+
+    matrix: FloatArray
+    degrees_of_freedom: float
+
+    @property
+    def std_err(self) -> FloatArray:
+        """Standard errors, shape (m,)."""
+        return np.sqrt(np.diag(self.matrix))
+
+    def intervals(self, values: FloatArray) -> FloatArray:
+        """95 % confidence intervals, shape (m, 2)."""
+        reach = stats.t.ppf(0.5 + CONFIDENCE / 2, self.degrees_of_freedom) * self.std_err
+        return np.column_stack([values - reach, values + reach])
+
+
+def sandwich(
+    jacobian: FloatArray, score: FloatArray, slope: FloatArray, run: IntArray | None = None
+) -> Covariance:
+    """Covariance of the solution of sum_i jacobian_i score_i = 0, honest for correlated and uneven noise.
+
+    Eicker-Huber-White with the serial covariance of the scores in the middle.
+
+    Args:
+        jacobian: shape (n, m), of the prediction with respect to the parameters.
+        score: shape (n,), weighted psi of each residual: the residual itself for least squares.
+        slope: shape (n,), derivative of the score by the residual: 1 for least squares.
+        run: shape (n,), see `Regression`.
+    """
+    count, parameters = jacobian.shape
+    lengths = np.linalg.norm(jacobian, axis=0)
+    if not lengths.all() or condition_of_gram((jacobian / lengths).T @ (jacobian / lengths)) > _SINGULAR:
+        return unknown_covariance(parameters)
+    scaled = jacobian / lengths
+    bread = np.linalg.inv(scaled.T @ (scaled * slope[:, None]))
+    filling = sum_covariance(scaled * score[:, None], run)
+    freedom = max(1.0, filling.effective_count - parameters)
+    matrix = bread @ filling.matrix @ bread * (count / max(1, count - parameters))
+    return Covariance(matrix / np.outer(lengths, lengths), freedom)
+
+
+def common_error_covariance(
+    jacobian: FloatArray, errors: FloatArray, weights: FloatArray | None = None
+) -> FloatArray:
+    """What errors that many samples share do to the solution, shape (m, m).
+
+    The residuals do not show them: the parameters go along with an error e as far as they can, which is its
+    least squares fit. A. Pagan, Econometric Issues in the Analysis of Regressions with Generated Regressors,
+    International Economic Review 25 (1984).
+
+    Args:
+        jacobian: shape (n, m), of the prediction with respect to the parameters.
+        errors: shape (n, r), one standard error of each of r independent errors, in the samples that have it.
+        weights: shape (n,), see `solve`.
+    """
+    moved = np.column_stack([solve(jacobian, error, weights).gains for error in errors.T])
+    return np.asarray(moved @ moved.T)
+
+
+def unknown_covariance(parameters: int) -> Covariance:
+    """The covariance of `parameters` values about which nothing is known."""
+    return Covariance(np.full((parameters, parameters), np.nan), 1.0)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Whether the data determine the parameters, and what to do if not."""
+
+    identifiability: Identifiability
+    note: str
+
+
+def judge(
+    names: tuple[str, ...],
+    values: FloatArray,
+    jacobian: FloatArray,
+    effort: FloatArray,
+    covariance: Covariance,
+) -> Judgement:
+    """Say how far the data determine each parameter.
+
+    A parameter counts by what its uncertainty does to the effort: std_err * rms(column) / rms(effort).
+
+    Args:
+        names: the m parameters.
+        values: shape (m,).
+        jacobian: shape (n, m).
+        effort: shape (n,).
+        covariance: of the values.
+    """
+    level = np.sqrt(np.mean(jacobian**2, axis=0))
+    lengths = np.where(level > 0, level, 1.0) * np.sqrt(len(jacobian))
+    correlation = (jacobian / lengths).T @ (jacobian / lengths)
+    if not level.all():
+        silent = ", ".join(name for name, rms in zip(names, level, strict=True) if rms == 0)
+        return Judgement(Identifiability.NONE, f"{silent}: the motion does not excite it at all")
+    fixed = np.isnan(covariance.std_err)
+    if fixed.any() and not fixed.all():
+        ended = ", ".join(name for name, is_fixed in zip(names, fixed, strict=True) if is_fixed)
+        return Judgement(Identifiability.WEAK, f"{ended}: the search ended at the bound of what is physical")
+    if condition_of_gram(correlation) > _SINGULAR or fixed.all():
+        return Judgement(
+            Identifiability.NONE,
+            f"{', '.join(names)} cannot be told apart: the motion excites them in a fixed ratio",
+        )
+    share = covariance.std_err * level / max(np.sqrt(np.mean(effort**2)), np.finfo(float).tiny)
+    relative = covariance.std_err / np.maximum(np.abs(values), np.finfo(float).tiny)
+    lost = share * ((relative > 1.0) & (share > _LOST_SHARE))
+    if lost.any():
+        doubt = _doubt(names, values, covariance, int(np.argmax(lost)))
+        return Judgement(Identifiability.NONE, f"{doubt}: it could be anything")
+    rough = share * (relative > _ROUGH) * (share > _MATTERS)
+    if rough.any():
+        advice = _advice(names, values, covariance, correlation, int(np.argmax(rough)))
+        return Judgement(Identifiability.WEAK, advice)
+    return Judgement(Identifiability.GOOD, "the data determine every parameter")
+
+
+def _doubt(names: tuple[str, ...], values: FloatArray, covariance: Covariance, index: int) -> str:
+    return f"{names[index]} = {values[index]:.4g} has a standard error of {covariance.std_err[index]:.2g}"
+
+
+def _advice(
+    names: tuple[str, ...], values: FloatArray, covariance: Covariance, correlation: FloatArray, index: int
+) -> str:
+    doubt = _doubt(names, values, covariance, index)
+    others = np.abs(correlation[index])
+    others[index] = 0.0
+    if len(names) > 1 and others.max() > 0.9:
+        partner = names[int(np.argmax(others))]
+        return f"{doubt}: it changes together with {partner}; vary speed and depth more independently"
+    return f"{doubt}: excite it more (faster, deeper, longer) or measure with less noise"
+
+
+def assemble(
+    estimator: str,
+    names: tuple[str, ...],
+    units: tuple[str, ...],
+    values: FloatArray,
+    *,
+    jacobian: FloatArray,
+    effort: FloatArray,
+    residuals: FloatArray,
+    covariance: Covariance,
+    inliers: BoolArray | None = None,
+    history: FloatArray | None = None,
+    details: dict[str, float] | None = None,
+) -> Estimate:
+    """Put an `Estimate` together and judge it.
+
+    Args:
+        estimator: its registered name.
+        names: the m parameters.
+        units: theirs.
+        values: shape (m,).
+        jacobian: shape (n, m), of the prediction with respect to the parameters.
+        effort: shape (n,).
+        residuals: shape (n,).
+        covariance: of the values.
+        inliers: samples used, shape (n,); None for all.
+        history: see `Estimate`.
+        details: see `Estimate`.
+    """
+    used = np.ones(len(effort), dtype=np.bool_) if inliers is None else inliers
+    judgement = judge(names, values, jacobian[used], effort[used], covariance)
+    lengths = np.linalg.norm(jacobian[used], axis=0)
+    scaled = jacobian[used] / np.where(lengths > 0, lengths, 1.0)
+    parameters = tuple(
+        ParameterEstimate(name, unit, float(value), float(error), (float(low), float(high)))
+        for name, unit, value, error, (low, high) in zip(
+            names, units, values, covariance.std_err, covariance.intervals(values), strict=True
+        )
+    )
+    return Estimate(
+        estimator,
+        parameters,
+        used,
+        residuals,
+        condition_of_gram(scaled.T @ scaled),
+        judgement.identifiability,
+        judgement.note,
+        covariance.matrix,
+        history,
+        details or {},
+    )
