@@ -81,7 +81,7 @@ class ProbingTask:
         """The task for the arm of a robot file.
 
         Raises:
-            InputError: URDF or gains are not valid, the arm is not planar, or the guard would trip on the plan.
+            InputError: URDF or gains are not valid, the arm is not planar, or its guard trips on the plan.
         """
         check_against_guard(plan, robot_file)
         body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)

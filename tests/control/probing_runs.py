@@ -57,7 +57,7 @@ def plant_above(
 
 
 def probing_task(plan: ProbingPlan, gains: Gains | None = None, limits=WIDE) -> ProbingTask:
-    return ProbingTask(test_arm(), TOOL_AXIS_TIP, gains or Gains(), plan, limits)
+    return ProbingTask(test_arm(), TOOL_AXIS_TIP, gains or Gains(), plan, position_limits_rad=limits)
 
 
 def run_probing(plant: Plant, task: ProbingTask, limit_s: float = 60.0) -> Recording:

@@ -55,8 +55,14 @@ def test_what_it_would_not_is_not(plan):
 def test_speeds_that_a_joint_cannot_follow_are_refused_at_the_start(plan, name):
     def start(fastest_rad_s):
         fastest = np.full(3, fastest_rad_s)
-        settings = TOOL_AXIS_TIP, Gains(), ProbingPlan(**plan), WIDE
-        task = ProbingTask(test_arm(), *settings, velocity_limits_rad_s=fastest)
+        task = ProbingTask(
+            test_arm(),
+            TOOL_AXIS_TIP,
+            Gains(),
+            ProbingPlan(**plan),
+            position_limits_rad=WIDE,
+            velocity_limits_rad_s=fastest,
+        )
         task.start(plant_above().measure())
 
     start(4.0)

@@ -28,7 +28,9 @@ def test_the_mock_robot_is_probed_through_the_interfaces_alone():
     body = RigidBody.from_urdf(mock_robot.URDF, robot_file.tip_frame)
     limits = (np.array(robot_file.limits.position_min_rad), np.array(robot_file.limits.position_max_rad))
     plan = ProbingPlan(speeds_m_s=(0.09, 0.05), hold_s=0.4)
-    task = ProbingTask(body, np.array(robot_file.sensor_axis_tip), gains_of(robot_file), plan, limits)
+    task = ProbingTask(
+        body, np.array(robot_file.sensor_axis_tip), gains_of(robot_file), plan, position_limits_rad=limits
+    )
     result = run_loop(arm.robot, arm.guard, task, arm.clock, log, rate_hz=RATE_HZ)
     arm.robot.close()
     result.raise_for_trip()
