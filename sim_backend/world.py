@@ -219,7 +219,8 @@ class World:
 
     def _observe(self) -> None:
         """Work out what holds at the state just reached, and show it to the sensors."""
-        time_s, self._joints = self.time_s, None
+        self._joints = None
+        time_s = self._start_s + self._steps * self._step_s
         self._contact.update(time_s)
         if time_s >= self.encoder.look_s:
             self.encoder.observe(time_s, self._joint_values())

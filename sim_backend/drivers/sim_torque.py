@@ -63,7 +63,7 @@ class SimTorque(JointTorque):
         if not self._active:
             raise LifecycleError("the drives are off: activate them before the first command")
         resolution_nm, limits_nm = self._resolution_nm, self._bus.world.torque_limit_nm
-        wanted = zip(torque_nm.tolist(), limits_nm, strict=True)
-        sent = np.array([clip(quantise(torque, resolution_nm), -limit, limit) for torque, limit in wanted])
+        wanted = zip(quantise(torque_nm.tolist(), resolution_nm), limits_nm, strict=True)
+        sent = np.array([clip(torque, -limit, limit) for torque, limit in wanted])
         self._bus.stage(sent)
         return sent

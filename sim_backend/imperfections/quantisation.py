@@ -8,7 +8,6 @@ from robot_io.file_model import NotNegative
 from sim_backend.channel_effect import Transducer
 from sim_backend.imperfection import SensorImperfection, parameter
 from sim_backend.noise_scale import CONTACT, LOADED, NoiseScale
-from sim_backend.sensors.quantise import quantise
 
 
 class Quantisation(SensorImperfection):
@@ -26,7 +25,7 @@ class Quantisation(SensorImperfection):
     def transducer(self) -> Transducer:
         """See `SensorImperfection.transducer`."""
         step = self.step
-        return lambda _time_s, value: quantise(value, step)
+        return lambda _time_s, value: round(value / step) * step if step else value
 
     @classmethod
     def can_show_in(cls, channel: str) -> bool:

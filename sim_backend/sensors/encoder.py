@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from math import inf, pi
+from operator import sub
 
 import numpy as np
 
@@ -35,6 +36,7 @@ class SimulatedEncoder(SampledSensor):
     ) -> None:
         super().__init__(settings.rate_hz, settings.delay_s, start_s)
         self._count_rad = 2.0 * pi / settings.counts_per_revolution
+        self._counts_per_rad = 1.0 / self._count_rad
         self._by_difference = settings.velocity.source == "difference"
         self._noise = GaussianNoise(settings.velocity.noise_std_rad_s, generator)
         sample_period_s = max(1.0 / settings.rate_hz, step_s)
@@ -47,18 +49,16 @@ class SimulatedEncoder(SampledSensor):
         position: Sequence[float] = signal[:joint_count]
         for effect in self._effects:
             position = effect.measure(time_s, position)
-        count_rad = self._count_rad
-        counted = [round(angle / count_rad) * count_rad for angle in position]
+        per_rad, count_rad = self._counts_per_rad, self._count_rad
+        counted = [round(angle * per_rad) * count_rad for angle in position]
         if self._by_difference:
-            velocity = self._difference(time_s, counted)
+            velocity: Sequence[float] = self._difference(time_s, counted)
         else:
-            velocity = [speed + self._noise.draw() for speed in signal[joint_count:]]
-        return Sample(counted + velocity, time_s)
+            velocity = self._noise.added_to(signal[joint_count:])
+        return Sample([*counted, *velocity], time_s)
 
-    def _difference(self, time_s: float, position: list[float]) -> list[float]:
+    def _difference(self, time_s: float, position: list[float]) -> Sequence[float]:
         before_s, before = self._previous or (-inf, position)
         self._previous = (time_s, position)
-        elapsed_s = time_s - before_s
-        return self._velocity_low_pass.filter(
-            [(now - then) / elapsed_s for now, then in zip(position, before, strict=True)]
-        )
+        rate_hz = 1.0 / (time_s - before_s)
+        return self._velocity_low_pass.filter([moved * rate_hz for moved in map(sub, position, before)])

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from robot_io.clip import clip
 from robot_io.types import Status
 from sim_backend.hooks import SensorEffect
 from sim_backend.sensors.low_pass import LowPass
@@ -34,7 +35,7 @@ class SimulatedForceSensor(SampledSensor):
     ) -> None:
         low_pass = LowPass(settings.bandwidth_hz, step_s) if settings.bandwidth_hz else None
         super().__init__(settings.rate_hz, settings.delay_s, start_s, low_pass=low_pass)
-        self._settings = settings
+        self._resolution_n, self._range_n = settings.resolution_n, settings.range_n
         self._noise = GaussianNoise(settings.noise_std_n, generator)
         self._ahead = [effect for effect in effects if effect.ahead_of_noise]
         self._behind = [effect for effect in effects if not effect.ahead_of_noise]
@@ -43,10 +44,10 @@ class SimulatedForceSensor(SampledSensor):
         value: Sequence[float] = signal
         for effect in self._ahead:
             value = effect.measure(time_s, value)
-        value = [value[0] + self._noise.draw()]
+        value = self._noise.added_to(value)
         for effect in self._behind:
             value = effect.measure(time_s, value)
-        force_n, range_n = quantise(value[0], self._settings.resolution_n), self._settings.range_n
-        if abs(force_n) < range_n:
-            return Sample([force_n], time_s)
-        return Sample([max(-range_n, min(range_n, force_n))], time_s, Status.SATURATED)
+        measured, range_n = quantise(value, self._resolution_n), self._range_n
+        if abs(measured[0]) < range_n:
+            return Sample(measured, time_s)
+        return Sample([clip(measured[0], -range_n, range_n)], time_s, Status.SATURATED)

@@ -1,5 +1,7 @@
 """White Gaussian noise, drawn in blocks because one draw at a time costs more than a physics step."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 _BLOCK = 1024
@@ -18,10 +20,11 @@ class GaussianNoise:
         self._generator = generator
         self._block: list[float] = []
 
-    def draw(self) -> float:
-        """The next number."""
+    def added_to(self, signal: Sequence[float]) -> Sequence[float]:
+        """The signal with the next of these numbers on each of its values."""
         if not self._std:
-            return 0.0
-        if not self._block:
-            self._block = self._generator.normal(0.0, self._std, _BLOCK).tolist()
-        return self._block.pop()
+            return signal
+        if len(self._block) < len(signal):
+            self._block = self._generator.normal(0.0, self._std, _BLOCK).tolist() + self._block
+        draw = self._block.pop
+        return [value + draw() for value in signal]

@@ -29,7 +29,7 @@ class SimulatedTorqueSensor(SampledSensor):
         effects: Sequence[SensorEffect] = (),
     ) -> None:
         super().__init__(settings.rate_hz, settings.delay_s, start_s, settings.phase)
-        self._settings = settings
+        self._resolution_nm = settings.resolution_nm
         self._noise = GaussianNoise(settings.noise_std_nm, generator)
         self._ahead = [effect for effect in effects if effect.ahead_of_noise]
         self._behind = [effect for effect in effects if not effect.ahead_of_noise]
@@ -38,7 +38,7 @@ class SimulatedTorqueSensor(SampledSensor):
         value: Sequence[float] = signal
         for effect in self._ahead:
             value = effect.measure(time_s, value)
-        value = [torque_nm + self._noise.draw() for torque_nm in value]
+        value = self._noise.added_to(value)
         for effect in self._behind:
             value = effect.measure(time_s, value)
-        return Sample([quantise(torque_nm, self._settings.resolution_nm) for torque_nm in value], time_s)
+        return Sample(quantise(value, self._resolution_nm), time_s)
