@@ -46,7 +46,7 @@ class OnlineContactEstimator:
         self._estimator.start(_GAINS)
         self._touch_gains = touch
         self._release_n = 0.0
-        self._slope = centre_slope(half_window)
+        self._slope: list[float] = centre_slope(half_window).tolist()
         self._half = half_window
         self._window: deque[tuple[float, float, float]] = deque(maxlen=2 * half_window + 1)
         self._air = RunningMean()
@@ -112,8 +112,8 @@ class OnlineContactEstimator:
         window = self._window
         step_s = (window[-1][0] - window[0][0]) / (len(window) - 1)
         _, depth_m, force_n = window[self._half]
-        depths_m = np.array([depth_m for _, depth_m, _ in window])
-        row = np.array([depth_m, float(self._slope.dot(depths_m)) / step_s, 1.0])
+        moved_m = sum([slope * depth_m for slope, (_, depth_m, _) in zip(self._slope, window, strict=True)])
+        row = np.array([depth_m, moved_m / step_s, 1.0])
         stiffness, damping, offset_n = self._estimator.update(row, force_n).tolist()
         self._samples += 1
         if self._samples >= _ENOUGH and stiffness > 0.0:
