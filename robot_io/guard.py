@@ -10,6 +10,7 @@ from robot_io.errors import InputError, SafetyTripError
 from robot_io.limit_checks import LimitChecks
 from robot_io.limits import Limits, SafeState
 from robot_io.safe_stop import GravityModel, SafeStop
+from robot_io.stuck_encoder import StuckEncoders
 from robot_io.types import Command, FloatArray, Measurement
 
 PAUSE_S = (
@@ -67,6 +68,8 @@ class Guard:
                 f"and its safe state {len(safe_state.damping_nms_rad)}"
             )
         self._checks = LimitChecks(limits)
+        self._stuck_encoders = StuckEncoders(limits)
+        self._encoder_stuck = False
         self._torque_limits = tuple(zip(limits.torque_nm, limits.torque_rate_nm_s, strict=True))
         self._safe_stop = SafeStop(limits, safe_state, gravity_nm)
         self._shape = (joint_count,)
@@ -97,7 +100,8 @@ class Guard:
 
         Args:
             measurement: this tick's measurement.
-            reference_position_rad: where the joints should be, shape (n,) [rad], to check tracking as well.
+            reference_position_rad: where the joints should be, shape (n,) [rad]: to check as well whether
+                they follow it, and whether their encoders do.
         """
         problem = self._time_problem(measurement)
         if measurement is not self._watched:
@@ -107,7 +111,7 @@ class Guard:
             return
         problem = problem or self._checks.violation(measurement)
         if problem is None and reference_position_rad is not None:
-            problem = self._checks.tracking_problem(measurement, reference_position_rad)
+            problem = self._following_problem(measurement, reference_position_rad)
         if problem is not None:
             self.trip(problem)
 
@@ -152,9 +156,15 @@ class Guard:
         if problem is not None:
             raise SafetyTripError(f"not re-armed: {problem}")
         self._trip = None
-        self._finished = False
+        self._finished = self._encoder_stuck = False
+        self._stuck_encoders.restart()
         self._watched = measurement
         self._previous_nm = None
+
+    def _following_problem(self, measurement: Measurement, reference_position_rad: FloatArray) -> str | None:
+        stuck = self._stuck_encoders.problem(measurement, reference_position_rad)
+        self._encoder_stuck = stuck is not None
+        return stuck or self._checks.tracking_problem(measurement, reference_position_rad)
 
     def _time_problem(self, measurement: Measurement) -> str | None:
         last_s = self._watched.time_s if self._watched else -inf
@@ -205,7 +215,7 @@ class Guard:
         # Two clocks end the stop, whichever is first, and so does NaN: time itself may be what has failed.
         if not (self._stopping_s < self._safe_stop.duration_s and self._clock_says_stopping(measurement)):
             self._finished = True
-        if self._finished or not self._checks.motion_is_known(measurement):
+        if self._finished or self._encoder_stuck or not self._checks.motion_is_known(measurement):
             return _command([0.0] * self._shape[0])
         return _command(self._safe_stop.torque_nm(measurement, self._stopping_s, dt_s))
 

@@ -562,3 +562,77 @@ class TestOnTheMockArm:
         guard, _, plant = self.run(400, torque(0.1, 0.0, 0.0), break_down)
         assert guard.tripped.tick == 49
         assert not plant.torque_nm.any()
+
+
+def watch_many(guard, count, reading, reference, torque_nm, *, first=0):
+    """`count` ticks; each argument gives joint 1's value at tick k. Returns the tick of the trip, or None."""
+    for k in range(first, first + count):
+        guard.watch(
+            measured(k * DT, joint_position_rad=[reading(k), 0], joint_torque_nm=[torque_nm(k), 0]),
+            np.array([reference(k), 0.0]),
+        )
+        if guard.tripped:
+            return k
+    return None
+
+
+STEP = 2 * math.pi / 4096
+SPEED = 0.5e-3  # rad per tick
+
+
+def in_steps(position_rad):
+    return round(position_rad / STEP) * STEP
+
+
+@pytest.mark.parametrize("seen", [in_steps, float], ids=["12 bits", "fine"])
+def test_an_encoder_that_freezes_is_named_before_the_joint_is_far_off(guard, seen):
+    def reading(k):
+        return seen(SPEED * min(k, 100))
+
+    # The controller answers to the error that it sees: 200 N m/rad.
+    tick = watch_many(guard, 200, reading, lambda k: SPEED * k, lambda k: 200 * (SPEED * k - reading(k)))
+    assert "encoder of joint 1: stuck at 0.0" in guard.tripped.cause
+    assert 100 < tick <= 120
+    # Its velocity is nothing to brake against.
+    assert limited(guard, torque(1, 1), measured(0.2, joint_velocity_rad_s=[1.0, 1.0])) == [0.0, 0.0]
+
+
+def test_a_joint_that_is_not_told_to_move_may_read_one_number_for_ever(guard):
+    assert watch_many(guard, 500, lambda k: 0.3, lambda k: 0.3, lambda k: 5.0 * math.sin(k)) is None
+
+
+def test_a_joint_that_friction_holds_while_its_reference_creeps_is_no_stuck_encoder(guard):
+    """Up to 8 mrad behind, at 30 N m/rad; it then breaks loose and is held again."""
+
+    def reading(k):
+        return in_steps(8e-3 * (k // 320))
+
+    def torque_nm(k):
+        return 30 * (25e-6 * k - reading(k))
+
+    assert watch_many(guard, 5000, reading, lambda k: 25e-6 * k, torque_nm) is None
+
+
+def test_a_slow_coarse_encoder_is_not_stuck(guard):
+    """A fifth of the samples are new, and of those most show no new step."""
+
+    def reading(k):
+        return in_steps(50e-6 * (k - k % 5))
+
+    assert watch_many(guard, 5000, reading, lambda k: 50e-6 * k, lambda k: 0.9) is None
+
+
+def test_readings_that_freeze_for_a_tick_or_two_are_no_reason(guard):
+    fast = 3e-3
+    assert (
+        watch_many(guard, 300, lambda k: fast * (k - k % 3), lambda k: fast * k, lambda k: 4.0 * (k % 3))
+        is None
+    )
+
+
+def test_old_samples_are_old_and_not_stuck(guard):
+    """The age limit, not this check, says how long a sample may be acted on."""
+    for k in range(1, 6):
+        old = measured(k * DT, encoder_at_s=DT, joint_torque_nm=[2.0 * k, 0])
+        guard.watch(old, np.array([0.01 * k, 0.0]))
+    assert guard.tripped is None

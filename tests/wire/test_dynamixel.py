@@ -72,7 +72,7 @@ def test_the_object_is_the_same_over_the_wire(bench, direct, tmp_path, changes):
         (FaultKind.ALERT, {"device": 2, "times": 1}, r"servo 2 (joint 2): has switched its torque off"),
         (FaultKind.REBOOT, {"device": 3, "times": 1, "delay_s": 1e-3}, "servo 3 (joint 3): has forgotten"),
         (FaultKind.UNPLUG, {}, "unplugged?"),
-        (FaultKind.STUCK, {"device": 1}, "limit"),  # of tracking or of force, whichever it reaches first
+        (FaultKind.STUCK, {"device": 1}, "encoder of joint 1: stuck at"),
     ],
 )
 def test_a_fault_on_the_way_ends_without_torque_and_with_its_name(bench, tmp_path, kind, details, cause):
