@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.model import Model
+from robot_io.calibration import NO_CALIBRATIONS
 
 
 @dataclass(frozen=True)
@@ -16,12 +17,14 @@ class ModelContext:
         joint: number of the joint from 0 that the channel belongs to; None for a contact.
         urdf: text of the arm's URDF; empty if there is none.
         tip_frame: name of the tip's frame in that URDF.
+        gravity_m_s2: shape (3,), fall acceleration in the axes of its root link [m/s^2].
         surface_found: whether a contact's surface was found from the data and so has an error of its own.
     """
 
     joint: int | None = None
     urdf: str = ""
     tip_frame: str = ""
+    gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
     surface_found: bool = False
 
 

@@ -19,6 +19,7 @@ from estimation.models import MODELS
 from estimation.surface import Surface
 from palpate.files import existing_file
 from palpate.truth import true_parameters
+from robot_io.calibration import NO_CALIBRATIONS, parse_calibrations
 from robot_io.errors import InputError
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
@@ -45,10 +46,12 @@ class Arm:
     Attributes:
         urdf: text of its URDF, empty where it is not known.
         tip_frame: the tip's frame in it.
+        gravity_m_s2: shape (3,), fall acceleration in the axes of its base [m/s^2].
     """
 
     urdf: str = ""
     tip_frame: str = ""
+    gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
 
 
 NO_ARM = Arm()
@@ -170,7 +173,8 @@ def arm_of(session: Session) -> Arm:
     """
     text = session.metadata.robot_file
     tip_frame = parse_robot_file(text, f"{session.path}, its robot file").tip_frame if text else ""
-    return Arm(session.metadata.urdf, tip_frame)
+    calibrations = parse_calibrations(session.metadata.calibration, f"{session.path}, its calibration")
+    return Arm(session.metadata.urdf, tip_frame, calibrations.gravity_base_m_s2)
 
 
 def choose_estimators(names: str) -> list[str]:
@@ -226,5 +230,6 @@ def context_of(channel: ChannelData, arm: Arm) -> ModelContext:
         joint=int(joint[1]) - 1 if joint else None,
         urdf=arm.urdf,
         tip_frame=arm.tip_frame,
+        gravity_m_s2=arm.gravity_m_s2,
         surface_found=channel.surface is not None,
     )

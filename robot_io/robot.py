@@ -8,6 +8,8 @@ from typing import Self
 
 import numpy as np
 
+from robot_io.calibration.applied import Calibrations, load_calibrations
+from robot_io.calibration.devices import CalibratedEncoder, CalibratedForceSensor, CalibratedTorque
 from robot_io.clock import Clock
 from robot_io.driver import DriverCatalogue, DriverContext, make_driver
 from robot_io.errors import DeviceError, DeviceTimeoutError, InputError, LifecycleError
@@ -246,12 +248,26 @@ class Robot:
         return float(reading.value[0])
 
 
-def build_robot(robot_file: RobotFile, drivers: DriverCatalogue, clock: Clock) -> Robot:
+def build_robot(
+    robot_file: RobotFile,
+    drivers: DriverCatalogue,
+    clock: Clock,
+    calibrations: Calibrations | None = None,
+) -> Robot:
     """Put together the robot that a robot file describes; opens nothing yet.
 
+    Args:
+        robot_file: the description.
+        drivers: where its drivers are found.
+        clock: what samples are stamped with.
+        calibrations: what corrects its devices; None: those that the robot file names, valid today.
+
     Raises:
-        InputError: a driver has no such name, its settings are not valid, or joint counts differ.
+        InputError: a driver has no such name, its settings are not valid, joint counts differ, or a
+            calibration is not valid, of something else, or expired.
     """
+    if calibrations is None:
+        calibrations = load_calibrations(robot_file)
     buses = {
         name: make_driver(
             drivers.bus,
@@ -267,10 +283,13 @@ def build_robot(robot_file: RobotFile, drivers: DriverCatalogue, clock: Clock) -
         return DriverContext(clock, robot_file, bus, section=(key,))
 
     encoder, torque, force = robot_file.encoder, robot_file.torque, robot_file.force
+    encoders = make_driver(drivers.encoder, encoder.driver, encoder.settings, context(encoder, "encoder"))
+    drives = make_driver(drivers.torque, torque.driver, torque.settings, context(torque, "torque"))
+    sensor = make_driver(drivers.force, force.driver, force.settings, context(force, "force"))
     robot = Robot(
-        make_driver(drivers.encoder, encoder.driver, encoder.settings, context(encoder, "encoder")),
-        make_driver(drivers.torque, torque.driver, torque.settings, context(torque, "torque")),
-        make_driver(drivers.force, force.driver, force.settings, context(force, "force")),
+        CalibratedEncoder(encoders, calibrations.encoder) if calibrations.encoder else encoders,
+        CalibratedTorque(drives, calibrations.torque) if calibrations.torque else drives,
+        CalibratedForceSensor(sensor, calibrations.force) if calibrations.force else sensor,
         buses,
         clock,
         robot_file.name,

@@ -35,6 +35,22 @@ class DeviceSection(BusSection):
     bus: str | None = None
 
 
+class CalibrationSection(FileModel):
+    """Files of calibrations, relative to the robot file; None: the device is taken as it is.
+
+    Attributes:
+        force: scale and zero of the force sensor.
+        encoder: zeros of the joints.
+        torque: gains and offsets of the drives.
+        gravity: how the base stands.
+    """
+
+    force: Text | None = None
+    encoder: Text | None = None
+    torque: Text | None = None
+    gravity: Text | None = None
+
+
 class RobotFile(FileModel):
     """What a robot file says. Lists hold one value per joint, from base to tip.
 
@@ -54,7 +70,7 @@ class RobotFile(FileModel):
         limits: what the guard holds the arm to.
         safe_state: how the guard brings it to rest.
         gains: controller gains; the controllers check them.
-        calibration: names or files of calibrations, by device.
+        calibration: files of calibrations; see `robot_io.calibration`.
     """
 
     name: Name
@@ -71,7 +87,7 @@ class RobotFile(FileModel):
     limits: Limits
     safe_state: SafeState
     gains: dict[str, Any] = Field(default_factory=dict)
-    calibration: dict[str, str] = Field(default_factory=dict)
+    calibration: CalibrationSection = CalibrationSection()
 
     _document: YamlDocument = PrivateAttr()
 

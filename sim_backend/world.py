@@ -81,6 +81,8 @@ class World:
         encoder: joint encoders.
         torque_sensor: the drives' torque sensors.
         force_sensor: the force sensor.
+        sensor_load_n: what presses on the force sensor beside the object, such as a weight put on it by hand
+            [N]; the arm stands on its rest meanwhile and does not feel it.
         held: while True the arm stands still, whatever pulls at it; time and sensors go on.
     """
 
@@ -94,6 +96,7 @@ class World:
         self._step_s = 1.0 / scenario.physics.rate_hz
         self._steps = 0
         self._joints: list[float] | None = None
+        self.sensor_load_n = 0.0
         self.held = False
         self._client: int = bullet.connect(bullet.DIRECT)
         try:
@@ -227,7 +230,8 @@ class World:
         if time_s >= self.torque_sensor.look_s:
             self.torque_sensor.observe(time_s, self._torque_nm)
         if time_s >= self.force_sensor.look_s:
-            self.force_sensor.observe(time_s, [self._contact.compression_n(self._sensor_axis_tip)])
+            force_n = self._contact.compression_n(self._sensor_axis_tip) + self.sensor_load_n
+            self.force_sensor.observe(time_s, [force_n])
 
     def truth(self) -> Truth:
         """The state as it is."""

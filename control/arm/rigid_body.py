@@ -5,7 +5,7 @@ Equation of motion with generalised torques tau and a wrench w that the surround
     M(q) a + C(q, v) v + g(q) = tau + J(q)^T w
 
 Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, chapters 5 (RNEA) and 6 (mass matrix).
-World frame: that of the URDF's root link, gravity 9.81 m/s^2 along -z.
+World frame: that of the URDF's root link; gravity is 9.81 m/s^2 along -z unless a base is said to be tilted.
 """
 
 import math
@@ -18,10 +18,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
+from robot_io.calibration import Calibrations, load_calibrations
 from robot_io.errors import InputError
+from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, frozen_array
 
 PARAMETERS_PER_LINK = 10
+LEVEL = (0.0, 0.0, -9.81)
 _WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
@@ -79,12 +82,30 @@ class RigidBody:
         self._tip = model.getFrameId(tip_frame)
 
     @classmethod
-    def from_urdf(cls, urdf: str | Path, tip_frame: str) -> "RigidBody":
+    def of_robot(cls, robot_file: RobotFile, calibrations: Calibrations | None = None) -> "RigidBody":
+        """The arm of a robot file, on a base that stands as its gravity calibration says.
+
+        Args:
+            robot_file: the robot.
+            calibrations: what is applied to it; None: those that the robot file names, valid today.
+
+        Raises:
+            InputError: as `from_urdf`, or a calibration must not be used.
+        """
+        if calibrations is None:
+            calibrations = load_calibrations(robot_file)
+        return cls.from_urdf(robot_file.urdf_path, robot_file.tip_frame, calibrations.gravity_base_m_s2)
+
+    @classmethod
+    def from_urdf(
+        cls, urdf: str | Path, tip_frame: str, gravity_m_s2: Sequence[float] = LEVEL
+    ) -> "RigidBody":
         """Read a URDF.
 
         Args:
             urdf: path of the file, or its text (anything that holds a "<").
             tip_frame: name of the link whose frame is the tip.
+            gravity_m_s2: shape (3,), fall acceleration in the axes of the root link [m/s^2].
 
         Raises:
             InputError: it cannot be read, is not a URDF, or has no such frame.
@@ -104,6 +125,7 @@ class RigidBody:
             raise InputError(f"{place}: not a readable URDF ({reason:.100})") from error
         if model.nq == 0:
             raise InputError(f"{place}: has no movable joint")
+        model.gravity.linear = frozen_array(gravity_m_s2, (3,), what="gravity")
         return cls(model, tip_frame)
 
     @property

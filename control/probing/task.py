@@ -84,7 +84,7 @@ class ProbingTask:
             InputError: URDF or gains are not valid, the arm is not planar, or its guard trips on the plan.
         """
         check_against_guard(plan, robot_file)
-        body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
+        body = RigidBody.of_robot(robot_file)
         limits = robot_file.limits
         position_limits = (np.array(limits.position_min_rad), np.array(limits.position_max_rad))
         return cls(

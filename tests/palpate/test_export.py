@@ -42,7 +42,7 @@ def revision(channel, **parameters):
 
 def test_every_effect_of_the_simulator_is_reached_by_the_name_of_a_fitted_one():
     known = {**CONTACT, **JOINT, **ARM, **SENSOR}
-    assert set(known) == set(IMPERFECTIONS)
+    assert set(known) == set(IMPERFECTIONS) - {"sensor_gain"}  # found by calibration, not by a fit
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ VOCABULARY = {
     *("viscous_friction", "coulomb_friction", "stribeck_friction", "asymmetric_friction"),
     *("load_dependent_friction", "quadratic_friction", "payload", "armature", "gravity_tilt"),
     *("torque_ripple", "joint_spring", "backlash", "joint_elasticity", "torque_gain"),
-    *("bias", "drift", "lag", "delay", "saturation", "deadband", "hysteresis", "quantisation"),
+    *("bias", "drift", "lag", "delay", "saturation", "deadband", "hysteresis", "quantisation", "sensor_gain"),
 }
 
 
@@ -212,7 +212,13 @@ def test_equal_seeds_draw_the_same_and_different_ones_all_there_is():
     assert drawn == [draw_hidden(seed)[0] for seed in range(600)]
     shown = {n for n, kind in IMPERFECTIONS.items() if any(map(kind.can_show_in, SCALE.channels))}
     assert {entry.name for entry in drawn} == shown
-    assert VOCABULARY - shown == {"contact_offset", "tool_compliance", "backlash", "joint_elasticity"}
+    assert VOCABULARY - shown == {
+        "contact_offset",
+        "tool_compliance",
+        "backlash",
+        "joint_elasticity",
+        "sensor_gain",
+    }
     in_contact = np.mean([CONTACT in entry.channels for entry in drawn])
     assert in_contact == pytest.approx(0.5, abs=0.08)
 

@@ -1,0 +1,39 @@
+"""Calibrations: the file, who may use it, and the one place where it corrects what devices say."""
+
+from robot_io.calibration.applied import NO_CALIBRATIONS, Calibrations, load_calibrations, parse_calibrations
+from robot_io.calibration.file import (
+    CALIBRATION_KINDS,
+    Calibration,
+    EncoderCalibration,
+    Findings,
+    ForceCalibration,
+    GravityCalibration,
+    Quantities,
+    Quantity,
+    RawData,
+    TorqueCalibration,
+    load_calibration,
+    parse_calibration,
+)
+from robot_io.calibration.identity import device_identity, urdf_sha256
+
+__all__ = [
+    "CALIBRATION_KINDS",
+    "NO_CALIBRATIONS",
+    "Calibration",
+    "Calibrations",
+    "EncoderCalibration",
+    "Findings",
+    "ForceCalibration",
+    "GravityCalibration",
+    "Quantities",
+    "Quantity",
+    "RawData",
+    "TorqueCalibration",
+    "device_identity",
+    "load_calibration",
+    "load_calibrations",
+    "parse_calibration",
+    "parse_calibrations",
+    "urdf_sha256",
+]

@@ -1,0 +1,116 @@
+"""Devices that say what is true: each stands before the driver and corrects its readings and commands.
+
+The only place where a calibration touches a number on its way between driver and `Measurement` or `Command`.
+Samples keep their time and status; what is not a number stays none.
+"""
+
+import numpy as np
+
+from robot_io.calibration.file import EncoderCalibration, ForceCalibration, Quantities, TorqueCalibration
+from robot_io.interfaces import Component, ForceSensor, JointEncoder, JointTorque
+from robot_io.types import FloatArray, Reading, frozen_array
+
+
+class _Before(Component):
+    """Passes the lifecycle on to the driver."""
+
+    def __init__(self, driver: Component) -> None:
+        self._driver = driver
+
+    def configure(self) -> None:
+        self._driver.configure()
+
+    def activate(self) -> None:
+        self._driver.activate()
+
+    def deactivate(self) -> None:
+        self._driver.deactivate()
+
+    def close(self) -> None:
+        self._driver.close()
+
+
+class CalibratedForceSensor(_Before, ForceSensor):
+    """force = scale (reading - zero) + curvature (reading - zero)^2.
+
+    Args:
+        driver: the sensor.
+        calibration: of it.
+    """
+
+    def __init__(self, driver: ForceSensor, calibration: ForceCalibration) -> None:
+        super().__init__(driver)
+        self._sensor = driver
+        values = calibration.values
+        self._zero, self._scale = values.zero.value, values.scale.value
+        self._curvature = values.curvature.value if values.curvature else 0.0
+
+    def read_force(self) -> Reading:
+        """See `ForceSensor.read_force`."""
+        reading = self._sensor.read_force()
+        above = reading.value - self._zero
+        return reading._replace(value=above * (self._scale + self._curvature * above))
+
+
+class CalibratedEncoder(_Before, JointEncoder):
+    """position = reading + offset; the velocity has no zero.
+
+    Args:
+        driver: the encoders.
+        calibration: of them.
+    """
+
+    def __init__(self, driver: JointEncoder, calibration: EncoderCalibration) -> None:
+        super().__init__(driver)
+        self._encoder = driver
+        self._offset_rad = _values(calibration.values.offset)
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return self._encoder.joint_count
+
+    def read_position(self) -> Reading:
+        """See `JointEncoder.read_position`."""
+        reading = self._encoder.read_position()
+        return reading._replace(value=reading.value + self._offset_rad)
+
+    def read_velocity(self) -> Reading:
+        """See `JointEncoder.read_velocity`."""
+        return self._encoder.read_velocity()
+
+
+class CalibratedTorque(_Before, JointTorque):
+    """torque = gain reading + offset; the drive is told (torque - command offset) / gain.
+
+    Args:
+        driver: the drives.
+        calibration: of them.
+    """
+
+    def __init__(self, driver: JointTorque, calibration: TorqueCalibration) -> None:
+        super().__init__(driver)
+        self._drives = driver
+        values = calibration.values
+        self._gain = _values(values.gain)
+        self._offset_nm = _values(values.offset)
+        self._command_offset_nm = _values(values.command_offset)
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return self._drives.joint_count
+
+    def read_torque(self) -> Reading:
+        """See `JointTorque.read_torque`."""
+        reading = self._drives.read_torque()
+        return reading._replace(value=self._gain * reading.value + self._offset_nm)
+
+    def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
+        """See `JointTorque.stage_torque`; what is returned is true torque, as what is wanted."""
+        told = self._drives.stage_torque((torque_nm - self._command_offset_nm) / self._gain)
+        return np.asarray(self._gain * told + self._command_offset_nm)
+
+
+def _values(quantities: Quantities) -> FloatArray:
+    return frozen_array(quantities.value)

@@ -1,0 +1,309 @@
+"""The calibration file: one YAML file for each kind, with values, uncertainties and where they come from.
+
+Everything under `values` is applied; `findings` are for people and are never applied.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+import yaml
+from pydantic import AwareDatetime, BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from robot_io.errors import InputError
+from robot_io.file_model import FileModel, NotNegative, Number, input_error, validate
+from robot_io.safe_yaml import YamlDocument, load_yaml, parse_yaml
+
+MAX_BYTES = 64 * 1024
+MOST_JOINTS = 32
+_Text = Annotated[str, Field(min_length=1, max_length=200)]
+_Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+def _date_as_text(value: object) -> object:
+    """Only text can be a date: a number would be read as seconds since 1970."""
+    if isinstance(value, int | float):
+        raise PydanticCustomError("not_a_date", "expected a date such as 2026-11-20T08:00:00+00:00")
+    return value
+
+
+_Date = Annotated[AwareDatetime, BeforeValidator(_date_as_text)]
+
+
+class Quantity(FileModel):
+    """One value.
+
+    Attributes:
+        value: in `unit`.
+        std_err: standard uncertainty, in `unit`; twice as much covers about 95 %.
+        unit: of both.
+    """
+
+    value: Number
+    std_err: NotNegative
+    unit: Annotated[str, Field(max_length=40)]
+
+
+class Quantities(FileModel):
+    """A value for each joint, from base to tip.
+
+    Attributes:
+        value: shape (n,), in `unit`.
+        std_err: standard uncertainties, shape (n,).
+        unit: of all.
+    """
+
+    value: Annotated[tuple[Number, ...], Field(min_length=1, max_length=MOST_JOINTS)]
+    std_err: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=MOST_JOINTS)]
+    unit: Annotated[str, Field(max_length=40)]
+
+    @model_validator(mode="after")
+    def _agree(self) -> "Quantities":
+        if len(self.value) != len(self.std_err):
+            raise ValueError(f"has {len(self.value)} values and {len(self.std_err)} uncertainties")
+        return self
+
+
+Findings = Annotated[dict[str, Quantity | Quantities], Field(max_length=40)]
+
+
+class RawData(FileModel):
+    """What a calibration was worked out from.
+
+    Attributes:
+        file: name of the session or data file, without its folder.
+        sha256: of its bytes.
+    """
+
+    file: _Text
+    sha256: _Sha256
+
+
+class Calibration(FileModel):
+    """What every calibration says about itself.
+
+    Attributes:
+        palpate_calibration: version of this format.
+        kind: which of the four.
+        robot: name of the robot in its robot file.
+        device: driver and settings of what was calibrated, see `device_identity`.
+        urdf_sha256: of the URDF whose masses were taken as known; None where none were.
+        made_utc: when.
+        valid_until_utc: refused from then on.
+        software_version: version of palpate.
+        raw_data: what it was worked out from.
+        made_with: other calibrations that were applied meanwhile.
+        findings: what else was found; not applied.
+    """
+
+    units: ClassVar[Mapping[str, str]] = {}
+
+    palpate_calibration: Literal[1]
+    kind: str
+    robot: _Text
+    device: dict[str, object]
+    urdf_sha256: _Sha256 | None = None
+    made_utc: _Date
+    valid_until_utc: _Date
+    software_version: _Text
+    raw_data: RawData
+    made_with: Annotated[tuple[_Text, ...], Field(max_length=8)] = ()
+    findings: Findings = Field(default_factory=dict)
+
+    @property
+    def joint_count(self) -> int | None:
+        """How many joints it is for; None where that does not matter."""
+        return None
+
+    def to_yaml(self) -> str:
+        """The file, as `parse_calibration` reads it."""
+        text: str = yaml.safe_dump(
+            self.model_dump(mode="json", exclude_none=True), sort_keys=False, width=110, allow_unicode=True
+        )
+        return text
+
+    @model_validator(mode="after")
+    def _dates_in_order(self) -> "Calibration":
+        if self.valid_until_utc <= self.made_utc:
+            raise ValueError("valid_until_utc is not after made_utc")
+        return self
+
+
+def _expect_units(values: FileModel, units: Mapping[str, str]) -> None:
+    for name, unit in units.items():
+        quantity = getattr(values, name)
+        if quantity is not None and quantity.unit != unit:
+            raise ValueError(f"values.{name}: unit must be '{unit}' (is {quantity.unit!r:.40})")
+
+
+def _expect_range(name: str, values: tuple[float, ...], low: float, high: float) -> None:
+    for value in values:
+        if not low <= value <= high:
+            raise ValueError(f"values.{name}: must be within {low:g} and {high:g} (is {value:g})")
+
+
+class ForceValues(FileModel):
+    """force = scale (reading - zero) + curvature (reading - zero)^2, positive in compression [N]."""
+
+    zero: Quantity
+    scale: Quantity
+    curvature: Quantity | None = None
+
+
+class ForceCalibration(Calibration):
+    """Of the force sensor.
+
+    Attributes:
+        reading_unit: of what was read; a robot's driver reads N.
+        values: see `ForceValues`; a scale that turns the sign round is refused.
+    """
+
+    kind: Literal["force"]
+    reading_unit: Annotated[str, Field(pattern=r"^[A-Za-z%][A-Za-z0-9_/%]{0,19}$")] = "N"
+    values: ForceValues
+
+    @model_validator(mode="after")
+    def _plausible(self) -> "ForceCalibration":
+        unit = self.reading_unit
+        _expect_units(self.values, {"zero": unit, "scale": f"N/{unit}", "curvature": f"N/{unit}^2"})
+        if not self.values.scale.value > 0.0:
+            raise ValueError("values.scale: must be positive; turn the sign round in the driver's settings")
+        if unit == "N":
+            _expect_range("scale", (self.values.scale.value,), 0.1, 10.0)
+        return self
+
+
+class EncoderValues(FileModel):
+    """position = reading + offset."""
+
+    offset: Quantities
+
+
+class EncoderCalibration(Calibration):
+    """Of the joints' zeros.
+
+    Attributes:
+        values: see `EncoderValues`.
+    """
+
+    kind: Literal["encoder"]
+    values: EncoderValues
+
+    @property
+    def joint_count(self) -> int:
+        """See `Calibration.joint_count`."""
+        return len(self.values.offset.value)
+
+    @model_validator(mode="after")
+    def _plausible(self) -> "EncoderCalibration":
+        _expect_units(self.values, {"offset": "rad"})
+        _expect_range("offset", self.values.offset.value, -3.1416, 3.1416)
+        return self
+
+
+class TorqueValues(FileModel):
+    """joint torque = gain reading + offset; a drive is told (torque - command_offset) / gain."""
+
+    gain: Quantities
+    offset: Quantities
+    command_offset: Quantities
+
+
+class TorqueCalibration(Calibration):
+    """Of the drives' torques.
+
+    Attributes:
+        values: see `TorqueValues`.
+    """
+
+    kind: Literal["torque"]
+    urdf_sha256: _Sha256
+    values: TorqueValues
+
+    @property
+    def joint_count(self) -> int:
+        """See `Calibration.joint_count`."""
+        return len(self.values.gain.value)
+
+    @model_validator(mode="after")
+    def _plausible(self) -> "TorqueCalibration":
+        values = self.values
+        _expect_units(values, {"gain": "1", "offset": "N m", "command_offset": "N m"})
+        _expect_range("gain", values.gain.value, 0.2, 5.0)
+        if not len(values.gain.value) == len(values.offset.value) == len(values.command_offset.value):
+            raise ValueError("values: gain, offset and command_offset must have one value per joint each")
+        return self
+
+
+class GravityValues(FileModel):
+    """How the base stands: turned by pitch about its y axis (x dipping), after roll about its x axis."""
+
+    pitch: Quantity
+    roll: Quantity | None = None
+
+
+class GravityCalibration(Calibration):
+    """Of the base's tilt.
+
+    Attributes:
+        values: see `GravityValues`; an angle that the arm cannot feel is left out and taken as 0.
+    """
+
+    kind: Literal["gravity"]
+    urdf_sha256: _Sha256
+    values: GravityValues
+
+    @model_validator(mode="after")
+    def _plausible(self) -> "GravityCalibration":
+        _expect_units(self.values, {"pitch": "rad", "roll": "rad"})
+        for name in ("pitch", "roll"):
+            angle = getattr(self.values, name)
+            _expect_range(name, (angle.value,) if angle else (), -1.6, 1.6)
+        return self
+
+
+_MODELS: Mapping[str, type[Calibration]] = {
+    "force": ForceCalibration,
+    "encoder": EncoderCalibration,
+    "torque": TorqueCalibration,
+    "gravity": GravityCalibration,
+}
+CALIBRATION_KINDS = tuple(_MODELS)
+
+
+def load_calibration(path: str | Path) -> Calibration:
+    """Read and check a calibration file.
+
+    Raises:
+        InputError: the first thing that is wrong, with file, line, key and the valid choices.
+    """
+    return calibration_from(load_yaml(path, MAX_BYTES))
+
+
+def parse_calibration(text: str, origin: str) -> Calibration:
+    """Read a calibration from its text; `origin` names it in errors.
+
+    Raises:
+        InputError: as `load_calibration`.
+    """
+    return calibration_from(parse_yaml(text, origin, MAX_BYTES))
+
+
+def calibration_from(document: YamlDocument, kind: str | None = None) -> Calibration:
+    """The calibration that is all of `document`, or that stands under the key `kind`.
+
+    Raises:
+        InputError: as `load_calibration`.
+    """
+    at = () if kind is None else (kind,)
+    data = document.data if kind is None else document.data.get(kind)
+    stated = data.get("kind") if isinstance(data, Mapping) else None
+    if stated is None and isinstance(data, Mapping):
+        raise InputError(
+            f"{document.origin}: is no calibration, 'kind' is missing. Valid: {', '.join(_MODELS)}"
+        )
+    model = _MODELS.get(stated) if isinstance(stated, str) else None
+    if model is None:
+        raise input_error(document, (*at, "kind"), f"Valid: {', '.join(_MODELS)}", stated)
+    return validate(model, data, document, at)

@@ -1,0 +1,166 @@
+import math
+from datetime import timedelta
+
+import numpy as np
+import pytest
+
+from control.arm.rigid_body import RigidBody
+from robot_io.calibration import Calibrations, load_calibrations, parse_calibrations
+from robot_io.calibration.applied import gravity_base_m_s2
+from robot_io.clock import SimulatedClock
+from robot_io.driver import DriverCatalogue
+from robot_io.errors import InputError
+from robot_io.robot import build_robot
+from robot_io.robot_file import load_robot_file, parse_robot_file
+from robot_io.types import Command
+from tests.mock_robot import ROBOT_YAML, mock_bus
+from tests.robot_io.calibration.parts import END, KINDS, MADE, NOW, VALUES, calibration_of, robot_with
+
+
+def readings(robot_file, calibrations, command_nm=(0.2, 0.3, 0.4)):
+    """A measurement after a command, and what was said to be sent and was sent."""
+    clock = SimulatedClock()
+    with build_robot(robot_file, DriverCatalogue("tests.mock_robot"), clock, calibrations) as robot:
+        robot.activate()
+        for _ in range(3):
+            clock.sleep_until(clock.now_s() + 0.001)
+            measurement = robot.read(clock.now_s() + 0.001)
+            sent = robot.write(Command(np.array(command_nm)), clock.now_s() + 0.001)
+        return measurement, sent.joint_torque_nm, mock_bus(robot).staged_nm
+
+
+def test_every_reading_and_command_is_corrected_once(tmp_path):
+    robot_file = robot_with(tmp_path, *KINDS)
+    raw, _, _ = readings(robot_file, Calibrations())
+    seen, sent, told = readings(robot_file, load_calibrations(robot_file, NOW))
+    force = VALUES["force"]
+    above = raw.force_n - force["zero"]["value"]
+    expected = force["scale"]["value"] * above + force["curvature"]["value"] * above**2
+    assert seen.force_n == pytest.approx(expected)
+    offset = np.array(VALUES["encoder"]["offset"]["value"])
+    np.testing.assert_allclose(seen.joint_position_rad, raw.joint_position_rad + offset, atol=1e-3)
+    np.testing.assert_allclose(seen.joint_velocity_rad_s, raw.joint_velocity_rad_s, atol=0.1)
+    np.testing.assert_allclose(
+        told, [0.4, 0.2, 0.3], atol=0.005
+    )  # (0.2 - 0)/0.5, (0.3 - 0.1)/1, (0.4 + 0.2)/2
+    np.testing.assert_allclose(sent, [0.2, 0.3, 0.4], atol=0.01)
+    assert seen.encoder_at_s == raw.encoder_at_s
+    assert seen.force_status is raw.force_status
+
+
+def test_measured_torque_is_that_of_the_joint(tmp_path):
+    robot_file = robot_with(tmp_path, "torque")
+    seen, _, told = readings(robot_file, load_calibrations(robot_file, NOW))
+    gain, offset = (np.array(VALUES["torque"][name]["value"]) for name in ("gain", "offset"))
+    raw, _, _ = readings(robot_file, Calibrations(), told)
+    np.testing.assert_allclose(seen.joint_torque_nm, gain * raw.joint_torque_nm + offset, atol=1e-9)
+
+
+def test_a_robot_file_is_never_built_without_what_it_names(tmp_path):
+    robot_file = robot_with(tmp_path, "force")
+    (tmp_path / "force.yaml").unlink()
+    with pytest.raises(InputError, match=r"force\.yaml"):
+        build_robot(robot_file, DriverCatalogue("tests.mock_robot"), SimulatedClock())
+    with pytest.raises(InputError, match=r"force\.yaml"):
+        RigidBody.of_robot(robot_file)
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "words"),
+    [
+        ("force", {"robot": "other"}, ("'other'", "this is")),
+        (
+            "force",
+            {"device": {"driver": "loadstar", "capacity_n": 100.0}},
+            ("driver", "loadstar", "mock_force"),
+        ),
+        ("force", {"reading_unit": "count"}, ("count",)),
+        ("torque", {"urdf_sha256": "1" * 64}, ("another URDF", "palpate calibrate torque")),
+    ],
+)
+def test_a_foreign_calibration_is_refused(tmp_path, kind, change, words):
+    if "reading_unit" in change:
+        units = {"zero": "count", "scale": "N/count", "curvature": "N/count^2"}
+        values = {name: VALUES[kind][name] | {"unit": unit} for name, unit in units.items()}
+        change = change | {"values": values}
+    robot_file = robot_with(tmp_path, kind, **change)
+    with pytest.raises(InputError) as caught:
+        load_calibrations(robot_file, NOW)
+    text = str(caught.value)
+    for word in (*words, f"calibration.{kind}", f"'{kind}.yaml'", " line "):
+        assert word in text
+
+
+def test_a_changed_setting_of_the_device_makes_it_foreign(tmp_path):
+    robot_file = robot_with(tmp_path, "force")
+    text = robot_file.path.read_text()
+    changed = text.replace("driver: mock_force", "driver: mock_force, capacity_n: 50")
+    assert changed != text
+    robot_file.path.write_text(changed)
+    with pytest.raises(InputError, match="capacity_n was None and is 50"):
+        load_calibrations(load_robot_file(robot_file.path), NOW)
+
+
+def test_it_expires_and_does_not_come_from_the_future(tmp_path):
+    robot_file = robot_with(tmp_path, "force")
+    assert load_calibrations(robot_file, END - timedelta(seconds=1)).force is not None
+    with pytest.raises(InputError, match="expired on 2027-11-20; make a new one: palpate calibrate force"):
+        load_calibrations(robot_file, END)
+    with pytest.raises(InputError, match="set the clock"):
+        load_calibrations(robot_file, MADE - timedelta(days=2))
+
+
+def test_one_of_another_kind_and_for_other_joints_is_refused(tmp_path):
+    robot_file = robot_with(tmp_path, "force", "encoder")
+    (tmp_path / "force.yaml").write_text((tmp_path / "encoder.yaml").read_text())
+    with pytest.raises(InputError, match="kind 'encoder'"):
+        load_calibrations(robot_file, NOW)
+    two = {"offset": {"value": [0.1, 0.2], "std_err": [0.1, 0.1], "unit": "rad"}}
+    robot_file = robot_with(tmp_path, "encoder", values=two)
+    with pytest.raises(InputError, match="2 joints, the robot has 3"):
+        load_calibrations(robot_file, NOW)
+
+
+def test_an_unknown_key_is_refused():
+    with pytest.raises(InputError, match=r"calibration\.forse: is not known; did you mean 'force'"):
+        parse_robot_file(ROBOT_YAML + "\ncalibration: {forse: a.yaml}\n", "mock.yaml")
+
+
+def test_the_text_for_the_session_says_the_same(tmp_path):
+    found = load_calibrations(robot_with(tmp_path, *KINDS), NOW)
+    again = parse_calibrations(found.text)
+    assert again == found
+    assert again.kinds == KINDS
+    assert parse_calibrations("") == Calibrations()
+    with pytest.raises(InputError, match="'spam' is no calibration"):
+        parse_calibrations("spam: 1")
+
+
+def test_one_kind_can_be_left_out(tmp_path):
+    found = load_calibrations(robot_with(tmp_path, *KINDS), NOW, leave_out=("force",))
+    assert found.kinds == ("encoder", "torque", "gravity")
+
+
+@pytest.mark.parametrize(("pitch", "roll"), [(0.1, 0.0), (0.0, -0.2), (-0.3, 0.25)])
+def test_gravity_is_turned_back_by_the_base(pitch, roll):
+    about_y = np.array(
+        [[math.cos(pitch), 0, math.sin(pitch)], [0, 1, 0], [-math.sin(pitch), 0, math.cos(pitch)]]
+    )
+    about_x = np.array([[1, 0, 0], [0, math.cos(roll), -math.sin(roll)], [0, math.sin(roll), math.cos(roll)]])
+    expected = (about_y @ about_x).T @ [0, 0, -9.81]
+    np.testing.assert_allclose(gravity_base_m_s2(pitch, roll), expected, atol=1e-12)
+
+
+def test_a_tilted_base_changes_what_the_arm_weighs(tmp_path):
+    robot_file = robot_with(tmp_path, "gravity")
+    level = RigidBody.of_robot(robot_file, Calibrations())
+    tilted = RigidBody.of_robot(robot_file, load_calibrations(robot_file, NOW))
+    posture, dipped = np.array([-1.0, 0.4, 0.9]), np.array([-0.95, 0.4, 0.9])  # by 0.05 rad, axes along +y
+    np.testing.assert_allclose(tilted.gravity(posture), level.gravity(dipped), rtol=1e-9)
+    assert abs(level.gravity(posture)[0] / level.gravity(dipped)[0] - 1.0) > 0.01
+
+
+def test_the_calibration_of_a_kind_is_of_the_right_model(tmp_path):
+    robot_file = robot_with(tmp_path)
+    for kind in KINDS:
+        assert calibration_of(kind, robot_file).kind == kind
