@@ -69,7 +69,6 @@ class Guard:
             )
         self._checks = LimitChecks(limits)
         self._stuck_encoders = StuckEncoders(limits)
-        self._encoder_stuck = False
         self._torque_limits = tuple(zip(limits.torque_nm, limits.torque_rate_nm_s, strict=True))
         self._safe_stop = SafeStop(limits, safe_state, gravity_nm)
         self._shape = (joint_count,)
@@ -116,8 +115,14 @@ class Guard:
             self.trip(problem)
 
     def trip(self, cause: str) -> Trip:
-        """Latch a trip from outside, such as Ctrl-C or an exception; an earlier one stays as it is."""
+        """Latch a trip from outside, such as Ctrl-C or an exception; an earlier one stays as it is.
+
+        An encoder that is suspect at this time is named as well.
+        """
         if self._trip is None:
+            suspicion = self._stuck_encoders.suspicion
+            if suspicion and suspicion != cause:
+                cause = f"{cause}; {suspicion}"
             self._trip = Trip(cause, self._watched.time_s if self._watched else nan, self._tick)
             self._stopping_s = 0.0
             self._safe_stop.restart()
@@ -156,15 +161,17 @@ class Guard:
         if problem is not None:
             raise SafetyTripError(f"not re-armed: {problem}")
         self._trip = None
-        self._finished = self._encoder_stuck = False
+        self._finished = False
         self._stuck_encoders.restart()
         self._watched = measurement
         self._previous_nm = None
 
     def _following_problem(self, measurement: Measurement, reference_position_rad: FloatArray) -> str | None:
-        stuck = self._stuck_encoders.problem(measurement, reference_position_rad)
-        self._encoder_stuck = stuck is not None
-        return stuck or self._checks.tracking_problem(measurement, reference_position_rad)
+        encoders = self._stuck_encoders
+        encoders.look(measurement, reference_position_rad)
+        if encoders.is_proven:
+            return encoders.suspicion
+        return self._checks.tracking_problem(measurement, reference_position_rad)
 
     def _time_problem(self, measurement: Measurement) -> str | None:
         last_s = self._watched.time_s if self._watched else -inf
@@ -215,7 +222,7 @@ class Guard:
         # Two clocks end the stop, whichever is first, and so does NaN: time itself may be what has failed.
         if not (self._stopping_s < self._safe_stop.duration_s and self._clock_says_stopping(measurement)):
             self._finished = True
-        if self._finished or self._encoder_stuck or not self._checks.motion_is_known(measurement):
+        if self._finished or self._stuck_encoders.suspicion or not self._checks.motion_is_known(measurement):
             return _command([0.0] * self._shape[0])
         return _command(self._safe_stop.torque_nm(measurement, self._stopping_s, dt_s))
 

@@ -1,12 +1,10 @@
 """Finds an encoder that has frozen: it goes on sampling one and the same number while its joint moves.
 
-A joint at rest also reads one number, and so does one that friction holds. What tells them apart:
-
-- its reference has moved on, by several of the encoder's own steps;
-- the drive has answered with a torque that no friction of a sound joint holds back;
-- and not one step has been seen, in several new samples.
-
-A joint that is jammed looks the same, and is as good a reason to stop.
+A joint at rest also reads one number, and so does one that friction holds. An encoder is **suspect** when in
+several new samples not one of its steps was seen, although the reference of its joint has moved by several:
+that goes into the sentence of whatever stops the arm, and nothing is braked against its velocity. It is
+**stuck**, and stops the arm itself, when meanwhile the drive has answered with a change of torque that no
+friction of a sound joint holds back. A joint that is jammed looks the same, and is as good a reason to stop.
 """
 
 from math import inf, isfinite
@@ -17,8 +15,8 @@ from robot_io.types import FloatArray, Measurement
 _SAMPLES = 5  # new samples in a row without a step; fewer are a drive that measures slower than it is asked
 _STEPS = 4  # of the encoder, that the reference must have moved, and
 _TRACKING_SHARE = 0.01  # this share of the tracking limit; or
-_UNKNOWN_SHARE = 0.1  # this one, as long as no step has been seen that would tell their size
-_TORQUE_SHARE = 0.1  # of the torque limit, by which the torque must have changed
+_UNKNOWN_SHARE = 0.05  # this one, as long as no step has been seen that would tell their size
+_TORQUE_SHARE = 0.2  # of the torque limit; friction changes sign with the motion, and so counts twice
 
 
 class _Joint:
@@ -48,10 +46,11 @@ class _Joint:
         self.samples = 1
         self.position_rad, self.reference_rad, self.torque_nm = position_rad, reference_rad, torque_nm
 
-    @property
-    def most_rad(self) -> float:
-        """How far a reference moves before a sound encoder shows it, friction aside."""
-        return max(self.least_rad, _STEPS * self.step_rad) if isfinite(self.step_rad) else self.unknown_rad
+    def is_suspect(self, moved_rad: float) -> bool:
+        """Whether a sound encoder would have shown that the reference has moved so far, friction aside."""
+        known = isfinite(self.step_rad)
+        most_rad = max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
+        return self.samples >= _SAMPLES and moved_rad > most_rad
 
 
 class StuckEncoders:
@@ -59,51 +58,50 @@ class StuckEncoders:
 
     Args:
         limits: of the arm; shares of them are the thresholds.
+
+    Attributes:
+        suspicion: which encoder is suspect and why; None if none is.
+        is_proven: whether it is stuck.
     """
 
     def __init__(self, limits: Limits) -> None:
         self._joints = tuple(_Joint(tracking_rad) for tracking_rad in limits.tracking_rad)
         self._most_nm = tuple(_TORQUE_SHARE * torque_nm for torque_nm in limits.torque_nm)
-        self._sampled_at_s = -inf
+        self.restart()
 
     def restart(self) -> None:
         """Forget since when; what is known about the size of the steps stays."""
         self._sampled_at_s = -inf
+        self.suspicion: str | None = None
+        self.is_proven = False
         for joint in self._joints:
             joint.samples = 0
 
-    def problem(self, measurement: Measurement, reference_position_rad: FloatArray) -> str | None:
-        """The first joint whose encoder has frozen, or None.
+    def look(self, measurement: Measurement, reference_position_rad: FloatArray) -> None:
+        """Judge one tick.
 
         Args:
             measurement: this tick's; one without a new sample of the encoders says nothing.
             reference_position_rad: where the joints should be, shape (n,) [rad].
         """
         if not measurement.encoder_at_s > self._sampled_at_s:
-            return None
+            return
         self._sampled_at_s = measurement.encoder_at_s
-        values = zip(
-            measurement.joint_position_rad.tolist(),
-            reference_position_rad.tolist(),
-            measurement.joint_torque_nm.tolist(),
-            strict=True,
-        )
-        found = None
-        for number, (position_rad, reference_rad, torque_nm) in enumerate(values, 1):
-            joint = self._joints[number - 1]
-            if not joint.samples or position_rad != joint.position_rad:
-                joint.begin(position_rad, reference_rad, torque_nm)
+        self.suspicion, self.is_proven = None, False
+        positions_rad = measurement.joint_position_rad.tolist()
+        references_rad = reference_position_rad.tolist()
+        torques_nm = measurement.joint_torque_nm.tolist()
+        for i, joint in enumerate(self._joints):
+            if not joint.samples or positions_rad[i] != joint.position_rad:
+                joint.begin(positions_rad[i], references_rad[i], torques_nm[i])
                 continue
             joint.samples += 1
-            moved_rad, pushed_nm = abs(reference_rad - joint.reference_rad), abs(torque_nm - joint.torque_nm)
-            if (
-                found is None
-                and joint.samples >= _SAMPLES
-                and moved_rad > joint.most_rad
-                and pushed_nm > self._most_nm[number - 1]
-            ):
-                found = (
-                    f"encoder of joint {number}: stuck at {position_rad:.4g} rad (or the joint is jammed), "
-                    f"while its reference moved by {moved_rad:.2g} rad and its torque by {pushed_nm:.2g} N m"
+            moved_rad = abs(references_rad[i] - joint.reference_rad)
+            if not self.is_proven and joint.is_suspect(moved_rad):
+                changed_nm = abs(torques_nm[i] - joint.torque_nm)
+                self.is_proven = changed_nm > self._most_nm[i]
+                self.suspicion = (
+                    f"encoder of joint {i + 1}: stuck at {joint.position_rad:.4g} rad (or the joint is "
+                    f"jammed) while its reference moved by {moved_rad:.2g} rad and its torque by "
+                    f"{changed_nm:.2g} N m"
                 )
-        return found

@@ -589,12 +589,28 @@ def test_an_encoder_that_freezes_is_named_before_the_joint_is_far_off(guard, see
     def reading(k):
         return seen(SPEED * min(k, 100))
 
-    # The controller answers to the error that it sees: 200 N m/rad.
-    tick = watch_many(guard, 200, reading, lambda k: SPEED * k, lambda k: 200 * (SPEED * k - reading(k)))
-    assert "encoder of joint 1: stuck at 0.0" in guard.tripped.cause
+    # The controller answers to the error that it sees: 250 N m/rad.
+    tick = watch_many(guard, 200, reading, lambda k: SPEED * k, lambda k: 250 * (SPEED * k - reading(k)))
+    assert guard.tripped.cause.startswith("encoder of joint 1: stuck at 0.0")
     assert 100 < tick <= 120
     # Its velocity is nothing to brake against.
     assert limited(guard, torque(1, 1), measured(0.2, joint_velocity_rad_s=[1.0, 1.0])) == [0.0, 0.0]
+
+
+def test_a_suspect_encoder_is_named_by_whatever_stops_the_arm(guard):
+    """The joint is so light that its drive answers with next to nothing."""
+    tick = watch_many(guard, 400, lambda k: SPEED * min(k, 100), lambda k: SPEED * k, lambda k: 0.0)
+    assert tick == 301  # the tracking limit of 0.1 rad
+    first, second = guard.tripped.cause.split("; ")
+    assert first == "joint 1 is 0.1005 rad from its reference, limit 0.1 rad"
+    assert second.startswith("encoder of joint 1: stuck at 0.05 rad (or the joint is jammed)")
+    assert limited(guard, torque(1, 1), measured(0.4, joint_velocity_rad_s=[1.0, 1.0])) == [0.0, 0.0]
+
+
+def test_an_encoder_that_moves_again_is_not_suspected_any_more(guard):
+    assert watch_many(guard, 150, lambda k: SPEED * min(k, 100), lambda k: SPEED * k, lambda k: 0.0) is None
+    assert watch_many(guard, 10, lambda k: SPEED * k, lambda k: SPEED * k, lambda k: 0.0, first=150) is None
+    assert guard.trip("stopped on request").cause == "stopped on request"
 
 
 def test_a_joint_that_is_not_told_to_move_may_read_one_number_for_ever(guard):

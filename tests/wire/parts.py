@@ -12,6 +12,8 @@ from robot_io.robot_file import parse_robot_file
 from robot_io.types import Command, Measurement
 from sim_backend.emulators import Fault, FaultKind, Faults
 from sim_backend.emulators.wiring import WiredArm, wire_up
+from sim_backend.hidden import hidden_effects
+from sim_backend.imperfection import Imperfection
 from sim_backend.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,9 +27,15 @@ class WireBench:
     Args:
         path: robot file.
         changes: pairs of what is replaced in its text by what.
+        hidden: what is wrong with the arm.
     """
 
-    def __init__(self, path: Path = ODRIVE, changes: Sequence[tuple[str, str]] = ()) -> None:
+    def __init__(
+        self,
+        path: Path = ODRIVE,
+        changes: Sequence[tuple[str, str]] = (),
+        hidden: Sequence[Imperfection] = (),
+    ) -> None:
         text = path.read_text(encoding="utf-8")
         for old, new in changes:
             if old not in text:
@@ -35,8 +43,13 @@ class WireBench:
             text = text.replace(old, new)
         self.clock = SimulatedClock()
         self.faults = {"motors": Faults(), "load_cell": Faults()}
+        robot_file = parse_robot_file(text, path)
         self.arm: WiredArm = wire_up(
-            parse_robot_file(text, path), load_scenario("default", ROOT), self.clock, self.faults
+            robot_file,
+            load_scenario("default", ROOT),
+            self.clock,
+            self.faults,
+            hidden_effects(hidden, len(robot_file.home_rad)),
         )
         self.robot: Robot = build_robot(self.arm.robot_file, DriverCatalogue(), self.clock)
 

@@ -11,6 +11,7 @@ from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
 from robot_io.types import Command, Status
 from sim_backend.emulators import Fault, FaultKind
+from sim_backend.imperfections.coulomb_friction import CoulombFriction
 from tests.wire.parts import ROOT
 from tests.wire.test_probing import probe, stiffness_and_damping
 
@@ -88,6 +89,17 @@ def test_a_fault_on_the_way_ends_without_torque_and_with_its_name(bench, tmp_pat
     session = Session.open(path)
     assert session.samples("tick")["time_s"][-1] >= fault_s
     assert any(cause in event.text for event in session.events)
+
+
+def test_joints_that_friction_holds_are_no_stuck_encoders(bench, tmp_path):
+    """Encoders of twelve bits, and the friction of gears of this size."""
+    rubbing = [
+        CoulombFriction(joint=joint, coulomb_nm=torque_nm)
+        for joint, torque_nm in ((1, 0.5), (2, 0.3), (3, 0.05))
+    ]
+    arm = bench(ROBOT, hidden=rubbing)
+    result = probe(arm.robot, arm.arm.robot_file, arm.clock, tmp_path / "wire.mcap")
+    assert result.outcome is Outcome.FINISHED, result.cause
 
 
 @pytest.mark.parametrize("kind", [FaultKind.DUPLICATE, FaultKind.REORDER])
