@@ -94,10 +94,9 @@ def _sample_problem(device: str, status: Status, age_s: float, oldest_s: float) 
         return f"{device}: reports a fault, or its bus has failed"
     if status is Status.SATURATED:
         return f"{device}: at the end of its range"
-    if -oldest_s <= age_s <= oldest_s:  # a sample may be a little younger than the start of the tick
+    # Younger than the start of the tick is no fault: the robot judges against the end of its reading.
+    if -inf < age_s <= oldest_s:
         return None
     if age_s == inf:
         return f"{device}: no sample yet"
-    if age_s < 0:
-        return f"{device}: sample from the future ({-age_s:.4g} s ahead of the robot's clock)"
     return f"{device}: newest sample is {age_s:.4g} s old, limit {oldest_s:.4g} s"

@@ -18,6 +18,8 @@ from robot_io.lifecycle import Labelled, start_all, undo_all
 from robot_io.robot_file import DeviceSection, RobotFile
 from robot_io.types import Command, FloatArray, Measurement, Reading, Status, frozen_array
 
+_CLOCKS_AGREE_S = 1e-3  # a device's clock that is converted to the robot's may be ahead by so much
+
 
 class RobotState(Enum):
     """Where a robot is in its life."""
@@ -46,6 +48,7 @@ class Robot:
     Attributes:
         bus_errors: why the last `read` could not use a bus, by its name; empty when all is well.
         bus_delays: why the last `read` got nothing new from a bus in time, by its name.
+        sample_errors: why the last `read` did not believe a device's sample, by the device.
 
     Raises:
         InputError: encoder and drives disagree about the number of joints.
@@ -71,6 +74,7 @@ class Robot:
         self.joint_count = torque.joint_count
         self.bus_errors: dict[str, str] = {}
         self.bus_delays: dict[str, str] = {}
+        self.sample_errors: dict[str, str] = {}
         self._state = RobotState.NEW
         self._newest_s = {"encoder": -inf, "torque": -inf, "force": -inf}
         # Started in this order and stopped in the other: the torque is the last on and the first off.
@@ -153,7 +157,8 @@ class Robot:
         """Poll each bus once and put together what the devices have.
 
         A device without a new sample since the last call keeps the old one: `Status.STALE`, or `FAULT` if a
-        bus has failed (`bus_errors` says why).
+        bus has failed (`bus_errors` says why). A sample from after the poll is a `FAULT` too: some clock is
+        wrong. One from after the start of the tick is not: polling takes time, and now and then a lot of it.
 
         Args:
             deadline_s: time on the robot's clock at which to give up waiting [s].
@@ -165,6 +170,7 @@ class Robot:
         self._expect("read", RobotState.CONFIGURED, RobotState.ACTIVE)
         time_s = self.clock.now_s()
         self._poll(deadline_s)
+        polled_s = self.clock.now_s()
         position, velocity = self.encoder.read_position(), self.encoder.read_velocity()
         torque, force = self.torque.read_torque(), self.force.read_force()
         encoder_at_s = min(position.sampled_at_s, velocity.sampled_at_s)
@@ -178,9 +184,9 @@ class Robot:
             encoder_at_s=encoder_at_s,
             torque_at_s=torque.sampled_at_s,
             force_at_s=force.sampled_at_s,
-            encoder_status=self._honest_status("encoder", encoder_at_s, encoder_status),
-            torque_status=self._honest_status("torque", torque.sampled_at_s, torque.status),
-            force_status=self._honest_status("force", force.sampled_at_s, force.status),
+            encoder_status=self._honest_status("encoder", encoder_at_s, encoder_status, polled_s),
+            torque_status=self._honest_status("torque", torque.sampled_at_s, torque.status, polled_s),
+            force_status=self._honest_status("force", force.sampled_at_s, force.status, polled_s),
         )
 
     def write(self, command: Command, deadline_s: float) -> Command:
@@ -220,6 +226,7 @@ class Robot:
     def _poll(self, deadline_s: float) -> None:
         self.bus_errors.clear()
         self.bus_delays.clear()
+        self.sample_errors.clear()
         for name, bus in self.buses.items():
             try:
                 bus.poll(deadline_s)
@@ -228,8 +235,12 @@ class Robot:
             except DeviceError as error:
                 self.bus_errors[name] = str(error)
 
-    def _honest_status(self, device: str, sampled_at_s: float, status: Status) -> Status:
+    def _honest_status(self, device: str, sampled_at_s: float, status: Status, polled_s: float) -> Status:
         """What the driver says, unless the sample is not newer than the last one (or its time is NaN)."""
+        if sampled_at_s > polled_s + _CLOCKS_AGREE_S:
+            ahead_s = sampled_at_s - polled_s
+            self.sample_errors[device] = f"sample from the future, {ahead_s:.4g} s ahead of the robot's clock"
+            return Status.FAULT
         if sampled_at_s > self._newest_s[device]:
             self._newest_s[device] = sampled_at_s
             return status

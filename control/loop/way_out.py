@@ -16,7 +16,7 @@ class WayOut:
 
     Args:
         guard: what is tripped.
-        robot: asked which of its buses have failed when the guard trips.
+        robot: asked what it could not read when the guard trips.
         clock: stamps events.
         journal: takes events.
         interrupt: set by Ctrl-C.
@@ -85,9 +85,11 @@ class WayOut:
         """Log the trip, if there is one and it is new."""
         trip = self._guard.tripped
         if trip and not self._cause:
-            troubles = {**self._robot.bus_delays, **self._robot.bus_errors}
+            robot = self._robot
+            troubles = {**robot.bus_delays, **robot.bus_errors}
             buses = (f"bus '{name}': {problem}" for name, problem in troubles.items())
-            self._cause = "; ".join((trip.cause, *buses))
+            samples = (f"{device}: {problem}" for device, problem in robot.sample_errors.items())
+            self._cause = "; ".join((trip.cause, *buses, *samples))
             self._journal.event(self._clock.now_s(), "stop" if self._on_request else "trip", self._cause)
 
 

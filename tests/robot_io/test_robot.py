@@ -5,9 +5,10 @@ import pytest
 
 from robot_io.clock import SimulatedClock
 from robot_io.errors import DeviceError, InputError, LifecycleError
+from robot_io.guard import Guard
 from robot_io.robot import Robot, RobotState
 from robot_io.types import Command, Reading, Status
-from tests.mock_robot import ROBOT_YAML, build_mock_robot, mock_bus
+from tests.mock_robot import ROBOT_YAML, build_mock_robot, mock_bus, mock_robot_file
 
 DT = 1e-3
 UP, DOWN = ["bus", "encoder", "force", "torque"], ["torque", "force", "encoder", "bus"]
@@ -101,6 +102,40 @@ class TestReading:
         read = getattr(active.encoder, part)
         monkeypatch.setattr(active.encoder, part, lambda: read()._replace(status=Status.FAULT))
         assert tick(active).encoder_status is Status.FAULT
+
+    def test_a_tick_that_is_preempted_while_it_polls_has_good_samples(self, active, bus, monkeypatch):
+        """On the machine's clock another program may take the processor for longer than the age limit."""
+        poll = bus.poll
+
+        def preempted(deadline_s):
+            active.clock.sleep_until(active.clock.now_s() + 20 * DT)
+            poll(deadline_s)
+
+        monkeypatch.setattr(bus, "poll", preempted)
+        guard = Guard(mock_robot_file().limits, mock_robot_file().safe_state, 3)
+        measurement = tick(active)
+        assert measurement.encoder_at_s == pytest.approx(measurement.time_s + 20 * DT)
+        assert measurement.encoder_status is measurement.force_status is Status.OK
+        guard.watch(measurement)
+        assert guard.tripped is None
+
+    @pytest.mark.parametrize("device", ["encoder", "torque", "force"])
+    def test_a_sample_from_after_the_poll_is_a_fault_with_its_cause(self, active, monkeypatch, device):
+        part = getattr(active, device)
+        name = {"encoder": "read_velocity", "torque": "read_torque", "force": "read_force"}[device]
+        read = getattr(part, name)
+        offset_s = 1.0
+        for method in (name, "read_position") if device == "encoder" else (name,):
+            read = getattr(part, method)
+            monkeypatch.setattr(
+                part, method, lambda read=read: read()._replace(sampled_at_s=read().sampled_at_s + offset_s)
+            )
+        assert getattr(tick(active), f"{device}_status") is Status.FAULT
+        assert list(active.sample_errors) == [device]
+        assert "sample from the future, 1 s ahead" in active.sample_errors[device]
+        offset_s = 0.0  # and it is not remembered as the newest
+        assert getattr(tick(active), f"{device}_status") is Status.OK
+        assert active.sample_errors == {}
 
     def test_before_the_first_sample_nothing_looks_measured(self, robot, bus):
         bus.faults.silent |= {"encoder", "torque", "force"}
