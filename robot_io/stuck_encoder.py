@@ -1,10 +1,10 @@
 """Finds an encoder that has frozen: it goes on sampling one and the same number while its joint moves.
 
-A joint at rest also reads one number, and so does one that friction holds. An encoder is **suspect** when in
-several new samples not one of its steps was seen, although the reference of its joint has moved by several:
-that goes into the sentence of whatever stops the arm, and nothing is braked against its velocity. It is
-**stuck**, and stops the arm itself, when meanwhile the drive has answered with a change of torque that no
-friction of a sound joint holds back. A joint that is jammed looks the same, and is as good a reason to stop.
+A joint at rest also reads one number, and so does one that friction holds. An encoder is **suspect** when for
+some time not one of its steps was seen, although the reference of its joint has moved by several: that goes
+into the sentence of whatever stops the arm, and nothing is braked against its velocity. It is **stuck**, and
+stops the arm itself, when meanwhile the drive has answered with a change of torque that no friction of a
+sound joint holds back. A joint that is jammed looks the same, and is as good a reason to stop.
 """
 
 from math import inf, isfinite
@@ -12,7 +12,8 @@ from math import inf, isfinite
 from robot_io.limits import Limits
 from robot_io.types import FloatArray, Measurement
 
-_SAMPLES = 5  # new samples in a row without a step; fewer are a drive that measures slower than it is asked
+_STILL_S = 0.02  # without a step: a joint answers its reference within a period of the control's bandwidth
+_SAMPLES = 5  # new ones in that time; fewer are a drive that measures slower than it is asked
 _STEPS = 4  # of the encoder, that the reference must have moved, and
 _TRACKING_SHARE = 0.01  # this share of the tracking limit; or
 _UNKNOWN_SHARE = 0.05  # this one, as long as no step has been seen that would tell their size
@@ -27,6 +28,7 @@ class _Joint:
         "position_rad",
         "reference_rad",
         "samples",
+        "since_s",
         "step_rad",
         "torque_nm",
         "unknown_rad",
@@ -37,20 +39,21 @@ class _Joint:
         self.unknown_rad = _UNKNOWN_SHARE * tracking_rad
         self.step_rad = inf  # smallest one seen
         self.samples = 0
-        self.position_rad = self.reference_rad = self.torque_nm = 0.0
+        self.since_s = self.position_rad = self.reference_rad = self.torque_nm = 0.0
 
-    def begin(self, position_rad: float, reference_rad: float, torque_nm: float) -> None:
+    def begin(self, time_s: float, position_rad: float, reference_rad: float, torque_nm: float) -> None:
         """A reading that differs from the one before, or is the first."""
         if self.samples:
             self.step_rad = min(self.step_rad, abs(position_rad - self.position_rad))
-        self.samples = 1
+        self.samples, self.since_s = 1, time_s
         self.position_rad, self.reference_rad, self.torque_nm = position_rad, reference_rad, torque_nm
 
-    def is_suspect(self, moved_rad: float) -> bool:
+    def is_suspect(self, time_s: float, moved_rad: float) -> bool:
         """Whether a sound encoder would have shown that the reference has moved so far, friction aside."""
         known = isfinite(self.step_rad)
         most_rad = max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
-        return self.samples >= _SAMPLES and moved_rad > most_rad
+        still = self.samples >= _SAMPLES and time_s - self.since_s >= _STILL_S
+        return still and moved_rad > most_rad
 
 
 class StuckEncoders:
@@ -86,18 +89,18 @@ class StuckEncoders:
         """
         if not measurement.encoder_at_s > self._sampled_at_s:
             return
-        self._sampled_at_s = measurement.encoder_at_s
+        self._sampled_at_s = time_s = measurement.encoder_at_s
         self.suspicion, self.is_proven = None, False
         positions_rad = measurement.joint_position_rad.tolist()
         references_rad = reference_position_rad.tolist()
         torques_nm = measurement.joint_torque_nm.tolist()
         for i, joint in enumerate(self._joints):
             if not joint.samples or positions_rad[i] != joint.position_rad:
-                joint.begin(positions_rad[i], references_rad[i], torques_nm[i])
+                joint.begin(time_s, positions_rad[i], references_rad[i], torques_nm[i])
                 continue
             joint.samples += 1
             moved_rad = abs(references_rad[i] - joint.reference_rad)
-            if not self.is_proven and joint.is_suspect(moved_rad):
+            if not self.is_proven and joint.is_suspect(time_s, moved_rad):
                 changed_nm = abs(torques_nm[i] - joint.torque_nm)
                 self.is_proven = changed_nm > self._most_nm[i]
                 self.suspicion = (

@@ -593,7 +593,7 @@ def test_an_encoder_that_freezes_is_named_before_the_joint_is_far_off(guard, see
     # The controller answers to the error that it sees: 250 N m/rad.
     tick = watch_many(guard, 200, reading, lambda k: SPEED * k, lambda k: 250 * (SPEED * k - reading(k)))
     assert guard.tripped.cause.startswith("encoder of joint 1: stuck at 0.0")
-    assert 100 < tick <= 120
+    assert 100 < tick <= 125
     # Its velocity is nothing to brake against.
     assert limited(guard, torque(1, 1), measured(0.2, joint_velocity_rad_s=[1.0, 1.0])) == [0.0, 0.0]
 
@@ -639,10 +639,10 @@ def test_a_slow_coarse_encoder_is_not_stuck(guard):
     assert watch_many(guard, 5000, reading, lambda k: 50e-6 * k, lambda k: 0.9) is None
 
 
-def test_readings_that_freeze_for_a_tick_or_two_are_no_reason(guard):
+def test_readings_that_freeze_for_some_ticks_are_no_reason(guard):
     fast = 3e-3
     assert (
-        watch_many(guard, 300, lambda k: fast * (k - k % 3), lambda k: fast * k, lambda k: 4.0 * (k % 3))
+        watch_many(guard, 300, lambda k: fast * (k - k % 15), lambda k: fast * k, lambda k: 0.5 * (k % 15))
         is None
     )
 
