@@ -24,7 +24,9 @@ from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator
 from palpate.hiding import hide, seal_hidden
+from palpate.wired import DEFAULT_SCENARIO, EMULATED, emulate
 from palpate.words import count
+from robot_io.calibration import load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError, PalpateError
@@ -34,7 +36,7 @@ from robot_io.robot_file import RobotFile
 from robot_io.session import SessionMetadata, SessionWriter
 from robot_io.types import Measurement
 from sim_backend.drivers.pybullet_bus import PyBulletBus
-from sim_backend.scenario import Scenario
+from sim_backend.scenario import Scenario, load_scenario
 
 SIMULATED_DRIVERS = "sim_backend.drivers"
 PLAN = "plan"  # key of the plan's text in the session's metadata
@@ -53,6 +55,7 @@ class ProbingJob:
         seed: of all simulated noise instead of the scenario's; None leaves that.
         hidden: what to hide in the simulated world, see `palpate.hiding`; None leaves the scenario's.
         paced: let simulated time pass as fast as real time, not as fast as possible.
+        wired: emulate the devices of a robot of hardware drivers, and the world behind them.
         online: name of the online estimator, or None for none.
         drivers: packages or modules with drivers beside palpate's own.
         command_line: how the program was started.
@@ -66,6 +69,7 @@ class ProbingJob:
     seed: int | None = None
     hidden: str | None = None
     paced: bool = False
+    wired: bool = False
     online: str | None = "rls"
     drivers: tuple[str, ...] = ()
     command_line: str = ""
@@ -129,14 +133,13 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
         DeviceError: a device could not be started.
     """
     _check_plan(job.plan, job.robot_file)
-    simulated = is_simulated(job.robot_file)
+    simulated = job.wired or is_simulated(job.robot_file)
     clock = _clock(simulated, job.paced)
     observer = _watched(_online_observer(job.online, gains_of(job.robot_file).touch), watcher)
     task = ProbingTask.from_robot_file(job.robot_file, job.plan)
-    robot = build_robot(job.robot_file, DriverCatalogue(SIMULATED_DRIVERS, *job.drivers), clock)
-    scenario = _use_scenario(robot, job)
     guard = _guard(job.robot_file)
     with ExitStack() as stack:
+        robot, scenario = _set_up(job, clock, stack)
         stack.enter_context(robot)
         metadata = _metadata(job, scenario)
         sealed = seal_hidden(job.session, scenario, job.hidden, metadata.created_utc) if scenario else None
@@ -190,7 +193,7 @@ def _guard(robot_file: RobotFile) -> Guard:
     Raises:
         InputError: the URDF is not valid, says nothing of the arm's masses, or is not the DH table's arm.
     """
-    body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
+    body = RigidBody.of_robot(robot_file)
     if joint := body.weightless_joint:
         raise InputError(
             f"{robot_file.urdf_path}: joint '{joint}' moves no mass; give its links an <inertial>"
@@ -233,23 +236,39 @@ def _online_observer(name: str | None, touch: TouchGains) -> Observer:
     return OnlineContactEstimator(estimator, touch).observe
 
 
+def _set_up(job: ProbingJob, clock: Clock, stack: ExitStack) -> tuple[Robot, Scenario | None]:
+    """The robot, and the world that is simulated for it, which ends with `stack`; None with hardware."""
+    drivers = DriverCatalogue(SIMULATED_DRIVERS, *job.drivers)
+    if job.wired:
+        scenario = _altered(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
+        arm = emulate(job.robot_file, scenario, clock)
+        stack.callback(arm.bench.close)
+        return build_robot(arm.robot_file, drivers, clock), scenario
+    robot = build_robot(job.robot_file, drivers, clock)
+    return robot, _use_scenario(robot, job)
+
+
 def _use_scenario(robot: Robot, job: ProbingJob) -> Scenario | None:
     """Hand the scenario to the simulated world; the one that will be simulated, or None with hardware."""
     worlds = [bus for bus in robot.buses.values() if isinstance(bus, PyBulletBus)]
     if not worlds:
         if any(wish is not None for wish in (job.scenario, job.seed, job.hidden)):
             raise InputError(
-                f"robot '{robot.name}' is not simulated: scenario, seed and hidden effects mean nothing to it"
+                f"robot '{robot.name}' is not simulated: scenario, seed and hidden effects mean nothing to "
+                "it, unless its devices are emulated (--wire)"
             )
         return None
     world = worlds[0]
-    scenario = job.scenario or world.scenario
-    if job.seed is not None:
-        scenario = scenario.with_seed(job.seed)
-    if job.hidden is not None:
-        scenario = hide(scenario, job.hidden)
+    scenario = _altered(job.scenario or world.scenario, job)
     world.use_scenario(scenario)
     return scenario
+
+
+def _altered(scenario: Scenario, job: ProbingJob) -> Scenario:
+    """The scenario with the seed and the hidden effects that are asked for."""
+    if job.seed is not None:
+        scenario = scenario.with_seed(job.seed)
+    return scenario if job.hidden is None else hide(scenario, job.hidden)
 
 
 def _metadata(job: ProbingJob, scenario: Scenario | None) -> SessionMetadata:
@@ -258,10 +277,18 @@ def _metadata(job: ProbingJob, scenario: Scenario | None) -> SessionMetadata:
     return SessionMetadata(
         robot_file=job.robot_file.text,
         urdf=job.robot_file.urdf_path.read_text(encoding="utf-8"),
+        calibration=load_calibrations(job.robot_file).text,
         scenario=scenario.public_yaml() if scenario else "",
         software_version=version("palpate"),
         seed=scenario.seed if scenario else None,
         created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
         command_line=job.command_line,
-        extra={"source": "simulated" if scenario else "measured", PLAN: plan, "python": python} | job.extra,
+        extra={"source": _source(job, scenario), PLAN: plan, "python": python} | job.extra,
     )
+
+
+def _source(job: ProbingJob, scenario: Scenario | None) -> str:
+    """Where the samples come from."""
+    if job.wired:
+        return EMULATED
+    return "simulated" if scenario else "measured"

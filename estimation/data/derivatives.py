@@ -7,7 +7,9 @@ How many samples go into a fit is found for each derivative by itself, since noi
 differently in each. Cross-validation finds the window that follows the positions best; from the noise that
 this one leaves, an unbiased estimate of risk says how far wider windows would be off in velocity and in
 acceleration (a pilot fit as in J. Fan, I. Gijbels, Local Polynomial Modelling and Its Applications (1996),
-ch. 4). Errors must differ from sample to sample for that: interpolated positions would mislead it.
+ch. 4). Errors must differ from sample to sample for that: interpolated positions would mislead it, and so
+would an encoder's steps. Windows are therefore compared where each sample differs from the one before and the
+one after it, and none is believed to know a position better than its grid allows.
 """
 
 from dataclasses import dataclass
@@ -21,6 +23,9 @@ from robot_io.types import FloatArray, IntArray
 _HALF_WINDOWS = (2, 3, 4, 5, 7, 10, 14, 20, 28)
 _TOLERANCE = 1.1  # a wider window is taken if its error is at most 10 % more: it calms the derivatives
 _TRIALS = 4000  # samples on which windows are compared
+_FEWEST_TRIALS = 100  # of samples that differ from their neighbours; with fewer, windows are tried on all
+_ON_GRID = 0.01  # of a grid's step
+_MOST_STEPS = 1e9  # in one move; more are rounding errors of the numbers themselves
 _BLOCK = 20_000  # samples fitted at once, to bound memory
 
 
@@ -40,7 +45,12 @@ class Motion:
 
 
 def differentiate(
-    time_s: FloatArray, position: FloatArray, piece: IntArray, half_window: int | None = None
+    time_s: FloatArray,
+    position: FloatArray,
+    piece: IntArray,
+    half_window: int | None = None,
+    *,
+    rounding: float | None = None,
 ) -> Motion:
     """Velocity and acceleration of a sampled position.
 
@@ -49,15 +59,32 @@ def differentiate(
         position: shape (n,).
         piece: shape (n,), the same number for samples that belong to one smooth motion; in one block each.
         half_window: samples on either side; None to find out.
+        rounding: variance of the positions' rounding; None to see whether they lie on a grid.
     """
+    if rounding is None:
+        rounding = grid_step(position) ** 2 / 12
     pieces = list(blocks(piece))
     position = _from_its_start(position, pieces)
     if half_window is None:
-        halves = _best_half_windows(time_s, position, pieces)
+        halves = _best_half_windows(time_s, position, pieces, rounding)
     else:
         halves = half_window, half_window
     fitted = {half: _fit_all(time_s, position, pieces, half) for half in set(halves)}
     return Motion(fitted[halves[0]][:, 1], fitted[halves[1]][:, 2], halves)
+
+
+def grid_step(position: FloatArray) -> float:
+    """Step of the grid on which all positions lie, such as an encoder's; 0 where there is none.
+
+    At a speed of about one step a sample, rounding errors change so slowly that any narrow window follows
+    them.
+    """
+    moves = np.abs(np.diff(position))
+    moves = moves[moves > 0]
+    if not len(moves) or moves.max() > _MOST_STEPS * moves.min():
+        return 0.0
+    in_steps = moves / moves.min()
+    return float(moves.min()) if np.abs(in_steps - np.round(in_steps)).max() < _ON_GRID else 0.0
 
 
 def _from_its_start(position: FloatArray, pieces: list[slice]) -> FloatArray:
@@ -90,12 +117,14 @@ class _Trial:
 
     Attributes:
         half: samples on either side.
+        rounding: variance of the positions' rounding.
         missed: measured minus fitted position, shape (n,).
         fitted: see `LocalFit`.
         variance: see `LocalFit`.
     """
 
     half: int
+    rounding: float
     missed: FloatArray
     fitted: FloatArray
     variance: FloatArray
@@ -103,12 +132,14 @@ class _Trial:
     @property
     def left_out_error(self) -> float:
         """Mean square error of predicting a sample from its neighbours."""
-        return float(np.mean((self.missed / np.maximum(1 - self.variance[:, 0], 1e-3)) ** 2))
+        others = np.maximum(1 - self.variance[:, 0], 1e-3)
+        return max(float(np.mean((self.missed / others) ** 2)), self.rounding * float(np.mean(1 / others)))
 
     @property
     def noise(self) -> float:
         """Variance of the positions' noise, if the window leaves no error of its own."""
-        return float(np.mean(self.missed**2 / np.maximum(1 - self.variance[:, 0], 1e-3)))
+        others = np.maximum(1 - self.variance[:, 0], 1e-3)
+        return max(float(np.mean(self.missed**2 / others)), self.rounding)
 
     def risk(self, pilot: "_Trial", order: int) -> float:
         """Mean square error of a derivative, without bias where the pilot's error is noise alone.
@@ -121,7 +152,9 @@ class _Trial:
         return float(apart + pilot.noise * np.mean(2 * self.variance[:, order] - pilot.variance[:, order]))
 
 
-def _best_half_windows(time_s: FloatArray, position: FloatArray, pieces: list[slice]) -> tuple[int, int]:
+def _best_half_windows(
+    time_s: FloatArray, position: FloatArray, pieces: list[slice], rounding: float
+) -> tuple[int, int]:
     """For velocity and acceleration each, the widest window whose error is nearly the least."""
     smallest = 2 * _HALF_WINDOWS[0] + 1
     long_enough = [rows for rows in pieces if rows.stop - rows.start > smallest]
@@ -129,7 +162,8 @@ def _best_half_windows(time_s: FloatArray, position: FloatArray, pieces: list[sl
         return _HALF_WINDOWS[0], _HALF_WINDOWS[0]
     longest = max(rows.stop - rows.start for rows in long_enough)
     halves = [half for half in _HALF_WINDOWS if 2 * half + 1 < longest or half == _HALF_WINDOWS[0]]
-    trials = [_try_window(time_s, position, long_enough, half) for half in halves]
+    centres = _trial_centres(position, long_enough)
+    trials = [_try_window(time_s, position, long_enough, centres, half, rounding) for half in halves]
     pilot = min(trials, key=lambda trial: trial.left_out_error)
     wider = [trial for trial in trials if trial.half >= pilot.half]
     velocity, acceleration = (
@@ -143,15 +177,39 @@ def _widest(trials: list[_Trial], risks: list[float]) -> int:
     return max(trial.half for trial, risk in zip(trials, risks, strict=True) if risk <= limit)
 
 
-def _try_window(time_s: FloatArray, position: FloatArray, pieces: list[slice], half: int) -> _Trial:
-    """Fit around every so many samples of each piece."""
-    stride = max(1, sum(rows.stop - rows.start for rows in pieces) // _TRIALS)
+def _trial_centres(position: FloatArray, pieces: list[slice]) -> list[IntArray]:
+    """Samples of each piece, counted from its start, on which windows are tried.
+
+    While an encoder stays within one of its steps, neighbours share one error: whatever follows the steps
+    would predict them perfectly.
+    """
+    told_apart = [_differ_from_neighbours(position[rows]) for rows in pieces]
+    if sum(len(centres) for centres in told_apart) < _FEWEST_TRIALS:
+        told_apart = [np.arange(rows.stop - rows.start) for rows in pieces]
+    stride = max(1, sum(len(centres) for centres in told_apart) // _TRIALS)
+    return [centres[::stride] for centres in told_apart]
+
+
+def _differ_from_neighbours(position: FloatArray) -> IntArray:
+    """Numbers of the samples that equal neither the one before nor the one after."""
+    moves = np.diff(position) != 0
+    return np.flatnonzero(np.append(True, moves) & np.append(moves, True))
+
+
+def _try_window(  # noqa: PLR0917
+    time_s: FloatArray,
+    position: FloatArray,
+    pieces: list[slice],
+    centres: list[IntArray],
+    half: int,
+    rounding: float,
+) -> _Trial:
+    """Fit around some samples of each piece."""
     fits, missed = [], []
-    for rows in pieces:
-        centres = np.arange(0, rows.stop - rows.start, stride)
-        fits.append(local_fit(time_s[rows], position[rows], centres, half))
-        missed.append(position[rows][centres] - fits[-1].fitted[:, 0])
+    for rows, chosen in zip(pieces, centres, strict=True):
+        fits.append(local_fit(time_s[rows], position[rows], chosen, half))
+        missed.append(position[rows][chosen] - fits[-1].fitted[:, 0])
     fitted, variance = (
         np.concatenate([getattr(fit, name) for fit in fits]) for name in ("fitted", "variance")
     )
-    return _Trial(half, np.concatenate(missed), fitted, variance)
+    return _Trial(half, rounding, np.concatenate(missed), fitted, variance)

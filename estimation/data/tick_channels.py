@@ -6,7 +6,7 @@ from control.loop.phases import Phase
 from control.loop.task import NO_RUN
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.contact import Contact, find_contacts
-from estimation.data.derivatives import differentiate
+from estimation.data.derivatives import differentiate, grid_step
 from estimation.data.pieces import number_pieces
 from estimation.data.surface import find_surface
 from estimation.tare import Tare
@@ -93,15 +93,32 @@ def _good(ticks: Samples, *status_columns: str) -> BoolArray:
     return np.asarray(np.all([ticks[name] == Status.OK for name in status_columns], axis=0))
 
 
+def _rounding_of_travel(travel_m: FloatArray, joint_position_rad: FloatArray) -> float:
+    """What the steps of the encoders leave uncertain of the tip's travel, as a variance [m2].
+
+    Args:
+        travel_m: shape (n,).
+        joint_position_rad: shape (n, joints).
+    """
+    steps_rad = np.array([grid_step(joint) for joint in joint_position_rad.T])
+    moves_rad = np.diff(joint_position_rad, axis=0)
+    lever_m = np.linalg.lstsq(moves_rad, np.diff(travel_m), rcond=None)[0]
+    return float(np.sum((lever_m * steps_rad) ** 2) / 12)
+
+
 def _motion(
-    time_s: FloatArray, sampled_at_s: FloatArray, position: FloatArray, run: IntArray
+    time_s: FloatArray,
+    sampled_at_s: FloatArray,
+    position: FloatArray,
+    run: IntArray,
+    rounding: float | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Position, velocity and acceleration at the times wanted.
 
     The derivatives are taken at the times of the samples: interpolated positions share their errors with
     their neighbours, which `differentiate` would take for motion.
     """
-    motion = differentiate(sampled_at_s, position, number_pieces(sampled_at_s, run))
+    motion = differentiate(sampled_at_s, position, number_pieces(sampled_at_s, run), rounding=rounding)
     position, velocity, acceleration = (
         _at(time_s, sampled_at_s, values) for values in (position, motion.velocity, motion.acceleration)
     )
@@ -155,7 +172,10 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     chosen, touching = ticks.select(rows), touching[rows]
     time_s, run = chosen["force_at_s"], chosen["run"].astype(np.int64)
     travel_m = np.einsum("ij,ij->i", chosen["tip_position_world_m"], chosen["press_direction_world"])
-    along_m, speed_m_s, acceleration_m_s2 = _motion(time_s, chosen["encoder_at_s"], travel_m, run)
+    rounding_m2 = _rounding_of_travel(travel_m, chosen.vector("joint_position_rad"))
+    along_m, speed_m_s, acceleration_m_s2 = _motion(
+        time_s, chosen["encoder_at_s"], travel_m, run, rounding_m2
+    )
     tare = _tare(contacts)
     above_n = chosen["force_n"] - tare.of(run)
     surface = find_surface(along_m[touching], speed_m_s[touching], above_n[touching], run[touching], tare)

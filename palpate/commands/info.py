@@ -85,7 +85,7 @@ def _facts(data: dict[str, Any]) -> dict[str, str]:
     facts = {
         "made": safe(f"{data['created_utc'] or 'unknown'} by palpate {version}"),
         "with": safe(data["command_line"]) or "unknown",
-        "source": "simulated" if data["simulated"] else safe(data["extra"].get("source", "measured")),
+        "source": safe(data["extra"].get("source", "simulated" if data["simulated"] else "measured")),
         "seed": "none" if data["seed"] is None else str(data["seed"]),
         "duration": duration(data["duration_s"]),
         "whole": whole.rstrip("; "),

@@ -16,6 +16,7 @@ from palpate.hiding import RANDOM
 from palpate.probing_run import ProbingJob, ProbingOutcome, is_simulated, online_estimators, run_probing
 from palpate.progress import probing_progress
 from palpate.robots import DEFAULT, find_robot, shipped_robots
+from palpate.wired import wires_in_words
 from palpate.words import count, duration, safe, shown
 from robot_io.errors import InputError
 from robot_io.file_model import validate
@@ -51,6 +52,12 @@ def command(  # noqa: PLR0917, one parameter an option
             metavar="WHAT",
         ),
     ] = None,
+    wire: Annotated[
+        bool,
+        typer.Option(
+            "--wire", help="Real drivers, byte by byte, but emulated devices: no hardware is touched."
+        ),
+    ] = False,
     realtime: Annotated[
         bool, typer.Option("--realtime", help="Simulate no faster than time passes.")
     ] = False,
@@ -85,11 +92,14 @@ def command(  # noqa: PLR0917, one parameter an option
         seed=seed,
         hidden=hidden,
         paced=realtime,
+        wired=wire,
         drivers=_importable(drivers or []),
         online=None if online == NO_ESTIMATOR else online,
         command_line=_command_line(sys.argv[1:], hidden),
     )
-    with probing_progress(plan, live=is_simulated(robot_file)) as watcher:
+    if wire:
+        console.stderr().print(f"emulated devices: {safe(wires_in_words(robot_file))}")
+    with probing_progress(plan, live=wire or is_simulated(robot_file)) as watcher:
         outcome = run_probing(job, watcher)
     _report(outcome, plan, as_json)
 

@@ -108,6 +108,20 @@ def test_the_chosen_window_is_far_better_than_a_difference():
     assert np.std(found - true) < 0.2 * np.std(np.gradient(x, t) - true)
 
 
+@pytest.mark.parametrize("steps", [[7e-5], [3e-5, 7e-5]], ids=["one encoder", "two in a row"])
+def test_an_encoders_steps_do_not_narrow_the_window(steps):
+    """Within a step neighbours share one error, which narrow windows would predict perfectly."""
+    t = np.arange(4000) * 1e-3
+    moving = np.clip(t - 1.0, 0.0, 0.5)
+    x = 0.04 * (moving - np.sin(4 * np.pi * moving) / (4 * np.pi)) + 3e-5 * np.sin(5 * t)
+    true = 0.04 * (1 - np.cos(4 * np.pi * moving)) + 15e-5 * np.cos(5 * t)
+    shares = np.linspace(1.0, 2.0, len(steps)) / np.linspace(1.0, 2.0, len(steps)).sum()
+    seen = sum(np.round(share * x / step) * step for share, step in zip(shares, steps, strict=True))
+    found = differentiate(t, seen, ONE_PIECE(t))
+    others = [differentiate(t, seen, ONE_PIECE(t), half) for half in (2, 3, 4, 5, 7, 10, 14, 20, 28)]
+    assert np.std(found.velocity - true) < 1.25 * min(np.std(other.velocity - true) for other in others)
+
+
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5])
 def test_short_pieces_get_what_they_can_say(count):
     t = 0.1 * np.arange(count)
