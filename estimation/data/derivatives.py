@@ -51,6 +51,7 @@ def differentiate(
     half_window: int | None = None,
     *,
     rounding: float | None = None,
+    calm: bool = True,
 ) -> Motion:
     """Velocity and acceleration of a sampled position.
 
@@ -60,13 +61,15 @@ def differentiate(
         piece: shape (n,), the same number for samples that belong to one smooth motion; in one block each.
         half_window: samples on either side; None to find out.
         rounding: variance of the positions' rounding; None to see whether they lie on a grid.
+        calm: of windows for the acceleration that err about as much, take the widest; else the narrowest,
+            which leaves more noise and bends less: right for what is averaged afterwards.
     """
     if rounding is None:
         rounding = grid_step(position) ** 2 / 12
     pieces = list(blocks(piece))
     position = _from_its_start(position, pieces)
     if half_window is None:
-        halves = _best_half_windows(time_s, position, pieces, rounding)
+        halves = _best_half_windows(time_s, position, pieces, rounding, calm=calm)
     else:
         halves = half_window, half_window
     fitted = {half: _fit_all(time_s, position, pieces, half) for half in set(halves)}
@@ -153,9 +156,9 @@ class _Trial:
 
 
 def _best_half_windows(
-    time_s: FloatArray, position: FloatArray, pieces: list[slice], rounding: float
+    time_s: FloatArray, position: FloatArray, pieces: list[slice], rounding: float, *, calm: bool
 ) -> tuple[int, int]:
-    """For velocity and acceleration each, the widest window whose error is nearly the least."""
+    """For velocity and acceleration each, a window whose error is nearly the least; see `differentiate`."""
     smallest = 2 * _HALF_WINDOWS[0] + 1
     long_enough = [rows for rows in pieces if rows.stop - rows.start > smallest]
     if not long_enough:
@@ -167,14 +170,14 @@ def _best_half_windows(
     pilot = min(trials, key=lambda trial: trial.left_out_error)
     wider = [trial for trial in trials if trial.half >= pilot.half]
     velocity, acceleration = (
-        _widest(wider, [trial.risk(pilot, order) for trial in wider]) for order in (1, 2)
+        _about_best(wider, [trial.risk(pilot, order) for trial in wider]) for order in (1, 2)
     )
-    return velocity, acceleration
+    return max(velocity), max(acceleration) if calm else min(acceleration)
 
 
-def _widest(trials: list[_Trial], risks: list[float]) -> int:
+def _about_best(trials: list[_Trial], risks: list[float]) -> list[int]:
     limit = _TOLERANCE**2 * max(0.0, min(risks))
-    return max(trial.half for trial, risk in zip(trials, risks, strict=True) if risk <= limit)
+    return [trial.half for trial, risk in zip(trials, risks, strict=True) if risk <= limit]
 
 
 def _trial_centres(position: FloatArray, pieces: list[slice]) -> list[IntArray]:

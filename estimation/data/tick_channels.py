@@ -58,13 +58,14 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
         return ()
     time_s, run = chosen["torque_at_s"], _with_moves(chosen["run"])
     motions = [
-        _motion(time_s, chosen["encoder_at_s"], joint, run) for joint in chosen.vector("joint_position_rad").T
+        _motion(time_s, chosen["encoder_at_s"], joint, run, calm=False)
+        for joint in chosen.vector("joint_position_rad").T
     ]
     context = {
         "joint_position": np.column_stack([position for position, _, _ in motions]),
         "joint_velocity": np.column_stack([velocity for _, velocity, _ in motions]),
         "joint_acceleration": np.column_stack([acceleration for _, _, acceleration in motions]),
-        "contact_force": _above_free_air(np.nan_to_num(chosen["force_n"]), run, chosen["phase"]),
+        "contact_force": _above_free_air(_force_at(time_s, chosen), run, chosen["phase"]),
         "press_direction_world": chosen["press_direction_world"],
     }
     torque = chosen.vector("torque_measured_nm")
@@ -81,6 +82,14 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
         )
         for joint, motion in enumerate(motions)
     )
+
+
+def _force_at(time_s: FloatArray, ticks: Samples) -> FloatArray:
+    """Force at the times wanted, which need not be its own; zero where nothing was ever measured."""
+    good = _good(ticks, "force_status")
+    if not good.any():
+        return np.zeros(len(time_s))
+    return np.asarray(np.interp(time_s, ticks["force_at_s"][good], ticks["force_n"][good]))
 
 
 def _above_free_air(force_n: FloatArray, run: IntArray, phase: IntArray) -> FloatArray:
@@ -112,13 +121,16 @@ def _motion(
     position: FloatArray,
     run: IntArray,
     rounding: float | None = None,
+    *,
+    calm: bool = True,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Position, velocity and acceleration at the times wanted.
 
     The derivatives are taken at the times of the samples: interpolated positions share their errors with
     their neighbours, which `differentiate` would take for motion.
     """
-    motion = differentiate(sampled_at_s, position, number_pieces(sampled_at_s, run), rounding=rounding)
+    pieces = number_pieces(sampled_at_s, run)
+    motion = differentiate(sampled_at_s, position, pieces, rounding=rounding, calm=calm)
     position, velocity, acceleration = (
         _at(time_s, sampled_at_s, values) for values in (position, motion.velocity, motion.acceleration)
     )

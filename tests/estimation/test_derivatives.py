@@ -108,6 +108,21 @@ def test_the_chosen_window_is_far_better_than_a_difference():
     assert np.std(found - true) < 0.2 * np.std(np.gradient(x, t) - true)
 
 
+@pytest.mark.parametrize("turns_hz", [1.0, 3.0])
+@pytest.mark.parametrize("noise", [1e-6, 4e-6])
+def test_where_means_are_taken_afterwards_narrow_windows_are_no_worse(turns_hz, noise):
+    """Means over 10 ms, of an acceleration that changes as quickly as that of a probing arm does."""
+    t = np.arange(4000) * 1e-3
+    jumping = np.where(np.sin(2 * np.pi * turns_hz * t) > 0.0, 4.0, -4.0)
+    true = np.convolve(jumping, np.ones(8) / 8.0, "same")
+    x = np.cumsum(np.cumsum(true)) * 1e-6 + noise * np.random.default_rng(5).standard_normal(len(t))
+    chosen = [differentiate(t, x, ONE_PIECE(t), rounding=0.0, calm=calm) for calm in (True, False)]
+    errors = [np.std((c.acceleration - true)[100:-100].reshape(-1, 10).mean(axis=1)) for c in chosen]
+    assert errors[1] <= errors[0]
+    if (turns_hz, noise) == (3.0, 4e-6):
+        assert errors[1] < 0.9 * errors[0]
+
+
 @pytest.mark.parametrize("steps", [[7e-5], [3e-5, 7e-5]], ids=["one encoder", "two in a row"])
 def test_an_encoders_steps_do_not_narrow_the_window(steps):
     """Within a step neighbours share one error, which narrow windows would predict perfectly."""

@@ -165,3 +165,15 @@ def test_no_joint_feels_what_the_force_sensor_reads_in_free_air():
     in_air = truth.phase == Phase.FREE_AIR
     assert abs(np.mean(biased[in_air])) < 0.1 * NOISE_N
     assert biased.max() == pytest.approx(truth.force_n.max(), rel=0.02)
+
+
+def test_a_force_that_was_sampled_at_another_time_is_brought_to_the_torque_s():
+    truth = recorded()
+    late_s = 0.0004
+    at_torque, at_force = truth.time_s - late_s, truth.time_s
+    rising = 20.0 * truth.time_s
+    made = ticks(truth, torque_at_s=at_torque, force_at_s=at_force, force_n=rising)
+    pressed = joint_channels(made)[0].context["contact_force"]
+    together = ticks(truth, torque_at_s=at_torque, force_at_s=at_torque, force_n=20.0 * at_torque)
+    wanted = joint_channels(together)[0].context["contact_force"]
+    np.testing.assert_allclose(pressed[5:], wanted[5:], atol=0.1 * 20.0 * late_s)
