@@ -1,0 +1,67 @@
+"""The fault matrix as a page of the docs."""
+
+from collections.abc import Sequence
+
+from tests.wire.fault_matrix.rows import FAMILIES, Program, Row
+from tests.wire.parts import ROOT
+
+DOCUMENT = ROOT / "docs" / "fault-matrix.md"
+_HEAD = """\
+# What goes wrong, and what the arm then does
+
+Made from the rows of `tests/wire/fault_matrix/rows.py` by `docs/make_fault_matrix.py`. The tests let each of
+these faults happen to the real drivers, on emulated devices in lock-step, in a probing run at 1 kHz.
+
+- **arm**: *stops* is the guard's safe state. The joints are braked for 300 ms and then let go, or let go at
+  once where nobody knows how they move; `palpate probe` also holds and lowers the arm's weight meanwhile.
+  *goes on*: no harm is done.
+- **ticks**: from the fault to the tick that commands the safe state, at most. Without a reason given below
+  that is the age limit of the device's samples and two ticks.
+- **off**: from the fault until no drive exerts torque any more, at most.
+- **reads**: part of the line that the user reads, and that is among the session's events. In every row the
+  session can be read up to the fault or further.
+
+Simulated ticks are the same on every machine, however busy it is.
+"""
+_REASONS = """
+## Slower than the age limit and two ticks
+
+"""
+_TAIL = """
+## Not in the table
+
+- A serial force sensor has no id that could be another's, and no alert.
+- No viewer hangs on the loop: recordings are made of the session afterwards. *viewer gone* stands for
+  whatever looks on while the arm moves, the online estimator, and fails.
+- Time that jumps forward is the program held up. The machine's monotonic clock is never set back; if it
+  were, the loop would wait until it has caught up.
+- What a killed program leaves behind is tested with the session's writer: all but the last chunk is read.
+"""
+
+
+def document(rows: Sequence[Row]) -> str:
+    """The whole page."""
+    reasons = list(dict.fromkeys(row.because for row in rows if row.because))
+    tables = (_table([row for row in rows if row.family == family], reasons) for family in FAMILIES)
+    listed = "".join(f"{number}. {reason}.\n" for number, reason in enumerate(reasons, 1))
+    return _HEAD + "".join(tables) + _REASONS + listed + _TAIL
+
+
+def _table(rows: Sequence[Row], reasons: Sequence[str]) -> str:
+    family = FAMILIES[rows[0].family]
+    title = f"\n## {family.title} (age limit {family.age_ticks} ms)\n"
+    lines = [title, "| fault | arm | ticks | off | reads |", "|---|---|---|---|---|"]
+    return "\n".join([*lines, *(_line(row, reasons) for row in rows)]) + "\n"
+
+
+def _line(row: Row, reasons: Sequence[str]) -> str:
+    reason = f" [{reasons.index(row.because) + 1}]" if row.because else ""
+    ticks = "" if row.ticks is None else str(row.ticks)
+    off = "" if row.off_ms is None else f"{row.off_ms:g} ms"
+    return f"| {row.name} | {_arm(row)}{reason} | {ticks} | {off} | {row.reads} |"
+
+
+def _arm(row: Row) -> str:
+    if row.fault is Program.KILLED:
+        return "is let go"
+    return "goes on" if row.ticks is None else "stops"

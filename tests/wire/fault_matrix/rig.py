@@ -1,0 +1,221 @@
+"""Lets one row of the fault matrix happen: a probing run in lock-step, the fault, and what comes of it."""
+
+import math
+import resource
+import signal
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from control.loop.loop import run_loop
+from control.loop.result import LoopResult, Outcome
+from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, tick_stream
+from control.probing.plan import ProbingPlan
+from control.probing.task import ProbingTask
+from robot_io import Session, SessionMetadata, SessionWriter, write_session
+from robot_io.errors import SessionError
+from robot_io.guard import Guard
+from robot_io.session import Event
+from sim_backend.emulators import Fault
+from tests.wire.fault_matrix.rows import FAMILIES, Program, Row
+from tests.wire.parts import WireBench
+
+TICK_S = 1e-3
+CHUNK_BYTES = 65_536
+GOES_ON_S = 0.05  # a fault that the arm survives for so long stops nothing,
+DISK_S = 0.4  # unless it is only seen when so much has been logged
+PATIENCE_S = 5.0  # for those that must stop it
+SILENT_S = 0.2  # looked at the drives for so long after the end
+PLAN = ProbingPlan(speeds_m_s=(0.12,), hold_s=0.1, free_air_s=0.1)
+STEP_BACK_S = 0.02
+HELD_UP_S = 0.5
+REQUESTED = "stopped on request"  # by the rig, as nothing else has stopped the arm
+
+
+class Killed(BaseException):
+    """The program is gone, with all that it would have done at its end."""
+
+
+@dataclass
+class Observed:
+    """What came of a fault.
+
+    Attributes:
+        trips: whether the guard tripped.
+        ticks: from the fault to the safe state; None if there was no trip.
+        torque_off_ms: from the fault to the last torque of the drives [ms].
+        reads: what the user reads.
+        last_tick_s: of the session's records, on the robot's clock [s].
+        session_events: texts of the session's events.
+    """
+
+    trips: bool
+    ticks: int | None
+    torque_off_ms: float
+    reads: str
+    last_tick_s: float
+    session_events: list[str]
+
+
+class MemoryLog:
+    """A session in memory; the writer process has its own tests, and its own rows."""
+
+    dropped, failure = 0, None
+
+    def __init__(self) -> None:
+        self.records: list[tuple[object, ...]] = []
+        self.events: list[Event] = []
+
+    def append(self, _stream: str, record: tuple[object, ...]) -> None:
+        self.records.append(record)
+
+    def event(self, time_s: float, kind: str, text: str, data: object = None) -> None:
+        self.events.append(Event(time_s, kind, text, None))
+
+    def write(self, path: Path) -> None:
+        stream = tick_stream(3)
+        values = zip(*self.records, strict=True)
+        columns = {column.name: list(value) for column, value in zip(stream.columns, values, strict=True)}
+        write_session(path, [(stream, columns)], SessionMetadata(), self.events)
+
+
+class Rig:
+    """An arm on emulated wires, its probing run, and the row's fault.
+
+    Args:
+        row: what goes wrong.
+        folder: for the session.
+    """
+
+    def __init__(self, row: Row, folder: Path) -> None:
+        self.row, self.path = row, folder / "session.mcap"
+        family = FAMILIES[row.family]
+        self.bench = WireBench(family.robot, family.changes)
+        self.robot, self.clock = self.bench.robot, self.bench.clock
+        self.log: MemoryLog | SessionWriter = MemoryLog()
+        self.robot_file = self.bench.arm.robot_file
+        self.guard = Guard(self.robot_file.limits, self.robot_file.safe_state, 3)
+        self._task = ProbingTask.from_robot_file(self.robot_file, PLAN)
+        self._torque_until_s = -math.inf
+        self._struck = False
+        self._observer_fails = False
+        if isinstance(row.fault, Fault):
+            self.bench.faults[family.bus].add(row.fault)
+        self.clock.subscribe(self._watch_drives)
+
+    def run(self) -> Observed:
+        """Probe until the fault has had its way."""
+        self.robot.configure()
+        if self.row.fault is Program.DISK_FULL:
+            self.log = SessionWriter(self.path, [tick_stream(3)], SessionMetadata(), wait_for_room=True)
+        try:
+            result = run_loop(
+                self.robot,
+                self.guard,
+                self,
+                self.clock,
+                self.log,
+                rate_hz=1.0 / TICK_S,
+                observer=self._observe,
+                stop=self._survived,
+            )
+        except Killed:
+            result = None
+        self._let_pass(SILENT_S)
+        reads = self._close_log(result)
+        return self._observed(result, reads)
+
+    # What the loop sees.
+
+    def start(self, measurement):
+        self._task.start(measurement)
+
+    def step(self, measurement, dt_s):
+        if not self._struck and self.clock.now_s() >= self.row.at_s and isinstance(self.row.fault, Program):
+            self._struck = True
+            self._strike(self.row.fault)
+        return self._task.step(measurement, dt_s)
+
+    def _observe(self, _measurement, _output):
+        if self._observer_fails:
+            raise BrokenPipeError("the viewer has gone")
+        return NO_ESTIMATE
+
+    def _survived(self) -> bool:
+        row = self.row
+        patience_s = DISK_S if row.fault is Program.DISK_FULL else GOES_ON_S
+        return self.clock.now_s() > row.at_s + (patience_s if row.ticks is None else PATIENCE_S)
+
+    # What goes wrong in the program itself.
+
+    def _strike(self, what: Program) -> None:
+        match what:
+            case Program.EXCEPTION:
+                raise ZeroDivisionError("float division by zero")
+            case Program.CTRL_C:
+                signal.raise_signal(signal.SIGINT)
+            case Program.TERMINATED:
+                signal.raise_signal(signal.SIGTERM)
+            case Program.KILLED:
+                self.robot.deactivate = lambda: None  # nobody is there who could
+                raise Killed
+            case Program.HELD_UP:
+                self._let_pass(HELD_UP_S)
+            case Program.CLOCK_BACK:
+                self._set_clock_back()
+            case Program.DISK_FULL:
+                self._fill_the_disk()
+            case Program.VIEWER_GONE:
+                self._observer_fails = True
+
+    def _fill_the_disk(self) -> None:
+        """Once something is on it: no file of the writer process may grow much more."""
+        give_up_s = time.monotonic() + 30.0
+        while self.path.stat().st_size < CHUNK_BYTES / 2 and time.monotonic() < give_up_s:
+            time.sleep(0.001)
+        most = self.path.stat().st_size + CHUNK_BYTES // 2
+        resource.prlimit(self.log._process.pid, resource.RLIMIT_FSIZE, (most, most))
+
+    def _let_pass(self, duration_s: float) -> None:
+        for _ in range(round(duration_s / TICK_S)):
+            self.clock.sleep_until(self.clock.now_s() + TICK_S)
+
+    def _set_clock_back(self) -> None:
+        now_s = self.clock.now_s
+        sleep_until = self.clock.sleep_until
+        self.clock.now_s = lambda: now_s() - STEP_BACK_S
+        self.clock.sleep_until = lambda time_s: sleep_until(time_s + STEP_BACK_S)
+
+    # What came of it.
+
+    def _watch_drives(self, time_s: float) -> None:
+        if np.abs(self.bench.drive_torque_nm).max() > 0.02:  # zero on an MIT motor's wire is half a step off
+            self._torque_until_s = time_s
+
+    def _close_log(self, result: LoopResult | None) -> str:
+        reads = "" if result is None else result.one_line()
+        if isinstance(self.log, MemoryLog):
+            self.log.write(self.path)
+        else:
+            try:
+                self.log.close()
+            except SessionError as error:
+                reads += f"; {error}"
+        return reads
+
+    def _observed(self, result: LoopResult | None, reads: str) -> Observed:
+        session = Session.open(self.path)
+        ticks = session.samples(STREAM_NAME)
+        tripped = result is not None and result.outcome is not Outcome.FINISHED
+        tripped = tripped and result.cause != REQUESTED
+        trip_s = ticks["time_s"][np.argmax(ticks["guard_tripped"])] if tripped else np.nan
+        return Observed(
+            trips=tripped,
+            ticks=math.ceil((trip_s - self.row.at_s) / TICK_S - 1e-6) if tripped else None,
+            torque_off_ms=1e3 * (self._torque_until_s - self.row.at_s),
+            reads=reads,
+            last_tick_s=ticks["time_s"][-1],
+            session_events=[event.text for event in session.events],
+        )

@@ -1,0 +1,269 @@
+"""The fault matrix as data: what goes wrong with which devices, and what must come of it.
+
+The tests hold every row against what happens; `docs/make_fault_matrix.py` writes the same rows down.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from sim_backend.emulators import Fault, FaultKind
+from tests.wire.parts import CUBEMARS, ODRIVE, ROOT
+
+MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.5  # where the probing run is then
+SPARE_TICKS = 2  # beyond the age limit, for every row that gives no reason to take longer
+DYNAMIXEL = ROOT / "robots" / "dynamixel_3dof.yaml"
+_LINES = (
+    "{driver: loadstar, bus: load_cell, capacity_n: 100.0}",
+    "{driver: force_lines, bus: load_cell, capacity_n: 100.0, "
+    r"pattern: '\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)'}",
+)
+
+
+@dataclass(frozen=True)
+class Family:
+    """Devices of one kind.
+
+    Attributes:
+        title: for people.
+        robot: robot file with such devices.
+        bus: their bus in it.
+        age_ticks: age limit of their samples in the robot file, in ticks.
+        changes: to the robot file.
+    """
+
+    title: str
+    robot: Path
+    bus: str
+    age_ticks: int
+    changes: tuple[tuple[str, str], ...] = ()
+
+
+FAMILIES = {
+    "dynamixel": Family("Dynamixel", DYNAMIXEL, "motors", 5),
+    "odrive": Family("ODrive, CAN", ODRIVE, "motors", 5),
+    "mit": Family("MIT mode, CAN", CUBEMARS, "motors", 5),
+    "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10),
+    "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5),
+    "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (_LINES,)),
+}
+
+
+class Program(StrEnum):
+    """What goes wrong in the program itself."""
+
+    EXCEPTION = "controller exception"
+    CTRL_C = "Ctrl-C"
+    TERMINATED = "SIGTERM"
+    KILLED = "program killed"
+    HELD_UP = "program held up for 0.5 s"
+    CLOCK_BACK = "clock set back by 20 ms"
+    DISK_FULL = "log disk full"
+    VIEWER_GONE = "viewer gone"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One fault.
+
+    Attributes:
+        family: key of `FAMILIES`.
+        name: of the fault, for people.
+        fault: what goes wrong.
+        at_s: when [s].
+        ticks: from the fault until the guard has the arm, at most; None: the arm goes on.
+        off_ms: from the fault until the drives are without torque, at most [ms]; None: the arm goes on.
+        reads: what the user reads, among other things.
+        because: why it takes longer than the age limit and two ticks.
+    """
+
+    family: str
+    name: str
+    fault: Fault | Program
+    at_s: float
+    ticks: int | None
+    off_ms: float | None
+    reads: str = ""
+    because: str = ""
+
+    @property
+    def label(self) -> str:
+        """For the name of its test."""
+        return f"{self.family}, {self.name}"
+
+    @property
+    def prompt_ticks(self) -> int:
+        """What it may take without a reason."""
+        return FAMILIES[self.family].age_ticks + SPARE_TICKS
+
+
+K = FaultKind
+_FROZEN = "a joint at rest reads one number too: reference and torque must have moved on"
+_NO_CHECKSUM = (
+    "a line has no checksum: a digit that is flipped is a number, and only some are beyond the range"
+)
+_CONTRADICTED = (
+    "the sensor looks alive; joint torques contradict it once 4 N and half of the force limit are amiss"
+)
+_DEAF = "nothing reaches the drives: their own watchdogs let go"
+_DOES_NOT_SAY = "its frames do not say that it is off: it shows when the joint lags"
+BRAKED = 310.0  # [ms]: the safe state brakes for 300
+OLD, OLD_OFF = 6, 8  # an age limit of 5 ms, and the tick in which it is seen
+
+# name, kind, details, then ticks, off [ms], reads (and because), for each family.
+_MOTORS: tuple[tuple[str, FaultKind, dict[str, float]], ...] = (
+    ("reply lost", K.DROP, {}),
+    ("reply late", K.DELAY, {"delay_s": 0.05}),
+    ("reply corrupt", K.CORRUPT, {}),
+    ("reply duplicated", K.DUPLICATE, {}),
+    ("replies out of order", K.REORDER, {}),
+    ("reply with a wrong id", K.WRONG_ID, {}),
+    ("alert", K.ALERT, {"times": 1}),
+    ("reboot, away for 0.3 s", K.REBOOT, {"times": 1, "delay_s": 0.3}),
+    ("reboot, back at once", K.REBOOT, {"times": 1, "delay_s": 0.001}),
+    ("unplugged", K.UNPLUG, {}),
+    ("stuck encoder", K.STUCK, {}),
+)
+GOES_ON = (None, None)
+_MOTOR_ROWS = {
+    "dynamixel": (
+        (OLD, OLD_OFF, "servo 3 did not answer in time"),
+        (OLD, OLD_OFF, "did not answer in time"),
+        (OLD, OLD_OFF, "wrong checksum"),
+        GOES_ON,
+        (OLD, OLD_OFF, "answered in place of servo"),
+        (OLD, OLD_OFF, "servo 103 answered in place of servo 3"),
+        (2, 3, "servo 3 (joint 3): has switched its torque off (hardware error: overload)"),
+        (OLD, OLD_OFF, "servo 3 did not answer in time"),
+        (2, 3, "servo 3 (joint 3): has forgotten its settings; it has restarted"),
+        (2, 62, "the port has failed", _DEAF),
+        (25, 26, "encoder of joint 1: stuck at", _FROZEN),
+    ),
+    "odrive": (
+        (OLD, OLD_OFF, "joint 3 (node 2): nothing valid for"),
+        (OLD, BRAKED, "joint 3 (node 2): nothing valid for"),
+        (OLD, OLD_OFF, "last was: motor torque has 3 bytes, expected 8"),
+        GOES_ON,
+        GOES_ON,
+        (OLD, OLD_OFF, "joint 3 (node 2): nothing valid for"),
+        (2, BRAKED, "joint 3 (node 2): IDLE INVERTER_OVER_TEMP"),
+        (OLD, BRAKED, "joint 3 (node 2): nothing valid for"),
+        (2, BRAKED, "joint 3 (node 2): left closed-loop control, is IDLE"),
+        (2, 52, "bus-off, the adapter has left the bus", _DEAF),
+        (40, 41, "encoder of joint 1: stuck at", _FROZEN),
+    ),
+    "mit": (
+        (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
+        (OLD, BRAKED, "joint 3 (motor 3): nothing valid for"),
+        (OLD, OLD_OFF, "last was: motor state has 3 bytes, expected 6 or 8"),
+        GOES_ON,
+        GOES_ON,
+        (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
+        (2, BRAKED, "joint 3 (motor 3): MOSFET over temperature"),
+        (OLD, BRAKED, "joint 3 (motor 3): nothing valid for"),
+        (1700, 2010, "joint 3 is 0.1", _DOES_NOT_SAY),
+        (2, 102, "bus-off, the adapter has left the bus", _DEAF),
+        (40, 41, "encoder of joint 1: stuck at", _FROZEN),
+    ),
+}
+_NUMBERS = {"dynamixel": (1, 2, 3), "odrive": (0, 1, 2), "mit": (1, 2, 3)}  # of the devices, by joint
+
+_FORCE: tuple[tuple[str, FaultKind, dict[str, float]], ...] = (
+    ("silent", K.DROP, {}),
+    ("readings late", K.DELAY, {"delay_s": 0.05}),
+    ("readings corrupt", K.CORRUPT, {}),
+    ("readings duplicated", K.DUPLICATE, {}),
+    ("readings out of order", K.REORDER, {}),
+    ("reboot", K.REBOOT, {"times": 1, "delay_s": 0.3}),
+    ("unplugged", K.UNPLUG, {}),
+    ("not a number", K.NOT_A_NUMBER, {}),
+    ("saturated", K.SATURATED, {}),
+    ("reversed", K.REVERSED, {}),
+    ("stuck", K.STUCK, {}),
+)
+_SILENT = (11, BRAKED + 5, "no reading for")
+_FORCE_ROWS = {
+    "loadstar": (
+        _SILENT,
+        _SILENT,
+        _SILENT,
+        GOES_ON,
+        GOES_ON,
+        _SILENT,
+        (2, BRAKED, "the port was unplugged"),
+        _SILENT,
+        (2, BRAKED, "force sensor: at the end of its range"),
+        (60, BRAKED + 60, "joint torques say about 4.", _CONTRADICTED),
+        (180, BRAKED + 180, "is the sensor alive", _CONTRADICTED),
+    ),
+    "lorenz": (
+        (OLD, BRAKED, "no reading for"),
+        (OLD, BRAKED, "no reading for"),
+        (OLD + 1, BRAKED, "no reading for"),
+        (OLD, BRAKED, "no reading for"),
+        (OLD, BRAKED, "no reading for"),
+        (OLD, BRAKED, "no reading for"),
+        (2, BRAKED, "the port was unplugged"),
+        (2, BRAKED, "force sensor: at the end of its range"),
+        (2, BRAKED, "force sensor: at the end of its range"),
+        (30, BRAKED + 30, "joint torques say about 4.", _CONTRADICTED),
+        (180, BRAKED + 180, "is the sensor alive", _CONTRADICTED),
+    ),
+    "lines": (
+        _SILENT,
+        _SILENT,
+        (30, BRAKED + 30, "no reading for", _NO_CHECKSUM),
+        GOES_ON,
+        GOES_ON,
+        _SILENT,
+        (2, BRAKED, "the port was unplugged"),
+        _SILENT,
+        (2, BRAKED, "force sensor: at the end of its range"),
+        (60, BRAKED + 60, "joint torques say about 4.", _CONTRADICTED),
+        (180, BRAKED + 180, "is the sensor alive", _CONTRADICTED),
+    ),
+}
+
+_HELD_UP = "the whole program stands still: the drives' own watchdogs let go meanwhile"
+_PROGRAM_ROWS = {
+    Program.EXCEPTION: (2, BRAKED, "the task: ZeroDivisionError: float division by zero"),
+    Program.CTRL_C: (2, BRAKED, "interrupted by the user (SIGINT)"),
+    Program.TERMINATED: (2, BRAKED, "interrupted by the user (SIGTERM)"),
+    Program.CLOCK_BACK: GOES_ON,
+    Program.DISK_FULL: (*GOES_ON, "is not complete: File too large"),
+    Program.VIEWER_GONE: (*GOES_ON, "online estimation was switched off: BrokenPipeError"),
+}
+_WATCHDOG_ROWS = {  # program killed (nobody is left to read), program held up
+    "dynamixel": ((None, 62, "", _DEAF), (503, 62, "its bus watchdog has fired, it let go", _HELD_UP)),
+    "odrive": ((None, 52, "", _DEAF), (503, 52, "heartbeat lost", _HELD_UP)),
+    "mit": ((None, 102, "", _DEAF), (503, 503, "joint 1 moves at", _HELD_UP)),
+}
+
+
+def rows() -> Iterator[Row]:
+    """All rows, family by family."""
+    for family, expected in _MOTOR_ROWS.items():
+        for (name, kind, details), ends in zip(_MOTORS, expected, strict=True):
+            joint, at_s = (0, FAST_S) if kind is K.STUCK else (2, MOVING_S)
+            yield _wire_row(family, name, kind, at_s, ends, details | _whose(family, kind, joint))
+        for what, ends in _PROGRAM_ROWS.items():
+            yield Row(
+                family, what.value, what, 2 * MOVING_S if what is Program.DISK_FULL else MOVING_S, *ends
+            )
+        killed, held_up = _WATCHDOG_ROWS[family]
+        yield Row(family, Program.KILLED.value, Program.KILLED, MOVING_S, *killed)
+        yield Row(family, Program.HELD_UP.value, Program.HELD_UP, MOVING_S, *held_up)
+    for family, expected in _FORCE_ROWS.items():
+        for (name, kind, details), ends in zip(_FORCE, expected, strict=True):
+            at_s = PRESSING_S if kind in (K.REVERSED, K.STUCK) else MOVING_S
+            yield _wire_row(family, name, kind, at_s, ends, details)
+
+
+def _wire_row(family, name, kind, at_s, ends, details) -> Row:
+    return Row(family, name, Fault(kind=kind, from_s=at_s, **details), at_s, *ends)
+
+
+def _whose(family: str, kind: FaultKind, joint: int) -> dict[str, int]:
+    """The device that a fault befalls; some befall the line, or all on it."""
+    return {} if kind in (K.REORDER, K.UNPLUG) else {"device": _NUMBERS[family][joint]}
