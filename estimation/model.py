@@ -41,6 +41,14 @@ class Model:
         """The model with one more effect."""
         return Model(self.name, (*self.effects, effect))
 
+    def with_effect_first(self, effect: Effect) -> "Model":
+        """The model with one more effect ahead of all others, such as a sensor's fault before its filter."""
+        return Model(self.name, (effect, *self.effects))
+
+    def without(self, name: str) -> "Model":
+        """The model less the effect of this name."""
+        return Model(self.name, tuple(effect for effect in self.effects if effect.name != name))
+
     @property
     def gains(self) -> dict[str, Parameter]:
         """Linear parameters by "effect.parameter", in column order."""

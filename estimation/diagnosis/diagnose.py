@@ -6,7 +6,7 @@ from dataclasses import asdict
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.chain import Chain, Progress, Search, Step, build
+from estimation.diagnosis.chain import Chain, build
 from estimation.diagnosis.confusion import rivals
 from estimation.diagnosis.gate import refuse, usable
 from estimation.diagnosis.intervals import Value, final, values
@@ -25,8 +25,10 @@ from estimation.diagnosis.result import (
     Suspect,
     Verdict,
 )
+from estimation.diagnosis.search import Progress, Search
 from estimation.diagnosis.standing import Standing
-from estimation.diagnosis.unexplained import depends_on, is_explained
+from estimation.diagnosis.step import Step
+from estimation.diagnosis.unexplained import depends_on
 from estimation.effect import Effect
 from estimation.model import Model
 
@@ -86,22 +88,23 @@ def _report(search: Search, chain: Chain) -> ChannelDiagnosis:
     named = chain.named
     standing = named[-1].standing if named else chain.start
     accepted = _accepted(search, chain, named)
-    signals = [] if is_explained(chain.end) else depends_on(chain.end)
+    signals = [] if chain.is_complete else depends_on(chain.end)
     verdict = _verdict(chain)
+    floor = noise_floor(chain.end, chain.floor)
     return ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
         reason=_reason(verdict, chain, signals),
         effort_unit=search.data.kind.effort_unit,
-        noise_floor=noise_floor(chain.end).value,
-        floor=Floor(**asdict(noise_floor(chain.end))),
-        baseline=_fitted(chain.start),
+        noise_floor=floor.value,
+        floor=Floor(**asdict(floor)),
+        baseline=_fitted(chain.start, complete=chain.is_complete and not named),
         accepted=accepted,
         suspects=_suspects(chain),
         ranking=_ranking(chain),
-        final=_fitted(standing),
+        final=_fitted(standing, complete=chain.is_complete),
         depends_on=signals,
-        next_experiment=_next(search, accepted, signals, is_explained(chain.end)),
+        next_experiment=_next(search, accepted, signals, chain.is_complete),
     )
 
 
@@ -111,8 +114,8 @@ def _verdict(chain: Chain) -> Verdict:
     return Verdict.MISSING if chain.steps else Verdict.ADEQUATE
 
 
-def _fitted(standing: Standing) -> Fitted:
-    found = values(*final(standing))
+def _fitted(standing: Standing, *, complete: bool) -> Fitted:
+    found = values(*final(standing, complete=complete))
     return Fitted(rmse=standing.rmse, parameters={name: _entry(value) for name, value in found.items()})
 
 
@@ -124,7 +127,7 @@ def _entry(value: Value) -> ParameterValue:
 def _accepted(search: Search, chain: Chain, named: Sequence[Step]) -> list[Accepted]:
     if not named:
         return []
-    found = values(*final(named[-1].standing))
+    found = values(*final(named[-1].standing, complete=chain.is_complete))
     by_name = {effect.name: effect for effect in search.effects}
     accepted, before, p_value = [], chain.start, 0.0
     for step in named:
@@ -154,7 +157,7 @@ def _rivals(search: Search, chain: Chain, named: Sequence[Step], name: str) -> l
     """Effects that would do as well in the place of `name`, all others kept."""
     others = [step.effect for step in named if step.effect != name]
     if others:
-        without = search.stand(others, named[-1].standing.trial.parameters)
+        without = search.without(named[-1].standing, name)
         found = search.screen(without)
     else:
         without, found = chain.start, list(chain.ranking)
@@ -190,10 +193,10 @@ def _reason(verdict: Verdict, chain: Chain, signals: Sequence[str]) -> str:
         names = " and ".join(s.effect for s in chain.steps)
         return f"with {names}, nothing smooth is left in the error"
     if chain.dominant:
-        left = _percent(chain.dominant.standing.left)
+        left = _percent(chain.dominant.standing.left_of_blocks(chain.floor))
         names = f"{chain.dominant.effect} is missing above all"
         return f"{names}; {left} of the error with it could still be explained, by {_told(signals)}"
-    left = _percent(chain.end.left)
+    left = _percent(chain.end.left_of_blocks(chain.floor))
     known = " even with " + " and ".join(s.effect for s in chain.steps) if chain.steps else ""
     return f"{left} of the error{known} could be explained, by {_told(signals)}"
 

@@ -11,15 +11,20 @@ from estimation.channel import ChannelKind
 from estimation.diagnosis.frame import Frame
 from estimation.diagnosis.moments import Moments, moments_of, score
 from estimation.diagnosis.trial import Bench, Trial
-from estimation.signals.runwise import low_pass, play, rate, running_max, sample_time
+from estimation.signals.runwise import low_pass, play, rate, running_max, sample_time, shift
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-_KNOTS = 9
+_KNOTS = 9  # at quantiles, where the samples are
+_EVEN_KNOTS = 13  # over the whole range, also where samples are few
 _WAVES = 24
+_SHARPNESS = (0.004, 0.02)  # shares of the usual speed, over which the direction turns
 _MEMORIES_S = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
-_TURNS = (0.01, 0.04, 0.15)  # paths over which a reversal is remembered, as shares of the range
+_LAGS = (1.0, 3.0, 10.0, 30.0)  # in blocks, over which the effort is remembered
+_TURNS = (0.001, 0.003, 0.01, 0.04, 0.15)  # paths over which a reversal is remembered, as shares of the range
 _CONTEXT = frozenset({"joint_position", "joint_velocity", "load"})
 _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
+_MOST_SIGNALS = 4  # that are taken one by one
+_WORTH = 0.005  # of the energy, that one more signal must take away
 
 
 @dataclass(frozen=True)
@@ -49,36 +54,51 @@ def features(frame: Frame, effort: FloatArray) -> dict[str, FloatArray]:
     v, a, pressed = (
         frame.reduce(s * data.engaged) for s in (data.velocity, data.acceleration, data.position)
     )
-    turn = np.tanh(v / (0.02 * _rms(v)))
-    past = [pressed - low_pass(pressed, time_s, run, tau) for tau in _MEMORIES_S]
-    slope = rate(effort, time_s, run)
-    slow = low_pass(effort, time_s, run, 3.0 * sample_time(time_s, run))
-    hats_x, hats_e = _hats(x), _hats(effort)
-    turns = [_memory(pressed, run, share) for share in _TURNS]
+    sharp, turn = (np.tanh(v / (share * _rms(v))) for share in _SHARPNESS)
+    curves_x, curves_v, curves_e = (_curves(signal) for signal in (x, v, effort))
+    coarse_x, coarse_e = _hats(x, even=0), _hats(effort, even=0)
     found = {
         "offset": np.ones((len(x), 1)),
         "time": np.column_stack([time_s - time_s[0], (time_s - time_s[0]) ** 2]),
-        "position": np.hstack([hats_x, on[:, None], _hats(running_max(x, run)), *_waves(frame, x)]),
-        "velocity": np.column_stack([_hats(v), v[:, None] * hats_x]),
-        "direction": np.column_stack([turn, turn[:, None] * hats_x, turn[:, None] * hats_e]),
+        "position": np.hstack([curves_x, on[:, None], _hats(running_max(x, run)), *_waves(frame, x)]),
+        "velocity": np.column_stack([curves_v, v[:, None] * coarse_x]),
+        "direction": np.column_stack([sharp, turn, turn[:, None] * coarse_x, turn[:, None] * coarse_e]),
         "acceleration": _hats(a),
-        "past motion": np.column_stack(
-            [*past, *(p * np.abs(p) for p in past), *turns, *(np.abs(t) * s for t in turns for s in (x, a))]
-        ),
-        "effort": np.column_stack(
-            [
-                hats_e,
-                slope,
-                effort - slow,
-                np.tanh(slope / (0.1 * _rms(slope))),
-                *(_memory(effort, run, share) for share in _TURNS),
-            ]
-        ),
+        "past motion": np.hstack([_past(pressed, a, time_s, run) * on[:, None], _after(frame, x)]),
+        "effort": np.hstack([curves_e, _past_effort(effort, time_s, run)]),
     }
     for name in _CONTEXT & data.context.keys():
         columns = frame.reduce(data.context[name]).reshape(len(x), -1)
         found[name.replace("_", " ")] = np.hstack([_hats(column) for column in columns.T])
+    if "load" in found:
+        found["load"] = np.column_stack([found["load"], sharp * np.abs(frame.reduce(data.context["load"]))])
     return found
+
+
+def _past(pressed: FloatArray, a: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
+    """What of the way to the present position is remembered, for some time or until the next reversal."""
+    fading = [pressed - low_pass(pressed, time_s, run, tau) for tau in _MEMORIES_S]
+    turns = [_memory(pressed, run, share) for share in _TURNS]
+    bent = [f * np.abs(f) for f in fading]
+    return np.column_stack([*fading, *bent, *turns, *(np.abs(t) * s for t in turns for s in (pressed, a))])
+
+
+def _after(frame: Frame, x: FloatArray) -> FloatArray:
+    """What is still there beyond the surface once it was touched, shape (m, k); none for a joint."""
+    if frame.data.kind is not ChannelKind.CONTACT:
+        return np.empty((len(x), 0))
+    touched = running_max((x > 0.0).astype(np.float64), frame.run) * (x <= 0.0)
+    reaches = np.max(x, initial=1e-9) * np.array([0.02, 0.06, 0.2])
+    return np.asarray(touched[:, None] * np.exp(np.minimum(x, 0.0)[:, None] / reaches))
+
+
+def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
+    """What a sensor may remember of the effort: its way there, late, smoothed, or until it turns round."""
+    slope, step = rate(effort, time_s, run), sample_time(time_s, run)
+    late = [effort - low_pass(effort, time_s, run, lag * step) for lag in _LAGS]
+    late += [effort - shift(effort, time_s, run, lag * step) for lag in _LAGS[:-1]]
+    turns = [_memory(effort, run, share) for share in _TURNS]
+    return np.column_stack([slope, *late, np.tanh(slope / (0.1 * _rms(slope))), *turns])
 
 
 def signals_of(bench: Bench, trial: Trial) -> dict[str, FloatArray]:
@@ -96,35 +116,73 @@ def flexible(bench: Bench, trial: Trial) -> Flexible:
     moments = moments_of(white[:, :-1], white[:, -1], frame.fold[bench.kept], frame.folds)
     own = base.shape[1]
     owner = np.concatenate([[-1] * own, *([i] * b.shape[1] for i, b in enumerate(blocks.values()))])
-    ridge, held_out = _best_ridge(moments, owner >= 0)
-    before = score(moments.only(owner < 0)).held_out.sum()
-    by_signal = {}
-    for number, name in enumerate(blocks):
-        kept = (owner < 0) | (owner == number)
-        alone = _best_ridge(moments.only(kept), owner[kept] >= 0)[1].sum()
-        by_signal[name] = float(1.0 - alone / before) if before > 0.0 else 0.0
-    residual = _held_out_residual(np.column_stack([base, *blocks.values()]), target, frame, ridge)
-    return Flexible(held_out, residual, by_signal)
+    before = float(score(moments.only(owner < 0)).held_out.sum())
+    alone = [_shrunken(moments, owner, (number,)) for number in range(len(blocks))]
+    best = _best(moments, owner, alone, before)
+    by_signal = {
+        name: 1.0 - one.energy / before if before > 0.0 else 0.0
+        for name, one in zip(blocks, alone, strict=True)
+    }
+    residual = _held_out_residual(np.column_stack([base, *blocks.values()]), target, frame, best)
+    return Flexible(best.held_out, residual, by_signal)
 
 
-def _best_ridge(moments: Moments, free: BoolArray) -> tuple[FloatArray, FloatArray]:
-    tried = [
-        (np.where(free, ridge, 1e-9), score(moments, np.where(free, ridge, 1e-9)).held_out)
-        for ridge in _RIDGES
-    ]
-    return min(tried, key=lambda pair: float(pair[1].sum()))
+@dataclass(frozen=True)
+class _Tried:
+    """A regression on some signals.
+
+    Attributes:
+        signals: their numbers.
+        kept: columns that it has, shape (q,).
+        ridge: shrinkage of those columns.
+        held_out: squared whitened residuals by fold, shape (folds,).
+    """
+
+    signals: tuple[int, ...]
+    kept: BoolArray
+    ridge: FloatArray
+    held_out: FloatArray
+
+    @property
+    def energy(self) -> float:
+        return float(self.held_out.sum())
 
 
-def _held_out_residual(
-    columns: FloatArray, target: FloatArray, frame: Frame, ridge: FloatArray
-) -> FloatArray:
+def _shrunken(moments: Moments, owner: IntArray, signals: tuple[int, ...]) -> _Tried:
+    """The regression on these signals, with the shrinkage that serves best in the folds held out."""
+    kept = (owner < 0) | np.isin(owner, signals)
+    some, free = moments.only(kept), owner[kept] >= 0
+    tried = [np.where(free, ridge, 1e-9) for ridge in _RIDGES]
+    found = [_Tried(signals, kept, ridge, score(some, ridge).held_out) for ridge in tried]
+    return min(found, key=lambda one: one.energy)
+
+
+def _best(moments: Moments, owner: IntArray, alone: list[_Tried], before: float) -> _Tried:
+    """All signals, or only those that help: what time or load say in other runs may mislead in this one."""
+    best = _shrunken(moments, owner, ())
+    while len(best.signals) < _MOST_SIGNALS:
+        more = [
+            _shrunken(moments, owner, (*best.signals, n)) if best.signals else alone[n]
+            for n in range(len(alone))
+            if n not in best.signals
+        ]
+        found = min(more, key=lambda one: one.energy)
+        if found.energy > best.energy - _WORTH * before:
+            break
+        best = found
+    every = _shrunken(moments, owner, tuple(range(len(alone))))
+    return min(best, every, key=lambda one: one.energy)
+
+
+def _held_out_residual(columns: FloatArray, target: FloatArray, frame: Frame, best: _Tried) -> FloatArray:
     residual = np.empty_like(target)
+    columns = columns[:, best.kept]
     width = np.sqrt(np.mean(columns**2, axis=0))
     scaled = columns / np.where(width > 0.0, width, 1.0)
     for fold in range(frame.folds):
         test = frame.fold == fold
         train = ~test & frame.trusted
-        system = scaled[train].T @ scaled[train] / train.sum() + np.diag(ridge)
+        system = scaled[train].T @ scaled[train] / train.sum() + np.diag(best.ridge)
         gains = np.linalg.solve(system, scaled[train].T @ target[train] / train.sum())
         residual[test] = target[test] - scaled[test] @ gains
     return residual
@@ -136,9 +194,21 @@ def _memory(signal: FloatArray, run: IntArray, share: float) -> FloatArray:
     return (signal - play(signal, run, half)) / half
 
 
-def _hats(signal: FloatArray) -> FloatArray:
-    """Piecewise linear bumps with knots at quantiles, without the one at zero: a constant is not theirs."""
-    knots = np.unique(np.quantile(signal, np.linspace(0.0, 1.0, _KNOTS)))
+def _curves(signal: FloatArray) -> FloatArray:
+    """Bumps, and powers that go on where another run went further."""
+    unit = signal / _rms(signal)
+    return np.column_stack([_hats(signal), unit, unit * np.abs(unit), unit**3])
+
+
+def _hats(signal: FloatArray, even: int = _EVEN_KNOTS) -> FloatArray:
+    """Piecewise linear bumps without the one at zero: a constant is not theirs.
+
+    Knots lie at quantiles and `even` more over the range; of two that nearly coincide, one is left out.
+    """
+    low, high = float(signal.min()), float(signal.max())
+    quantiles = np.quantile(signal, np.linspace(0.0, 1.0, _KNOTS))
+    knots = np.sort(np.concatenate([quantiles, np.linspace(low, high, even)]))
+    knots = knots[np.append(True, np.diff(knots) > 0.02 * (high - low))] if even else np.unique(knots)
     if len(knots) < 3:
         return signal[:, None]
     place = np.interp(signal, knots, np.arange(len(knots)))

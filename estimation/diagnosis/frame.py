@@ -45,9 +45,11 @@ class Frame:
 
     def reduce(self, signal: FloatArray) -> FloatArray:
         """Means over blocks of a signal (n,) or (n, k): shape (m,) or (m, k)."""
-        if self.rows.shape[1] == 1:
-            return signal[self.rows[:, 0]]
-        mean: FloatArray = signal[self.rows].mean(axis=1)
+        first, *others = self.rows.T
+        total = signal[first]
+        for rows in others:  # one sample of all blocks after the other: several times faster than a mean
+            total += signal[rows]
+        mean: FloatArray = total / self.rows.shape[1]
         return mean
 
 

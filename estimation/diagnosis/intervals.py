@@ -82,13 +82,17 @@ def _errors(slopes: FloatArray, residual: FloatArray, run: IntArray) -> FloatArr
     return errors
 
 
-def final(standing: Standing) -> tuple[Bench, Trial]:
+def final(standing: Standing, *, complete: bool | None = None) -> tuple[Bench, Trial]:
     """The last word on a model's parameters, and where it was said.
 
     With the noise's colour taken out they are most exact; but only once nothing is missing, since what is
     missing would pass for coloured noise.
+
+    Args:
+        standing: the model.
+        complete: whether it is; None to judge that by itself.
     """
-    if not is_explained(standing):
+    if not (is_explained(standing) if complete is None else complete):
         return standing.plain, standing.trial
     judge = standing.judge
     return judge, polish(judge, attempt(judge, standing.trial.model, standing.trial.parameters))

@@ -32,11 +32,19 @@ class NoiseFloor:
     share_left: float
 
 
-def noise_floor(standing: Standing) -> NoiseFloor:
-    """The floor, judged from where things stand."""
+def noise_floor(standing: Standing, energy: float = np.inf) -> NoiseFloor:
+    """The floor, judged from where things stand.
+
+    Args:
+        standing: the model.
+        energy: on blocks of held-out runs, that a flexible regression left beside another model.
+    """
     residual = held_out_residual(standing.plain.frame, standing.trial)
     return NoiseFloor(
-        standing.floor, free_air(standing.data), repeats(standing.data, residual), standing.left
+        standing.floor(energy),
+        free_air(standing.data),
+        repeats(standing.data, residual),
+        standing.left_of_blocks(energy),
     )
 
 

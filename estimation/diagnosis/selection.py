@@ -9,7 +9,7 @@ from estimation.channel import ChannelKind
 from estimation.diagnosis.standing import Standing
 from estimation.diagnosis.surrogates import best_gains, p_value, surrogates
 from estimation.diagnosis.trial import Bench, Search, Trial, look, refine
-from estimation.effect import Effect
+from estimation.effect import Effect, SensorEffect
 from estimation.model import Model
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray
@@ -27,6 +27,7 @@ MOST = 0.95  # of what the best candidate takes away; a simpler one that does as
 PROMISING = 0.3  # of what the best candidate takes away at its starts; those below are not tried in between
 REFINED = 5  # candidates that are tried in between in any case
 LOOSE = 0.05  # of the effort, that a gain may be off its bounds before all parameters are fitted together
+LEFT_AT_FIRST = 1.5  # times the energy of the floor; a candidate that leaves more will not complete a model
 TIE = 0.02  # of the squared held-out error; candidates closer than this are told apart by simplicity only
 
 
@@ -55,11 +56,10 @@ class Candidate:
 
 def screen(
     standing: Standing,
-    model: Model,
     effects: Sequence[Effect],
     progress: Callable[[float, str], None] = lambda share, what: None,
 ) -> list[Candidate]:
-    """Try each effect beside `model` from where things stand; best in held-out runs first.
+    """Try each effect beside the model from where things stand; best in held-out runs first.
 
     All are tried at their starts, those that do well there also in between.
     """
@@ -67,16 +67,26 @@ def screen(
     for number, effect in enumerate(effects):
         progress(number / len(effects), effect.name)
         starts, parameters = effect.starts(standing.data), standing.trial.parameters
-        looked.append(look(standing.plain, model.with_effect(effect), effect, parameters, starts))
+        tried = [
+            look(standing.plain, model, effect, parameters, starts)
+            for model in extended(standing.trial.model, effect)
+        ]
+        looked.append(min(tried, key=lambda one: one.best.sse))
     gains = np.array([standing.trial.sse - tried.best.sse for tried in looked])
     least = min(PROMISING * gains.max(initial=0.0), np.sort(gains)[-REFINED:].min(initial=np.inf))
     found = []
-    for effect, tried, gain in zip(effects, looked, gains, strict=True):
-        promising = gain >= least
-        best = refine(standing.plain, model.with_effect(effect), effect, tried) if promising else tried
+    for effect, first, gain in zip(effects, looked, gains, strict=True):
+        best = refine(standing.plain, first.best.model, effect, first) if gain >= least else first
         if is_possible(effect, best.best, standing.plain, LOOSE):
             found.append(Candidate(effect, best))
     return sorted(found, key=lambda candidate: candidate.held_out)
+
+
+def extended(model: Model, effect: Effect) -> list[Model]:
+    """The model with one more effect; what a sensor does may come before or after what it already does."""
+    if isinstance(effect, SensorEffect) and any(isinstance(e, SensorEffect) for e in model.effects):
+        return [model.with_effect(effect), model.with_effect_first(effect)]
+    return [model.with_effect(effect)]
 
 
 def choose(standing: Standing, found: Sequence[Candidate]) -> list[Candidate]:
@@ -154,7 +164,8 @@ def evidence(
     noise = surrogates(after.flexible.residual[kept], after.plain.frame.run[kept], rng)
     starts = (t.columns[kept] for c in found for t in c.search.starts)
     chance = best_gains(noise, before.trial.columns[kept], starts)
-    observed = 1.0 - after.trial.sse / before.trial.sse
+    # chance is as strong as the noise, not as all that is still missing
+    observed = (before.trial.sse - after.trial.sse) / float(np.sum(after.flexible.residual[kept] ** 2))
     sample_gain = 1.0 - after.rmse / before.rmse
     in_contact = before.data.kind is ChannelKind.CONTACT
     return Evidence(

@@ -32,7 +32,6 @@ class Standing:
         flexible: what any smooth law could explain beyond it, there.
         judge: the same blocks with the colour of what the flexible regression leaves.
         judged: the model on that bench, at the same inner parameters.
-        flexible_judged: what any smooth law could explain beyond it, there.
     """
 
     data: ChannelData
@@ -41,29 +40,34 @@ class Standing:
     flexible: Flexible
     judge: Bench
     judged: Trial
-    flexible_judged: Flexible
+
+    @cached_property
+    def flexible_judged(self) -> Flexible:
+        """What any smooth law could explain beyond the model on the bench with the colour."""
+        return flexible(self.judge, self.judged)
 
     @cached_property
     def rmse(self) -> float:
         """Error in held-out runs, sample by sample."""
         return rmse(held_out_residual(self.plain.frame, self.trial))
 
-    @cached_property
-    def floor(self) -> float:
-        """The error that would be left, sample by sample, if all that a flexible law explains were known."""
-        explainable = self.trial.held_out - float(self.flexible.held_out.sum())
+    def floor(self, energy: float = np.inf) -> float:
+        """The error that would be left, sample by sample, if all that can be explained were known.
+
+        Args:
+            energy: on blocks of held-out runs, that a flexible regression left beside another model.
+        """
+        explainable = self.trial.held_out - min(energy, float(self.flexible.held_out.sum()))
         count = max(int(self.plain.frame.trusted.sum()), 1)
         return float(np.sqrt(max(self.rmse**2 - max(explainable, 0.0) / count, 0.0)))
 
-    @property
-    def left_of_samples(self) -> float:
-        """Share of the error in held-out runs, sample by sample, that a flexible regression takes away."""
-        return 1.0 - self.floor / self.rmse if self.rmse > 0.0 else 0.0
+    def left_of_samples(self, energy: float = np.inf) -> float:
+        """Share of the error in held-out runs, sample by sample, that can be explained; see `floor`."""
+        return 1.0 - self.floor(energy) / self.rmse if self.rmse > 0.0 else 0.0
 
-    @property
-    def left(self) -> float:
-        """Share of the error in held-out runs that a flexible regression takes away."""
-        after, before = float(self.flexible.held_out.sum()), self.trial.held_out
+    def left_of_blocks(self, energy: float = np.inf) -> float:
+        """Share of the error in held-out runs, on blocks, that can be explained; see `floor`."""
+        after, before = min(energy, float(self.flexible.held_out.sum())), self.trial.held_out
         return float(1.0 - np.sqrt(after / before)) if before > 0.0 else 0.0
 
 
@@ -85,7 +89,7 @@ def stand(
     rough = flexible(plain, trial)
     judge = Bench(plain.frame, colour_of(rough.residual, plain.frame.run, plain.frame.trusted))
     judged = attempt(judge, model, trial.parameters)
-    return Standing(plain.frame.data, plain, trial, rough, judge, judged, flexible(judge, judged))
+    return Standing(plain.frame.data, plain, trial, rough, judge, judged)
 
 
 def _bench(data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None) -> Bench:

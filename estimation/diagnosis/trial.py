@@ -15,6 +15,7 @@ from robot_io.types import BoolArray, FloatArray
 
 _HALVINGS = 3
 _PARABOLAS = 3
+_MOST_ROUNDS = 7
 
 
 @dataclass(frozen=True)
@@ -78,28 +79,47 @@ class Trial:
         return float(self.scores.held_out.sum())
 
 
-def attempt(bench: Bench, model: Model, parameters: Mapping[str, float], rounds: int | None = None) -> Trial:
+def attempt(
+    bench: Bench,
+    model: Model,
+    parameters: Mapping[str, float],
+    rounds: int | None = None,
+    arrived: float = 1.02,
+) -> Trial:
     """Fit the gains at the inner parameters given, from the gains given (zero where there is none).
 
     Args:
         bench: where to try.
         model: what to try.
         parameters: inner parameters and known gains.
-        rounds: Gauss-Newton steps; by default one, or two where the model is bent by its own effort.
+        rounds: Gauss-Newton steps at least; by default one, or two where the model is bent by its own effort.
+            Where a sensor bends it, more are made until one leads where the last was expected to.
+        arrived: times the energy that a step promised to leave, that is taken as kept.
     """
     data = bench.frame.data
     bent = not model.is_linear_in_gains or data.kind is ChannelKind.CONTACT
     now = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
     names = list(model.gains)
-    for _ in range(rounds or (2 if bent else 1)):
+    least = rounds or (2 if bent else 1)
+    most = least if model.is_linear_in_gains else max(_MOST_ROUNDS, least)
+    expected = np.inf
+    for number in range(most):
         slopes, effort = model.linearise(data, now)
         gains = np.array([now[name] for name in names])
         target = bench.frame.reduce(data.effort - effort + slopes @ gains)
         columns = bench.frame.reduce(slopes)
+        if number >= least and _energy(bench, target - columns @ gains) <= arrived * expected:
+            break
         scores = bench.fit(columns, target)
+        expected = float(scores.sse.sum())
         now.update(zip(names, scores.gains.tolist(), strict=True))
     spread = dict(zip(names, scores.spread.tolist(), strict=True))
     return Trial(model, now, spread, columns, target, scores)
+
+
+def _energy(bench: Bench, blocks: FloatArray) -> float:
+    left = bench.whiten(blocks)
+    return float(left @ left)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """What is left when no known effect explains it: how much, and what it depends on."""
 
+import numpy as np
+
 from estimation.channel import ChannelKind
 from estimation.diagnosis.standing import Standing
 
@@ -11,11 +13,16 @@ _SHARE = 0.4  # of the most telling signal's share; signals with less are not na
 _LEAST = 0.01
 
 
-def is_explained(standing: Standing) -> bool:
-    """Whether no more is left than noise."""
-    if standing.left <= LEFT:
+def is_explained(standing: Standing, floor: float = np.inf) -> bool:
+    """Whether no more is left than noise.
+
+    Args:
+        standing: the model in question.
+        floor: energy on blocks of held-out runs that a flexible regression left beside another model.
+    """
+    if standing.left_of_blocks(floor) <= LEFT:
         return True
-    return standing.data.kind is not ChannelKind.CONTACT and standing.left_of_samples <= JOINT_LEFT
+    return standing.data.kind is not ChannelKind.CONTACT and standing.left_of_samples(floor) <= JOINT_LEFT
 
 
 def depends_on(standing: Standing) -> list[str]:

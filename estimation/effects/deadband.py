@@ -30,6 +30,10 @@ class Deadband(SensorEffect):
         """See `SensorEffect.sense`."""
         return effort - np.clip(effort, -inner["width"], inner["width"])
 
+    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.slope`: none within the width."""
+        return np.where(np.abs(effort) > inner["width"], 1.0, 0.0)[:, None] * columns
+
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
         peak = float(np.max(np.abs(data.effort))) or 1.0

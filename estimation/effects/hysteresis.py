@@ -32,6 +32,13 @@ class Hysteresis(SensorEffect):
         """See `SensorEffect.sense`."""
         return play(effort, data.run, inner["width"])
 
+    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.slope`: while the reading is held, that of the moment when it last followed."""
+        reading = self.sense(effort, data, inner)
+        held = np.abs(effort - reading) < inner["width"] * (1.0 - 1e-9)
+        held &= np.append(False, np.diff(data.run) == 0)
+        return columns[np.maximum.accumulate(np.where(held, 0, np.arange(len(effort))))]
+
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
         peak = float(np.max(np.abs(data.effort))) or 1.0

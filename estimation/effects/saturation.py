@@ -29,6 +29,10 @@ class Saturation(SensorEffect):
         """See `SensorEffect.sense`."""
         return np.clip(effort, -inner["limit"], inner["limit"])
 
+    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.slope`: none beyond the limit."""
+        return np.where(np.abs(effort) < inner["limit"], 1.0, 0.0)[:, None] * columns
+
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
         peak = float(np.max(np.abs(data.effort))) or 1.0

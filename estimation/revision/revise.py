@@ -70,9 +70,10 @@ def revise(
     revisions = [_revision(0, "", standing)]
     for number, name in enumerate(names, start=1):
         effect = _applicable(standing, known, name)
-        found = screen(standing, standing.trial.model, [effect])
-        start = found[0].search.best.parameters if found else standing.trial.parameters
-        standing = stand(data, standing.trial.model.with_effect(effect), start, good)
+        found = screen(standing, [effect])
+        best = found[0].search.best if found else None
+        extended = best.model if best else standing.trial.model.with_effect(effect)
+        standing = stand(data, extended, best.parameters if best else standing.trial.parameters, good)
         revisions.append(_revision(number, name, standing))
     return tuple(revisions)
 

@@ -5,9 +5,11 @@ import pytest
 
 from estimation.base_model import ModelContext
 from estimation.diagnosis import Verdict, diagnose
-from estimation.diagnosis.chain import Search, build
+from estimation.diagnosis.chain import build
 from estimation.diagnosis.dominant import own_signals
 from estimation.diagnosis.library import library
+from estimation.diagnosis.search import Search
+from estimation.effects import EFFECTS
 from estimation.models import MODELS
 from tests.estimation.diagnosis.presses import kelvin_voigt, session
 
@@ -56,8 +58,8 @@ def test_an_imitation_gets_no_name_though_it_takes_away_nearly_all():
 
 def test_an_effect_is_a_function_of_its_own_signals():
     one = search(session(23, lambda t, x, v, run: kelvin_voigt(x, v, stiffening(x))))
-    before = one.stand([], {})
-    after = one.stand(["cubic_stiffness"], {})
+    before = one.start
+    after = one.stand(MODEL.with_effect(EFFECTS["cubic_stiffness"]()), {})
     assert "position" in own_signals(before, after)
     assert not {"time", "velocity"} & set(own_signals(before, after))
 

@@ -1,0 +1,92 @@
+"""What a search for missing effects works on, and what it remembers of what it has tried."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.diagnosis.library import candidates
+from estimation.diagnosis.selection import Candidate, screen
+from estimation.diagnosis.standing import Standing, stand
+from estimation.diagnosis.unexplained import is_explained
+from estimation.effect import Effect, SensorEffect
+from estimation.model import Model
+from robot_io.types import BoolArray
+
+BETTER = 0.98  # of the energy left before, that another place to start from must promise
+Progress = Callable[[str, float], None]
+_Key = tuple[frozenset[str], tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Search:
+    """The channel, the base model and the library; models that were fitted or extended are remembered.
+
+    Attributes:
+        data: the channel.
+        model: the base model.
+        good: samples that are fit for use, shape (n,).
+        effects: the library.
+        rng: for surrogates.
+        progress: told what is being done, and the share of it that is done.
+    """
+
+    data: ChannelData
+    model: Model
+    good: BoolArray
+    effects: tuple[Effect, ...]
+    rng: np.random.Generator
+    progress: Progress
+    _standings: dict[_Key, Standing] = field(default_factory=dict)
+    _screened: dict[_Key, list[Candidate]] = field(default_factory=dict)
+
+    @property
+    def start(self) -> Standing:
+        """The base model alone."""
+        return self.stand(self.model, {})
+
+    @property
+    def floor(self) -> float:
+        """Energy on blocks of held-out runs that no smooth law explains beside any model fitted so far."""
+        return min(float(standing.flexible.held_out.sum()) for standing in self._standings.values())
+
+    def is_explained(self, standing: Standing) -> bool:
+        """Whether a model leaves no more than noise, as far as is known by now."""
+        return is_explained(standing, self.floor)
+
+    def screen(self, standing: Standing) -> list[Candidate]:
+        """All candidates beside the model of `standing`."""
+        model = standing.trial.model
+        if _key(model) not in self._screened:
+            tried = candidates(standing.data, model, self.effects)
+            what = f"{self.data.name}: beside {', '.join(e.name for e in model.effects)}"
+            self._screened[_key(model)] = screen(
+                standing, tried, lambda share, name: self.progress(f"{what}: {name}", share)
+            )
+        return self._screened[_key(model)]
+
+    def stand(self, model: Model, parameters: Mapping[str, float]) -> Standing:
+        """A model, fitted from these parameters on."""
+        if _key(model) not in self._standings:
+            self._standings[_key(model)] = stand(self.data, model, parameters, self.good)
+        return self._standings[_key(model)]
+
+    def with_candidate(self, candidate: Candidate) -> Standing:
+        """The model that the candidate was tried in; fitted anew if that is a better place to start."""
+        best = candidate.search.best
+        known = self._standings.get(_key(best.model))
+        if known is not None and best.sse < BETTER * known.trial.sse:
+            self._screened.pop(_key(best.model), None)
+            self._standings[_key(best.model)] = stand(self.data, best.model, best.parameters, self.good)
+        return self.stand(best.model, best.parameters)
+
+    def without(self, standing: Standing, name: str) -> Standing:
+        """The model of `standing` less one effect."""
+        return self.stand(standing.trial.model.without(name), standing.trial.parameters)
+
+
+def _key(model: Model) -> _Key:
+    """Effects add up in any order; what sensors do does not."""
+    sensors = tuple(effect.name for effect in model.effects if isinstance(effect, SensorEffect))
+    return frozenset(effect.name for effect in model.effects), sensors

@@ -1,0 +1,71 @@
+"""Several effects at once: found together, in the order in which the effort passes them."""
+
+import numpy as np
+import pytest
+
+from estimation.base_model import ModelContext
+from estimation.diagnosis import Verdict, diagnose
+from estimation.effects import EFFECTS
+from estimation.models import MODELS
+from tests.estimation.diagnosis.presses import NOISE_N, kelvin_voigt, session
+
+MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
+
+
+def named(data):
+    found = diagnose(data, MODEL, rng=np.random.default_rng(1)).channels[0]
+    assert found.verdict is Verdict.MISSING
+    assert found.final.rmse == pytest.approx(NOISE_N, rel=0.05)
+    return {entry.effect: entry.parameters for entry in found.accepted}
+
+
+def stuck(force, run, width):
+    """A reading that is dragged along by a force with friction between them."""
+    reading = np.array(force)
+    for i in range(1, len(force)):
+        if run[i] == run[i - 1]:
+            reading[i] = min(max(reading[i - 1], force[i] - width), force[i] + width)
+    return reading
+
+
+def stiffening(x):
+    return 2e6 * np.maximum(x, 0) ** 3
+
+
+def test_a_curve_that_a_sensor_cuts_off_is_found_though_it_looks_straight():
+    # what stiffens below the limit hides what is cut off above: neither alone is of much use
+    found = named(session(31, lambda t, x, v, run: np.minimum(kelvin_voigt(x, v, 0.6 * stiffening(x)), 8.5)))
+    assert set(found) == {"cubic_stiffness", "saturation"}
+    assert found["saturation"]["limit"].value == pytest.approx(8.5, rel=0.01)
+
+
+def test_friction_ahead_of_the_end_of_the_range_is_no_friction_behind_it():
+    found = named(session(32, lambda t, x, v, run: np.minimum(stuck(kelvin_voigt(x, v), run, 0.6), 7.0)))
+    assert set(found) == {"hysteresis", "saturation"}
+    assert found["hysteresis"]["width"].value == pytest.approx(0.6, rel=0.03)
+
+
+def test_a_bias_that_friction_holds_back_is_found_beside_it():
+    found = named(session(33, lambda t, x, v, run: stuck(kelvin_voigt(x, v) - 0.4, run, 0.5)))
+    assert set(found) == {"bias", "hysteresis"}
+    assert found["bias"]["offset"].value == pytest.approx(-0.4, abs=0.02)
+
+
+def test_a_zero_that_drifts_is_seen_in_runs_that_come_later_than_all_others():
+    found = named(session(34, lambda t, x, v, run: kelvin_voigt(x, v, stiffening(x)) + 0.05 * t))
+    assert set(found) == {"cubic_stiffness", "drift"}
+
+
+@pytest.mark.parametrize(
+    ("name", "inner"),
+    [("saturation", {"limit": 6.0}), ("deadband", {"width": 1.0}), ("hysteresis", {"width": 0.5})],
+)
+def test_slopes_of_bent_readings_are_their_differences(name, inner):
+    data = session(35)
+    columns = np.column_stack([np.maximum(data.position, 0.0), data.velocity * data.engaged])
+    effort, sensor = columns @ [800.0, 15.0], EFFECTS[name]()
+    slopes = sensor.slope(effort, columns, data, inner)
+    for column, slope in zip(columns.T, slopes.T, strict=True):
+        ahead = sensor.sense(effort + 1e-7 * column, data, inner)
+        difference = (ahead - sensor.sense(effort, data, inner)) / 1e-7
+        assert np.mean(np.abs(slope - difference)) < 1e-4 * np.mean(np.abs(difference))
