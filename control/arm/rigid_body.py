@@ -164,6 +164,12 @@ class RigidBody:
         placement = pin.updateFramePlacement(self._model, self._data, self._tip)
         return placement.translation.copy(), placement.rotation.copy()
 
+    def heights_m(self, position_rad: FloatArray) -> FloatArray:
+        """World heights [m] of all joints and of the tip, shape (n + 1,), for joint positions (n,) [rad]."""
+        pin.forwardKinematics(self._model, self._data, position_rad)
+        tip = pin.updateFramePlacement(self._model, self._data, self._tip)
+        return np.array([*(joint.translation[2] for joint in self._data.oMi[1:]), tip.translation[2]])
+
     def tip_jacobian(self, position_rad: FloatArray) -> FloatArray:
         """Shape (6, n), world axes: tip velocity above angular velocity, per joint velocity."""
         jacobian: FloatArray = pin.computeFrameJacobian(

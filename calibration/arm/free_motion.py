@@ -1,0 +1,82 @@
+"""Follows joint motions in free air; whatever touches the tool on the way ends it."""
+
+import math
+
+import numpy as np
+
+from control.arm.rigid_body import RigidBody
+from control.laws.computed_torque import ComputedTorque
+from control.laws.gains import TrackingGains
+from control.loop.phases import Phase
+from control.loop.task import NO_RUN, TaskEvent, TaskOutput
+from control.paths.motion import JointMotion
+from robot_io.errors import SafetyTripError
+from robot_io.types import Command, FloatArray, Measurement
+
+TOUCH_N = 5.0  # away from what the force sensor showed at the start
+_TOUCH_TICKS = 3
+
+
+class FreeMotion:
+    """The part that all motions without contact share: tracking, the look at the force, the record.
+
+    Args:
+        body: the arm.
+        gains: of tracking.
+    """
+
+    def __init__(self, body: RigidBody, gains: TrackingGains) -> None:
+        self.body = body
+        self._torque = ComputedTorque(body, gains)
+        self._no_contact = np.zeros(body.joint_count)
+        self._touched_ticks = 0
+        self._air_n = 0.0
+
+    def start(self, measurement: Measurement) -> None:
+        """Begin from rest; the force now is that of free air."""
+        self._torque.reset()
+        self._touched_ticks = 0
+        self._air_n = measurement.force_n if math.isfinite(measurement.force_n) else 0.0
+
+    def forget(self) -> None:
+        """Forget the disturbances seen so far, such as a stop that was pressed on."""
+        self._torque.reset()
+
+    def torque_nm(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
+        """Joint torques (n,) [N m] that follow `motion`.
+
+        Raises:
+            SafetyTripError: the force sensor feels something.
+        """
+        away_n = measurement.force_n - self._air_n
+        self._touched_ticks = self._touched_ticks + 1 if abs(away_n) > TOUCH_N else 0
+        if self._touched_ticks >= _TOUCH_TICKS:
+            raise SafetyTripError(f"{away_n:.1f} N on the tool: something is in the way")
+        return self._torque.step(measurement, motion, self._no_contact, dt_s)
+
+    def output(
+        self,
+        measurement: Measurement,
+        motion: JointMotion,
+        torque_nm: FloatArray,
+        phase: Phase,
+        run: int = NO_RUN,
+        *,
+        done: bool = False,
+        events: tuple[TaskEvent, ...] = (),
+    ) -> TaskOutput:
+        """What the loop is given; there is no object, so no direction into it: zeros."""
+        tip = self.body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
+        return TaskOutput(
+            command=Command(torque_nm),
+            reference_position_rad=motion.position_rad,
+            reference_velocity_rad_s=motion.velocity_rad_s,
+            tip_position_world_m=tip.position_world_m,
+            tip_velocity_world_m_s=tip.velocity_world_m_s,
+            press_direction_world=np.zeros(3),
+            desired_force_n=math.nan,
+            phase=phase,
+            run=run,
+            done=done,
+            events=events,
+        )

@@ -1,0 +1,79 @@
+"""Moves to where a path begins, follows it, and goes back to where the arm stood."""
+
+import numpy as np
+
+from calibration.arm.fourier import FourierPath
+from calibration.arm.free_motion import FreeMotion
+from control.arm.rigid_body import RigidBody
+from control.laws.gains import TrackingGains
+from control.loop.phases import Phase
+from control.loop.task import NO_RUN, TaskEvent, TaskOutput
+from control.paths.motion import JointMotion
+from control.paths.trajectory import JointMove
+from robot_io.errors import SafetyTripError
+from robot_io.types import FloatArray, Measurement
+
+SPEED_RAD_S = 0.6
+ACCELERATION_RAD_S2 = 2.0
+_SETTLE_S = 0.3
+_REST_RAD_S = 0.05
+_REST_WAIT_S = 2.0
+
+
+class PathTask:
+    """Excites the arm along a path; see `control.loop.task.Task`. The path's ticks are run 0.
+
+    Args:
+        body: the arm.
+        gains: of tracking.
+        path: what to follow.
+
+    Attributes:
+        duration_s: of the path and the ways to it and back, once started [s].
+    """
+
+    def __init__(self, body: RigidBody, gains: TrackingGains, path: FourierPath) -> None:
+        self._free = FreeMotion(body, gains)
+        self._path = path
+        self._time_s = 0.0
+        self.duration_s = path.duration_s
+
+    def start(self, measurement: Measurement) -> None:
+        """See `control.loop.task.Task.start`."""
+        self._free.start(measurement)
+        start_rad = measurement.joint_position_rad.copy()
+        self._time_s = 0.0
+        self._there = _move(start_rad, self._path.centre_rad)
+        self._back = _move(self._path.centre_rad, start_rad)
+        self._begin_s = self._there.duration_s + _SETTLE_S
+        self._end_s = self._begin_s + self._path.duration_s
+        self.duration_s = self._end_s + self._back.duration_s + _SETTLE_S
+
+    def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        """See `control.loop.task.Task.step`.
+
+        Raises:
+            SafetyTripError: something is in the way, or the arm does not come to rest in the end.
+        """
+        self._time_s += dt_s
+        motion, phase, run = self._aim()
+        torque_nm = self._free.torque_nm(measurement, motion, dt_s)
+        at_rest = float(np.abs(measurement.joint_velocity_rad_s).max()) < _REST_RAD_S
+        done = self._time_s >= self.duration_s and at_rest
+        if not done and self._time_s > self.duration_s + _REST_WAIT_S:
+            raise SafetyTripError("back where the motion started the arm does not come to rest")
+        events = (TaskEvent("motion_done", "the motion is done"),) if done else ()
+        return self._free.output(
+            measurement, motion, torque_nm, Phase.IDLE if done else phase, run, done=done, events=events
+        )
+
+    def _aim(self) -> tuple[JointMotion, Phase, int]:
+        if self._time_s < self._begin_s:
+            return self._there.at(self._time_s), Phase.MOVE, NO_RUN
+        if self._time_s < self._end_s:
+            return self._path.at(self._time_s - self._begin_s), Phase.FREE_AIR, 0
+        return self._back.at(self._time_s - self._end_s), Phase.MOVE, NO_RUN
+
+
+def _move(start_rad: FloatArray, end_rad: FloatArray) -> JointMove:
+    return JointMove(start_rad, end_rad, SPEED_RAD_S, ACCELERATION_RAD_S2)

@@ -1,0 +1,1 @@
+"""The joints' zeros: against a hard stop or a known pose."""

@@ -1,0 +1,104 @@
+"""Zeros of the joints: what is known of a position less what the encoders show there."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.encoder.stop_task import EVENT
+from calibration.statistics import few_sample_factor
+from robot_io.errors import InputError
+from robot_io.session import Samples, Session
+from robot_io.types import FloatArray, Status
+
+_UNIFORM = np.sqrt(12.0)  # resolution over the standard deviation that it alone gives
+
+
+@dataclass(frozen=True)
+class EncoderFit:
+    """Zeros of n joints.
+
+    Attributes:
+        offset_rad: to be added to what the encoders show, shape (n,) [rad].
+        std_rad: standard uncertainties, shape (n,) [rad].
+        shown_rad: one mean for every touch of every joint, or one for the pose [rad].
+        known_rad: where the joints were then, shape (n,) [rad].
+        repeatability_rad: standard deviation of the touches, shape (n,); 0 for a pose [rad].
+    """
+
+    offset_rad: FloatArray
+    std_rad: FloatArray
+    shown_rad: tuple[FloatArray, ...]
+    known_rad: FloatArray
+    repeatability_rad: FloatArray
+
+
+def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> EncoderFit:
+    """Zeros from touches of hard stops.
+
+    Args:
+        session: as `StopTask` logs it.
+        joint_count: n.
+        stop_std_rad: standard uncertainty of where the stops are [rad].
+
+    Raises:
+        InputError: a joint's stop was not touched at least twice.
+    """
+    ticks = _fresh(session.samples("tick"))
+    position = ticks.vector("joint_position_rad")
+    shown: list[list[float]] = [[] for _ in range(joint_count)]
+    known = np.full(joint_count, np.nan)
+    for event in session.events:
+        if event.kind == EVENT and event.data:
+            joint = int(event.data["joint"])
+            known[joint] = float(event.data["stop_rad"])
+            shown[joint].append(float(position[ticks["run"] == event.data["run"], joint].mean()))
+    missing = [joint + 1 for joint, touches in enumerate(shown) if len(touches) < 2]
+    if missing:
+        raise InputError(f"{session.path}: joint {missing[0]} was not held against its stop at least twice")
+    means = np.array([np.mean(touches) for touches in shown])
+    scatter = np.array([np.std(touches, ddof=1) for touches in shown])
+    errors = [
+        few_sample_factor(len(touches) - 1) * deviation / np.sqrt(len(touches))
+        for touches, deviation in zip(shown, scatter, strict=True)
+    ]
+    resolution = _resolution(session.samples("tick"))
+    std = np.sqrt(np.array(errors) ** 2 + (resolution / _UNIFORM) ** 2 + stop_std_rad**2)
+    return EncoderFit(known - means, std, tuple(np.array(t) for t in shown), known, scatter)
+
+
+def fit_pose(session: Session, pose_rad: FloatArray, pose_std_rad: float) -> EncoderFit:
+    """Zeros from a pose that the arm was held in.
+
+    Args:
+        session: of the arm at rest.
+        pose_rad: where the joints were, shape (n,) [rad].
+        pose_std_rad: standard uncertainty of that, each joint [rad].
+
+    Raises:
+        InputError: the session holds no samples, or the arm moved.
+    """
+    position = _fresh(session.samples("tick")).vector("joint_position_rad")
+    if not len(position):
+        raise InputError(f"{session.path}: no fresh encoder samples in it")
+    resolution = _resolution(session.samples("tick"))
+    moved = np.ptp(position, axis=0)
+    if np.any(moved > max(10 * resolution, 2e-3)):
+        joint = int(np.argmax(moved))
+        raise InputError(
+            f"joint {joint + 1} moved by {moved[joint]:.2g} rad: the arm must stand still in the pose"
+        )
+    means = position.mean(axis=0)
+    half_ranges = 0.5 * moved / np.sqrt(3.0)
+    std = np.sqrt(half_ranges**2 + (resolution / _UNIFORM) ** 2 + pose_std_rad**2)
+    return EncoderFit(pose_rad - means, std, tuple(means[:, None]), pose_rad, np.zeros(len(means)))
+
+
+def _fresh(ticks: Samples) -> Samples:
+    return ticks.select(ticks["encoder_status"] == Status.OK)
+
+
+def _resolution(ticks: Samples) -> float:
+    """The encoders' steps as the data show them: the smallest change from tick to tick [rad]; 0 if none."""
+    changes = np.abs(np.diff(ticks.vector("joint_position_rad"), axis=0)).ravel()
+    changes = changes[changes > 1e-12]
+    return float(changes.min()) if len(changes) else 0.0

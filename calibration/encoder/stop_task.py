@@ -1,0 +1,212 @@
+"""Touches the joints' hard stops, one after the other: slowly, with little torque, several times each."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from calibration.arm.free_motion import FreeMotion
+from calibration.arm.path_task import ACCELERATION_RAD_S2, SPEED_RAD_S
+from calibration.encoder.stop_plan import StopApproach
+from control.arm.rigid_body import RigidBody
+from control.laws.gains import TrackingGains
+from control.loop.phases import Phase
+from control.loop.task import NO_RUN, TaskEvent, TaskOutput
+from control.paths.motion import JointMotion
+from control.paths.trajectory import JointMove
+from robot_io.clip import clip
+from robot_io.errors import SafetyTripError
+from robot_io.types import FloatArray, Measurement
+
+EVENT = "stop_touched"
+_LEAD_RAD = 0.03  # the reference waits when it is so far ahead of the joint
+_STILL_RAD_S = 0.01  # slower than this,
+_STILL_S = 0.3  # for so long, while pushed: it stands against something
+_BACK_RAD = 0.08  # between two touches
+_REST_RAD_S = 0.05
+_REST_WAIT_S = 2.0
+_SETTLE_S = 0.3
+
+
+@dataclass(frozen=True)
+class StopSettings:
+    """How stops are touched.
+
+    Attributes:
+        push_nm: torque beyond the arm's weight that pushes a joint against its stop, shape (n,) [N m].
+        speed_rad_s: of the approach [rad/s].
+        touches: at each stop.
+        hold_s: how long the joint is read at the stop [s].
+        reach_rad: farther from where the stop is said to be, a stop is not believed [rad].
+    """
+
+    push_nm: FloatArray
+    speed_rad_s: float = 0.05
+    touches: int = 3
+    hold_s: float = 0.25
+    reach_rad: float = 0.15
+
+
+class StopTask:
+    """See `control.loop.task.Task`. The ticks at a stop are HOLD; runs number the touches of all joints.
+
+    Args:
+        body: the arm.
+        gains: of tracking.
+        up_rad: posture between the approaches, shape (n,) [rad].
+        approaches: stops to touch.
+        settings: how.
+    """
+
+    def __init__(
+        self,
+        body: RigidBody,
+        gains: TrackingGains,
+        up_rad: FloatArray,
+        approaches: Sequence[StopApproach],
+        settings: StopSettings,
+    ) -> None:
+        self._free = FreeMotion(body, gains)
+        self._body = body
+        self._up_rad = up_rad
+        self._approaches = tuple(approaches)
+        self._settings = settings
+
+    @property
+    def touch_count(self) -> int:
+        """Touches in all."""
+        return len(self._approaches) * self._settings.touches
+
+    def start(self, measurement: Measurement) -> None:
+        """See `control.loop.task.Task.start`."""
+        self._free.start(measurement)
+        self._start_rad = measurement.joint_position_rad.copy()
+        self._touch = 0
+        self._pressing = False
+        self._held_s = self._still_s = 0.0
+        self._move_along([self._start_rad, self._up_rad, self._approaches[0].posture_rad])
+
+    def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        """See `control.loop.task.Task.step`.
+
+        Raises:
+            SafetyTripError: something is in the way, a stop is not where it is said to be, or the arm does
+                not come to rest in the end.
+        """
+        return self._press(measurement, dt_s) if self._pressing else self._move(measurement, dt_s)
+
+    @property
+    def _approach(self) -> StopApproach:
+        return self._approaches[min(self._touch, self.touch_count - 1) // self._settings.touches]
+
+    def _move_along(self, postures: Sequence[FloatArray]) -> None:
+        self._moves = [JointMove(a, b, SPEED_RAD_S, ACCELERATION_RAD_S2) for a, b in pairwise(postures)]
+        self._move_s = 0.0
+
+    def _move(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        self._move_s += dt_s
+        motion = self._moves[0].at(self._move_s)
+        torque_nm = self._free.torque_nm(measurement, motion, dt_s)
+        phase = Phase.MOVE
+        if self._move_s >= self._moves[0].duration_s + _SETTLE_S:
+            if len(self._moves) > 1:
+                self._moves, self._move_s = self._moves[1:], 0.0
+            elif self._touch < self.touch_count:
+                self._begin_press(motion.position_rad)
+            elif float(np.abs(measurement.joint_velocity_rad_s).max()) < _REST_RAD_S:
+                phase = Phase.IDLE
+            elif self._move_s > self._moves[0].duration_s + _SETTLE_S + _REST_WAIT_S:
+                raise SafetyTripError("back where the motion started the arm does not come to rest")
+        return self._free.output(measurement, motion, torque_nm, phase, done=phase is Phase.IDLE)
+
+    def _begin_press(self, posture_rad: FloatArray) -> None:
+        self._pressing, self._reference_rad = True, posture_rad.copy()
+        self._held_s = self._still_s = 0.0
+
+    def _press(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        approach, settings = self._approach, self._settings
+        joint, position = approach.joint, float(measurement.joint_position_rad[approach.joint])
+        ahead = approach.side * (self._reference_rad[joint] - position)
+        speed = np.zeros(self._body.joint_count)
+        if ahead < _LEAD_RAD:
+            speed[joint] = approach.side * settings.speed_rad_s
+            self._reference_rad = self._reference_rad + speed * dt_s
+        motion = JointMotion(self._reference_rad.copy(), speed, np.zeros_like(speed))
+        torque_nm = self._pushed(measurement, motion, dt_s)
+        self._note_stillness(measurement, ahead, dt_s)
+        at_stop = self._still_s >= _STILL_S
+        self._held_s += dt_s if at_stop else 0.0
+        phase, run = (Phase.HOLD, self._touch) if at_stop else (Phase.APPROACH, NO_RUN)
+        events: tuple[TaskEvent, ...] = ()
+        if at_stop or approach.side * (position - approach.stop_rad) > settings.reach_rad:
+            self._believe(position, at_stop)
+        if self._held_s >= settings.hold_s:
+            text = f"joint {joint + 1} against its stop, the encoder shows {position:.5f} rad"
+            values = {
+                "run": self._touch,
+                "joint": joint,
+                "stop_rad": approach.stop_rad,
+                "shown_rad": position,
+            }
+            events = (TaskEvent(EVENT, text, values),)
+            self._leave(measurement.joint_position_rad)
+        return self._free.output(measurement, motion, torque_nm, phase, run, events=events)
+
+    def _pushed(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
+        """Torques that hold the other joints and push this one after its reference with little torque.
+
+        The tracking of this joint must not reach the others through the mass matrix: a stop would shake them.
+        """
+        joint = self._approach.joint
+        position, speed = measurement.joint_position_rad[joint], measurement.joint_velocity_rad_s[joint]
+        own_position, own_speed = motion.position_rad.copy(), motion.velocity_rad_s.copy()
+        own_position[joint], own_speed[joint] = position, speed
+        others = JointMotion(own_position, own_speed, motion.acceleration_rad_s2)
+        torque_nm = self._free.torque_nm(measurement, others, dt_s).copy()
+        most_nm = float(self._settings.push_nm[joint])
+        ahead, faster = motion.position_rad[joint] - position, motion.velocity_rad_s[joint] - speed
+        push_nm = most_nm / _LEAD_RAD * float(ahead) + self._brake_nms_rad(measurement) * float(faster)
+        torque_nm[joint] += clip(push_nm, -most_nm, most_nm)
+        return torque_nm
+
+    def _brake_nms_rad(self, measurement: Measurement) -> float:
+        """Damping that keeps the pushed joint from swinging: critical for its spring and inertia."""
+        joint = self._approach.joint
+        inertia = float(self._body.mass_matrix(measurement.joint_position_rad)[joint, joint])
+        return 2.0 * float(np.sqrt(inertia * self._settings.push_nm[joint] / _LEAD_RAD))
+
+    def _note_stillness(self, measurement: Measurement, ahead_rad: float, dt_s: float) -> None:
+        speed = abs(float(measurement.joint_velocity_rad_s[self._approach.joint]))
+        stands = speed < _STILL_RAD_S and ahead_rad >= 0.9 * _LEAD_RAD
+        self._still_s = self._still_s + dt_s if stands else 0.0
+
+    def _believe(self, position_rad: float, at_stop: bool) -> None:
+        """Refuse a stop that is too far from where it should be.
+
+        Raises:
+            SafetyTripError: that.
+        """
+        approach, reach = self._approach, self._settings.reach_rad
+        if abs(position_rad - approach.stop_rad) > reach:
+            what = "stands still" if at_stop else "met no stop"
+            raise SafetyTripError(
+                f"joint {approach.joint + 1} {what} at {position_rad:.3f} rad, its stop is said to be at "
+                f"{approach.stop_rad:.3f} rad (within {reach:g} rad): something is in the way"
+            )
+
+    def _leave(self, position_rad: FloatArray) -> None:
+        """Back off, and go on to the next touch, the next stop, or home."""
+        before, here = self._approach, self._reference_rad.copy()
+        here[before.joint] = position_rad[before.joint]
+        back = here.copy()
+        back[before.joint] -= before.side * _BACK_RAD
+        self._touch += 1
+        self._pressing = False
+        self._free.forget()
+        if self._touch >= self.touch_count:
+            self._move_along([here, back, self._up_rad, self._start_rad])
+        elif self._approach is before:
+            self._move_along([here, back])
+        else:
+            self._move_along([here, back, self._up_rad, self._approach.posture_rad])

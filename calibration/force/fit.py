@@ -1,0 +1,165 @@
+"""Scale, zero, curvature and hysteresis of a force sensor from plateaus.
+
+    force = scale (r - zero) + curvature (r - zero)^2,   r = reading + hysteresis / 2 * direction
+
+An effect that the data do not show (a t test at 1 %) is taken out of the equation and reported as what was
+found for it; without curvature, scale is the mean slope over the range. Least squares in the force. Each plateau is
+one observation, so that what differs from plateau to plateau (creep, friction, a weight's error) is in the
+uncertainty. VIM 2.39, 4.16, 4.21; VDI/VDE 2638.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import t
+
+from calibration.force.plateaus import Plateaus
+from calibration.statistics import few_sample_factor
+from robot_io.errors import InputError
+from robot_io.types import BoolArray, FloatArray
+
+_SIGNIFICANT = 0.01
+_SPARE = 2  # plateaus beyond the number of parameters
+_FEWEST_LEVELS = 3
+_SUSPECT = 5.0  # times the other plateaus' scatter
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value and its standard uncertainty."""
+
+    value: float
+    std_err: float
+
+
+@dataclass(frozen=True)
+class ForceFit:
+    """What a sensor's record says; u is the unit of its readings.
+
+    Attributes:
+        zero: reading without force [u].
+        scale: [N/u].
+        curvature: [N/u^2]; None where none is shown.
+        hysteresis_n: what the sensor shows more on the way down than on the way up, at the same force [N].
+        nonlinearity: largest distance of the characteristic from its chord over the range, as a share of it.
+        curvature_found: what was found before it was judged [N/u^2].
+        plateaus: what was fitted.
+        residual_n: reference less what the calibrated sensor says, shape (m,) [N].
+        range_n: lowest and highest reference [N].
+        suspect: number, from 0, of a plateau that does not belong to the others, or None.
+    """
+
+    zero: Estimate
+    scale: Estimate
+    curvature: Estimate | None
+    hysteresis_n: Estimate
+    nonlinearity: Estimate
+    curvature_found: Estimate
+    plateaus: Plateaus
+    residual_n: FloatArray
+    range_n: tuple[float, float]
+    suspect: int | None
+
+    @property
+    def rms_n(self) -> float:
+        """Of the residuals [N]."""
+        return float(np.sqrt(np.mean(self.residual_n**2)))
+
+
+def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
+    """Fit a force sensor's characteristic.
+
+    Args:
+        plateaus: steady readings under known forces; up and down, so that hysteresis shows.
+        reference_rel_std: standard uncertainty of all references together, as a share of them [-].
+
+    Raises:
+        InputError: too few plateaus or forces, or the sensor answers with the wrong sign or not at all.
+    """
+    _check(plateaus)
+    has_branches = bool(np.any(plateaus.direction < 0) and np.any(plateaus.direction > 0))
+    used = np.array([True, True, True, has_branches])
+    full_values, full_errors, freedom = _solve(plateaus, used)
+    shown = np.abs(full_values) > t.ppf(1 - _SIGNIFICANT / 2, freedom) * full_errors
+    used &= np.array([True, True, shown[2], shown[3]])
+    values, errors, freedom = _solve(plateaus, used)
+    if not values[1] > 0.0:
+        raise InputError(
+            f"the reading falls by {abs(1 / values[1]):.4g} per N that the reference rises: turn the sign"
+        )
+    all_values = np.where(used, values, full_values).tolist()
+    all_errors = np.where(used, errors, full_errors).tolist()
+    all_errors[1] = float(np.hypot(all_errors[1], values[1] * reference_rel_std))
+    span_n = float(np.ptp(plateaus.reference_n))
+    bow = span_n / (4.0 * all_values[1] ** 2)  # of a parabola over its chord, as a share of the range
+    residual = _residuals(values, plateaus, hysteresis=False)
+    return ForceFit(
+        zero=Estimate(all_values[0], all_errors[0]),
+        scale=Estimate(all_values[1], all_errors[1]),
+        curvature=Estimate(all_values[2], all_errors[2]) if used[2] else None,
+        hysteresis_n=Estimate(-2 * all_values[1] * all_values[3], 2 * all_values[1] * all_errors[3]),
+        nonlinearity=Estimate(abs(all_values[2]) * bow, all_errors[2] * bow),
+        curvature_found=Estimate(all_values[2], all_errors[2]),
+        plateaus=plateaus,
+        residual_n=residual,
+        range_n=(float(plateaus.reference_n.min()), float(plateaus.reference_n.max())),
+        suspect=_suspect(_residuals(values, plateaus)),
+    )
+
+
+def _check(plateaus: Plateaus) -> None:
+    levels = len(np.unique(plateaus.reference_n))
+    if levels < _FEWEST_LEVELS or len(plateaus) < 4 + _SPARE:
+        raise InputError(
+            f"{len(plateaus)} plateaus at {levels} different forces: at least {4 + _SPARE} at "
+            f"{_FEWEST_LEVELS} are needed, such as 0, 1, 2, 3, 2, 1, 0 kg"
+        )
+    if np.ptp(plateaus.reading) == 0.0:
+        raise InputError("the reading is the same under every force: the sensor does not answer")
+
+
+def _solve(plateaus: Plateaus, used: BoolArray) -> tuple[FloatArray, FloatArray, int]:
+    """Values and standard errors of (zero, scale, curvature, half hysteresis); those not used are 0."""
+    slope, zero = _line(plateaus)
+    typical = np.array(
+        [np.ptp(plateaus.reading), slope, slope / np.ptp(plateaus.reading), np.ptp(plateaus.reading)]
+    )
+    values = np.zeros(4)
+
+    def unpacked(free: FloatArray) -> FloatArray:
+        values[used] = free * typical[used]
+        return values
+
+    start = (np.array([zero, slope, 0.0, 0.0]) / typical)[used]
+    found = least_squares(lambda free: _residuals(unpacked(free), plateaus), start, x_scale="jac", xtol=1e-14)
+    freedom = len(plateaus) - int(used.sum())
+    own_n = slope * plateaus.std_err
+    variance = max(2.0 * found.cost / freedom, float(np.mean(own_n**2)))
+    covariance = np.linalg.pinv(found.jac.T @ found.jac) * variance
+    errors = np.zeros(4)
+    errors[used] = np.sqrt(np.diag(covariance)) * np.abs(typical[used]) * few_sample_factor(freedom)
+    return unpacked(found.x).copy(), errors, freedom
+
+
+def _line(plateaus: Plateaus) -> tuple[float, float]:
+    """Slope [N/u] and zero [u] of the line through the plateaus."""
+    slope, intercept = np.polyfit(plateaus.reading, plateaus.reference_n, 1)
+    return float(slope), float(-intercept / slope) if slope else 0.0
+
+
+def _residuals(
+    values: Sequence[float] | FloatArray, plateaus: Plateaus, *, hysteresis: bool = True
+) -> FloatArray:
+    zero, scale, curvature, half = values
+    above = plateaus.reading - zero - (half * plateaus.direction if hysteresis else 0.0)
+    return np.asarray(plateaus.reference_n - above * (scale + curvature * above))
+
+
+def _suspect(residual: FloatArray) -> int | None:
+    """The plateau that is much farther off than the rest scatter: a wrong weight rather than noise."""
+    worst = int(np.argmax(np.abs(residual)))
+    others = np.delete(residual, worst)
+    scatter = float(np.sqrt(np.mean(others**2)))
+    return worst if abs(residual[worst]) > _SUSPECT * scatter > 0.0 else None

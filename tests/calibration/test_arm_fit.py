@@ -1,0 +1,173 @@
+"""The fit recovers what synthetic drives, written down here, were given; the simulator has its own tests."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.arm.excitation import TORQUE_WISH, choose_path
+from calibration.arm.fit import ArmMotion, fit_arm
+from calibration.arm.fourier import FourierPath
+from calibration.arm.model import GravityBodies
+from control.arm.rigid_body import RigidBody
+from robot_io.calibration.applied import gravity_base_m_s2
+from robot_io.errors import InputError
+from robot_io.robot_file import load_robot_file
+
+ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
+ROBOT = load_robot_file(ARMS / "follower" / "follower.yaml")
+BODIES = GravityBodies.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame)
+BODY = RigidBody.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame)
+
+
+@pytest.fixture(scope="module")
+def path():
+    start = np.array(ROBOT.home_rad)
+    return choose_path(BODY, BODIES, start, ROBOT.limits, wish=TORQUE_WISH, rng=np.random.default_rng(0))
+
+
+def measured(
+    path, rng, *, pitch=0.0, gain=1.0, offset=0.0, coulomb=0.0, viscous=0.0, noise=0.01, duration=None
+):
+    """What drives would show along the path, from another model of the arm's weight than the fit uses."""
+    times = np.arange(0.0, duration or path.duration_s, 1e-3)
+    motions = [path.at(time_s) for time_s in times]
+    q, v, a = (np.array(part) for part in zip(*motions, strict=True))
+    body = RigidBody.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame, gravity_base_m_s2(pitch, 0.0))
+    true = np.array([body.inverse_dynamics(*rows) for rows in zip(q, v, a, strict=True)])
+    true = true + coulomb * np.sign(v) + viscous * v
+    shown = (true - offset) / gain
+    return ArmMotion(times, q, v, a, shown + rng.normal(0, noise, shown.shape), shown)
+
+
+def test_everything_hidden_in_the_drives_is_found_at_once(path):
+    hidden = {
+        "gain": np.array([0.85, 1.1, 1.2]),
+        "offset": np.array([0.2, -0.1, 0.03]),
+        "coulomb": np.array([0.4, 0.2, 0.02]),
+        "viscous": np.array([0.3, 0.1, 0.01]),
+    }
+    fit = fit_arm(measured(path, np.random.default_rng(1), pitch=0.04, **hidden), BODIES)
+    for found, std, name in (
+        (fit.gain, fit.gain_std, "gain"),
+        (fit.offset_nm, fit.offset_std_nm, "offset"),
+        (fit.coulomb_nm, fit.coulomb_std_nm, "coulomb"),
+        (fit.viscous_nms_rad, fit.viscous_std_nms_rad, "viscous"),
+    ):
+        assert np.all(np.abs(found - hidden[name]) < 4 * std), name
+        assert np.all(std < 0.02), name
+    assert fit.tilt_rad[0] == pytest.approx(0.04, abs=4 * fit.tilt_std_rad[0])
+    assert fit.tilt_std_rad[0] < 1e-3
+
+
+def test_twice_the_uncertainty_covers_95_percent(path):
+    """30 recordings of 10 values; the band is wide enough for that number of draws."""
+    clean = measured(path, np.random.default_rng(0), noise=0.0, duration=15.0)
+    covered = []
+    for seed in range(30):
+        noise = np.random.default_rng(seed).normal(0, 0.02, clean.measured_nm.shape)
+        noisy = ArmMotion(
+            clean.time_s,
+            clean.position_rad,
+            clean.velocity_rad_s,
+            clean.acceleration_rad_s2,
+            clean.measured_nm + noise,
+            clean.sent_nm,
+        )
+        fit = fit_arm(noisy, BODIES)
+        covered += [
+            *(np.abs(fit.gain - 1) < 2 * fit.gain_std),
+            *(np.abs(fit.offset_nm) < 2 * fit.offset_std_nm),
+        ]
+        covered += [
+            *(np.abs(fit.coulomb_nm) < 2 * fit.coulomb_std_nm),
+            abs(fit.tilt_rad[0]) < 2 * fit.tilt_std_rad[0],
+        ]
+    assert 0.90 < np.mean(covered) < 0.99
+
+
+def test_an_arm_that_moves_in_one_plane_does_not_feel_roll(path):
+    fit = fit_arm(measured(path, np.random.default_rng(2)), BODIES)
+    assert np.isfinite(fit.tilt_rad[0])
+    assert np.isnan(fit.tilt_rad[1])
+
+
+def test_late_torque_samples_are_not_taken_for_friction(path):
+    motion = measured(path, np.random.default_rng(3))
+    late = ArmMotion(
+        *(part[:-3] for part in motion_parts(motion)[:4]), motion.measured_nm[3:], motion.sent_nm[3:]
+    )
+    fit = fit_arm(late, BODIES)
+    assert fit.delay_s[0] == pytest.approx(-0.003, abs=4 * fit.delay_s[1])
+    assert np.all(np.abs(fit.viscous_nms_rad) < 4 * fit.viscous_std_nms_rad)
+
+
+def motion_parts(motion):
+    return (
+        motion.time_s,
+        motion.position_rad,
+        motion.velocity_rad_s,
+        motion.acceleration_rad_s2,
+        motion.measured_nm,
+        motion.sent_nm,
+    )
+
+
+def test_an_arm_that_stands_still_is_refused(path):
+    still = FourierPath(path.centre_rad, np.zeros((3, 1)), np.zeros((3, 1)), 10.0, 20.0)
+    with pytest.raises(InputError, match="joint 1 hardly moves"):
+        fit_arm(measured(still, np.random.default_rng(0)), BODIES)
+
+
+class TestPath:
+    def test_is_inside_the_limits_and_above_the_ground(self, path):
+        limits = ROBOT.limits
+        floor = BODY.heights_m(np.array(ROBOT.home_rad))[1:].min()
+        for time_s in np.linspace(0, path.duration_s, 700):
+            motion = path.at(time_s)
+            assert np.all(motion.position_rad > limits.position_min_rad)
+            assert np.all(motion.position_rad < limits.position_max_rad)
+            assert np.all(np.abs(motion.velocity_rad_s) < limits.velocity_rad_s)
+            assert BODY.heights_m(motion.position_rad)[1:].min() > floor - 0.02
+
+    def test_has_the_derivatives_it_says_and_begins_at_rest(self, path):
+        step = 1e-5
+        for time_s in (0.5, 3.9, 17.2, 37.0, 39.9):
+            before, here, after = (path.at(time_s + shift) for shift in (-step, 0.0, step))
+            slope = (after.position_rad - before.position_rad) / (2 * step)
+            bend = (after.velocity_rad_s - before.velocity_rad_s) / (2 * step)
+            np.testing.assert_allclose(here.velocity_rad_s, slope, atol=1e-6)
+            np.testing.assert_allclose(here.acceleration_rad_s2, bend, atol=1e-6)
+        for time_s in (0.0, path.duration_s):
+            np.testing.assert_allclose(path.at(time_s).velocity_rad_s, 0.0, atol=1e-9)
+            np.testing.assert_allclose(path.at(time_s).position_rad, path.centre_rad)
+
+    def test_equal_seeds_choose_the_same(self, path):
+        again = choose_path(
+            BODY,
+            BODIES,
+            np.array(ROBOT.home_rad),
+            ROBOT.limits,
+            wish=TORQUE_WISH,
+            rng=np.random.default_rng(0),
+        )
+        assert np.array_equal(again.at(7.0).position_rad, path.at(7.0).position_rad)
+
+    def test_is_smaller_where_there_is_less_room(self):
+        up, rng = np.array([1.57, 0.0, 0.0]), np.random.default_rng(0)
+        small = choose_path(BODY, BODIES, up, ROBOT.limits, wish=TORQUE_WISH, rng=rng)
+        for time_s in np.linspace(0, small.duration_s, 700):
+            assert BODY.heights_m(small.at(time_s).position_rad)[1:].min() > 0.55 - 0.02
+
+    def test_an_arm_that_stands_as_high_as_it_can_is_refused(self):
+        lowered = GravityBodies.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame)
+        narrow = ROBOT.limits.model_copy(update={"position_max_rad": (1.0, 2.75, 2.85)})
+        with pytest.raises(InputError, match="raise the arm first"):
+            choose_path(
+                BODY,
+                lowered,
+                np.array([1.57, 0.0, 0.0]),
+                narrow,
+                wish=TORQUE_WISH,
+                rng=np.random.default_rng(0),
+            )

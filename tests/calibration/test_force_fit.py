@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+
+from calibration.force.fit import fit_force
+from calibration.force.plateaus import find_plateaus, plateaus_of
+from robot_io.errors import InputError
+
+UP_AND_DOWN_N = [0.0, 5.0, 10.0, 20.0, 30.0, 40.0, 30.0, 20.0, 10.0, 5.0, 0.0]
+
+
+def record(rng, *, zero=1.3, gain=0.9, bend=0.0, play=0.0, noise=0.02, step=0.02):
+    """Plateaus of a sensor with these faults; `step` is what differs from plateau to plateau [u]."""
+    pieces, side = [], 0.0
+    for before, force in zip([UP_AND_DOWN_N[0], *UP_AND_DOWN_N], UP_AND_DOWN_N, strict=False):
+        side = np.sign(force - before)
+        level = gain * force * (1 + bend * force) + zero - side * play + rng.normal(0, step)
+        pieces.append(level + rng.normal(0, noise, 200))
+    return plateaus_of(UP_AND_DOWN_N, pieces)
+
+
+def test_a_wrong_scale_and_zero_are_found_within_their_uncertainty():
+    """Of 200 sensors, 2 standard uncertainties cover 95 %, to within 2.5 standard deviations of that count."""
+    covered = np.zeros(2)
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        zero, gain = rng.uniform(-2, 2), rng.uniform(0.8, 1.2)
+        fit = fit_force(record(rng, zero=zero, gain=gain))
+        covered += [
+            abs(fit.zero.value - zero) < 2 * fit.zero.std_err,
+            abs(fit.scale.value - 1 / gain) < 2 * fit.scale.std_err,
+        ]
+    assert np.all(np.abs(covered / 200 - 0.95) < 0.04), covered / 200
+
+
+def test_curvature_and_hysteresis_are_told_apart_and_applied_or_not():
+    fit = fit_force(record(np.random.default_rng(1), bend=3e-4, play=0.15))
+    assert fit.curvature is not None
+    assert fit.curvature.value == pytest.approx(-3e-4 / 0.9**2, rel=0.3)
+    assert fit.hysteresis_n.value == pytest.approx(2 * 0.15 / 0.9, rel=0.2)
+    assert fit.nonlinearity.value == pytest.approx(3e-4 * 40 / 4, rel=0.3)
+
+
+def test_a_straight_sensor_is_rarely_called_bent():
+    bent = [fit_force(record(np.random.default_rng(seed))).curvature is not None for seed in range(150)]
+    assert np.mean(bent) < 0.04
+
+
+def test_what_a_calibrated_sensor_shows_is_right_over_its_range():
+    plateaus = record(np.random.default_rng(2), bend=1e-4, step=0.0)
+    fit = fit_force(plateaus)
+    assert fit.rms_n < 0.01
+    assert fit.suspect is None
+
+
+def test_a_common_error_of_all_weights_is_in_the_scale():
+    plateaus = record(np.random.default_rng(3))
+    one, other = fit_force(plateaus), fit_force(plateaus, reference_rel_std=0.01)
+    assert other.scale.value == one.scale.value
+    assert other.scale.std_err == pytest.approx(np.hypot(one.scale.std_err, 0.01 * one.scale.value))
+
+
+def test_a_wrong_weight_is_pointed_at():
+    plateaus = record(np.random.default_rng(4))
+    plateaus.reading[3] += 3.0
+    assert fit_force(plateaus).suspect == 3
+
+
+def test_glitches_of_the_converter_do_not_count():
+    rng = np.random.default_rng(5)
+    reference = np.repeat(UP_AND_DOWN_N, 200)
+    reading = reference + rng.normal(0, 0.02, len(reference))
+    reading[[150, 551, 1190]] = -8388608.0
+    plateaus = find_plateaus(reading, reference)
+    assert plateaus.glitches == 3
+    assert fit_force(plateaus).scale.value == pytest.approx(1.0, abs=1e-3)
+
+
+def test_what_settles_is_left_out():
+    reference = np.repeat(UP_AND_DOWN_N, 100)
+    settling = np.tile(np.exp(-np.arange(100) / 4.0), len(UP_AND_DOWN_N))
+    marked = settling < 1e-4
+    assert np.abs(find_plateaus(reference + settling, reference, marked).reading - UP_AND_DOWN_N).max() < 1e-4
+    assert np.abs(find_plateaus(reference + settling, reference).reading - UP_AND_DOWN_N).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("forces", "readings", "words"),
+    [
+        ([0.0, 1.0, 0.0, 1.0, 0.0, 1.0], [0, 1, 0, 1, 0, 1], "at 2 different forces"),
+        ([0.0, 1.0, 2.0], [0, 1, 2], "3 plateaus"),
+        ([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0], [0, -1, -2, -3, -2, -1, 0], "turn the sign"),
+        ([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0], [5] * 7, "does not answer"),
+    ],
+)
+def test_what_cannot_be_calibrated_is_refused(forces, readings, words):
+    rng = np.random.default_rng(0)
+    noise = 0.0 if len(set(readings)) == 1 else 0.01
+    pieces = [np.full(50, float(reading)) + noise * rng.normal(size=50) for reading in readings]
+    with pytest.raises(InputError, match=words):
+        fit_force(plateaus_of(forces, pieces))
