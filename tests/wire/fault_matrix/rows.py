@@ -138,7 +138,7 @@ _MOTOR_ROWS = {
         (OLD, OLD_OFF, "servo 3 did not answer in time"),
         (2, 3, "servo 3 (joint 3): has forgotten its settings; it has restarted"),
         (2, 62, "the port has failed", _DEAF),
-        (25, 26, "encoder of joint 1: stuck at", _FROZEN),
+        (25, BRAKED + 25, "encoder of joint 1: stuck at", _FROZEN),
     ),
     "odrive": (
         (OLD, OLD_OFF, "joint 3 (node 2): nothing valid for"),
@@ -151,7 +151,7 @@ _MOTOR_ROWS = {
         (OLD, BRAKED, "joint 3 (node 2): nothing valid for"),
         (2, BRAKED, "joint 3 (node 2): left closed-loop control, is IDLE"),
         (2, 52, "bus-off, the adapter has left the bus", _DEAF),
-        (40, 41, "encoder of joint 1: stuck at", _FROZEN),
+        (40, BRAKED + 40, "encoder of joint 1: stuck at", _FROZEN),
     ),
     "mit": (
         (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
@@ -164,7 +164,7 @@ _MOTOR_ROWS = {
         (OLD, BRAKED, "joint 3 (motor 3): nothing valid for"),
         (1700, 2010, "joint 3 is 0.1", _DOES_NOT_SAY),
         (2, 102, "bus-off, the adapter has left the bus", _DEAF),
-        (40, 41, "encoder of joint 1: stuck at", _FROZEN),
+        (40, BRAKED + 40, "encoder of joint 1: stuck at", _FROZEN),
     ),
 }
 _NUMBERS = {"dynamixel": (1, 2, 3), "odrive": (0, 1, 2), "mit": (1, 2, 3)}  # of the devices, by joint

@@ -1,0 +1,43 @@
+"""`palpate probe` when the disk is full: the arm comes to its end, and the user is told."""
+
+import resource
+import sys
+
+import pytest
+
+from control.loop.result import Outcome
+from palpate import probing_run
+from robot_io.session import Session, SessionWriter
+from tests.palpate.cli import run
+
+ROOM_BYTES = 300_000  # to the writer process a file that may not grow is a disk that is full
+
+
+class SmallDisk(SessionWriter):
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        resource.prlimit(self._process.pid, resource.RLIMIT_FSIZE, (ROOM_BYTES, ROOM_BYTES))
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits another process as Linux does")
+def test_a_full_disk_stops_no_arm_and_is_one_line(tmp_path, monkeypatch):
+    results = []
+
+    def run_loop(*args, **kwargs):
+        results.append(loop(*args, **kwargs))
+        return results[-1]
+
+    loop = probing_run.run_loop
+    monkeypatch.setattr(probing_run, "SessionWriter", SmallDisk)
+    monkeypatch.setattr(probing_run, "run_loop", run_loop)
+    path = tmp_path / "s.mcap"
+    said = run("probe", "-o", path, "--speed-mm-s", 150, "--hold-s", 0.2, "--online", "none")
+
+    assert said.exit_code == 2
+    assert said.stderr.strip().endswith("s.mcap is not complete: File too large")
+    assert (results[0].outcome, results[0].deactivation_error) == (Outcome.FINISHED, "")
+    session = Session.open(path)
+    assert session.truncated
+    ticks = session.samples("tick")
+    assert len(ticks) > 300
+    assert (ticks["phase"] > 0).any()
