@@ -9,6 +9,7 @@ import numpy as np
 
 from control.loop.interrupt import InterruptFlag
 from control.loop.journal import Journal, Observer
+from control.loop.output_check import OutputCheck
 from control.loop.phases import Phase
 from control.loop.result import LoopResult
 from control.loop.task import Task, TaskOutput
@@ -42,10 +43,10 @@ def run_loop(
 
     The task is started with the torque still off; then the robot is activated and ticks run on a grid of
     absolute times. A trip of the guard, Ctrl-C (also SIGTERM and SIGHUP; in the main thread only), `stop`, a
-    device that fails and an exception in the task all take one way out: the guard's safe state, tick after
-    tick until it is finished, then deactivation, which is tried whatever happened before. Trouble with
-    observer or log stops nothing: the observer is switched off, the log's failures are counted, both with an
-    event.
+    device that fails, an exception in the task or a result of it that is of no use all take one way out: the
+    guard's safe state, tick after tick until it is finished, then deactivation, which is tried whatever
+    happened before. Trouble with observer or log stops nothing: the observer is switched off, the log's
+    failures are counted, both with an event.
 
     Args:
         robot: configured and not active; on return it is deactivated, not closed.
@@ -126,6 +127,7 @@ class _Loop:
         self._ticks = self._unsent = 0
         self._deactivation_error = ""
         self._unknown = np.full(robot.joint_count, np.nan)
+        self._checked = OutputCheck(robot.joint_count)
         self._stopped_output = _stopped_output(robot.joint_count)
 
     def run(self, measurement: Measurement) -> None:
@@ -164,9 +166,18 @@ class _Loop:
         self._grid = TickGrid(self._clock.now_s() + self._period_s, self._period_s)
         periods, ended = 1, False
         while not ended:
-            self._clock.sleep_until(self._grid.due_s)
-            ended = self._tick(periods * self._period_s)
+            ended = self._safe_tick(periods * self._period_s)
             periods = self._grid.advance(self._clock.now_s())
+
+    def _safe_tick(self, dt_s: float) -> bool:
+        """One tick, when it is due; true if it was the last. What nobody else catches trips the guard."""
+        stopping = self._guard.tripped is not None
+        try:
+            self._clock.sleep_until(self._grid.due_s)
+            return self._tick(dt_s)
+        except Exception as error:
+            self._way_out.fail("the loop", error)
+            return stopping  # and what fails while the arm is stopped leaves nobody to brake it: torque off
 
     def _tick(self, dt_s: float) -> bool:
         """One tick, `dt_s` after the one before [s]; true if it was the last."""
@@ -222,7 +233,7 @@ class _Loop:
 
     def _step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         try:
-            return self._task.step(measurement, dt_s)
+            return self._checked(self._task.step(measurement, dt_s))
         except Exception as error:
             self._way_out.fail("the task", error)
             return self._stopped_output

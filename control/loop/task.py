@@ -62,7 +62,7 @@ class Task(Protocol):
         """Begin from the measured state; called once, in the first tick before `step`."""
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """One tick.
+        """One tick; what is raised, or returned in another shape than `TaskOutput` says, stops the arm.
 
         Args:
             measurement: this tick's measurement.

@@ -6,11 +6,13 @@ import signal
 import numpy as np
 import pytest
 
+import control.loop.loop
 from control.loop.loop import run_loop
 from control.loop.phases import Phase
 from control.loop.result import Outcome
 from robot_io.clock import MonotonicClock
 from robot_io.errors import DeviceError, InputError, PalpateError, SafetyTripError
+from robot_io.types import Command
 from tests.control.loop_parts import AGE_LIMIT_S, RATE_HZ, STOP_TIME_S, Arm, MemoryLog, Swing
 
 PERIOD_S = 1.0 / RATE_HZ
@@ -301,3 +303,85 @@ def test_ctrl_c_on_the_machine_s_clock_leads_to_the_same_safe_stop():
     assert result.outcome is Outcome.STOPPED
     assert not arm.bus.powered
     assert (log.column("torque_sent_nm")[-1] == 0).all()
+
+
+BAD_RESULTS = {
+    "nothing": (lambda _output: None, "step returned a NoneType"),
+    "a short reference": (
+        lambda output: output._replace(reference_position_rad=np.zeros(2)),
+        r"reference_position_rad of shape (2,), expected (3,)",
+    ),
+    "a speed that is none": (
+        lambda output: output._replace(reference_velocity_rad_s=0.0),
+        "reference_velocity_rad_s of type float",
+    ),
+    "a command of five": (lambda output: output._replace(command=Command(np.zeros(5))), "command of shape"),
+    "a command in a list": (
+        lambda output: output._replace(command=Command([0.0] * 3)),
+        "command of type list",
+    ),
+    "a bare command": (lambda output: output._replace(command=np.zeros(3)), "command of type ndarray"),
+    "a flat tip": (lambda output: output._replace(tip_position_world_m=np.zeros(2)), "tip_position_world_m"),
+    "a phase in words": (lambda output: output._replace(phase="hold"), "phase of type str"),
+    "no force": (lambda output: output._replace(desired_force_n=None), "desired_force_n of type NoneType"),
+    "a run in words": (lambda output: output._replace(run="first"), "run of type str"),
+    "no events": (lambda output: output._replace(events=None), "events of type NoneType"),
+    "an event in words": (lambda output: output._replace(events=("touch",)), "events of type str"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_RESULTS)
+def test_a_result_that_is_of_no_use_brakes_the_arm_like_an_exception(kind):
+    spoil, words = BAD_RESULTS[kind]
+
+    class Spoilt(Swing):
+        def step(self, measurement, dt_s):
+            output = super().step(measurement, dt_s)
+            return spoil(output) if self.steps >= 100 else output
+
+    arm = Arm()
+    result, log = run(arm, Spoilt(torque_nm=0.5))
+    assert result.outcome is Outcome.TRIPPED
+    assert result.cause.startswith("the task: ")
+    assert words in result.cause
+    assert log.texts("trip") == [result.cause]
+    assert_came_to_rest(arm, log)
+    assert log.column("guard_tripped").sum() > STOP_TIME_S * RATE_HZ / 2
+    assert len(log.records) == result.ticks
+    assert not result.log_error
+
+
+def test_a_fault_of_the_loop_itself_brakes_the_arm_too(monkeypatch):
+    made = control.loop.loop.tick_record
+    calls = []
+
+    def faulty_record(*parts):
+        calls.append(parts)
+        if len(calls) == 100:
+            raise IndexError("a bug in the loop")
+        return made(*parts)
+
+    monkeypatch.setattr(control.loop.loop, "tick_record", faulty_record)
+    arm = Arm()
+    result, log = run(arm, Swing(torque_nm=0.5))
+    assert result.cause == "the loop: IndexError: a bug in the loop"
+    assert_came_to_rest(arm, log)
+    assert log.column("guard_tripped").sum() > STOP_TIME_S * RATE_HZ / 2
+
+
+def test_a_guard_that_fails_while_it_stops_the_arm_leaves_the_torque_off_at_once():
+    arm, task = Arm(), Swing(fail_at=50)
+    limit = arm.guard.limit
+
+    def faulty_limit(command, measurement, dt_s):
+        if arm.guard.tripped and task.steps == 50:
+            raise FloatingPointError("a bug in the safe stop")
+        return limit(command, measurement, dt_s)
+
+    arm.guard.limit = faulty_limit
+    result, log = run(arm, task)
+    assert "the controller has a bug" in result.cause
+    assert len(log.texts("failure")) == 1
+    assert "a bug in the safe stop" in log.texts("failure")[0]
+    assert result.ticks < 55
+    assert not arm.bus.powered
