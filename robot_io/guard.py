@@ -222,9 +222,10 @@ class Guard:
         # Two clocks end the stop, whichever is first, and so does NaN: time itself may be what has failed.
         if not (self._stopping_s < self._safe_stop.duration_s and self._clock_says_stopping(measurement)):
             self._finished = True
-        if self._finished or self._stuck_encoders.suspicion or not self._checks.motion_is_known(measurement):
+        if self._finished or not self._checks.motion_is_known(measurement):
             return _command([0.0] * self._shape[0])
-        return _command(self._safe_stop.torque_nm(measurement, self._stopping_s, dt_s))
+        believed = self._stuck_encoders.believed(measurement)
+        return _command(self._safe_stop.torque_nm(measurement, believed, self._stopping_s, dt_s))
 
     def _clock_says_stopping(self, measurement: Measurement) -> bool:
         return self._trip is not None and measurement.time_s - self._trip.time_s < self._safe_stop.duration_s

@@ -299,7 +299,7 @@ def build_robot(
     sensor = make_driver(drivers.force, force.driver, force.settings, context(force, "force"))
     robot = Robot(
         CalibratedEncoder(encoders, calibrations.encoder) if calibrations.encoder else encoders,
-        CalibratedTorque(drives, calibrations.torque) if calibrations.torque else drives,
+        _calibrated_drives(drives, calibrations, robot_file),
         CalibratedForceSensor(sensor, calibrations.force) if calibrations.force else sensor,
         buses,
         clock,
@@ -311,3 +311,9 @@ def build_robot(
             f"home_rad has {robot_file.joint_count}"
         )
     return robot
+
+
+def _calibrated_drives(drives: JointTorque, calibrations: Calibrations, robot_file: RobotFile) -> JointTorque:
+    if calibrations.torque is None:
+        return drives
+    return CalibratedTorque(drives, calibrations.torque, robot_file.limits.torque_nm)

@@ -1,6 +1,6 @@
 """Brings a tripped arm to rest: brakes it with its weight held up, then lets it sink slowly."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import isfinite, sqrt
 
 from robot_io.limits import Limits, SafeState
@@ -52,15 +52,21 @@ class SafeStop:
         self._gravity_nm = self._model
         self._support = 1.0
 
-    def torque_nm(self, measurement: Measurement, stopping_s: float, dt_s: float) -> list[float]:
+    def torque_nm(
+        self, measurement: Measurement, believed: Sequence[bool], stopping_s: float, dt_s: float
+    ) -> list[float]:
         """Torques (n) [N m], within the limits.
 
         Args:
             measurement: its joint positions and velocities are used, and must be known.
+            believed: for each joint whether its velocity can be braked against; else it counts as zero (n).
             stopping_s: time since the trip [s].
             dt_s: time since the last tick [s].
         """
-        velocities = measurement.joint_velocity_rad_s.tolist()
+        velocities = [
+            velocity if known else 0.0
+            for velocity, known in zip(measurement.joint_velocity_rad_s.tolist(), believed, strict=True)
+        ]
         weights_nm = self._weights_nm(measurement.joint_position_rad)
         if stopping_s > self._brake_time_s:
             self._support = self._lowered(weights_nm, velocities, stopping_s, dt_s)

@@ -1,10 +1,11 @@
 """Finds an encoder that has frozen: it goes on sampling one and the same number while its joint moves.
 
 A joint at rest also reads one number, and so does one that friction holds. An encoder is **suspect** when for
-some time not one of its steps was seen, although the reference of its joint has moved by several: that goes
-into the sentence of whatever stops the arm, and nothing is braked against its velocity. It is **stuck**, and
-stops the arm itself, when meanwhile the drive has answered with a change of torque that no friction of a
-sound joint holds back. A joint that is jammed looks the same, and is as good a reason to stop.
+some time not one of its steps was seen, although the reference of its joint has moved by several. That goes
+into the sentence of whatever stops the arm, and its joint is not braked against its velocity until a step is
+seen; friction makes sound encoders suspect, so the weight is held up as always. It is
+**stuck**, and stops the arm itself, when meanwhile the drive has answered with a change of torque that no
+friction of a sound joint holds back. A joint that is jammed looks the same, and is as good a reason to stop.
 """
 
 from math import inf, isfinite
@@ -30,6 +31,7 @@ class _Joint:
         "samples",
         "since_s",
         "step_rad",
+        "suspect",
         "torque_nm",
         "unknown_rad",
     )
@@ -39,13 +41,14 @@ class _Joint:
         self.unknown_rad = _UNKNOWN_SHARE * tracking_rad
         self.step_rad = inf  # smallest one seen
         self.samples = 0
+        self.suspect = False
         self.since_s = self.position_rad = self.reference_rad = self.torque_nm = 0.0
 
     def begin(self, time_s: float, position_rad: float, reference_rad: float, torque_nm: float) -> None:
         """A reading that differs from the one before, or is the first."""
         if self.samples:
             self.step_rad = min(self.step_rad, abs(position_rad - self.position_rad))
-        self.samples, self.since_s = 1, time_s
+        self.samples, self.since_s, self.suspect = 1, time_s, False
         self.position_rad, self.reference_rad, self.torque_nm = position_rad, reference_rad, torque_nm
 
     def is_suspect(self, time_s: float, moved_rad: float) -> bool:
@@ -78,7 +81,14 @@ class StuckEncoders:
         self.suspicion: str | None = None
         self.is_proven = False
         for joint in self._joints:
-            joint.samples = 0
+            joint.samples, joint.suspect = 0, False
+
+    def believed(self, measurement: Measurement) -> list[bool]:
+        """Of which joints the velocity can be believed: all but those suspect that still show no step."""
+        positions_rad = measurement.joint_position_rad.tolist()
+        for joint, position_rad in zip(self._joints, positions_rad, strict=True):
+            joint.suspect = joint.suspect and position_rad == joint.position_rad
+        return [not joint.suspect for joint in self._joints]
 
     def look(self, measurement: Measurement, reference_position_rad: FloatArray) -> None:
         """Judge one tick.
@@ -100,7 +110,8 @@ class StuckEncoders:
                 continue
             joint.samples += 1
             moved_rad = abs(references_rad[i] - joint.reference_rad)
-            if not self.is_proven and joint.is_suspect(time_s, moved_rad):
+            joint.suspect = joint.is_suspect(time_s, moved_rad)
+            if joint.suspect and not self.is_proven:
                 changed_nm = abs(torques_nm[i] - joint.torque_nm)
                 self.is_proven = changed_nm > self._most_nm[i]
                 self.suspicion = (

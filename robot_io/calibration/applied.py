@@ -16,6 +16,7 @@ from robot_io.calibration.file import (
     calibration_from,
 )
 from robot_io.calibration.identity import device_identity, first_difference, urdf_sha256
+from robot_io.calibration.plausible import implausible
 from robot_io.errors import InputError
 from robot_io.file_model import input_error
 from robot_io.robot_file import RobotFile
@@ -78,7 +79,7 @@ def load_calibrations(
         leave_out: kinds to do without, such as the one that is being calibrated.
 
     Raises:
-        InputError: a file is not valid, foreign, or expired.
+        InputError: a file is not valid, foreign, expired, or cannot be true of this arm.
     """
     now_utc = now_utc or datetime.now(UTC)
     found: dict[str, Calibration] = {}
@@ -116,7 +117,11 @@ def _objection(calibration: Calibration, kind: str, robot_file: RobotFile, now_u
     """Why this calibration must not be used, in words, or None."""
     if calibration.kind != kind:
         return f"is a calibration of kind '{calibration.kind}'"
-    return _foreign(calibration, robot_file) or _out_of_date(calibration, now_utc)
+    return (
+        _foreign(calibration, robot_file)
+        or _out_of_date(calibration, now_utc)
+        or implausible(calibration, robot_file.limits)
+    )
 
 
 def _foreign(calibration: Calibration, robot_file: RobotFile) -> str | None:

@@ -5,6 +5,7 @@ Samples keep their time and status; what is not a number stays none.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from robot_io.calibration.file import EncoderCalibration, ForceCalibration, Quantities, TorqueCalibration
 from robot_io.interfaces import Component, ForceSensor, JointEncoder, JointTorque
@@ -83,18 +84,23 @@ class CalibratedEncoder(_Before, JointEncoder):
 class CalibratedTorque(_Before, JointTorque):
     """torque = gain reading + offset; the drive is told (torque - command offset) / gain.
 
+    A drive is never told more than the limit, whatever the calibration makes of a torque within it. Where no
+    torque is wanted, it is told what gives none by the calibration.
+
     Args:
         driver: the drives.
         calibration: of them.
+        limit_nm: largest torque that a drive may be told, shape (n,) [N m].
     """
 
-    def __init__(self, driver: JointTorque, calibration: TorqueCalibration) -> None:
+    def __init__(self, driver: JointTorque, calibration: TorqueCalibration, limit_nm: ArrayLike) -> None:
         super().__init__(driver)
         self._drives = driver
         values = calibration.values
         self._gain = _values(values.gain)
         self._offset_nm = _values(values.offset)
         self._command_offset_nm = _values(values.command_offset)
+        self._limit_nm = frozen_array(limit_nm, self._gain.shape, what="torque limit")
 
     @property
     def joint_count(self) -> int:
@@ -108,7 +114,8 @@ class CalibratedTorque(_Before, JointTorque):
 
     def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
         """See `JointTorque.stage_torque`; what is returned is true torque, as what is wanted."""
-        told = self._drives.stage_torque((torque_nm - self._command_offset_nm) / self._gain)
+        wanted = (torque_nm - self._command_offset_nm) / self._gain
+        told = self._drives.stage_torque(np.clip(wanted, -self._limit_nm, self._limit_nm))
         return np.asarray(self._gain * told + self._command_offset_nm)
 
 

@@ -594,8 +594,17 @@ def test_an_encoder_that_freezes_is_named_before_the_joint_is_far_off(guard, see
     tick = watch_many(guard, 200, reading, lambda k: SPEED * k, lambda k: 250 * (SPEED * k - reading(k)))
     assert guard.tripped.cause.startswith("encoder of joint 1: stuck at 0.0")
     assert 100 < tick <= 125
-    # Its velocity is nothing to brake against.
-    assert limited(guard, torque(1, 1), measured(0.2, joint_velocity_rad_s=[1.0, 1.0])) == [0.0, 0.0]
+    # Its velocity is nothing to brake against; that of the other joint is.
+    frozen = guard.limit(
+        torque(1, 1),
+        measured(
+            tick * DT + DT,
+            joint_position_rad=[reading(tick), 0],
+            joint_velocity_rad_s=[1.0, 1.0],
+        ),
+        DT,
+    )
+    assert frozen.joint_torque_nm.tolist() == [0.0, -1.0]
 
 
 def test_a_suspect_encoder_is_named_by_whatever_stops_the_arm(guard):
@@ -605,7 +614,21 @@ def test_a_suspect_encoder_is_named_by_whatever_stops_the_arm(guard):
     first, second = guard.tripped.cause.split("; ")
     assert first == "joint 1 is 0.1005 rad from its reference, limit 0.1 rad"
     assert second.startswith("encoder of joint 1: stuck at 0.05 rad (or the joint is jammed)")
-    assert limited(guard, torque(1, 1), measured(0.4, joint_velocity_rad_s=[1.0, 1.0])) == [0.0, 0.0]
+
+
+def test_a_suspicion_lets_no_weight_fall():
+    """Friction makes sound encoders suspect: the stop holds the arm up, and brakes the joint once it moves."""
+    guard = Guard(LIMITS, SAFE_STATE, 2, lambda _position_rad: np.array([4.0, -1.0]))
+    assert watch_many(guard, 150, lambda k: SPEED * min(k, 100), lambda k: SPEED * k, lambda k: 0.0) is None
+    assert "encoder of joint 1" in guard.trip("stopped on request").cause
+
+    def stopping(k, position_rad):
+        state = {"joint_position_rad": [position_rad, 0], "joint_velocity_rad_s": [1.0, 1.0]}
+        return limited(guard, torque(0, 0), measured(k * DT, **state))
+
+    assert stopping(150, SPEED * 100) == [4.0, -2.0]
+    assert stopping(151, SPEED * 101) == [2.0, -2.0]
+    assert stopping(152, SPEED * 101) == [2.0, -2.0]
 
 
 def test_an_encoder_that_moves_again_is_not_suspected_any_more(guard):

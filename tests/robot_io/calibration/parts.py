@@ -32,7 +32,7 @@ VALUES = {
     "force": {
         "zero": quantity(0.5, "N"),
         "scale": quantity(0.8, "N/N"),
-        "curvature": quantity(0.01, "N/N^2"),
+        "curvature": quantity(0.002, "N/N^2"),
     },
     "encoder": {"offset": quantities([0.1, -0.2, 0.3], "rad")},
     "torque": {

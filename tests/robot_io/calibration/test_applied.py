@@ -7,14 +7,25 @@ import pytest
 from control.arm.rigid_body import RigidBody
 from robot_io.calibration import Calibrations, load_calibrations, parse_calibrations
 from robot_io.calibration.applied import gravity_base_m_s2
+from robot_io.calibration.devices import CalibratedForceSensor
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError
 from robot_io.robot import build_robot
 from robot_io.robot_file import load_robot_file, parse_robot_file
-from robot_io.types import Command
+from robot_io.types import Command, Reading, Status
 from tests.mock_robot import ROBOT_YAML, mock_bus
-from tests.robot_io.calibration.parts import END, KINDS, MADE, NOW, VALUES, calibration_of, robot_with
+from tests.robot_io.calibration.parts import (
+    END,
+    KINDS,
+    MADE,
+    NOW,
+    VALUES,
+    calibration_of,
+    quantities,
+    quantity,
+    robot_with,
+)
 
 
 def readings(robot_file, calibrations, command_nm=(0.2, 0.3, 0.4)):
@@ -99,6 +110,63 @@ def test_a_changed_setting_of_the_device_makes_it_foreign(tmp_path):
     robot_file.path.write_text(changed)
     with pytest.raises(InputError, match="capacity_n was None and is 50"):
         load_calibrations(load_robot_file(robot_file.path), NOW)
+
+
+def torque_values(**changes):
+    return VALUES["torque"] | {name: quantities(values, "N m") for name, values in changes.items()}
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "words"),
+    [
+        ("force", VALUES["force"] | {"zero": quantity(1e6, "N")}, "has a zero of 8e.05 N; .* at most 15 N"),
+        (
+            "force",
+            VALUES["force"] | {"curvature": quantity(-0.02, "N/N^2")},
+            "curvature .* 0.004 N/N",
+        ),
+        (
+            "torque",
+            torque_values(command_offset=[0.0, -500.0, 0.0]),
+            "command_offset of -500 N m",
+        ),
+        ("torque", torque_values(offset=[0.0, 0.0, 99.0]), "offset of 99 N m for joint 3; .* at most"),
+    ],
+)
+def test_one_that_would_deceive_the_guard_is_refused(tmp_path, kind, values, words):
+    robot_file = robot_with(tmp_path, kind, values=values)
+    with pytest.raises(InputError, match=words):
+        load_calibrations(robot_file, NOW)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_strongest_curvature_that_is_taken_still_shows_the_guard_its_limit(tmp_path, sign):
+    values = VALUES["force"] | {"curvature": quantity(sign * 0.004, "N/N^2")}
+    robot_file = robot_with(tmp_path, "force", values=values)
+    limit_n = robot_file.limits.force_n
+
+    class Sensor:
+        reading_n = 0.0
+
+        def read_force(self):
+            return Reading(np.array([self.reading_n]), 0.0, Status.OK)
+
+    sensor = Sensor()
+    calibrated = CalibratedForceSensor(sensor, load_calibrations(robot_file, NOW).force)
+    seen = []
+    for sensor.reading_n in np.linspace(0, 4 * limit_n, 200):
+        seen.append(abs(calibrated.read_force().value[0]))
+    beyond = np.array(seen) >= limit_n
+    assert beyond[np.argmax(beyond) :].all()  # once past the limit it stays past it
+
+
+def test_no_drive_is_told_more_than_the_limit(tmp_path):
+    robot_file = robot_with(tmp_path, "torque")
+    largest = np.array(robot_file.limits.torque_nm)
+    _, sent, told = readings(robot_file, load_calibrations(robot_file, NOW), command_nm=tuple(0.9 * largest))
+    assert np.all(np.abs(told) <= largest)
+    gain, offset = (np.array(VALUES["torque"][name]["value"]) for name in ("gain", "command_offset"))
+    np.testing.assert_allclose(sent, gain * told + offset, atol=1e-9)  # and what was sent is said
 
 
 def test_it_expires_and_does_not_come_from_the_future(tmp_path):
