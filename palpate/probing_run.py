@@ -24,7 +24,7 @@ from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator
 from palpate.hiding import hide, seal_hidden
-from palpate.wired import DEFAULT_SCENARIO, EMULATED, emulate
+from palpate.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
 from palpate.words import count
 from robot_io.calibration import load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
@@ -202,11 +202,6 @@ def _guard(robot_file: RobotFile) -> Guard:
     return Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
 
 
-def is_simulated(robot_file: RobotFile) -> bool:
-    """Whether any of the robot's buses is a simulated world."""
-    return any(bus.driver == PyBulletBus.name for bus in robot_file.buses.values())
-
-
 def online_estimators() -> list[str]:
     """Names of the estimators that can run while the arm is probing."""
     return [name for name, estimator in ESTIMATORS.items() if issubclass(estimator, OnlineEstimator)]
@@ -239,12 +234,13 @@ def _online_observer(name: str | None, touch: TouchGains) -> Observer:
 def _set_up(job: ProbingJob, clock: Clock, stack: ExitStack) -> tuple[Robot, Scenario | None]:
     """The robot, and the world that is simulated for it, which ends with `stack`; None with hardware."""
     drivers = DriverCatalogue(SIMULATED_DRIVERS, *job.drivers)
+    calibrations = load_calibrations(job.robot_file)  # of the devices that the emulated ones stand for
     if job.wired:
         scenario = _altered(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
         arm = emulate(job.robot_file, scenario, clock)
         stack.callback(arm.bench.close)
-        return build_robot(arm.robot_file, drivers, clock), scenario
-    robot = build_robot(job.robot_file, drivers, clock)
+        return build_robot(arm.robot_file, drivers, clock, calibrations), scenario
+    robot = build_robot(job.robot_file, drivers, clock, calibrations)
     return robot, _use_scenario(robot, job)
 
 

@@ -1,42 +1,138 @@
-"""`palpate doctor`: does this machine have what palpate needs?"""
+"""`palpate doctor`: does this machine have what palpate needs, and is an arm wired as its file says?"""
 
+import sys
+from collections.abc import Iterable
 from typing import Annotated
 
 import typer
 
 from palpate import console
 from palpate.doctor import Finding, Level, examine_all
+from palpate.doctor.check_arm import ArmCheck, examine_arm
+from palpate.doctor.hardware import memory_lock, real_time
+from palpate.robots import find_robot
+from palpate.wired import is_simulated, wires_in_words
+from palpate.words import count, safe
+from robot_io.errors import InputError
 
 MARKS = {
     Level.OK: "[green]ok[/green]",
     Level.WARN: "[yellow]warn[/yellow]",
     Level.FAIL: "[bold red]fail[/bold red]",
 }
+QUESTION = "Power the arm now? Each joint moves by 3 degrees and back; then the torque goes off and it sinks."
+_SUBJECT_WIDTH = 20
 
 
-def command(
+def command(  # noqa: PLR0917, one parameter an option
+    robot: Annotated[
+        str | None, typer.Option(help="Examine this arm, before it gets power: a robot file.", metavar="FILE")
+    ] = None,
+    wire: Annotated[
+        bool, typer.Option("--wire", help="Emulate its devices: no hardware is touched.")
+    ] = False,
+    as_built: Annotated[
+        str | None,
+        typer.Option(help="With --wire: the devices are as this robot file says.", metavar="FILE"),
+    ] = None,
+    move: Annotated[
+        bool,
+        typer.Option("--move", help="Examine its signs: first by hand, then, after a question, by power."),
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before the arm gets power.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Examine this machine: Python, packages, PyBullet, viewer, real-time rights, ports.
+    """Examine this machine; or with --robot an arm: limits, ports, devices, rates, and signs with --move.
 
-    Ends with 0 when palpate will work here, and 1 when something is broken.
+    Ends with 0 when nothing is broken, and with 1 otherwise. An arm gets no power without --move and a yes.
     """
-    findings = list(examine_all())
+    if robot is None:
+        _refuse({"--wire": wire, "--as-built": as_built, "--move": move, "--yes": yes}, "add --robot FILE")
+        findings = list(examine_all())
+        verdict = ("palpate works here", "palpate will not work here")
+        if not as_json:
+            _print_table(findings)
+    else:
+        if not wire:
+            _refuse({"--as-built": as_built}, "it is for emulated devices, with --wire")
+        if move and not yes and not sys.stdin.isatty():
+            raise InputError(
+                "--move: nobody is there to be asked; add --yes to power the arm without a question"
+            )
+        check = ArmCheck(
+            find_robot(robot),
+            wired=wire,
+            as_built=find_robot(as_built) if as_built is not None else None,
+            move=move,
+            may_power=lambda: yes or typer.confirm(QUESTION, err=True),
+        )
+        findings = _examine(check, quiet=as_json)
+        name = safe(check.robot_file.name)
+        verdict = (f"'{name}' is well, as far as this shows", f"'{name}' must not be powered like this")
+    failed = any(finding.level is Level.FAIL for finding in findings)
     if as_json:
         console.print_json({"findings": [vars(finding) for finding in findings]})
     else:
-        _print_table(findings)
-    if any(finding.level is Level.FAIL for finding in findings):
+        _print_verdict(findings, verdict[failed])
+        if robot is not None:
+            _next_steps(robot, wire=wire, move=move, failed=failed)
+    if failed:
         raise typer.Exit(1)
 
 
-def _print_table(findings: list[Finding]) -> None:
+def _refuse(options: dict[str, object], remedy: str) -> None:
+    given = [name for name, value in options.items() if value]
+    if given:
+        raise InputError(f"{given[0]}: {remedy}")
+
+
+def _examine(check: ArmCheck, *, quiet: bool) -> list[Finding]:
+    """Every finding, each shown as soon as it is there: somebody may be standing at the arm."""
+    findings = []
+    if check.wired:
+        console.stderr().print(f"emulated devices: {safe(wires_in_words(check.robot_file))}")
+    elif not is_simulated(check.robot_file):
+        findings += [*real_time(), *memory_lock()]
+    for finding in findings:
+        _print_line(finding, quiet=quiet)
+    for finding in examine_arm(check):
+        findings.append(finding)
+        _print_line(finding, quiet=quiet)
+    return findings
+
+
+def _print_line(finding: Finding, *, quiet: bool) -> None:
+    if quiet:
+        return
+    out = console.stdout()
+    mark = MARKS[finding.level] + " " * (4 - len(finding.level))
+    out.print(f"{mark}  {safe(finding.subject):<{_SUBJECT_WIDTH}}  {safe(finding.text)}", soft_wrap=True)
+    if finding.remedy:
+        out.print(f"{'':<{_SUBJECT_WIDTH + 8}}[cyan]→ {safe(finding.remedy)}[/cyan]", soft_wrap=True)
+
+
+def _print_table(findings: Iterable[Finding]) -> None:
     table = console.table("", "", "subject", "finding")
     for finding in findings:
         remedy = f"\n[cyan]→ {finding.remedy}[/cyan]" if finding.remedy else ""
         table.add_row(MARKS[finding.level], finding.subject, finding.text + remedy)
     console.stdout().print(table)
+
+
+def _print_verdict(findings: list[Finding], verdict: str) -> None:
     failed = sum(finding.level is Level.FAIL for finding in findings)
     warned = sum(finding.level is Level.WARN for finding in findings)
-    verdict = "palpate will not work here" if failed else "palpate works here"
-    console.stdout().print(f"{verdict}: {len(findings)} checks, {warned} warnings, {failed} failures")
+    counts = f"{count(len(findings), 'check')}, {count(warned, 'warning')}, {count(failed, 'failure')}"
+    console.stdout().print(f"{verdict}: {counts}")
+
+
+def _next_steps(robot: str, *, wire: bool, move: bool, failed: bool) -> None:
+    options = f"--robot {safe(robot)}" + (" --wire" if wire else "")
+    if failed:
+        console.next_steps((f"palpate doctor {options}", "once that is put right"))
+    elif not move:
+        console.next_steps(
+            (f"palpate doctor {options} --move", "signs of joints and force, by hand and by power")
+        )
+    else:
+        console.next_steps((f"palpate probe {options} --speed-mm-s 20", "a first, slow probe"))

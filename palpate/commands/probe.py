@@ -13,10 +13,10 @@ from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate import console
 from palpate.files import existing_file, output_file
 from palpate.hiding import RANDOM
-from palpate.probing_run import ProbingJob, ProbingOutcome, is_simulated, online_estimators, run_probing
+from palpate.probing_run import ProbingJob, ProbingOutcome, online_estimators, run_probing
 from palpate.progress import probing_progress
 from palpate.robots import DEFAULT, find_robot, shipped_robots
-from palpate.wired import wires_in_words
+from palpate.wired import is_simulated, wires_in_words
 from palpate.words import count, duration, safe, shown
 from robot_io.errors import InputError
 from robot_io.file_model import validate

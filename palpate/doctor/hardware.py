@@ -43,7 +43,7 @@ def serial_ports() -> Iterator[Finding]:
             yield warn(
                 "serial ports", f"{port}: no right to open it", "sudo usermod -aG dialout $USER, log in again"
             )
-        elif (latency_ms := _latency_timer_ms(port)) is not None and latency_ms > USB_LATENCY_MS:
+        elif (latency_ms := latency_timer_ms(port)) is not None and latency_ms > USB_LATENCY_MS:
             setting = f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{port.name}/latency_timer"
             yield warn(
                 "serial ports", f"{port}: the adapter waits {latency_ms} ms before it delivers", setting
@@ -82,7 +82,14 @@ def _may_use_fifo() -> bool:
     return True
 
 
-def _latency_timer_ms(port: Path) -> int | None:
+def can_interface_state(name: str) -> str | None:
+    """Such as "up" or "down"; None where there is no such CAN interface."""
+    interface = Path("/sys/class/net") / name
+    return _text(interface / "operstate") if _text(interface / "type") == ARPHRD_CAN else None
+
+
+def latency_timer_ms(port: Path) -> int | None:
+    """How long a USB serial adapter collects bytes before it hands them on [ms]; None for other ports."""
     text = _text(Path("/sys/bus/usb-serial/devices") / port.name / "latency_timer")
     return int(text) if text.isdigit() else None
 

@@ -81,6 +81,11 @@ class CanLine:
         """What to call it in messages."""
         return f"CAN {self._settings.interface} {self._settings.channel}"
 
+    @property
+    def bitrate(self) -> int | None:
+        """Bits a second, None where the robot file leaves it to the adapter."""
+        return self._settings.bitrate
+
     def open(self) -> None:
         """Open the adapter.
 

@@ -11,11 +11,14 @@ from robot_io.can.frame import CanFrame
 from robot_io.can.line import CanLine, CanLineSettings
 from robot_io.driver import DriverContext
 from robot_io.errors import DeviceError, DeviceTimeoutError, ProtocolError
+from robot_io.examination import Examinable, Observation, fail, warn
 from robot_io.file_model import FileModel, Number, Positive, input_error
 from robot_io.interfaces import Bus
 from robot_io.types import FloatArray, Reading, Status
 
 _SILENT_SHARE = 0.5  # of the age limit; said from then on, so that it is known when the limit is reached
+_FRAME_BITS = 47  # of a frame with an 11 bit id and the gap after it, beside its data (ISO 11898-1)
+_USUAL_BITRATE = 1_000_000  # where the adapter was set up before, and does not say how
 _LOOK_S = 1e-3  # how often to look while waiting for an answer
 
 
@@ -42,7 +45,7 @@ class MotorMounting(FileModel):
         return self.zero_rad + shaft_rad / self.signed_ratio
 
 
-class MotorBus(Bus):
+class MotorBus(Bus, Examinable):
     """Motors on one CAN bus, one per joint from base to tip.
 
     A protocol says how a frame changes a joint (`_take`), how a torque is sent, and how motors are powered.
@@ -128,7 +131,27 @@ class MotorBus(Bus):
     def _fault(self, joint: int, now_s: float) -> str:
         """What the motor of `joint` says is wrong with it, or nothing."""
 
+    @abstractmethod
+    def _say(self) -> list[Observation]:
+        """What the motors say of themselves, asked for if need be, with the torque off."""
+
     # What is common.
+
+    def examine(self) -> tuple[Observation, ...]:
+        """See `Examinable.examine`."""
+        observations = self._say()
+        if foreign := self.line.counts["foreign id"]:
+            value = f"{foreign} frames from ids that are not in the robot file"
+            observations.append(warn(self.line.label, value, "correct the ids, or take the others off"))
+        if damaged := self.line.counts["error frame"] + self.line.counts["not valid"]:
+            value = f"{damaged} error frames or frames of a wrong length"
+            remedy = "check bit rate, both terminators (120 ohm each) and ground"
+            observations.append(fail(self.line.label, value, remedy))
+        return tuple(observations)
+
+    def _frame_s(self, byte_count: int) -> float:
+        """Time that a frame is on the wire at least [s]; stuffing adds up to a fifth."""
+        return (_FRAME_BITS + 8 * byte_count) / (self.line.bitrate or _USUAL_BITRATE)
 
     def close(self) -> None:
         """See `Component.close`."""

@@ -31,6 +31,11 @@ class OdriveCommand(IntEnum):
     TORQUES = 0x1C  # 0.6 only
 
 
+UNDERVOLTAGE_V = (
+    8.0  # below, an axis as shipped does not run (dc_bus_undervoltage_trip_level of 0.5; 0.6: 10.5 V)
+)
+
+
 class AxisState(IntEnum):
     """What an axis is doing; the same numbers in both generations."""
 

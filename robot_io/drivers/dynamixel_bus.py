@@ -8,6 +8,7 @@ import numpy as np
 
 from robot_io.driver import DriverContext
 from robot_io.dynamixel import instructions
+from robot_io.dynamixel.examination import examine_servos
 from robot_io.dynamixel.feedback import Feedback
 from robot_io.dynamixel.feedback_reader import FeedbackReader
 from robot_io.dynamixel.health import feedback_problem, hardware_problem
@@ -17,6 +18,7 @@ from robot_io.dynamixel.registers import GOAL_CURRENT
 from robot_io.dynamixel.servo_line import ServoIdentity, ServoLine
 from robot_io.dynamixel.settings import DynamixelSettings
 from robot_io.errors import DeviceError, LifecycleError
+from robot_io.examination import Examinable, Observation
 from robot_io.interfaces import Bus
 from robot_io.types import FloatArray, Status
 
@@ -40,7 +42,7 @@ class ServoSample:
     torque_status: Status
 
 
-class DynamixelBus(Bus):
+class DynamixelBus(Bus, Examinable):
     """Servos of the X series in current control, Protocol 2.0.
 
     Args:
@@ -98,6 +100,18 @@ class DynamixelBus(Bus):
         """Let the port go."""
         self._reader = None
         self._port.close()
+
+    def examine(self) -> tuple[Observation, ...]:
+        """See `Examinable.examine`; also finds servos under other ids and at another baud rate."""
+        return tuple(examine_servos(self._settings, self._port, self._clock))
+
+    def tick_wire_s(self) -> float | None:
+        """See `Examinable.tick_wire_s`: one sync read with its answers, and one sync write."""
+        if self._reader is None:
+            return None
+        goals = instructions.sync_write(GOAL_CURRENT.address, dict.fromkeys(self._ids, bytes(2)))
+        waiting_s = self._settings.return_delay_s * len(self._ids)
+        return waiting_s + self._port.duration_s(self._reader.byte_count + len(goals))
 
     def poll(self, deadline_s: float) -> None:
         """See `Bus.poll`; the samples are of all servos or of none.

@@ -8,6 +8,7 @@ from pydantic import StrictBool
 from robot_io.driver import DriverContext
 from robot_io.drivers.serial_line import SerialLine
 from robot_io.errors import DeviceError, ProtocolError
+from robot_io.examination import Examinable, Observation
 from robot_io.file_model import FileModel, Positive
 from robot_io.interfaces import ForceSensor
 from robot_io.serial_force import LineSplitter, loadstar
@@ -31,7 +32,7 @@ class LoadstarSettings(FileModel):
     tare: StrictBool = False
 
 
-class Loadstar(ForceSensor):
+class Loadstar(ForceSensor, Examinable):
     """A load cell on a DI-100 or DI-1000, in continuous mode. Unit and capacity are read from the interface.
 
     Args:
@@ -44,6 +45,7 @@ class Loadstar(ForceSensor):
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._own = context.settings_as(LoadstarSettings, settings)
         self._bus = context.bus_as(SerialLine)
+        self._found = ""
 
     def configure(self) -> None:
         """Check model, unit and capacity, and start the stream.
@@ -53,8 +55,9 @@ class Loadstar(ForceSensor):
         """
         self._wake()
         try:
-            loadstar.model_of(self._ask(loadstar.ASK_MODEL))
-            newtons_per_unit = loadstar.unit_of(self._ask(loadstar.ASK_UNITS))
+            model = loadstar.model_of(self._ask(loadstar.ASK_MODEL))
+            unit = self._ask(loadstar.ASK_UNITS)
+            newtons_per_unit = loadstar.unit_of(unit)
             capacity = self._ask(loadstar.ASK_CAPACITY)
             capacity_n = loadstar.number_of(capacity.split()[0]) * newtons_per_unit
         except ProtocolError as error:
@@ -64,10 +67,15 @@ class Loadstar(ForceSensor):
                 f"{self._bus.label}: the interface is set for a load cell of {capacity_n:.4g} N, "
                 f"the robot file says {self._own.capacity_n:.4g} N"
             )
+        self._found = f"{model}, counts in {unit.split()[-1]}, load cell of {capacity_n:.4g} N"
         if self._own.tare:
             self._ask(loadstar.TARE)
         self._bus.listen(loadstar.LoadstarStream(newtons_per_unit, capacity_n))
         self._bus.write(loadstar.STREAM)
+
+    def examine(self) -> tuple[Observation, ...]:
+        """See `Examinable.examine`."""
+        return (Observation("force sensor", self._found),) if self._found else ()
 
     def close(self) -> None:
         """End the stream."""

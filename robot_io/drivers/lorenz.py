@@ -8,6 +8,7 @@ from pydantic import Field, StrictBool, field_validator
 from robot_io.driver import DriverContext
 from robot_io.drivers.serial_line import SerialLine
 from robot_io.errors import DeviceError, ProtocolError
+from robot_io.examination import Examinable, Observation
 from robot_io.file_model import FileModel, Positive
 from robot_io.interfaces import ForceSensor
 from robot_io.serial_force import lorenz, newtons_per
@@ -63,7 +64,7 @@ class LorenzSettings(FileModel):
         return self.nominal_load * newtons_per(self.unit)
 
 
-class Lorenz(ForceSensor):
+class Lorenz(ForceSensor, Examinable):
     """A Lorenz sensor in its speed-optimised stream.
 
     Which sensor it is comes from its configuration, in telegrams with checksums; the stream itself has none.
@@ -78,6 +79,7 @@ class Lorenz(ForceSensor):
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._own = context.settings_as(LorenzSettings, settings)
         self._bus = context.bus_as(SerialLine)
+        self._found = ""
 
     def configure(self) -> None:
         """Check which sensor it is, and start the stream.
@@ -100,8 +102,13 @@ class Lorenz(ForceSensor):
                 f"{header.dimension_code} and load_code {header.load_code}, the robot file says "
                 f"{own.dimension_code} and {own.load_code}"
             )
+        self._found = f"serial number {header.serial_number}, {own.nominal_n:.4g} N, {own.rate_hz} samples/s"
         self._command(lorenz.encode_start_stream(own.address, own.rate_hz), LorenzCommand.ACK, "the stream")
         self._bus.listen(LorenzStream(own.nominal_n / own.counts_at_nominal))
+
+    def examine(self) -> tuple[Observation, ...]:
+        """See `Examinable.examine`."""
+        return (Observation("force sensor", self._found),) if self._found else ()
 
     def close(self) -> None:
         """End the stream."""

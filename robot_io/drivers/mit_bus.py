@@ -15,6 +15,7 @@ from robot_io.can.mit_settings import MitBusSettings
 from robot_io.can.motor_joints import MotorBus
 from robot_io.driver import DriverContext
 from robot_io.errors import DeviceError
+from robot_io.examination import Observation, fail
 
 _ANSWER_S = 0.05  # more than any motor takes
 _ENCODER_FAULT = 5
@@ -60,6 +61,30 @@ class MitBus(MotorBus):
             silent = [joint for joint, at_s in enumerate(self._motion_at_s) if at_s == -inf]
             labels = ", ".join(map(self.motor_label, silent))
             raise DeviceError(f"{self.line.label}: no answer in {_ANSWER_S} s from {labels}")
+
+    def _say(self) -> list[Observation]:
+        """See `MotorBus._say`; the protocol tells neither voltage nor firmware."""
+        self._motion_at_s = [-inf] * self.joint_count
+        self._ask()
+        self._wait_for(lambda: -inf not in self._motion_at_s, _ANSWER_S)
+        observations = []
+        for joint, motor in enumerate(self._motors):
+            label, error = self.motor_label(joint), self._errors[joint]
+            if self._motion_at_s[joint] == -inf:
+                remedy = "check its power, cable and id, and that it is in MIT mode"
+                observations.append(fail(label, "does not answer", remedy))
+            elif error:
+                observations.append(fail(label, mit_error_name(error), "remove the cause, then restart it"))
+            else:
+                value = (
+                    f"answers, at {self._position_rad[joint]:+.3f} rad; its model is not told, the robot file"
+                )
+                observations.append(Observation(label, f"{value} says {motor.model}"))
+        return observations
+
+    def tick_wire_s(self) -> float | None:
+        """See `Examinable.tick_wire_s`: a command to each motor, and its answer."""
+        return 2 * self.joint_count * self._frame_s(8)
 
     def power_on(self) -> None:
         """See `MotorBus.power_on`."""

@@ -17,6 +17,7 @@ from robot_io.can.odrive_settings import OdriveAxis, OdriveBusSettings
 from robot_io.can.odrive_tables import (
     PASSTHROUGH,
     TORQUE_CONTROL,
+    UNDERVOLTAGE_V,
     WATCHDOG_EXPIRED,
     AxisState,
     Firmware,
@@ -25,6 +26,7 @@ from robot_io.can.odrive_tables import (
 )
 from robot_io.driver import DriverContext
 from robot_io.errors import DeviceError
+from robot_io.examination import Observation, fail, warn
 
 _LOST_HEARTBEATS = 3.5  # heartbeat periods without one: it is lost
 _ENCODER_ERRORS = {"ENCODER_FAILED", "MISSING_ESTIMATE", "SPINOUT_DETECTED", "UNKNOWN_POSITION"}
@@ -52,6 +54,7 @@ class OdriveBus(MotorBus):
         self._joint_by_node = {axis.node_id: joint for joint, axis in enumerate(own.axes)}
         self._heartbeats: list[Heartbeat | None] = [None] * len(own.axes)
         self._heartbeat_at_s = [-inf] * len(own.axes)
+        self._supply_v: dict[int, float] = {}
         self._versions: dict[int, tuple[int, int, int]] = {}
         self._expected_error = 0  # of the watchdog, while it is being checked
 
@@ -72,6 +75,41 @@ class OdriveBus(MotorBus):
         self._wait_for(self._all_heard, self._heartbeat_timeout_s)
         for joint, axis in enumerate(self._axes):
             self._check_heard(joint, axis)
+
+    def _say(self) -> list[Observation]:
+        """See `MotorBus._say`."""
+        self._heartbeats = [None] * self.joint_count
+        self._motion_at_s = [-inf] * self.joint_count
+        asked = [OdriveCommand.BUS_VOLTAGE_CURRENT]
+        if self._own.firmware is Firmware.V0_6:
+            asked.append(OdriveCommand.GET_VERSION)
+        self._send_all([odrive.ask(axis.node_id, command) for axis in self._axes for command in asked])
+        self._wait_for(
+            lambda: self._all_heard() and len(self._supply_v) == self.joint_count, self._heartbeat_timeout_s
+        )
+        return [self._observe(joint) for joint in range(self.joint_count)]
+
+    def _observe(self, joint: int) -> Observation:
+        label, beat, supply_v = self.motor_label(joint), self._heartbeats[joint], self._supply_v.get(joint)
+        if beat is None:
+            return fail(label, "sends no heartbeat", "check its power, cable, node id and bit rate")
+        try:
+            self._check_heard(joint, self._axes[joint])
+        except DeviceError as error:
+            return fail(label, str(error).removeprefix(f"{self.line.label}: {label}: "), "set it up over USB")
+        version = self._versions.get(self._axes[joint].node_id)
+        firmware = f"firmware {'.'.join(map(str, version))}" if version else f"firmware {self._own.firmware}"
+        supply = "supply not told" if supply_v is None else f"{supply_v:.1f} V"
+        value = f"{firmware}, {supply}, {self._describe(beat)}"
+        if supply_v is not None and supply_v < UNDERVOLTAGE_V:
+            return fail(label, value, "switch its power supply on")
+        if beat.axis_error or beat.component_errors:
+            return warn(label, value, "errors are cleared at activation; see what caused them")
+        return Observation(label, value)
+
+    def tick_wire_s(self) -> float | None:
+        """See `Examinable.tick_wire_s`: estimates, torques and command of each axis; heartbeats are rare."""
+        return self.joint_count * (2 * self._frame_s(8) + self._frame_s(4))
 
     def power_on(self) -> None:
         """See `MotorBus.power_on`; checks the watchdogs first."""
@@ -203,6 +241,8 @@ class OdriveBus(MotorBus):
                 self._keep_torque(joint, torque_nm, at_s)
             case OdriveCommand.HEARTBEAT:
                 self._keep_heartbeat(joint, odrive.decode_heartbeat(frame, self._own.firmware), at_s)
+            case OdriveCommand.BUS_VOLTAGE_CURRENT:
+                self._supply_v[joint], _ = odrive.decode_bus_voltage_current(frame)
             case OdriveCommand.GET_VERSION:
                 self._versions[node] = odrive.decode_version(frame)
             case _:

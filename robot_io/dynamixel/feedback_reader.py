@@ -11,7 +11,8 @@ from robot_io.dynamixel.packet import StatusPacket, StatusReader
 from robot_io.dynamixel.port import SerialPort
 from robot_io.errors import DeviceTimeoutError, ProtocolError
 
-_LARGEST_ANSWER = 11 + 4 * (FEEDBACK_SIZE + PADDING) // 3 + 1  # bytes, every third one stuffed
+_STATUS_PACKET = 11  # bytes around the data
+_LARGEST_ANSWER = _STATUS_PACKET + 4 * (FEEDBACK_SIZE + PADDING) // 3 + 1  # bytes, every third one stuffed
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +58,13 @@ class FeedbackReader:
         ]
         self._turn = 0  # which of the requests is next
         self.lost = 0
+
+    @property
+    def byte_count(self) -> int:
+        """Bytes of one request and its answers, nothing stuffed."""
+        request = self._requests[0]
+        answers = request.reply.size if self._fast else len(self._ids) * (_STATUS_PACKET + request.size)
+        return len(request.packet) + answers
 
     def read(self, deadline_s: float) -> tuple[list[Feedback], float]:
         """The feedback of all servos in their order, and when they were asked [s].

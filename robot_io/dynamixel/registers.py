@@ -55,6 +55,8 @@ FIRMWARE_VERSION: Final = Register("firmware version", 6, 1)
 RETURN_DELAY_TIME: Final = Register("return delay time", 9, 1)  # 2 us
 DRIVE_MODE: Final = Register("drive mode", 10, 1)
 OPERATING_MODE: Final = Register("operating mode", 11, 1)
+MAX_VOLTAGE_LIMIT: Final = Register("max voltage limit", 32, 2)  # 0.1 V
+MIN_VOLTAGE_LIMIT: Final = Register("min voltage limit", 34, 2)  # 0.1 V
 CURRENT_LIMIT: Final = Register("current limit", 38, 2)
 
 # Lost without power.

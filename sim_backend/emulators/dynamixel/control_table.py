@@ -56,6 +56,7 @@ class Model:
         indirect_count: how many of them are in a row.
         shutdown: initial value of Shutdown.
         voltage: present input voltage [0.1 V].
+        voltage_limits: initial min and max voltage limit [0.1 V].
     """
 
     number: int
@@ -66,14 +67,15 @@ class Model:
     indirect_count: int
     shutdown: int
     voltage: int
+    voltage_limits: tuple[int, int]
 
 
 MODELS = {
-    "XM430-W350": Model(1020, 0.00269, 1193, 4.1 / 2.3, 224, 28, 52, 120),
-    "XM540-W270": Model(1120, 0.00269, 2047, 10.6 / 4.4, 224, 28, 52, 120),
-    "XH540-W270": Model(1100, 0.00269, 2047, 9.9 / 4.9, 224, 28, 52, 120),
-    "XL330-M077": Model(1190, 0.001, 1750, 0.215 / 1.47, 208, 20, 53, 50),
-    "XL330-M288": Model(1200, 0.001, 1750, 0.52 / 1.47, 208, 20, 53, 50),
+    "XM430-W350": Model(1020, 0.00269, 1193, 4.1 / 2.3, 224, 28, 52, 120, (95, 160)),
+    "XM540-W270": Model(1120, 0.00269, 2047, 10.6 / 4.4, 224, 28, 52, 120, (95, 160)),
+    "XH540-W270": Model(1100, 0.00269, 2047, 9.9 / 4.9, 224, 28, 52, 120, (95, 160)),
+    "XL330-M077": Model(1190, 0.001, 1750, 0.215 / 1.47, 208, 20, 53, 50, (35, 70)),
+    "XL330-M288": Model(1200, 0.001, 1750, 0.52 / 1.47, 208, 20, 53, 50, (35, 70)),
 }
 
 INDIRECT_ADDRESS = 168
@@ -98,6 +100,8 @@ def items_of(model: Model, servo_id: int, firmware: int) -> dict[int, Item]:
         Item(12, 1, True, 255, 0, 255),
         Item(13, 1, True, 2, 1, 22),
         Item(20, 4, True, 0, -1044479, 1044479),
+        Item(32, 2, True, model.voltage_limits[1], *model.voltage_limits),
+        Item(34, 2, True, model.voltage_limits[0], *model.voltage_limits),
         Item(CURRENT_LIMIT, 2, True, model.current_limit, 0, model.current_limit),
         Item(SHUTDOWN, 1, True, model.shutdown, 0, 255),
         Item(TORQUE_ENABLE, 1, True, 0, 0, 1),

@@ -14,6 +14,7 @@ from sim_backend.emulators.dynamixel.control_table import Error
 from sim_backend.emulators.dynamixel.mounting import Mounting
 from sim_backend.emulators.dynamixel.servo import EmulatedServo
 from sim_backend.emulators.faults import Fault, FaultKind, Faults
+from sim_backend.emulators.line_speed import heard_at
 from sim_backend.emulators.plant import Plant
 
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
@@ -74,6 +75,7 @@ class DynamixelLine(EmulatedWire):
             for joint, mounting in enumerate(mountings)
         }
         self.faults = faults or Faults(start_s=start_s)
+        self._baud_rate = baud_rate
         self._byte_s = 10.0 / baud_rate if baud_rate else 0.0
         self._receiver = wire.Receiver()
         self._outgoing: list[_Frame] = []
@@ -124,7 +126,7 @@ class DynamixelLine(EmulatedWire):
             self._in_use = False  # nobody has opened the port
             return b""
         self._in_use = True
-        return data
+        return data if data and heard_at(self._master, self._baud_rate) else b""
 
     def _befall(self, servo: EmulatedServo, now_s: float) -> None:
         """What happens to a servo itself."""

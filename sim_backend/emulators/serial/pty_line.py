@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 
 from sim_backend.emulators.bench import EmulatedWire
 from sim_backend.emulators.faults import FaultKind, Faults
+from sim_backend.emulators.line_speed import heard_at
 from sim_backend.emulators.plant import Plant
 
 _HAND_ON_S = 0.02  # a full buffer never takes more
@@ -56,6 +57,7 @@ class PtyLine(EmulatedWire):
         plant: where its force comes from.
         faults: what goes wrong.
         in_lock_step: whether what is sent is there for the driver before time goes on.
+        baud_rate: of the sensor [bit/s]; None understands any.
 
     Attributes:
         path: device file for the driver.
@@ -68,9 +70,10 @@ class PtyLine(EmulatedWire):
         faults: Faults | None = None,
         *,
         in_lock_step: bool = False,
+        baud_rate: int | None = None,
     ) -> None:
         self._sensor, self._plant = sensor, plant
-        self._in_lock_step = in_lock_step
+        self._in_lock_step, self._baud_rate = in_lock_step, baud_rate
         self.faults = faults or Faults()
         self._master: int | None
         self._master, self._slave = os.openpty()
@@ -91,7 +94,7 @@ class PtyLine(EmulatedWire):
             return
         except OSError:  # nobody has the other end open
             return
-        if data:
+        if data and heard_at(self._master, self._baud_rate):
             self._put(self._sensor.hear(data, now_s))
 
     def send(self, now_s: float) -> None:

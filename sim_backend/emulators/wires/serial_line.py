@@ -17,6 +17,10 @@ from sim_backend.emulators.wiring import WireMaker, WireRequest
 _NEWTONS = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665}
 
 
+class _Line(FileModel, extra="ignore"):
+    baud_rate: int | None = None
+
+
 class _Loadstar(FileModel, extra="ignore"):
     capacity_n: Positive
     reversed: bool = False
@@ -42,8 +46,13 @@ class SerialWires(WireMaker):
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         """See `WireMaker.make`."""
+        own = validate(_Line, request.section.settings)
         line = PtyLine(
-            self._sensor(request), request.plant, request.faults, in_lock_step=request.in_lock_step
+            self._sensor(request),
+            request.plant,
+            request.faults,
+            in_lock_step=request.in_lock_step,
+            baud_rate=own.baud_rate,
         )
         return line, {"port": line.path}
 

@@ -1,0 +1,122 @@
+"""All that is looked at before an arm gets power, and then its signs, in the order in which it is shown."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+
+from palpate.doctor.devices import examine_devices
+from palpate.doctor.finding import Finding, Level, fail
+from palpate.doctor.hand import EmulatedHand, Hand, Person
+from palpate.doctor.limits import examine_limits
+from palpate.doctor.nudge import examine_powered
+from palpate.doctor.ports import examine_ports
+from palpate.doctor.rates import examine_rates
+from palpate.doctor.signs import examine_signs
+from palpate.wired import DEFAULT_SCENARIO, emulate, is_simulated
+from robot_io.clock import Clock, MonotonicClock, SimulatedClock
+from robot_io.driver import DriverCatalogue
+from robot_io.errors import InputError, PalpateError
+from robot_io.robot import Robot, build_robot
+from robot_io.robot_file import RobotFile
+from sim_backend.emulators.faults import Faults
+from sim_backend.scenario import load_scenario
+
+_HELP = "see docs/hardware.md, 'First power-up'"
+_SIMULATED_DRIVERS = "sim_backend.drivers"
+
+
+@dataclass(frozen=True)
+class ArmCheck:
+    """What is to be examined, and how far.
+
+    Attributes:
+        robot_file: the arm.
+        wired: emulate its devices.
+        as_built: with `wired`, the arm as it is really put together; None: as its robot file says.
+        faults: with `wired`, what goes wrong, by bus name.
+        move: whether its signs are looked at too.
+        may_power: asked before the arm gets power.
+        drivers: packages with drivers beside palpate's own.
+    """
+
+    robot_file: RobotFile
+    wired: bool = False
+    as_built: RobotFile | None = None
+    faults: dict[str, Faults] = field(default_factory=dict)
+    move: bool = False
+    may_power: Callable[[], bool] = lambda: False
+    drivers: tuple[str, ...] = ()
+
+
+def examine_arm(check: ArmCheck) -> Iterator[Finding]:
+    """Limits, ports, devices, rates; then signs by hand; then a small motion. A failed stage is the last.
+
+    The torque stays off until `may_power` has said yes, and it is off at the end.
+
+    Raises:
+        InputError: the robot file names what does not exist, or cannot be emulated or moved by hand.
+    """
+    with ExitStack() as stack:
+        clock, robot_file, hand = _set_up(check, stack)
+        drivers = DriverCatalogue(_SIMULATED_DRIVERS, *check.drivers)
+
+        def make() -> Robot:
+            return build_robot(robot_file, drivers, clock)
+
+        stages: list[Callable[[], Iterator[Finding]]] = [
+            lambda: _unpowered(make(), robot_file),
+            lambda: _with_robot(make, lambda robot: examine_rates(robot, robot_file)),
+        ]
+        if check.move:
+            stages += [
+                lambda: _with_robot(make, lambda robot: examine_signs(robot, robot_file, hand)),
+                lambda: _powered(make, robot_file, check.may_power),
+            ]
+        for stage in stages:
+            failed = False
+            for finding in stage():
+                failed = failed or finding.level is Level.FAIL
+                yield finding
+            if failed:
+                return
+
+
+def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, Hand]:
+    """The clock, the robot file that leads to the devices, and who moves the arm."""
+    if check.wired:
+        clock = SimulatedClock()
+        scenario = load_scenario(DEFAULT_SCENARIO)
+        arm = emulate(check.robot_file, scenario, clock, as_built=check.as_built, faults=check.faults)
+        stack.callback(arm.bench.close)
+        return clock, arm.robot_file, EmulatedHand(arm.plant, arm.robot_file)
+    if not is_simulated(check.robot_file):
+        return MonotonicClock(), check.robot_file, Person()
+    if check.move:
+        raise InputError(
+            f"--move: robot '{check.robot_file.name}' is simulated without devices: no hand can move it"
+        )
+    return SimulatedClock(), check.robot_file, Person()
+
+
+def _unpowered(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
+    yield from examine_limits(robot_file)
+    yield from examine_ports(robot_file)
+    yield from examine_devices(robot, robot_file)
+
+
+def _with_robot(make: Callable[[], Robot], look: Callable[[Robot], Iterator[Finding]]) -> Iterator[Finding]:
+    """Open the whole arm for one stage; it is closed, and so without torque, when the stage ends."""
+    try:
+        with make() as robot:
+            yield from look(robot)
+    except InputError:
+        raise
+    except PalpateError as error:
+        yield fail("arm", str(error), _HELP)
+
+
+def _powered(
+    make: Callable[[], Robot], robot_file: RobotFile, may_power: Callable[[], bool]
+) -> Iterator[Finding]:
+    if may_power():
+        yield from _with_robot(make, lambda robot: examine_powered(robot, robot_file))

@@ -1,0 +1,147 @@
+"""A small motion under power: each joint in turn is moved by 3 degrees and back, under the guard."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from control.arm.rigid_body import RigidBody
+from control.laws.computed_torque import ComputedTorque
+from control.laws.gains import gains_of
+from control.loop.loop import run_loop
+from control.loop.phases import Phase
+from control.loop.result import LoopResult, Outcome
+from control.loop.task import TaskOutput
+from control.loop.tick_record import NO_ESTIMATE, Estimates
+from control.paths.motion import JointMotion
+from palpate.doctor.finding import Finding, fail, ok, warn
+from robot_io.guard import Guard
+from robot_io.robot import Robot
+from robot_io.robot_file import RobotFile
+from robot_io.types import Command, FloatArray, Measurement
+
+NUDGE_RAD = 0.05
+_STAY_S, _NUDGE_S = 0.5, 1.2
+_TRACKING_RAD = 0.08  # farther from its path than this, the arm does not do what it is told
+_FOLLOWED = 0.7  # share of a nudge
+_SHARE, _FLOOR_NM = 0.3, 0.3  # of the weight's torque, that friction and gearing may take
+
+
+class NudgeTask:
+    """Holds the arm where it stands, and moves one joint after the other there and back.
+
+    Args:
+        robot_file: the arm.
+        body: its dynamics.
+    """
+
+    def __init__(self, robot_file: RobotFile, body: RigidBody) -> None:
+        self._body = body
+        self._law = ComputedTorque(body, gains_of(robot_file).tracking)
+        self._start_rad: FloatArray = np.array(robot_file.home_rad)
+        self._elapsed_s = 0.0
+
+    def start(self, measurement: Measurement) -> None:
+        """See `control.loop.task.Task`."""
+        self._start_rad = measurement.joint_position_rad.copy()
+        self._law.reset()
+
+    def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        """See `control.loop.task.Task`."""
+        self._elapsed_s += dt_s
+        motion = self._motion()
+        n = len(self._start_rad)
+        torque_nm = self._law.step(measurement, motion, np.zeros(n), dt_s)
+        tip = self._body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
+        return TaskOutput(
+            command=Command(torque_nm),
+            reference_position_rad=motion.position_rad,
+            reference_velocity_rad_s=motion.velocity_rad_s,
+            tip_position_world_m=tip.position_world_m,
+            tip_velocity_world_m_s=tip.velocity_world_m_s,
+            press_direction_world=np.full(3, np.nan),
+            desired_force_n=float("nan"),
+            phase=Phase.MOVE,
+            done=self._elapsed_s >= 2 * _STAY_S + n * _NUDGE_S,
+        )
+
+    def _motion(self) -> JointMotion:
+        """Half a wave for one joint at a time, at rest at both of its ends."""
+        joint, within_s = divmod(self._elapsed_s - _STAY_S, _NUDGE_S)
+        position, velocity, acceleration = self._start_rad.copy(), *np.zeros((2, len(self._start_rad)))
+        if 0 <= joint < len(position):
+            rate, number = 2 * np.pi / _NUDGE_S, int(joint)
+            position[number] += NUDGE_RAD / 2 * (1 - np.cos(rate * within_s))
+            velocity[number] = NUDGE_RAD / 2 * rate * np.sin(rate * within_s)
+            acceleration[number] = NUDGE_RAD / 2 * rate**2 * np.cos(rate * within_s)
+        return JointMotion(position, velocity, acceleration)
+
+
+class _Nowhere:
+    """A log that keeps nothing; the findings say what there is to say."""
+
+    dropped = 0
+    failure: str | None = None
+
+    def append(self, stream_name: str, record: tuple[object, ...]) -> None:
+        """See `TickLog.append`."""
+
+    def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
+        """See `TickLog.event`."""
+
+
+def examine_powered(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
+    """Move a configured robot a little; its torque is off at the end, whatever happens.
+
+    Raises:
+        DeviceError: a device failed before the first tick.
+        KeyboardInterrupt: the user stopped it; the arm has been brought to rest.
+    """
+    body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
+    tracking_rad = tuple(min(_TRACKING_RAD, limit) for limit in robot_file.limits.tracking_rad)
+    limits = robot_file.limits.model_copy(update={"tracking_rad": tracking_rad})
+    guard = Guard(limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
+    measured: list[Measurement] = []
+
+    def observe(measurement: Measurement, _output: TaskOutput) -> Estimates:
+        measured.append(measurement)
+        return NO_ESTIMATE
+
+    task, rate_hz = NudgeTask(robot_file, body), robot_file.control_rate_hz
+    result = run_loop(robot, guard, task, robot.clock, _Nowhere(), rate_hz=rate_hz, observer=observe)
+    if result.outcome is Outcome.STOPPED:
+        raise KeyboardInterrupt
+    yield from _findings(result, measured, body)
+
+
+def _findings(result: LoopResult, measured: list[Measurement], body: RigidBody) -> Iterator[Finding]:
+    if result.deactivation_error:
+        yield fail("torque off", result.deactivation_error, "cut the power supply now")
+    if result.outcome is not Outcome.FINISHED:
+        remedy = "see the joints above; check masses in the URDF, reversed, zero_rad and torque constants"
+        yield fail("small motion", f"the guard stopped it: {result.cause}", remedy)
+        return
+    time_s = np.array([m.time_s for m in measured]) - measured[0].time_s
+    position_rad = np.array([m.joint_position_rad for m in measured])
+    still = (time_s > 0.5 * _STAY_S) & (time_s < _STAY_S)
+    held_nm = np.mean([m.joint_torque_nm for m, now in zip(measured, still, strict=True) if now], axis=0)
+    weight_nm = body.gravity(position_rad[still].mean(axis=0))
+    for joint in range(body.joint_count):
+        moved_rad = float(np.ptp(position_rad[:, joint]))
+        yield _joint(joint, moved_rad, float(held_nm[joint]), float(weight_nm[joint]))
+
+
+def _joint(joint: int, moved_rad: float, held_nm: float, weight_nm: float) -> Finding:
+    subject = f"drive of joint {joint + 1}"
+    value = (
+        f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad; holds {held_nm:+.2f} N m, "
+        f"its weight is {weight_nm:+.2f} N m by the URDF"
+    )
+    if moved_rad < _FOLLOWED * NUDGE_RAD:
+        return fail(
+            subject, value, "it does not follow: friction, a low torque limit, or a wrong torque constant"
+        )
+    if abs(held_nm - weight_nm) > _SHARE * abs(weight_nm) + _FLOOR_NM:
+        return warn(
+            subject, value, "check masses and torque constants; then palpate calibrate torque, gravity"
+        )
+    return ok(subject, value)

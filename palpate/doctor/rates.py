@@ -1,0 +1,158 @@
+"""How fast the arm can be read, computed from bytes and measured, and what it then shows of itself."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from control.loop.loop import READ_SHARE
+from palpate.doctor.finding import Finding, Level, fail, ok, warn
+from robot_io.clock import SimulatedClock
+from robot_io.examination import Examinable
+from robot_io.robot import Robot
+from robot_io.robot_file import RobotFile
+from robot_io.types import FloatArray, Measurement, Status
+
+_WATCH_S = 0.5
+_FULL_SHARE = 0.8  # of a tick; a bus that needs more has no time left for a late byte
+_REST_SHARE = 0.05  # of the force limit; more without touching anything is a wrong zero
+_MICRO, _MILLI = 1e6, 1e3
+
+
+@dataclass(frozen=True)
+class _Watched:
+    """What the arm showed in some ticks.
+
+    Attributes:
+        reading_s: how long each reading took, shape (n,) [s].
+        measurements: one a tick.
+        complaints: what buses said of themselves in the last ticks.
+    """
+
+    reading_s: FloatArray
+    measurements: tuple[Measurement, ...]
+    complaints: str
+
+    def ages_s(self, device: str) -> FloatArray:
+        """How old the device's sample was in each tick (n,) [s]."""
+        return np.array([m.time_s - getattr(m, f"{device}_at_s") for m in self.measurements])
+
+    def rate_hz(self, device: str) -> float:
+        """New samples a second."""
+        times_s = np.unique([getattr(m, f"{device}_at_s") for m in self.measurements])
+        return (len(times_s) - 1) / max(float(times_s[-1] - times_s[0]), 1e-9)
+
+
+def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
+    """Read a configured robot for half a second at its control rate, without power."""
+    period_s = 1.0 / robot_file.control_rate_hz
+    computed = list(_computed(robot, period_s))
+    yield from computed
+    if any(finding.level is Level.FAIL for finding in computed):
+        return
+    watched = _watch(robot, period_s)
+    yield _reading(watched, period_s, "simulated" if isinstance(robot.clock, SimulatedClock) else "real")
+    limits = robot_file.limits
+    for device, limit_s in (
+        ("encoder", limits.encoder_age_s),
+        ("torque", limits.torque_age_s),
+        ("force", limits.force_age_s),
+    ):
+        yield _device(watched, device, limit_s)
+    yield from _joints(watched, robot_file)
+    yield _force(watched, limits.force_n)
+
+
+def _watch(robot: Robot, period_s: float) -> _Watched:
+    clock = robot.clock
+    reading_s, measurements, complaints = [], [], ""
+    next_s = clock.now_s()
+    for _ in range(max(20, round(_WATCH_S / period_s))):
+        next_s = max(next_s + period_s, clock.now_s())
+        clock.sleep_until(next_s)
+        begun_s = clock.now_s()
+        measurements.append(robot.read(begun_s + READ_SHARE * period_s))
+        reading_s.append(clock.now_s() - begun_s)
+        complaints = "; ".join((*robot.bus_errors.values(), *robot.bus_delays.values())) or complaints
+    skipped = min(10, len(measurements) // 2)  # the first samples are on their way
+    return _Watched(np.array(reading_s[skipped:]), tuple(measurements[skipped:]), complaints)
+
+
+def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
+    for name, bus in robot.buses.items():
+        wire_s = bus.tick_wire_s() if isinstance(bus, Examinable) else None
+        if wire_s is None:
+            continue
+        most_hz = _FULL_SHARE / wire_s
+        value = (
+            f"{wire_s * _MICRO:.0f} us of each {period_s * _MICRO:.0f} us on the wire, by its bytes: "
+            f"good for {most_hz:.0f} Hz"
+        )
+        remedy = f"raise the bit rate, lower control_rate_hz to {most_hz:.0f}, or have less sent in a tick"
+        if wire_s > period_s:
+            yield fail(f"rate of {name}", value, remedy)
+        elif wire_s > _FULL_SHARE * period_s:
+            yield warn(f"rate of {name}", value, remedy)
+        else:
+            yield ok(f"rate of {name}", value)
+
+
+def _reading(watched: _Watched, period_s: float, kind: str) -> Finding:
+    median_s, most_s = np.median(watched.reading_s), np.quantile(watched.reading_s, 0.99)
+    value = (
+        f"takes {median_s * _MICRO:.0f} us, and up to {most_s * _MICRO:.0f} us in 99 of 100 ticks, "
+        f"of {kind} time"
+    )
+    if most_s > READ_SHARE * period_s:
+        return warn(
+            "reading the arm", value, f"the loop waits {READ_SHARE * period_s * _MICRO:.0f} us: see the rates"
+        )
+    return ok("reading the arm", value)
+
+
+def _device(watched: _Watched, device: str, limit_s: float) -> Finding:
+    ages_s, rate_hz = watched.ages_s(device), watched.rate_hz(device)
+    if not np.isfinite(ages_s).all():
+        return fail(f"{device} samples", "none came" + _because(watched), "check its wiring")
+    value = (
+        f"{rate_hz:.0f} a second, the oldest {ages_s.max() * _MILLI:.1f} ms old (limit {limit_s * _MILLI:g})"
+    )
+    statuses = {getattr(m, f"{device}_status") for m in watched.measurements}
+    if ages_s.max() > limit_s or Status.FAULT in statuses:
+        return fail(f"{device} samples", value + _because(watched), "raise its rate, or see what holds it up")
+    if Status.SATURATED in statuses:
+        return fail(
+            f"{device} samples", f"{value}; at the end of its range", "check its wiring and its range"
+        )
+    return ok(f"{device} samples", value)
+
+
+def _because(watched: _Watched) -> str:
+    return f": {watched.complaints}" if watched.complaints else ""
+
+
+def _joints(watched: _Watched, robot_file: RobotFile) -> Iterator[Finding]:
+    position_rad = np.mean([m.joint_position_rad for m in watched.measurements], axis=0)
+    if not np.isfinite(position_rad).all():
+        return  # there are no samples, which has been said
+    limits = robot_file.limits
+    for joint, (angle, low, high) in enumerate(
+        zip(position_rad, limits.position_min_rad, limits.position_max_rad, strict=True), 1
+    ):
+        value = f"at {angle:+.3f} rad (limits {low:+.2f} to {high:+.2f})"
+        if low < angle < high:
+            yield ok(f"joint {joint}", value)
+        else:
+            yield fail(
+                f"joint {joint}", value, "move it inside by hand, or correct its zero_rad and reversed"
+            )
+
+
+def _force(watched: _Watched, limit_n: float) -> Finding:
+    forces_n = np.array([m.force_n for m in watched.measurements])
+    value = f"{forces_n.mean():+.3f} N without touching anything, noise {forces_n.std():.3f} N"
+    if abs(forces_n.mean()) > _REST_SHARE * limit_n:
+        return warn("force at rest", value, "take load off the tool, or tare the sensor; then calibrate it")
+    if np.ptp(forces_n) == 0.0:
+        return warn("force at rest", f"{value}: never changes", "tap the tool; if nothing moves, it is stuck")
+    return ok("force at rest", value)

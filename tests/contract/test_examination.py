@@ -1,0 +1,55 @@
+"""What every driver keeps that can say what is connected."""
+
+import numpy as np
+import pytest
+
+from robot_io.examination import Examinable, Verdict
+
+MUST = {"odrive", "cubemars", "dynamixel"}  # the backends of hardware drivers, by the start of their names
+
+
+@pytest.fixture
+def examinable(bench, backend):
+    """The configured robot's parts that can be examined."""
+    bench.robot.configure()
+    parts = [*bench.robot.buses.values(), bench.robot.encoder, bench.robot.torque, bench.robot.force]
+    found = [part for part in parts if isinstance(part, Examinable)]
+    if backend.name.split("_")[0] in MUST:
+        assert any(part in bench.robot.buses.values() for part in found)
+    if not found:
+        pytest.skip("this backend has nothing to examine")
+    return found
+
+
+def test_what_is_as_it_should_be_is_said_to_be(examinable):
+    for part in examinable:
+        observations = part.examine()
+        assert observations
+        for seen in observations:
+            assert seen.verdict is Verdict.OK, seen
+            assert seen.subject
+            assert seen.value
+            assert not seen.remedy
+
+
+def test_looking_can_be_repeated_and_changes_nothing(examinable, bench):
+    first = [[seen.subject for seen in part.examine()] for part in examinable]
+    assert [[seen.subject for seen in part.examine()] for part in examinable] == first
+    bench.settle()
+    assert np.isfinite(bench.read().joint_position_rad).all()
+
+
+def test_looking_powers_nothing(examinable, bench):
+    bench.settle()
+    for part in examinable:
+        part.examine()
+    torque_nm = bench.read().joint_torque_nm
+    assert np.abs(torque_nm).max() < 0.02 * max(bench.robot_file.limits.torque_nm)
+    bench.robot.activate()  # as from any configured robot
+    bench.tick()
+
+
+def test_the_bytes_of_a_tick_take_some_of_its_time(examinable, bench):
+    for part in examinable:
+        wire_s = part.tick_wire_s()
+        assert wire_s is None or 0 < wire_s < bench.period_s

@@ -1,0 +1,206 @@
+"""The doctor at an arm: what is wired wrongly is found and named, and nothing is left powered."""
+
+import json
+
+import numpy as np
+import pytest
+
+from palpate.doctor import Level, check_arm
+from palpate.doctor.check_arm import ArmCheck, examine_arm
+from palpate.doctor.limits import examine_limits
+from palpate.doctor.ports import examine_ports
+from robot_io.robot_file import load_robot_file, parse_robot_file
+from sim_backend.emulators import Fault, FaultKind, Faults
+from tests.palpate.cli import ROOT, assert_refused, run
+
+ROBOTS = ROOT / "robots"
+DYNAMIXEL, ODRIVE, CUBEMARS = (ROBOTS / f"{name}_3dof.yaml" for name in ("dynamixel", "odrive", "cubemars"))
+
+
+def changed(path, *changes):
+    text = path.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    return parse_robot_file(text, path)
+
+
+def examined(path, as_built=None, **options):
+    check = ArmCheck(load_robot_file(path), wired=True, as_built=as_built, **options)
+    return list(examine_arm(check))
+
+
+def failures(findings):
+    return [finding for finding in findings if finding.level is Level.FAIL]
+
+
+@pytest.fixture
+def plants(monkeypatch):
+    """What stood behind the emulated devices, kept to look at the torque afterwards."""
+    seen, emulate = [], check_arm.emulate
+
+    def watched(*arguments, **options):
+        arm = emulate(*arguments, **options)
+        close = arm.bench.close
+
+        def note_and_close():
+            seen.append(arm.plant.world.truth().drive_torque_nm.copy())
+            close()
+
+        arm.bench.close = note_and_close
+        return arm
+
+    monkeypatch.setattr(check_arm, "emulate", watched)
+    return seen
+
+
+@pytest.mark.parametrize("path", [DYNAMIXEL, ODRIVE, CUBEMARS], ids=lambda path: path.stem)
+def test_a_good_arm_passes_to_the_end_and_is_left_without_torque(path, plants):
+    findings = examined(path, move=True, may_power=lambda: True)
+    assert not failures(findings)
+    subjects = {finding.subject for finding in findings}
+    assert {"sign of joint 3", "sign of the force", "drive of joint 3", "rate of motors"} <= subjects
+    assert np.abs(plants).max() < 0.02
+
+
+def test_nothing_is_powered_without_a_yes(plants):
+    findings = examined(DYNAMIXEL, move=True, may_power=lambda: False)
+    assert findings[-1].subject == "sign of the force"
+    assert not np.any(plants)
+
+
+@pytest.mark.parametrize(
+    ("path", "built", "subject", "words"),
+    [
+        (DYNAMIXEL, ("id: 2, model", "id: 7, model"), "servo 2 (joint 2)", "id 7"),
+        (DYNAMIXEL, ("id: 3, model: XM430-W350", "id: 3, model: XH540-W270"), "servo 3 (joint 3)", "XH540"),
+        (DYNAMIXEL, ("id: 1, model", "id: 1, firmware: 30, model"), "servo 1 (joint 1)", "firmware 30"),
+        (DYNAMIXEL, ("4000000", "1000000"), "servos", "at 1000000 bit/s"),
+        (DYNAMIXEL, ("230400", "9600"), "force sensor", "baud rate"),
+        (DYNAMIXEL, ("capacity_n: 100.0", "capacity_n: 50.0"), "force sensor", "50 N"),
+        (ODRIVE, ("node_id: 1", "node_id: 9"), "joint 2 (node 1)", "no heartbeat"),
+        (CUBEMARS, ("motor_id: 3", "motor_id: 8"), "joint 3 (motor 3)", "does not answer"),
+        (CUBEMARS, ("load_code: 100", "load_code: 101"), "force sensor", "load_code"),
+    ],
+)  # fmt: skip
+def test_a_device_that_is_not_the_robot_files_is_named(path, built, subject, words):
+    (found,) = failures(examined(path, as_built=changed(path, built)))
+    assert found.subject == subject
+    assert words in found.text
+    assert found.remedy
+
+
+@pytest.mark.parametrize("path", [DYNAMIXEL, ODRIVE, CUBEMARS], ids=lambda path: path.stem)
+def test_a_joint_that_turns_the_other_way_is_found_without_power(path, plants):
+    built = changed(path, (", reversed: true}", "}"))
+    findings = examined(path, as_built=built, move=True, may_power=lambda: True)
+    if "limits" not in failures(findings)[0].text:  # mirrored, it may stand outside of its limits already
+        (found,) = failures(findings)
+        assert found.subject == "sign of joint 2"
+        assert "reversed" in found.remedy
+    assert not np.any(plants)
+
+
+def test_a_reversed_force_sensor_is_found():
+    built = changed(DYNAMIXEL, ("capacity_n: 100.0", "capacity_n: 100.0, reversed: true"))
+    (found,) = failures(examined(DYNAMIXEL, as_built=built, move=True))
+    assert found.subject == "sign of the force"
+
+
+def test_swapped_drives_are_found():
+    swapped = (("node_id: 1", "node_id: 5"), ("node_id: 2", "node_id: 1"), ("node_id: 5", "node_id: 2"))
+    found = failures(examined(ODRIVE, as_built=changed(ODRIVE, *swapped), move=True))
+    assert [finding.subject for finding in found] == ["sign of joint 2", "sign of joint 3"]
+    assert "joint 3 moved" in found[0].text
+
+
+def test_an_arm_that_is_heavier_than_its_urdf_shows_in_the_small_motion(plants):
+    heavy = changed(
+        DYNAMIXEL, ("urdf: dynamixel_3dof.urdf", "urdf: ../sim_backend/arms/follower/follower.urdf")
+    )
+    findings = examined(DYNAMIXEL, as_built=heavy, move=True, may_power=lambda: True)
+    bad = [finding.subject for finding in findings if finding.level is not Level.OK]
+    assert bad
+    assert all(subject.startswith(("drive of", "small motion")) for subject in bad)
+    assert np.abs(plants).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("kind", "details", "words"),
+    [
+        (FaultKind.ALERT, {"device": 2, "times": 1}, "hardware error"),
+        (FaultKind.DROP, {"device": 3}, "does not answer"),
+        (FaultKind.UNPLUG, {}, ""),
+    ],
+)
+def test_faults_on_the_line_are_found(kind, details, words):
+    faults = {"motors": Faults([Fault(kind=kind, **details)])}
+    found = failures(examined(DYNAMIXEL, faults=faults))
+    assert found
+    assert any(words in finding.text for finding in found)
+
+
+def test_a_bus_that_is_too_slow_is_told_from_its_bytes():
+    slow = changed(DYNAMIXEL, ("baud_rate: 4000000", "baud_rate: 57600"))
+    (found,) = failures(examine_arm(ArmCheck(slow, wired=True)))
+    assert found.subject == "rate of motors"
+    assert "good for 47 Hz" in found.text
+
+
+def test_a_low_supply_voltage_is_found(monkeypatch):
+    from sim_backend.emulators.dynamixel import control_table
+
+    weak = control_table.MODELS | {
+        "XM540-W270": control_table.Model(1120, 0.00269, 2047, 10.6 / 4.4, 224, 28, 52, 88, (95, 160))
+    }
+    monkeypatch.setattr(control_table, "MODELS", weak)
+    monkeypatch.setattr("sim_backend.emulators.dynamixel.servo.MODELS", weak, raising=False)
+    found = failures(examined(DYNAMIXEL))
+    assert [finding.subject for finding in found] == ["servo 1 (joint 1)", "servo 2 (joint 2)"]
+    assert "8.8 V" in found[0].text
+
+
+def test_limits_are_held_against_the_arms_own_masses():
+    weak = changed(DYNAMIXEL, ("torque_nm: [8.0, 8.0, 3.0]", "torque_nm: [0.5, 8.0, 3.0]"))
+    harsh = changed(DYNAMIXEL, ("damping_nms_rad: [0.5, 0.25, 0.03]", "damping_nms_rad: [0.5, 0.25, 3.0]"))
+    hasty = changed(DYNAMIXEL, ("encoder_age_s: 0.005", "encoder_age_s: 0.001"))
+    worst = [
+        [finding.subject for finding in examine_limits(robot_file) if finding.level is not Level.OK]
+        for robot_file in (load_robot_file(DYNAMIXEL), weak, harsh, hasty)
+    ]
+    assert worst == [[], ["torque limits"], ["braking"], ["age limits"]]
+
+
+def test_a_port_that_is_not_there_is_a_failure_with_a_remedy():
+    found = [finding for finding in examine_ports(load_robot_file(ODRIVE)) if finding.level is Level.FAIL]
+    assert [finding.subject for finding in found] == ["port of motors", "port of load_cell"]
+    assert "ip link set can0 up" in found[0].remedy
+
+
+def test_the_command_shows_lines_and_what_to_do_next():
+    result = run("doctor", "--robot", ODRIVE, "--wire", "--move", "--yes")
+    assert result.exit_code == 0, result.stderr
+    assert "ok    joint 2 (node 1)" in result.stdout
+    assert "'odrive_3dof' is well" in result.stdout
+    assert "palpate probe --robot" in result.stderr
+
+
+def test_a_failure_is_exit_code_1_also_as_json():
+    result = run("doctor", "--robot", DYNAMIXEL, "--json")  # no such port on this machine
+    assert result.exit_code == 1
+    found = json.loads(result.stdout)["findings"]
+    assert any(finding["subject"] == "port of motors" and finding["level"] == "fail" for finding in found)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (("--wire",), "--robot"),
+        (("--robot", "follower", "--wire"), "without wires"),
+        (("--robot", DYNAMIXEL, "--as-built", DYNAMIXEL), "--wire"),
+        (("--robot", DYNAMIXEL, "--as-built", ODRIVE, "--wire", "--move"), "--yes"),
+        (("--robot", "nobody.yaml"), "nobody.yaml"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, word):
+    assert_refused(run("doctor", *arguments), word)
