@@ -1,7 +1,7 @@
 """A channel: one measured effort with the motion that goes with it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from types import MappingProxyType
 
@@ -78,6 +78,11 @@ class ChannelData:
             _check(self.name, what, values, length)
         object.__setattr__(self, "context", MappingProxyType(dict(self.context)))
 
+    def __reduce__(self) -> tuple[type["ChannelData"], tuple[object, ...]]:
+        """For another process: a read-only view of a dict cannot be pickled, the dict can."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return ChannelData, (*(values | {"context": dict(self.context)}).values(),)
+
     def __len__(self) -> int:
         """Number of samples n."""
         return len(self.time_s)
@@ -110,8 +115,8 @@ class ChannelData:
 def _check(channel: str, what: str, values: FloatArray | IntArray, length: int) -> None:
     if len(values) != length:
         raise InputError(f"channel '{channel}': {what} has {len(values)} samples, time_s has {length}")
-    bad = np.flatnonzero(~np.isfinite(values.reshape(length, -1)).all(axis=1)) if length else np.empty(0)
-    if len(bad):
+    if not np.isfinite(values).all():
+        bad = np.flatnonzero(~np.isfinite(values.reshape(length, -1)).all(axis=1))
         raise InputError(
             f"channel '{channel}': {what} is not finite at sample {bad[0]} (and {len(bad) - 1} more)"
         )

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from control.probing.plan import ProbingPlan
-from estimation.diagnosis.chain import Progress
+from estimation.diagnosis.apart import Progress
 from palpate.effect_library import library_with
 from palpate.estimation_run import DEFAULT_MODEL, load_material
 from palpate.files import output_folder

@@ -1,5 +1,6 @@
 """Entry of the `palpate` command: check the ground first, then load the commands."""
 
+import os
 import sys
 
 from palpate import preflight
@@ -7,6 +8,8 @@ from palpate import preflight
 
 def main() -> None:
     """Run the command line; the process ends with 0 (done), 1 (failed), 2 (bad input) or 130 (Ctrl-C)."""
+    # Matrices are small here: shared out over threads, they cost up to twenty times the processor time.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         _run()
     except KeyboardInterrupt:  # while commands are still being imported; later the commands see to it

@@ -1,14 +1,13 @@
 """How a channel's model grew: compared with the measurement, diagnosed, refitted stage by stage."""
 
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from estimation.channel import ChannelKind
 from estimation.comparison import Comparison, compare
-from estimation.diagnosis import ChannelDiagnosis, Diagnosis, diagnose
-from estimation.diagnosis.chain import Progress
+from estimation.diagnosis import ChannelDiagnosis, Diagnosis
+from estimation.diagnosis.apart import Job, Progress, diagnose_apart
 from estimation.effect import Effect
 from estimation.revision import Revision, revise
 from palpate.subject import Subject, model_names
@@ -42,16 +41,11 @@ def compare_subject(subject: Subject) -> Comparison:
 def diagnose_subjects(
     subjects: Sequence[Subject], effects: Iterable[Effect], progress: Progress, file: str
 ) -> Diagnosis:
-    """Diagnose each; see `estimation.diagnosis.diagnose`."""
-    found = diagnose(
-        [subject.channel for subject in subjects],
-        [subject.model for subject in subjects],
-        effects,
-        rng=np.random.default_rng(SEED),
-        progress=progress,
-        file=file,
-    )
-    return found.model_copy(update={"model": model_names(tuple(subjects))})
+    """Diagnose each by itself, on all processors; see `estimation.diagnosis.diagnose`."""
+    library = tuple(effects)
+    jobs = [Job(subject.channel, subject.model, library, SEED) for subject in subjects]
+    found = diagnose_apart(jobs, os.cpu_count() or 1, progress)
+    return Diagnosis(file=file, model=model_names(tuple(subjects)), channels=found)
 
 
 def tell_story(

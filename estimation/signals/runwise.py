@@ -1,12 +1,16 @@
 """Operators with memory, each started afresh in every run."""
 
 from collections.abc import Callable
+from functools import cache
+from math import perm
 
 import numpy as np
-from scipy.signal import lfilter, savgol_filter
+from scipy.signal import lfilter
 
 from estimation.signals.blocks import blocks
 from robot_io.types import FloatArray, IntArray
+
+_WINDOW = 5  # samples over which a rate is smoothed
 
 
 def sample_time(time_s: FloatArray, run: IntArray) -> float:
@@ -71,35 +75,42 @@ def play(signal: FloatArray, run: IntArray, half_width: float) -> FloatArray:
     """Backlash operator: follows the signal only once it has crossed a gap of twice `half_width`.
 
     Columns of (n, k) are independent. The gap starts centred on each run's first sample.
+
+    A sample clamps the state between its own two ends of the gap, and clamps in a row are one clamp:
+    stretches of samples are first condensed to one clamp each, all side by side, then entered with their own
+    states.
     """
+    if signal.size == 0:
+        return signal.astype(np.float64)
+    first = [rows.start for rows in blocks(run)]
+    low, high = signal - half_width, signal + half_width
+    low[first] = high[first] = signal[first]
+    length = int(np.sqrt(len(signal))) + 1
+    low, high = _stretches(low, length), _stretches(high, length)
+    least, most = low[0], high[0]
+    for low_now, high_now in zip(low[1:], high[1:], strict=True):
+        least = np.minimum(np.maximum(least, low_now), high_now)
+        most = np.minimum(np.maximum(most, low_now), high_now)
+    state = np.empty_like(least)
+    state[0] = low[0, 0]
+    for number in range(1, len(state)):
+        state[number] = np.minimum(np.maximum(state[number - 1], least[number - 1]), most[number - 1])
+    played = np.empty_like(low)
+    for place in range(length):
+        state = np.minimum(np.maximum(state, low[place]), high[place], out=played[place])
+    together = played.swapaxes(0, 1).reshape(length * len(state), *signal.shape[1:])
+    return np.asarray(together[: len(signal)])
 
-    def one_run(values: FloatArray) -> FloatArray:
-        flat = values.reshape(len(values), -1)
-        columns = [_play(flat[:, column], half_width) for column in range(flat.shape[1])]
-        return np.array(columns).T.reshape(values.shape)
 
-    return per_run(one_run, signal, run)
+def _stretches(signal: FloatArray, length: int) -> FloatArray:
+    """The signal (n,) or (n, k) cut into stretches of equal length, (length, stretches) or (..., k).
 
-
-def _play(values: FloatArray, half_width: float) -> FloatArray:
-    """Play of one signal (n,): only where it turns does the past matter, between turns it goes one way."""
-    steps = np.diff(values)
-    moving = np.flatnonzero(steps)
-    turns = moving[1:][np.diff(np.sign(steps[moving])) != 0]
-    starts = np.concatenate([[0], turns]).astype(np.int64)
-    rising = values[np.append(turns, len(values) - 1)] >= values[starts]
-    state, states = float(values[0]), []
-    for is_rising, end in zip(
-        rising.tolist(), values[np.append(turns, len(values) - 1)].tolist(), strict=True
-    ):
-        states.append(state)
-        state = max(state, end - half_width) if is_rising else min(state, end + half_width)
-    piece = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(values))))
-    before = np.array(states)[piece]
-    played: FloatArray = np.where(
-        rising[piece], np.maximum(before, values - half_width), np.minimum(before, values + half_width)
-    )
-    return played
+    The last one is filled up with the last sample.
+    """
+    count = -(-len(signal) // length)
+    filled = np.concatenate([signal, np.repeat(signal[-1:], count * length - len(signal), axis=0)])
+    cut: FloatArray = filled.reshape(count, length, *signal.shape[1:]).swapaxes(0, 1)
+    return np.ascontiguousarray(cut)
 
 
 def direction(velocity: FloatArray, time_s: FloatArray, run: IntArray, presliding: float) -> FloatArray:
@@ -131,12 +142,27 @@ def running_max(signal: FloatArray, run: IntArray) -> FloatArray:
 
 
 def rate(signal: FloatArray, time_s: FloatArray, run: IntArray, order: int = 1) -> FloatArray:
-    """Derivative of a signal (n,) without phase error, smoothed over five samples."""
-    step = sample_time(time_s, run)
+    """Derivative of a signal (n,) without phase error, smoothed over five samples; 0 in shorter runs."""
+    slopes = _slopes(order) / sample_time(time_s, run) ** order
+    derivative = np.zeros(len(signal))
+    if len(signal) < _WINDOW:
+        return derivative
+    derivative[2:-2] = sum(weight * signal[i : len(signal) - 4 + i] for i, weight in enumerate(slopes[2]))
+    for rows in blocks(run):
+        values, found = signal[rows], derivative[rows]
+        if len(values) < _WINDOW:
+            found[:] = 0.0
+        else:
+            found[:2], found[-2:] = slopes[:2] @ values[:_WINDOW], slopes[-2:] @ values[-_WINDOW:]
+    return derivative
 
-    def one_run(values: FloatArray) -> FloatArray:
-        if len(values) < 5:
-            return np.zeros_like(values)
-        return np.asarray(savgol_filter(values, 5, 3 if order == 1 else 4, deriv=order, delta=step))
 
-    return per_run(one_run, signal, run)
+@cache
+def _slopes(order: int) -> FloatArray:
+    """What turns five samples into the derivative of their cubic (or quartic) at each of them, (5, 5)."""
+    place = np.arange(_WINDOW) - _WINDOW // 2
+    power = np.arange(4 if order == 1 else 5)
+    fitted = np.linalg.pinv(place[:, None] ** power.astype(np.float64))
+    falling = np.array([float(perm(int(k), order)) for k in power])
+    derived: FloatArray = falling * place[:, None] ** np.maximum(power - order, 0.0)
+    return derived @ fitted

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from scipy.signal import savgol_filter
 
 from estimation.signals.runwise import direction, low_pass, play, rate, relax, running_max, shift
 
@@ -30,6 +31,23 @@ def test_play_forgets_between_runs_and_keeps_columns_apart():
     played = play(two, run, 0.2)
     for column in range(2):
         assert played[500:, column] == pytest.approx(stepped_play(two[500:, column], 0.2))
+
+
+def test_play_of_nothing_is_nothing():
+    for shape in [(0,), (0, 2), (7, 0)]:
+        assert play(np.empty(shape), np.zeros(shape[0], dtype=np.int64), 0.2).shape == shape
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_rates_agree_with_savitzky_and_golay_run_by_run(order):
+    signal = np.random.default_rng(0).standard_normal(62)
+    run = np.repeat([0, 1, 2, 3], [30, 4, 5, 23])
+    slope = rate(signal, np.arange(62) * 0.01, run, order)
+    for number, rows in ((0, slice(0, 30)), (2, slice(34, 39)), (3, slice(39, 62))):
+        wanted = savgol_filter(signal[rows], 5, 3 if order == 1 else 4, deriv=order, delta=0.01)
+        np.testing.assert_allclose(slope[rows], wanted, atol=1e-9 * np.abs(wanted).max(), err_msg=str(number))
+    np.testing.assert_array_equal(slope[30:34], 0.0)
+    assert len(rate(signal[:3], np.arange(3) * 0.01, run[:3], order)) == 3
 
 
 def test_lag_follows_a_step_and_delay_shifts():

@@ -1,0 +1,153 @@
+"""Diagnoses several channels at the same time, in processes of their own."""
+
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.diagnosis.diagnose import diagnose
+from estimation.diagnosis.result import ChannelDiagnosis
+from estimation.effect import Effect
+from estimation.model import Model
+from robot_io.errors import PalpateError
+
+Progress = Callable[[str, float], None]  # what is being done, and the share of it that is done
+_FEWEST_SAMPLES = 60_000  # in all channels; with fewer, starting processes takes longer than it saves
+
+
+@dataclass(frozen=True)
+class Job:
+    """One channel to diagnose.
+
+    Attributes:
+        data: the channel.
+        model: its base model.
+        effects: the library.
+        seed: of the surrogates.
+    """
+
+    data: ChannelData
+    model: Model
+    effects: tuple[Effect, ...]
+    seed: int
+
+    def run(self, progress: Progress) -> ChannelDiagnosis:
+        """Do it."""
+        rng = np.random.default_rng(self.seed)
+        found = diagnose(self.data, self.model, self.effects, rng=rng, progress=progress).channels[0]
+        progress(f"{self.data.name}: done", 1.0)
+        return found
+
+
+def diagnose_apart(jobs: Sequence[Job], processes: int, progress: Progress) -> list[ChannelDiagnosis]:
+    """Diagnose channels, several at a time where that is worth it; the answers are the same either way.
+
+    Effects that were loaded from a file of the user's are not known to another process, so with such the
+    channels are done one after the other. New processes import the program's main module: a script that asks
+    for more than one needs the usual `if __name__ == "__main__":`.
+
+    Args:
+        jobs: one for each channel.
+        processes: how many may be at work at the same time.
+        progress: told what is being done; reports of several channels alternate.
+
+    Raises:
+        PalpateError: a process ended before it had an answer, for instance for want of memory.
+    """
+    count = min(processes, len(jobs))
+    if count < 2 or sum(len(job.data) for job in jobs) < _FEWEST_SAMPLES or not _importable(jobs):
+        return [job.run(progress) for job in jobs]
+    with _workers(count) as workers:
+        return _share_out(jobs, workers, progress)
+
+
+def _importable(jobs: Sequence[Job]) -> bool:
+    effects = [effect for job in jobs for effect in (*job.effects, *job.model.effects)]
+    return all(type(effect).__module__.startswith("estimation.") for effect in effects)
+
+
+def _share_out(
+    jobs: Sequence[Job], workers: Sequence[Connection], progress: Progress
+) -> list[ChannelDiagnosis]:
+    """The next job to whoever is free."""
+    waiting = list(enumerate(jobs))
+    found: dict[int, ChannelDiagnosis] = {}
+    at_work: dict[Connection, int] = {}
+
+    def give_next(worker: Connection) -> None:
+        at_work.pop(worker, None)
+        if waiting:
+            at_work[worker], job = waiting.pop(0)
+            with _noticed():
+                worker.send(job)
+
+    for worker in workers:
+        give_next(worker)
+    while at_work:
+        for ready in wait(list(at_work)):
+            worker = next(w for w in at_work if w is ready)
+            answer = _answer(worker)
+            if isinstance(answer, ChannelDiagnosis):
+                found[at_work[worker]] = answer
+                give_next(worker)
+            else:
+                progress(*answer)
+    return [found[number] for number in range(len(jobs))]
+
+
+def _answer(worker: Connection) -> ChannelDiagnosis | tuple[str, float]:
+    with _noticed():
+        answer = worker.recv()
+    if isinstance(answer, Exception):
+        raise answer
+    found: ChannelDiagnosis | tuple[str, float] = answer
+    return found
+
+
+@contextmanager
+def _noticed() -> Iterator[None]:
+    """Says so if the process at the other end is no more."""
+    try:
+        yield
+    except (EOFError, OSError) as error:
+        raise PalpateError("a process that diagnosed a channel was ended; is there enough memory?") from error
+
+
+@contextmanager
+def _workers(count: int) -> Iterator[list[Connection]]:
+    """Processes that wait for jobs, by their pipes; they end with the context, whatever they are doing."""
+    spawn = multiprocessing.get_context("spawn")
+    processes: list[SpawnProcess] = []
+    pipes: list[Connection] = []
+    try:
+        for _ in range(count):
+            ours, theirs = spawn.Pipe()
+            pipes.append(ours)
+            processes.append(spawn.Process(target=_work, args=(theirs,), daemon=True))
+            processes[-1].start()
+            theirs.close()
+        yield pipes
+    finally:
+        for process in processes:
+            process.terminate()
+            process.join()
+        for pipe in pipes:
+            pipe.close()
+
+
+def _work(parent: Connection) -> None:
+    """Do jobs until ended by the parent, whose business Ctrl-C is."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    while True:
+        job: Job = parent.recv()
+        try:
+            answer: ChannelDiagnosis | Exception = job.run(lambda what, share: parent.send((what, share)))
+        except Exception as error:
+            answer = error
+        parent.send(answer)

@@ -1,0 +1,61 @@
+"""Several channels at the same time."""
+
+import pickle
+from dataclasses import replace
+from multiprocessing import Pipe
+
+import numpy as np
+import pytest
+
+from estimation.base_model import ModelContext
+from estimation.diagnosis import apart
+from estimation.diagnosis.apart import Job, diagnose_apart
+from estimation.effects import EFFECTS
+from estimation.effects.bias import Bias
+from estimation.models import MODELS
+from robot_io.errors import PalpateError
+from tests.estimation.diagnosis.presses import session
+
+FEW = tuple(EFFECTS[name]() for name in ("cubic_stiffness", "bias"))
+
+
+@pytest.fixture
+def jobs():
+    model = MODELS["kelvin_voigt"]().build(ModelContext())
+    known = [replace(session(seed), name=f"contact_{seed}") for seed in (1, 2, 3)]
+    return [Job(data, model, FEW, seed=4) for data in known]
+
+
+def test_the_answers_are_those_of_one_after_the_other(jobs, monkeypatch):
+    told = []
+    alone = diagnose_apart(jobs, 1, lambda what, share: None)
+    monkeypatch.setattr(apart, "_FEWEST_SAMPLES", 0)
+    together = diagnose_apart(jobs, 2, lambda what, share: told.append(what))
+    assert [found.model_dump() for found in together] == [found.model_dump() for found in alone]
+    assert {f"contact_{seed}: done" for seed in (1, 2, 3)} <= set(told)
+
+
+def test_a_user_s_effect_is_tried_in_the_process_that_knows_it(jobs, monkeypatch):
+    class Own(Bias):
+        name = "own"
+
+    monkeypatch.setattr(apart, "_FEWEST_SAMPLES", 0)
+    monkeypatch.setattr(apart, "_workers", None)
+    own = [replace(job, effects=(*FEW, Own())) for job in jobs]
+    ranked = {entry.effect for entry in diagnose_apart(own, 2, lambda what, share: None)[0].ranking}
+    assert "own" in ranked
+
+
+def test_a_channel_arrives_whole_in_another_process(jobs):
+    data = replace(jobs[0].data, context={"load": np.arange(len(jobs[0].data), dtype=float)})
+    arrived = pickle.loads(pickle.dumps(data))
+    np.testing.assert_array_equal(arrived.effort, data.effort)
+    np.testing.assert_array_equal(arrived.context["load"], data.context["load"])
+    assert (arrived.name, arrived.kind) == (data.name, data.kind)
+
+
+def test_a_process_that_ended_is_said_to_have_ended(jobs):
+    ours, theirs = Pipe()
+    theirs.close()
+    with pytest.raises(PalpateError, match="was ended"):
+        apart._share_out(jobs, [ours], lambda what, share: None)
