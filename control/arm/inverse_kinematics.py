@@ -16,8 +16,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from control.arm.dh import DhTable
-from control.arm.dh_urdf import dh_to_urdf
 from control.arm.rigid_body import RigidBody
 from robot_io.clip import clip
 from robot_io.errors import InputError
@@ -90,11 +88,6 @@ class PlanarArm:
         if min(self.lengths_m[:2]) < 1e-6:
             raise InputError(f"link lengths {self.lengths_m} m: the first two must be longer than nothing")
         self._tool_rest = self._plane_angle(rotation @ frozen_array(tool_axis_tip, (3,), what="tool axis"))
-
-    @classmethod
-    def from_dh(cls, table: DhTable, tool_axis_tip: FloatArray) -> "PlanarArm":
-        """The same from a DH table; `tool_axis_tip` is given in the table's last frame."""
-        return cls(RigidBody.from_urdf(dh_to_urdf(table), "tip"), tool_axis_tip)
 
     def solve(
         self, tip_position_world_m: FloatArray, tool_direction_world: FloatArray, elbow: Elbow

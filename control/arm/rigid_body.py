@@ -242,20 +242,6 @@ class RigidBody:
         """Inertial parameters of the URDF, shape (10 n,), in the order of `regressor`'s columns."""
         return frozen_array(np.concatenate([link.toDynamicParameters() for link in self._model.inertias[1:]]))
 
-    def with_parameters(self, parameters: Sequence[float] | FloatArray) -> "RigidBody":
-        """The same arm with other inertial parameters, shape (10 n,).
-
-        Raises:
-            InputError: wrong shape, or a mass that is not positive.
-        """
-        values = frozen_array(parameters, (PARAMETERS_PER_LINK * self.joint_count,), what="parameters")
-        model = self._model.copy()
-        for index, link in enumerate(values.reshape(-1, PARAMETERS_PER_LINK)):
-            if link[0] <= 0.0:
-                raise InputError(f"mass of link {index + 1} is {link[0]:.4g} kg: must be positive")
-            model.inertias[index + 1] = pin.Inertia.FromDynamicParameters(link)
-        return RigidBody(model, self._model.frames[self._tip].name)
-
     def joint_axes(self) -> tuple[JointAxis, ...]:
         """Origin and axis of every joint at zero position, for closed-form kinematics.
 

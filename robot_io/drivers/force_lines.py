@@ -8,7 +8,7 @@ from pydantic import Field, StrictBool, field_validator
 from robot_io.driver import DriverContext
 from robot_io.drivers.serial_line import SerialLine
 from robot_io.errors import ProtocolError
-from robot_io.file_model import FileModel, Number, Positive
+from robot_io.file_model import FileModel, Positive
 from robot_io.interfaces import ForceSensor
 from robot_io.serial_force import newtons_per
 from robot_io.serial_force.pattern import MAX_PATTERN, PatternStream, compile_pattern
@@ -21,7 +21,7 @@ class ForceLinesSettings(FileModel):
     Attributes:
         pattern: regular expression for a whole line, with a group (?P<value>...) and perhaps (?P<unit>...).
         unit: unit of lines that name none.
-        scale: what a value is multiplied with before its unit.
+        scale: what a value is multiplied with before its unit; for its sign there is `reversed`.
         capacity_n: from this force on the sensor is saturated [N].
         reversed: whether the sensor counts tension as positive.
         start: what to send to make it stream, such as a carriage return.
@@ -29,7 +29,7 @@ class ForceLinesSettings(FileModel):
 
     pattern: Annotated[str, Field(min_length=1, max_length=MAX_PATTERN)]
     unit: str | None = None
-    scale: Number = 1.0
+    scale: Positive = 1.0
     capacity_n: Positive
     reversed: StrictBool = False
     start: Annotated[str, Field(max_length=100)] = ""

@@ -60,7 +60,7 @@ def test_both_solutions_reach_any_reachable_pose(name, position):
 
 def test_the_same_from_the_dh_table():
     for path in ARMS.glob("*/*.dh.yaml"):
-        from_table = PlanarArm.from_dh(load_dh_table(path), TOOL_AXIS_TIP)
+        from_table = PlanarArm(RigidBody.from_urdf(dh_to_urdf(load_dh_table(path)), "tip"), TOOL_AXIS_TIP)
         from_urdf = PlanarArm(BODIES[path.parent.name], TOOL_AXIS_TIP)
         target = np.array([0.35, 0.0, 0.1])
         for elbow in Elbow:

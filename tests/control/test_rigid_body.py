@@ -133,21 +133,6 @@ def test_regressor_times_parameters_is_inverse_dynamics():
             assert matrix @ body.parameters == pytest.approx(torque, abs=1e-12)
 
 
-def test_other_parameters_make_another_arm():
-    body = test_arm()
-    position, velocity, acceleration = random_states(1)[0]
-    heavier = body.parameters.copy()
-    heavier[20:] *= 1.5
-    other = body.with_parameters(heavier)
-    expected = body.regressor(position, velocity, acceleration) @ heavier
-    assert other.inverse_dynamics(position, velocity, acceleration) == pytest.approx(expected, abs=1e-12)
-    assert other.tip_pose(position)[0] == pytest.approx(body.tip_pose(position)[0])
-    weightless = body.parameters.copy()
-    weightless[10] = 0.0
-    with pytest.raises(InputError, match="mass of link 2 is 0 kg"):
-        body.with_parameters(weightless)
-
-
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_inverse_dynamics_agrees_with_pybullet(path, tmp_path):
     bullet = pytest.importorskip("pybullet", reason="PyBullet is not installed")

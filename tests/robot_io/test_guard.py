@@ -617,7 +617,7 @@ def test_a_suspect_encoder_is_named_by_whatever_stops_the_arm(guard):
 
 
 def test_a_suspicion_lets_no_weight_fall():
-    """Friction makes sound encoders suspect: the stop holds the arm up, and brakes the joint once it moves."""
+    """Friction makes sound encoders suspect: the stop holds the arm up, and brakes what moves again."""
     guard = Guard(LIMITS, SAFE_STATE, 2, lambda _position_rad: np.array([4.0, -1.0]))
     assert watch_many(guard, 150, lambda k: SPEED * min(k, 100), lambda k: SPEED * k, lambda k: 0.0) is None
     assert "encoder of joint 1" in guard.trip("stopped on request").cause
