@@ -65,7 +65,8 @@ def tell_story(
     if diagnosis is not None and diagnosis.baseline is None:
         return Story(subject, diagnosis, None, ())
     stages = revise(subject.channel, subject.model, added, effects)
-    return Story(subject, diagnosis, compare_subject(subject), stages)
+    compared = compare(subject.channel, subject.model, stages[-1].noise_floor)
+    return Story(subject, diagnosis, compared, stages)
 
 
 def channel_for(subjects: Sequence[Subject], effects: Sequence[Effect]) -> Subject:

@@ -1,7 +1,7 @@
 """Model against measurement: how large the error is, where it is, and where the model fails first."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,8 +73,16 @@ class Comparison:
         return self.rmse / self.floor.value if self.floor.value > 0.0 else float("inf")
 
 
-def compare(data: ChannelData, model: Model) -> Comparison:
+def compare(data: ChannelData, model: Model, known_floor: float = np.inf) -> Comparison:
     """Fit a model and compare it with the measurement, on runs that the fit has not seen.
+
+    What a flexible regression cannot explain is noise at most, and so is what does not come back when a motion
+    is repeated, and what a fuller model is known to leave: the floor is the smallest of them.
+
+    Args:
+        data: the measurement.
+        model: the model.
+        known_floor: that of a fuller model, in the unit of the effort.
 
     Raises:
         InputError: the channel cannot be judged; the reason is in the message.
@@ -85,7 +93,8 @@ def compare(data: ChannelData, model: Model) -> Comparison:
         raise InputError(f"channel '{data.name}': {reason}")
     standing = stand(data, model, {}, good)
     residual = held_out_residual(standing.plain.frame, standing.trial)
-    floor = noise_floor(standing)
+    own = noise_floor(standing)
+    floor = replace(own, value=min(own.value, own.repeats or np.inf, known_floor))
     parts = {
         by: tuple(_part(label, residual, mask, floor.value) for label, mask in masks.items())
         for by, masks in splits(standing.data).items()

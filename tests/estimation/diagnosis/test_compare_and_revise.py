@@ -19,6 +19,15 @@ def test_comparison_says_where_a_stiffening_spring_is_missed():
     assert any("depth" in words or "effort" in words for words in told.words[1:])
 
 
+def test_what_a_fuller_model_leaves_is_the_floor_of_a_poorer_one_too():
+    data = session(4, cubic)
+    left = revise(data, MODEL, ["cubic_stiffness"])[-1].noise_floor
+    told = compare(data, MODEL, left)
+    assert told.floor.value <= left
+    assert told.lack_of_fit >= told.rmse / left
+    assert f"noise floor of {told.floor.value:.3g}" in told.words[0]
+
+
 def test_comparison_of_a_complete_model_is_noise():
     told = compare(session(4), MODEL)
     assert told.lack_of_fit == pytest.approx(1.0, abs=0.05)
