@@ -76,7 +76,7 @@ class Comparison:
 def compare(data: ChannelData, model: Model, known_floor: float = np.inf) -> Comparison:
     """Fit a model and compare it with the measurement, on runs that the fit has not seen.
 
-    What a flexible regression cannot explain is noise at most, and so is what does not come back when a motion
+    What a flexible regression cannot explain is noise at most, and so is what does not return when a motion
     is repeated, and what a fuller model is known to leave: the floor is the smallest of them.
 
     Args:
