@@ -1,7 +1,7 @@
 """`palpate doctor`: does this machine have what palpate needs, and is an arm wired as its file says?"""
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Annotated
 
 import typer
@@ -10,6 +10,7 @@ from palpate import console
 from palpate.doctor import Finding, Level, examine_all
 from palpate.doctor.check_arm import ArmCheck, examine_arm
 from palpate.doctor.hardware import memory_lock, real_time
+from palpate.driver_packages import importable
 from palpate.robots import find_robot
 from palpate.wired import is_simulated, wires_in_words
 from palpate.words import count, safe
@@ -39,6 +40,9 @@ def command(  # noqa: PLR0917, one parameter an option
         bool,
         typer.Option("--move", help="Examine its signs: first by hand, then, after a question, by power."),
     ] = False,
+    drivers: Annotated[
+        list[str] | None, typer.Option(help="Python package with drivers of your own.", metavar="PACKAGE")
+    ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before the arm gets power.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
@@ -47,7 +51,8 @@ def command(  # noqa: PLR0917, one parameter an option
     Ends with 0 when nothing is broken, and with 1 otherwise. An arm gets no power without --move and a yes.
     """
     if robot is None:
-        _refuse({"--wire": wire, "--as-built": as_built, "--move": move, "--yes": yes}, "add --robot FILE")
+        given = {"--wire": wire, "--as-built": as_built, "--move": move, "--yes": yes, "--drivers": drivers}
+        _refuse(given, "add --robot FILE")
         findings = list(examine_all())
         verdict = ("palpate works here", "palpate will not work here")
         if not as_json:
@@ -64,6 +69,7 @@ def command(  # noqa: PLR0917, one parameter an option
             wired=wire,
             as_built=find_robot(as_built) if as_built is not None else None,
             move=move,
+            drivers=importable(drivers or []),
             may_power=lambda: yes or typer.confirm(QUESTION, err=True),
         )
         findings = _examine(check, quiet=as_json)
@@ -80,7 +86,7 @@ def command(  # noqa: PLR0917, one parameter an option
         raise typer.Exit(1)
 
 
-def _refuse(options: dict[str, object], remedy: str) -> None:
+def _refuse(options: Mapping[str, object], remedy: str) -> None:
     given = [name for name, value in options.items() if value]
     if given:
         raise InputError(f"{given[0]}: {remedy}")

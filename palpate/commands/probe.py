@@ -1,6 +1,5 @@
 """`palpate probe`: touch an object at several speeds and log every tick."""
 
-import importlib.util
 import sys
 from datetime import datetime
 from pathlib import Path
@@ -11,6 +10,7 @@ import typer
 from control.loop.result import Outcome
 from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate import console
+from palpate.driver_packages import importable
 from palpate.files import existing_file, output_file
 from palpate.hiding import RANDOM
 from palpate.probing_run import ProbingJob, ProbingOutcome, online_estimators, run_probing
@@ -93,7 +93,7 @@ def command(  # noqa: PLR0917, one parameter an option
         hidden=hidden,
         paced=realtime,
         wired=wire,
-        drivers=_importable(drivers or []),
+        drivers=importable(drivers or []),
         online=None if online == NO_ESTIMATOR else online,
         command_line=_command_line(sys.argv[1:], hidden),
     )
@@ -121,18 +121,6 @@ def _speeds(text: str) -> list[float]:
     if not all(0 < speed <= 1000 for speed in speeds):
         raise InputError(f"--speed-mm-s {text!r}: each speed must be above 0 and at most 1000 mm/s")
     return [MILLI * speed for speed in speeds]
-
-
-def _importable(packages: list[str]) -> tuple[str, ...]:
-    """The packages, if Python finds them."""
-    for package in packages:
-        try:
-            found = importlib.util.find_spec(package)
-        except (ImportError, ValueError):
-            found = None
-        if found is None:
-            raise InputError(f"--drivers {package}: Python finds no such package (see PYTHONPATH)")
-    return tuple(packages)
 
 
 def _plan(experiment: Path | None, changes: dict[str, Any]) -> ProbingPlan:

@@ -31,9 +31,8 @@ class OdriveCommand(IntEnum):
     TORQUES = 0x1C  # 0.6 only
 
 
-UNDERVOLTAGE_V = (
-    8.0  # below, an axis as shipped does not run (dc_bus_undervoltage_trip_level of 0.5; 0.6: 10.5 V)
-)
+# An axis as shipped does not run below (dc_bus_undervoltage_trip_level of fw-v0.5.6).
+UNDERVOLTAGE_V = 8.0
 
 
 class AxisState(IntEnum):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.wired import emulate
 from robot_io.clock import Clock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.robot import Robot, build_robot
@@ -13,6 +14,7 @@ from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
 from robot_io.types import Command, Measurement
 from sim_backend.emulators.wiring import wire_up
 from sim_backend.scenario import load_scenario
+from tests.contract.documented import documented_driver
 from tests.mock_robot import WATCHDOG_S, mock_bus, mock_robot_file
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -136,6 +138,24 @@ def open_odrive_0_5() -> Bench:
     return open_wired(parse_robot_file(text, ROBOTS / "odrive_3dof.yaml"), 0.05)
 
 
+def open_documented() -> Bench:
+    """The driver of docs/hardware.md, on the gauge that it is written for."""
+    path = ROBOTS / "odrive_3dof.yaml"
+    text, loadstar = path.read_text(encoding="utf-8"), "driver: loadstar"
+    pattern = "(?P<value>[-+]?[0-9.]+) (?P<unit>[a-z]+)"
+    built = text.replace(loadstar, f"driver: force_lines, pattern: '{pattern}'")
+    named = text.replace(loadstar, "driver: line_gauge")
+    clock = SimulatedClock()
+    arm = emulate(
+        parse_robot_file(named, path),
+        load_scenario("default", ROOT),
+        clock,
+        as_built=parse_robot_file(built, path),
+    )
+    robot = build_robot(arm.robot_file, DriverCatalogue(documented_driver()), clock)
+    return Bench(robot, arm.robot_file, clock, None, 0.05, arm.bench.close)
+
+
 def open_cubemars() -> Bench:
     return open_wired(load_robot_file(ROBOTS / "cubemars_3dof.yaml"), 0.1)
 
@@ -157,6 +177,7 @@ BACKENDS = [
     Backend("mock", open_mock),
     Backend("odrive_0.6_loadstar", open_odrive),
     Backend("odrive_0.5_force_lines", open_odrive_0_5),
+    Backend("documented_driver", open_documented),
     Backend("cubemars_lorenz", open_cubemars),
     Backend("dynamixel_fast", open_dynamixel),
     Backend("dynamixel_plain", open_plain_dynamixel),
