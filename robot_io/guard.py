@@ -92,6 +92,10 @@ class Guard:
         """Whether a trip has come to its end: the torque is off."""
         return self._finished
 
+    def too_old(self, measurement: Measurement) -> tuple[str, ...]:
+        """A line for each device whose newest sample is older than it may be, or missing; trips on nothing."""
+        return self._checks.too_old(measurement)
+
     def watch(self, measurement: Measurement, reference_position_rad: FloatArray | None = None) -> None:
         """Look at one tick's measurement; trips on whatever is wrong with it.
 

@@ -31,6 +31,16 @@ class LimitChecks:
         """The first thing that is wrong, or None."""
         return self._sample_problem(measurement) or self._value_problem(measurement)
 
+    def too_old(self, measurement: Measurement) -> tuple[str, ...]:
+        """A line for each device without a sample that is young enough, whatever the sample says."""
+        time_s, ok = measurement.time_s, Status.OK
+        problems = (
+            _sample_problem("encoder", ok, time_s - measurement.encoder_at_s, self._encoder_age_s),
+            _sample_problem("force sensor", ok, time_s - measurement.force_at_s, self._force_age_s),
+            _sample_problem("drives", ok, time_s - measurement.torque_at_s, self._torque_age_s),
+        )
+        return tuple(problem for problem in problems if problem)
+
     def motion_is_known(self, measurement: Measurement) -> bool:
         """Whether position and velocity can still be acted on, wherever they are."""
         values = measurement.joint_velocity_rad_s.tolist() + measurement.joint_position_rad.tolist()

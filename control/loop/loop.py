@@ -24,7 +24,7 @@ from robot_io.guard import Guard
 from robot_io.robot import Robot
 from robot_io.types import Command, FloatArray, Measurement, Status
 
-FIRST_SAMPLE_S = 1.0  # how long the devices may take to their first sample
+FIRST_SAMPLE_S = 1.0  # how long the devices may take to a first sample that is young enough
 READ_SHARE = 0.6  # of the period; then reading gives up, so that there is still time to command
 
 
@@ -64,7 +64,7 @@ def run_loop(
     Raises:
         InputError: the rate is not positive.
         SafetyTripError: the guard is tripped already.
-        DeviceError: a device failed before the first tick.
+        DeviceError: a device failed before the first tick, or had no sample within its age limit.
         Exception: whatever the task raised at its start, such as `InputError` for a target out of reach.
     """
     if not (math.isfinite(rate_hz) and rate_hz > 0):
@@ -73,7 +73,7 @@ def run_loop(
         raise SafetyTripError(f"the guard is tripped ({guard.tripped.cause}): re-arm it first")
     begun_s, begun_wall_s = clock.now_s(), perf_counter()
     with InterruptFlag() as interrupt:
-        measurement = _first_measurement(robot, clock, 1.0 / rate_hz)
+        measurement = _first_measurement(robot, guard, clock, 1.0 / rate_hz)
         journal = Journal(log, observer)
         way_out = WayOut(guard, robot, clock, journal, interrupt=interrupt, stop=stop)
         loop = _Loop(robot, guard, task, clock, journal, way_out=way_out, period_s=1.0 / rate_hz)
@@ -85,22 +85,22 @@ def run_loop(
     return result
 
 
-def _first_measurement(robot: Robot, clock: Clock, period_s: float) -> Measurement:
-    """Read, with the torque off, until every device has sampled."""
+def _first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float) -> Measurement:
+    """Read until every device has a sample that is young enough to begin with.
+
+    What has waited in a line since the devices were opened is old, and some speak only when they are asked.
+    """
     give_up_s = clock.now_s() + FIRST_SAMPLE_S
     while True:
         measurement = robot.read(clock.now_s() + period_s)
-        sampled = {
-            "encoder": measurement.encoder_at_s,
-            "torque": measurement.torque_at_s,
-            "force": measurement.force_at_s,
-        }
-        missing = [device for device, at_s in sampled.items() if not math.isfinite(at_s)]
-        if not missing:
+        problems = guard.too_old(measurement)
+        if not problems:
             return measurement
         if clock.now_s() >= give_up_s:
-            silent = ", ".join([*missing, *robot.bus_errors.values(), *robot.bus_delays.values()])
-            raise DeviceTimeoutError(f"{robot.name}: no sample within {FIRST_SAMPLE_S} s from: {silent}")
+            silent = "; ".join([*problems, *robot.bus_errors.values(), *robot.bus_delays.values()])
+            raise DeviceTimeoutError(
+                f"{robot.name}: no samples to begin with after {FIRST_SAMPLE_S:g} s: {silent}"
+            )
         clock.sleep_until(clock.now_s() + period_s)
 
 

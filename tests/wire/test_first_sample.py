@@ -1,0 +1,58 @@
+"""What was measured before the loop began is no measurement to begin with: devices wait, or fall silent."""
+
+import pytest
+
+from control.loop.loop import FIRST_SAMPLE_S, run_loop
+from control.loop.result import Outcome
+from robot_io.errors import DeviceTimeoutError
+from robot_io.guard import Guard
+from sim_backend.emulators import FaultKind
+from tests.control.loop_parts import MemoryLog, Swing
+from tests.wire.parts import CUBEMARS, ODRIVE
+
+
+class Start(Swing):
+    """Keeps what it was started from, and how old that was."""
+
+    def __init__(self, clock) -> None:
+        super().__init__(done_at=20, torque_nm=0.0)
+        self._clock = clock
+
+    def start(self, measurement) -> None:
+        super().start(measurement)
+        self.started_s = self._clock.now_s()
+
+
+def begin(arm):
+    limits = arm.arm.robot_file.limits
+    guard = Guard(limits, arm.arm.robot_file.safe_state, arm.robot.joint_count, lambda _: [0.0] * 3)
+    task = Start(arm.clock)
+    result = run_loop(arm.robot, guard, task, arm.clock, MemoryLog(), rate_hz=1000.0)
+    return result, task, limits
+
+
+@pytest.mark.parametrize("robot_file", [ODRIVE, CUBEMARS], ids=["odrive", "cubemars"])
+@pytest.mark.parametrize("pause_s", [0.0, 0.5, 3.0])
+def test_however_long_it_takes_until_the_loop_begins_it_begins_with_new_samples(bench, robot_file, pause_s):
+    arm = bench(robot_file)
+    arm.robot.configure()
+    arm.clock.sleep_until(arm.clock.now_s() + pause_s)  # a session is opened, a plan is checked
+    result, task, limits = begin(arm)
+    assert result.outcome is Outcome.FINISHED, result.cause
+    measurement = task.started_from
+    assert task.started_s - measurement.encoder_at_s <= limits.encoder_age_s
+    assert task.started_s - measurement.torque_at_s <= limits.torque_age_s
+    assert task.started_s - measurement.force_at_s <= limits.force_age_s
+
+
+@pytest.mark.parametrize("robot_file", [ODRIVE, CUBEMARS], ids=["odrive", "cubemars"])
+def test_a_motor_that_falls_silent_before_the_loop_begins_is_named_and_nothing_is_powered(bench, robot_file):
+    arm = bench(robot_file)
+    arm.robot.configure()
+    arm.strike("motors", FaultKind.DROP, device=2)
+    arm.clock.sleep_until(arm.clock.now_s() + 0.5)
+    begun_s = arm.clock.now_s()
+    with pytest.raises(DeviceTimeoutError, match=r"encoder: newest sample is .* s old.*joint [23]"):
+        begin(arm)
+    assert arm.clock.now_s() - begun_s == pytest.approx(FIRST_SAMPLE_S, abs=0.1)
+    assert not arm.drive_torque_nm.any()
