@@ -93,7 +93,7 @@ class Guard:
         return self._finished
 
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
-        """A line for each device whose newest sample is older than it may be, or missing; trips on nothing."""
+        """A line for each device without a sample that is young enough; trips on nothing."""
         return self._checks.too_old(measurement)
 
     def watch(self, measurement: Measurement, reference_position_rad: FloatArray | None = None) -> None:

@@ -139,7 +139,8 @@ class CanLine:
         """Everything that has arrived, oldest first, with the time of its arrival [s]; never waits.
 
         What was not here at the last drain arrived since: a time stamp outside of that span is not believed,
-        and without one a frame is taken to be as old as it can be.
+        and without one a frame is taken to be as old as it can be. Where more has queued up than is taken in
+        one go, the rest of it is not taken to be newer.
 
         Raises:
             DeviceError: the adapter failed or is bus-off.
@@ -147,9 +148,11 @@ class CanLine:
         bus, clock = self._opened(), self._clock
         now_s, wall_offset_s = clock.now_s(), self._clock_minus_stamps_s()
         frames: list[tuple[CanFrame, float]] = []
+        emptied = False
         for _ in range(_MOST_FRAMES):
             message = self._receive(bus)
             if message is None:
+                emptied = True
                 break
             frame = self._accept(message)
             if frame is not None:
@@ -160,7 +163,10 @@ class CanLine:
                 break
         if self.bus_off:
             raise DeviceError(f"{self.label}: bus-off, the adapter has left the bus after too many errors")
-        self._drained_s = now_s
+        if emptied:
+            self._drained_s = now_s
+        elif frames:
+            self._drained_s = frames[-1][1]
         return frames
 
     def _opened(self) -> can.BusABC:

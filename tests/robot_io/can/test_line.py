@@ -64,6 +64,23 @@ def test_without_a_time_stamp_a_frame_is_as_old_as_it_can_be(ends):
     assert line.drain(1.25)[0][1] == 1.0
 
 
+@pytest.mark.parametrize("timestamps", ["robot", "none"])
+def test_what_has_queued_up_does_not_become_newer_by_waiting_for_the_next_drain(ends, timestamps):
+    line, other, clock = ends(timestamps)
+    stamps = [1e-3 * tick for tick in range(2500)]
+    for stamp in stamps:
+        send(other, stamp)
+    believed = []
+    for now_s in (2.5, 2.501, 2.502, 2.503):
+        clock.sleep_until(now_s)
+        believed += [at_s for _, at_s in line.drain(now_s + 1.0)]
+    assert len(believed) == 2500  # more than are taken in one go
+    assert believed == (stamps if timestamps == "robot" else [0.0] * 2500)
+    clock.sleep_until(2.6)
+    send(other, 2.55)
+    assert line.drain(2.6)[0][1] == (2.55 if timestamps == "robot" else 2.503)
+
+
 @pytest.mark.parametrize("jump_s", [0.0, 3600.0, -3600.0])
 def test_a_jump_of_the_wall_clock_is_bounded_by_what_the_line_knows(ends, monkeypatch, jump_s):
     line, other, clock = ends("wall")
