@@ -14,6 +14,7 @@ from estimation.diagnosis.selection import (
     evidence,
     hopeless,
     is_possible,
+    size,
 )
 from estimation.diagnosis.standing import Standing
 from estimation.diagnosis.step import Step, confirmed
@@ -127,6 +128,7 @@ def _reconsider(search: Search, steps: tuple[Step, ...]) -> tuple[Step, ...]:
         best = choose(without, search.screen(without))[0]
         if best.effect.name != name:
             exchanged = search.with_candidate(best)
-            if exchanged.trial.held_out < (1.0 - TIE) * end.trial.held_out:
+            simpler = any(best.size < size(effect) for effect in search.effects if effect.name == name)
+            if exchanged.trial.held_out < (1.0 + (TIE if simpler else -TIE)) * end.trial.held_out:
                 steps = confirmed(search, exchanged, [*others, best.effect.name]) or steps
     return steps

@@ -19,7 +19,7 @@ from robot_io.types import FloatArray
 
 SHARE = 0.9  # of the explainable energy, that an effect has to take away
 MARGIN = 3.0  # times as much as the effect has to be left by any other
-MISSHAPEN = 0.008  # of the energy that an effect takes away, that its own signals may still explain
+MISSHAPEN = 0.015  # of the energy that an effect takes away, that its own signals may still explain
 _OWN = (
     0.9  # of the energy of an effect's contribution, that a signal of its own can draw, relative to the best
 )

@@ -13,6 +13,9 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 CONTACT_RATE_HZ, JOINT_RATE_HZ = 200.0, 100.0
 FOLDS = 6
 _PIECES = 5  # that a single run is cut into
+_CORNER = 0.06  # of a run's range of velocities, that no velocity changes by within one sample
+_CORNER_REACH = 3  # samples to either side that a derived velocity is wrong for
+_MOST_CORNERS = 0.2  # of the blocks; more are no corners, but a motion that is coarsely sampled
 _REST = 0.05  # of the joint's usual highest speed
 
 
@@ -57,7 +60,8 @@ def frame_of(data: ChannelData, good: BoolArray | None = None) -> Frame:
     """Cut a channel into blocks that last 5 or 10 ms, or one sample where that is longer.
 
     Blocks in which a contact begins or ends are not trusted: where in them it does depends on the last digit
-    of the encoder, and a damper makes a step of it. Neither are blocks in which a probing arm's joint rests.
+    of the encoder, and a damper makes a step of it. Neither are blocks at a contact's sharp corners of the
+    motion, nor those in which a probing arm's joint rests.
 
     Args:
         data: the channel.
@@ -77,7 +81,7 @@ def frame_of(data: ChannelData, good: BoolArray | None = None) -> Frame:
     grid = np.concatenate(rows)
     fold = np.unique(np.concatenate(folds), return_inverse=True)[1]
     trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
-    trusted &= ~(_mixed(data, grid) | _at_rest(data, grid))
+    trusted &= ~(_mixed(data, grid) | _at_rest(data, grid) | _at_corners(data, grid))
     return Frame(data, grid, data.run[grid[:, 0]], fold, trusted)
 
 
@@ -88,6 +92,22 @@ def _mixed(data: ChannelData, rows: IntArray) -> BoolArray:
     changes = np.zeros_like(mixed)
     changes[1:] = engaged[1:, 0] != engaged[:-1, -1]
     return mixed | changes
+
+
+def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
+    """Blocks of a contact in which the velocity jumps faster than it was sampled, shape (m,).
+
+    A damper makes a jump of the force there, and a derived velocity comes too early and too late.
+    """
+    sharp = np.zeros(len(data), dtype=np.bool_)
+    for run in data.runs if data.kind is ChannelKind.CONTACT else ():
+        of_run = np.flatnonzero(data.run == run)
+        velocity = data.velocity[of_run]
+        jumps = np.flatnonzero(np.abs(np.diff(velocity)) > _CORNER * np.ptp(velocity))
+        around = jumps[:, None] + np.arange(-_CORNER_REACH, _CORNER_REACH + 2)
+        sharp[of_run[np.clip(around.ravel(), 0, len(of_run) - 1)]] = True
+    found = np.asarray(sharp[rows].any(axis=1))
+    return found if np.mean(found) <= _MOST_CORNERS else np.zeros(len(rows), dtype=np.bool_)
 
 
 def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:

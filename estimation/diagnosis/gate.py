@@ -15,6 +15,7 @@ _STIFFEST_N_M = 1e7
 _SOFTEST_N_M = 1e-2
 _FASTEST_RAD_S = 300.0
 _STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was at its end
+_TOO_FEW_LEVELS, _FEW_LEVELS = 10, 50  # readings in all, with which a sensor says little, or is coarse
 _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
 
@@ -109,6 +110,11 @@ def _contact(data: ChannelData) -> str | None:
 
 
 def _saturated(data: ChannelData) -> str | None:
+    levels = len(np.unique(data.effort))
+    if levels < _TOO_FEW_LEVELS and data.kind is ChannelKind.CONTACT:
+        return f"only {levels} different readings: the sensor's steps are too coarse for this effort"
+    if levels < _FEW_LEVELS:
+        return None  # coarse steps, of which the last is often met
     size = np.abs(data.effort)
     loaded = size > 0.3 * size.max()
     for extreme in (data.effort.max(), data.effort.min()):

@@ -51,7 +51,12 @@ class Candidate:
     @property
     def size(self) -> int:
         """Number of parameters."""
-        return len(self.effect.inner) + len(getattr(self.effect, "gains", ()))
+        return size(self.effect)
+
+
+def size(effect: Effect) -> int:
+    """Number of parameters of an effect."""
+    return len(effect.inner) + len(effect.gains)
 
 
 def screen(

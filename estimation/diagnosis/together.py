@@ -7,7 +7,7 @@ from estimation.diagnosis.selection import LEFT_AT_FIRST, TIE, Candidate
 from estimation.diagnosis.standing import Standing
 from estimation.diagnosis.step import Step, confirmed
 
-FIRST, SECOND = 8, 2  # candidates that are tried beside the base model, and beside each of these
+FIRST, SECOND = 4, 2  # candidates that are tried beside the base model, and beside each of these
 
 
 def pair(search: Search) -> tuple[Step, ...] | None:

@@ -102,9 +102,13 @@ def attempt(
     names = list(model.gains)
     least = rounds or (2 if bent else 1)
     most = least if model.is_linear_in_gains else max(_MOST_ROUNDS, least)
-    expected = np.inf
+    expected, before = np.inf, np.empty(0)
+    parts = model.parts(data, now)
     for number in range(most):
-        slopes, effort = model.linearise(data, now)
+        slopes, effort = model.linearise(data, now, parts)
+        if model.is_linear_in_gains and np.array_equal(slopes, before):
+            break  # where the object lets go is where it did: the same fit again
+        before = slopes
         gains = np.array([now[name] for name in names])
         target = bench.frame.reduce(data.effort - effort + slopes @ gains)
         columns = bench.frame.reduce(slopes)

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from estimation.base_model import ModelContext
+from estimation.data.derivatives import differentiate
 from estimation.diagnosis import Verdict, diagnose
 from estimation.diagnosis.library import library
 from estimation.models import MODELS
-from tests.estimation.diagnosis.presses import K, kelvin_voigt, maxwell, session
+from tests.estimation.diagnosis.presses import C, K, channel, kelvin_voigt, maxwell, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 
@@ -98,3 +99,21 @@ def test_progress_is_told():
     )
     assert told
     assert all("contact" in what and 0.0 <= share <= 1.0 for what, share in told)
+
+
+def test_sharp_corners_of_the_motion_are_no_missing_effect():
+    # the velocity of a ramp jumps between two samples; what a derivative makes of it is wrong around them
+    rng, dt, parts = np.random.default_rng(8), 1.0 / 200.0, []
+    for number in range(6):
+        speed = (0.1, 0.05, 0.02)[number % 3]
+        travel = (0.01 * rng.uniform(0.8, 1.1) + 0.003) / speed
+        steps = ((0.3, 0.0), (travel, speed), (0.8, 0.0), (travel, -speed), (0.3, 0.0))
+        v = np.concatenate([np.full(round(t / dt), s) for t, s in steps])
+        parts.append((10.0 * number + dt * np.arange(len(v)), np.cumsum(v) * dt - 0.003, v))
+    time_s, x, v = (np.concatenate(signals) for signals in zip(*parts, strict=True))
+    run = np.repeat(np.arange(6), [len(part[0]) for part in parts])
+    force = kelvin_voigt(x, v) + rng.normal(0.0, 0.02, len(x))
+    derived = differentiate(time_s, x, run).velocity
+    found = answer(channel(force, time_s, x, derived, run))
+    assert found.verdict is Verdict.ADEQUATE
+    assert found.final.parameters["damping.c"].value == pytest.approx(C, rel=0.02)

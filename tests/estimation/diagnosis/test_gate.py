@@ -19,6 +19,7 @@ BAD = {
     "check times": replace(DATA, velocity=1e3 * DATA.velocity),
     "sign": replace(DATA, effort=-DATA.effort),
     "at its end": replace(DATA, effort=np.minimum(DATA.effort, 3.0)),
+    "too coarse": replace(DATA, effort=2.0 * np.round(DATA.effort / 2.0)),
     "align": replace(DATA, effort=np.roll(DATA.effort, 250)),
     "samples": DATA.select(np.arange(50)),
 }
@@ -34,6 +35,11 @@ def test_bad_data_gets_a_reason_and_no_name(words):
 
 def test_good_data_passes():
     assert refuse(DATA) is None
+
+
+def test_coarse_steps_are_not_taken_for_the_end_of_the_range():
+    # held at one depth, the force stays on the last step, which is far from the end of a range
+    assert refuse(replace(DATA, effort=0.6 * np.round(DATA.effort / 0.6))) is None
 
 
 def test_a_single_recording_of_a_joint_passes_if_it_repeats_itself():
