@@ -12,6 +12,7 @@ from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
 Parameters = Mapping[str, float]  # "effect.parameter" -> value
+Parts = tuple[FloatArray, FloatArray]  # columns (n, p) and known effort (n,), before any sensor
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Model:
         """
         if not self.is_linear_in_gains:
             raise InputError(f"model '{self.name}' is not linear in its gains: use predict()")
-        columns, known = self._effort_parts(data, inner)
+        columns, known = self.parts(data, inner)
         for sensor in self._sensors:
             sensed = sensor.sense(np.column_stack([columns, known]), data, _own(sensor, inner))
             columns, known = sensed[:, :-1], sensed[:, -1]
@@ -100,7 +101,9 @@ class Model:
         """
         return self.linearise(data, parameters)[1]
 
-    def linearise(self, data: ChannelData, parameters: Parameters) -> tuple[FloatArray, FloatArray]:
+    def linearise(
+        self, data: ChannelData, parameters: Parameters, parts: Parts | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """What the model expects, and how that changes with its gains.
 
         An object can only push: in a contact, the sum of its one-sided effects is cut off at zero.
@@ -108,19 +111,22 @@ class Model:
         Args:
             data: the channel; its effort is used only by effects that need it (tool compliance).
             parameters: a value for every gain and inner parameter.
+            parts: from `parts` for the same data and inner parameters, where they are at hand.
 
         Returns:
             Slopes (n, p) of the effort by each gain, and the effort (n,).
         """
-        slopes, known = self._effort_parts(data, parameters)
+        slopes, known = parts or self.parts(data, parameters)
         gains = np.array([parameters[name] for name in self.gains])
         effort: FloatArray = known + slopes @ gains
         if data.kind is ChannelKind.CONTACT:
-            one_sided = np.array([e.one_sided for e in self._additive for _ in e.gains], dtype=np.bool_)
+            one_sided = np.flatnonzero([e.one_sided for e in self._additive for _ in e.gains])
             push = slopes[:, one_sided] @ gains[one_sided]
-            lifted = push < 0.0
-            effort = np.where(lifted, effort - push, effort)
-            slopes = np.where(lifted[:, None] & one_sided, 0.0, slopes)
+            lifted = np.flatnonzero(push < 0.0)
+            if len(lifted):
+                slopes = slopes.copy()
+                slopes[lifted[:, None], one_sided] = 0.0
+                effort[lifted] -= push[lifted]
         for sensor in self._sensors:
             inner = _own(sensor, parameters)
             slopes = sensor.slope(effort, slopes, data, inner)
@@ -135,8 +141,8 @@ class Model:
     def _sensors(self) -> list[SensorEffect]:
         return [e for e in self.effects if isinstance(e, SensorEffect)]
 
-    def _effort_parts(self, data: ChannelData, parameters: Parameters) -> tuple[FloatArray, FloatArray]:
-        """Columns (n, p) and the known effort (n,) on the motion that really acts."""
+    def parts(self, data: ChannelData, parameters: Parameters) -> Parts:
+        """Columns (n, p) and the known effort (n,) on the motion that really acts; gains do not count."""
         for effect in self.effects:
             if isinstance(effect, MotionEffect):
                 data = effect.move(data, _own(effect, parameters))
