@@ -17,7 +17,7 @@ from palpate.failures import OneLineGroup
 
 ORDER = (
     *("demo", "probe", "estimate", "inspect", "compare", "diagnose", "add", "revisions", "export", "reveal"),
-    *("import", "info", "doctor"),
+    *("import", "info", "calibrate", "doctor"),
 )
 
 
@@ -71,8 +71,10 @@ def root(
 
 
 def load_command(name: str) -> Any:  # noqa: ANN401, typer's own command
-    """The function `command` of a module of `palpate.commands`, as typer runs it."""
+    """What a module of `palpate.commands` offers: its function `command`, or its `group` of commands."""
     module = importlib.import_module(f"palpate.commands.{_module_of(name)}")
+    if hasattr(module, "group"):
+        return get_command(module.group)
     single = typer.Typer(rich_markup_mode="rich", add_completion=False)
     single.command(name=name, context_settings={"help_option_names": ["-h", "--help"]})(module.command)
     return get_command(single)

@@ -10,6 +10,7 @@ from robot_io.errors import InputError
 from robot_io.session import Samples, Session
 from robot_io.types import FloatArray, Status
 
+_ROUNDING_RAD = 1e-12  # of a mean of equal numbers
 _UNIFORM = np.sqrt(12.0)  # resolution over the standard deviation that it alone gives
 
 
@@ -57,6 +58,7 @@ def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> Encode
         raise InputError(f"{session.path}: joint {missing[0]} was not held against its stop at least twice")
     means = np.array([np.mean(touches) for touches in shown])
     scatter = np.array([np.std(touches, ddof=1) for touches in shown])
+    scatter[scatter < _ROUNDING_RAD] = 0.0
     errors = [
         few_sample_factor(len(touches) - 1) * deviation / np.sqrt(len(touches))
         for touches, deviation in zip(shown, scatter, strict=True)

@@ -3,9 +3,10 @@
     force = scale (r - zero) + curvature (r - zero)^2,   r = reading + hysteresis / 2 * direction
 
 An effect that the data do not show (a t test at 1 %) is taken out of the equation and reported as what was
-found for it; without curvature, scale is the mean slope over the range. Least squares in the force. Each plateau is
-one observation, so that what differs from plateau to plateau (creep, friction, a weight's error) is in the
-uncertainty. VIM 2.39, 4.16, 4.21; VDI/VDE 2638.
+found for it; without curvature, scale is the mean slope over the range. Least squares in the force.
+
+Each plateau is one observation, so that what differs from plateau to plateau (creep, friction, a weight's
+error) is in the uncertainty. VIM 2.39, 4.16, 4.21; VDI/VDE 2638.
 """
 
 from collections.abc import Sequence
@@ -78,7 +79,9 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     Raises:
         InputError: too few plateaus or forces, or the sensor answers with the wrong sign or not at all.
     """
-    _check(plateaus)
+    check_references(plateaus.reference_n)
+    if np.ptp(plateaus.reading) == 0.0:
+        raise InputError("the reading is the same under every force: the sensor does not answer")
     has_branches = bool(np.any(plateaus.direction < 0) and np.any(plateaus.direction > 0))
     used = np.array([True, True, True, has_branches])
     full_values, full_errors, freedom = _solve(plateaus, used)
@@ -109,15 +112,18 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     )
 
 
-def _check(plateaus: Plateaus) -> None:
-    levels = len(np.unique(plateaus.reference_n))
-    if levels < _FEWEST_LEVELS or len(plateaus) < 4 + _SPARE:
+def check_references(reference_n: Sequence[float] | FloatArray) -> None:
+    """Refuse what is too little for a fit, before anybody has put it on.
+
+    Raises:
+        InputError: too few plateaus or forces.
+    """
+    levels = len(np.unique(reference_n))
+    if levels < _FEWEST_LEVELS or len(reference_n) < 4 + _SPARE:
         raise InputError(
-            f"{len(plateaus)} plateaus at {levels} different forces: at least {4 + _SPARE} at "
+            f"{len(reference_n)} plateaus at {levels} different forces: at least {4 + _SPARE} at "
             f"{_FEWEST_LEVELS} are needed, such as 0, 1, 2, 3, 2, 1, 0 kg"
         )
-    if np.ptp(plateaus.reading) == 0.0:
-        raise InputError("the reading is the same under every force: the sensor does not answer")
 
 
 def _solve(plateaus: Plateaus, used: BoolArray) -> tuple[FloatArray, FloatArray, int]:

@@ -9,6 +9,7 @@ import typer
 from palpate import console
 from palpate.files import open_session
 from palpate.words import count, duration, safe, shown
+from robot_io.calibration import parse_calibrations
 from robot_io.session import Session
 
 MOST_EVENTS = 40  # shown; --json prints all
@@ -37,6 +38,7 @@ def describe(session: Session) -> dict[str, Any]:
         "software_version": metadata.software_version,
         "command_line": metadata.command_line,
         "seed": metadata.seed,
+        "calibrations": list(parse_calibrations(metadata.calibration).kinds) if metadata.calibration else [],
         "simulated": bool(metadata.scenario),
         "extra": dict(metadata.extra),
         "duration_s": max((stream["duration_s"] for stream in streams), default=0.0),
@@ -87,6 +89,7 @@ def _facts(data: dict[str, Any]) -> dict[str, str]:
         "with": safe(data["command_line"]) or "unknown",
         "source": safe(data["extra"].get("source", "simulated" if data["simulated"] else "measured")),
         "seed": "none" if data["seed"] is None else str(data["seed"]),
+        "calibrated": ", ".join(data["calibrations"]) or "nothing",
         "duration": duration(data["duration_s"]),
         "whole": whole.rstrip("; "),
     }

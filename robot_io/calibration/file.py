@@ -118,9 +118,9 @@ class Calibration(FileModel):
 
     def to_yaml(self) -> str:
         """The file, as `parse_calibration` reads it."""
-        text: str = yaml.safe_dump(
-            self.model_dump(mode="json", exclude_none=True), sort_keys=False, width=110, allow_unicode=True
-        )
+        data = self.model_dump(mode="json", exclude_none=True)
+        data["findings"] = data.pop("findings")  # last: what is applied comes first
+        text: str = yaml.safe_dump(data, sort_keys=False, width=110, allow_unicode=True)
         return text
 
     @model_validator(mode="after")

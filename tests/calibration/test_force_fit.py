@@ -19,7 +19,7 @@ def record(rng, *, zero=1.3, gain=0.9, bend=0.0, play=0.0, noise=0.02, step=0.02
 
 
 def test_a_wrong_scale_and_zero_are_found_within_their_uncertainty():
-    """Of 200 sensors, 2 standard uncertainties cover 95 %, to within 2.5 standard deviations of that count."""
+    """2 standard uncertainties cover 95 % of 200 sensors, to within 2.5 deviations of that count."""
     covered = np.zeros(2)
     for seed in range(200):
         rng = np.random.default_rng(seed)

@@ -1,0 +1,89 @@
+"""Options that the calibrations share, and what they mean."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.calibration_run import stated_stops
+from palpate.robots import shipped_robots
+from robot_io.errors import InputError
+from robot_io.robot_file import RobotFile
+from robot_io.types import FloatArray
+from sim_backend.scenario import shipped_scenarios
+
+RobotOption = Annotated[
+    str, typer.Option(help=f"Robot file, or a shipped arm: {', '.join(shipped_robots())}.")
+]
+OutOption = Annotated[Path | None, typer.Option("--out", "-o", help="Calibration file to write (YAML).")]
+SessionOption = Annotated[Path | None, typer.Option(help="Session file to write.")]
+FromOption = Annotated[
+    Path | None,
+    typer.Option("--from", help="Work it out again from a session; nothing moves.", metavar="FILE"),
+]
+ValidOption = Annotated[
+    float, typer.Option(help="How long it may be used.", metavar="DAYS", min=0.01, max=3650)
+]
+ScenarioOption = Annotated[
+    str | None, typer.Option(help=f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}.")
+]
+SeedOption = Annotated[int | None, typer.Option(help="Seed of all simulated noise.", min=0)]
+HiddenOption = Annotated[
+    str | None,
+    typer.Option(help="Hide effects in the simulated world, as for palpate probe.", metavar="WHAT"),
+]
+WireOption = Annotated[
+    bool, typer.Option("--wire", help="Emulate the devices of a robot of hardware drivers, byte by byte.")
+]
+RealtimeOption = Annotated[bool, typer.Option("--realtime", help="Simulate no faster than time passes.")]
+DriversOption = Annotated[
+    list[str] | None, typer.Option(help="Python package with drivers of your own.", metavar="PACKAGE")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")]
+
+
+def numbers(option: str, text: str) -> list[float]:
+    """Numbers with commas between them.
+
+    Raises:
+        InputError: they are none.
+    """
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"{option} {text!r}: give numbers with commas between them") from None
+    if not all(abs(number) < 1e6 for number in numbers):  # also NaN
+        raise InputError(f"{option} {text!r}: give finite numbers")
+    return numbers
+
+
+def joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:
+    """One angle per joint [rad], or those of home.
+
+    Raises:
+        InputError: they are none, or of another number.
+    """
+    if text == "home":
+        return list(robot_file.home_rad)
+    angles = numbers(option, text)
+    if len(angles) != robot_file.joint_count:
+        raise InputError(
+            f"{option} {text!r}: {len(angles)} angles, the robot has {robot_file.joint_count} joints"
+        )
+    return angles
+
+
+def stops_of(
+    lower: str | None, upper: str | None, robot_file: RobotFile
+) -> tuple[FloatArray, FloatArray] | None:
+    """Lower and upper stops that are stated, (n,) each [rad]; None for the URDF's on both sides.
+
+    Raises:
+        InputError: one of them is no list of angles.
+    """
+    if lower is None and upper is None:
+        return None
+    return stated_stops(
+        None if lower is None else joint_angles("--lower-stops", lower, robot_file),
+        None if upper is None else joint_angles("--upper-stops", upper, robot_file),
+    )

@@ -1,0 +1,325 @@
+"""Puts a calibration together: robot, clock, guard and session log, simulated or not."""
+
+import hashlib
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from control.arm.dh_check import check_dh_table
+from control.arm.rigid_body import RigidBody
+from control.loop.journal import Observer
+from control.loop.loop import run_loop
+from control.loop.realtime import realtime
+from control.loop.result import Outcome
+from control.loop.task import Task, TaskOutput
+from control.loop.tick_record import NO_ESTIMATE, Estimates, tick_stream
+from palpate.files import open_session
+from palpate.hiding import hide, seal_hidden
+from palpate.probing_run import NOBODY, SIMULATED_DRIVERS, Watcher
+from palpate.wired import DEFAULT_SCENARIO, EMULATED, emulate
+from robot_io.calibration import (
+    Calibrations,
+    RawData,
+    device_identity,
+    load_calibrations,
+    parse_calibrations,
+    urdf_sha256,
+)
+from robot_io.clock import Clock, MonotonicClock, SimulatedClock
+from robot_io.driver import DriverCatalogue
+from robot_io.errors import InputError
+from robot_io.guard import Guard
+from robot_io.limits import Limits
+from robot_io.robot import Robot, build_robot
+from robot_io.robot_file import RobotFile, parse_robot_file
+from robot_io.session import Session, SessionMetadata, SessionWriter
+from robot_io.types import Measurement
+from sim_backend.drivers.pybullet_bus import PyBulletBus
+from sim_backend.scenario import Scenario, load_scenario
+from sim_backend.world import World
+
+KIND = "calibration_kind"  # key of what was calibrated in the session's metadata
+SOURCE = "source"
+_FAMILY = {"gravity": "torque"}  # kinds whose sessions serve each other
+
+
+@dataclass(frozen=True)
+class CalibrationJob:
+    """What is to be calibrated, and where to.
+
+    Attributes:
+        kind: force, encoder, torque or gravity.
+        robot_file: the robot; its own calibration of this kind is left out meanwhile.
+        session: the new session file.
+        scenario: simulated world instead of the one that the robot file names.
+        seed: of all simulated noise; None leaves the scenario's.
+        hidden: what to hide in the simulated world, see `palpate.hiding`.
+        wired: emulate the devices of a robot of hardware drivers, and the world behind them.
+        paced: let simulated time pass as fast as real time.
+        drivers: packages with drivers beside palpate's own.
+        command_line: how the program was started.
+    """
+
+    kind: str
+    robot_file: RobotFile
+    session: Path
+    scenario: Scenario | None = None
+    seed: int | None = None
+    hidden: str | None = None
+    wired: bool = False
+    paced: bool = False
+    drivers: tuple[str, ...] = ()
+    command_line: str = ""
+
+    @property
+    def simulated(self) -> bool:
+        """Whether there is no hardware."""
+        buses = self.robot_file.buses.values()
+        return self.wired or any(bus.driver == PyBulletBus.name for bus in buses)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A robot ready to be calibrated, and what belongs to it.
+
+    Attributes:
+        robot: configured, torque off.
+        body: the arm as its robot file and the calibrations that are applied describe it.
+        clock: the robot's.
+        log: the session's writer.
+        world: gives the simulated world, None with hardware.
+        calibrations: those that are applied.
+    """
+
+    job: CalibrationJob
+    robot: Robot
+    body: RigidBody
+    clock: Clock
+    log: SessionWriter
+    world: Callable[[], World] | None
+    calibrations: Calibrations
+
+    def guard(self, limits: Limits) -> Guard:
+        """A guard that holds the arm to these limits."""
+        robot_file = self.job.robot_file
+        return Guard(limits, robot_file.safe_state, robot_file.joint_count, self.body.gravity)
+
+    def run(self, task: Task, limits: Limits, watcher: Watcher = NOBODY) -> None:
+        """Run a task in the loop, under a guard with these limits.
+
+        Raises:
+            KeyboardInterrupt: the user stopped it.
+            PalpateError: the arm was stopped.
+        """
+
+        def observe(measurement: Measurement, output: TaskOutput) -> Estimates:
+            watcher.tick(measurement, output)
+            return NO_ESTIMATE
+
+        observer: Observer = observe
+        watcher.started()
+        rate_hz = self.job.robot_file.control_rate_hz
+        with ExitStack() as stack:
+            if not self.job.simulated:
+                stack.enter_context(realtime())
+            result = run_loop(
+                self.robot, self.guard(limits), task, self.clock, self.log, rate_hz=rate_hz, observer=observer
+            )
+        if result.outcome is Outcome.STOPPED:
+            raise KeyboardInterrupt
+        result.raise_for_trip()
+
+
+@contextmanager
+def calibration_bench(job: CalibrationJob, now_utc: datetime | None = None) -> Iterator[Bench]:
+    """Set everything up; the session file is complete when the context ends.
+
+    Args:
+        job: what is wanted.
+        now_utc: wall clock; None asks the machine's.
+
+    Raises:
+        InputError: robot file, calibrations and scenario do not fit each other, or the session cannot be
+            written.
+        DeviceError: a device could not be started.
+    """
+    now_utc = now_utc or datetime.now(UTC)
+    robot_file = job.robot_file
+    calibrations = load_calibrations(robot_file, now_utc, leave_out=(job.kind,))
+    body = RigidBody.of_robot(robot_file, calibrations)
+    if joint := body.weightless_joint:
+        raise InputError(
+            f"{robot_file.urdf_path}: joint '{joint}' moves no mass; give its links an <inertial>"
+        )
+    check_dh_table(robot_file, body)
+    clock: Clock = MonotonicClock()
+    if job.simulated:
+        clock = SimulatedClock(MonotonicClock() if job.paced else None)
+    with ExitStack() as stack:
+        robot, scenario, world = _set_up(job, clock, calibrations, stack)
+        stack.enter_context(robot)
+        metadata = _metadata(job, scenario, calibrations, now_utc)
+        sealed = None
+        if scenario:
+            sealed = seal_hidden(job.session, scenario, job.hidden, metadata.created_utc)
+        log = stack.enter_context(
+            SessionWriter(
+                job.session,
+                [tick_stream(robot.joint_count)],
+                metadata,
+                wait_for_room=job.simulated and not job.paced,
+            )
+        )
+        try:
+            yield Bench(job, robot, body, clock, log, world, calibrations)
+        except InputError:  # nothing has moved
+            log.close()
+            for file in (job.session, sealed):
+                if file is not None:
+                    file.unlink(missing_ok=True)
+            raise
+
+
+def _set_up(
+    job: CalibrationJob, clock: Clock, calibrations: Calibrations, stack: ExitStack
+) -> tuple[Robot, Scenario | None, Callable[[], World] | None]:
+    """The robot, and the world that is simulated for it; None with hardware."""
+    drivers = DriverCatalogue(SIMULATED_DRIVERS, *job.drivers)
+    if job.wired:
+        scenario = _altered(job, job.scenario or load_scenario(DEFAULT_SCENARIO))
+        arm = emulate(job.robot_file, scenario, clock)
+        stack.callback(arm.bench.close)
+        return build_robot(arm.robot_file, drivers, clock, calibrations), scenario, lambda: arm.plant.world
+    robot = build_robot(job.robot_file, drivers, clock, calibrations)
+    bus = next((bus for bus in robot.buses.values() if isinstance(bus, PyBulletBus)), None)
+    return robot, _use_scenario(job, bus), (lambda: bus.world) if bus else None
+
+
+def _altered(job: CalibrationJob, scenario: Scenario) -> Scenario:
+    scenario = scenario if job.seed is None else scenario.with_seed(job.seed)
+    return scenario if job.hidden is None else hide(scenario, job.hidden)
+
+
+def _use_scenario(job: CalibrationJob, bus: PyBulletBus | None) -> Scenario | None:
+    if bus is None:
+        if any(wish is not None for wish in (job.scenario, job.seed, job.hidden)):
+            raise InputError(
+                f"robot '{job.robot_file.name}' is not simulated: scenario, seed and hidden effects mean "
+                "nothing to it"
+            )
+        return None
+    scenario = _altered(job, job.scenario or bus.scenario)
+    bus.use_scenario(scenario)
+    return scenario
+
+
+def _metadata(
+    job: CalibrationJob, scenario: Scenario | None, calibrations: Calibrations, now_utc: datetime
+) -> SessionMetadata:
+    return SessionMetadata(
+        robot_file=job.robot_file.text,
+        urdf=job.robot_file.urdf_path.read_text(encoding="utf-8"),
+        calibration=calibrations.text,
+        scenario=scenario.public_yaml() if scenario else "",
+        software_version=version("palpate"),
+        seed=scenario.seed if scenario else None,
+        created_utc=now_utc.isoformat(timespec="seconds"),
+        command_line=job.command_line,
+        extra={
+            SOURCE: EMULATED if job.wired else "simulated" if scenario else "measured",
+            KIND: job.kind,
+            "python": ".".join(str(part) for part in sys.version_info[:3]),
+        },
+    )
+
+
+def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
+    """A session to work a calibration out from.
+
+    Args:
+        path: the file.
+        kind: what is wanted; one motion serves torque and gravity.
+        robot_file: the robot that it must be of.
+
+    Raises:
+        InputError: it was not made for that, is of another robot, or such a calibration was applied in it.
+    """
+    session = open_session(path)
+    made_for = session.metadata.extra.get(KIND)
+    if made_for is None or _FAMILY.get(made_for, made_for) != _FAMILY.get(kind, kind):
+        made = f"palpate calibrate {made_for}" if made_for else "no calibration"
+        raise InputError(f"session {path}: is from {made}; palpate calibrate {kind} cannot work on it")
+    name = parse_robot_file(session.metadata.robot_file, f"{path}, its robot file").name
+    if name != robot_file.name:
+        raise InputError(f"session {path}: is of the robot '{name}', not '{robot_file.name}' (see --robot)")
+    if kind in parse_calibrations(session.metadata.calibration, f"{path}, its calibration").kinds:
+        raise InputError(f"session {path}: a calibration of kind '{kind}' was applied in it already")
+    return session
+
+
+def widened(limits: Limits, by_rad: float) -> Limits:
+    """The limits with room beyond the positions, for a joint that goes to its stop."""
+    return limits.model_copy(
+        update={
+            "position_min_rad": tuple(float(x) - by_rad for x in limits.position_min_rad),
+            "position_max_rad": tuple(float(x) + by_rad for x in limits.position_max_rad),
+        }
+    )
+
+
+def slowed(limits: Limits, speed_rad_s: float) -> Limits:
+    """The limits with no joint faster than this."""
+    return limits.model_copy(
+        update={"velocity_rad_s": tuple(np.minimum(limits.velocity_rad_s, speed_rad_s).tolist())}
+    )
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """What every calibration file says of where it comes from.
+
+    Attributes:
+        robot_file: of the robot that it is for.
+        raw: session or data file that it was worked out from.
+        now_utc: date of the calibration.
+        valid_days: how long it may be used.
+        made_with: calibrations that were applied meanwhile.
+    """
+
+    robot_file: RobotFile
+    raw: Path
+    now_utc: datetime
+    valid_days: float
+    made_with: tuple[str, ...] = field(default=())
+
+    def content(self, kind: str) -> dict[str, object]:
+        """Everything but the values.
+
+        Raises:
+            InputError: the raw data or the URDF cannot be read.
+        """
+        content: dict[str, object] = {
+            "palpate_calibration": 1,
+            "kind": kind,
+            "robot": self.robot_file.name,
+            "device": device_identity(self.robot_file, kind),
+            "made_utc": self.now_utc.isoformat(timespec="seconds"),
+            "valid_until_utc": (self.now_utc + timedelta(days=self.valid_days)).isoformat(timespec="seconds"),
+            "software_version": version("palpate"),
+            "raw_data": RawData(file=self.raw.name, sha256=_sha256(self.raw)).model_dump(),
+            "made_with": self.made_with,
+        }
+        if kind in ("torque", "gravity"):
+            content["urdf_sha256"] = urdf_sha256(self.robot_file)
+        return content
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,41 @@
+"""Calibrations of the shipped follower in simulated worlds that hide something."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+from palpate.calibration_setup import CalibrationJob, Stamp
+from palpate.robots import find_robot
+from robot_io.robot_file import RobotFile
+from robot_io.session import Session
+from sim_backend.scenario import load_scenario
+
+NOW = datetime(2026, 11, 20, 8, tzinfo=UTC)
+FOLLOWER = find_robot("follower")
+
+
+def job_in(
+    folder: Path, kind: str, hidden: list[dict], seed: int = 1, robot: RobotFile = FOLLOWER
+) -> CalibrationJob:
+    """A calibration of the follower, with its session in `folder`."""
+    scenario = load_scenario({"seed": seed, "hidden": hidden})
+    return CalibrationJob(kind, robot, folder / f"{kind}-{seed}.mcap", scenario=scenario)
+
+
+def opened(job: CalibrationJob) -> Session:
+    return Session.open(job.session)
+
+
+def stamp(job: CalibrationJob) -> Stamp:
+    return Stamp(job.robot_file, job.session, NOW, 365.0)
+
+
+def in_joints(effect: str, **parameters) -> list[dict]:
+    """One entry for each joint; every parameter is a sequence of three."""
+    return [
+        {
+            "effect": effect,
+            "joint": joint + 1,
+            **{name: float(values[joint]) for name, values in parameters.items()},
+        }
+        for joint in range(3)
+    ]

@@ -1,0 +1,98 @@
+import json
+
+import pytest
+
+from robot_io.calibration import load_calibration
+from robot_io.session import Session
+from tests.palpate.cli import assert_refused, run
+
+KG = (0, 1, 2, 3, 2, 1, 0)
+COUNTS = [f"{1000 + 200 * kg + sample % 3},{kg}" for kg in KG for sample in range(20)]
+
+
+@pytest.fixture
+def table(tmp_path):
+    path = tmp_path / "cell.csv"
+    path.write_text("\n".join(["reading_counts,reference_kg", *COUNTS]) + "\n")
+    return path
+
+
+def test_help_names_all_four_and_says_how_to_go_on():
+    result = run("calibrate", "--help")
+    assert result.exit_code == 0
+    for word in ("force", "encoder", "torque", "gravity", "calibration: {force: force.yaml"):
+        assert word in result.stdout
+    assert run("calibrate").stdout == result.stdout
+
+
+def test_somebodys_load_cell_becomes_a_file_and_a_plot(table, tmp_path):
+    out = tmp_path / "cell.yaml"
+    result = run("calibrate", "force", "--from", table, "-o", out, "--valid-days", 30)
+    assert result.exit_code == 0, result.stderr
+    calibration = load_calibration(out)
+    assert calibration.values.scale.unit == "N/count"
+    assert calibration.values.scale.value == pytest.approx(9.80665 / 200, rel=1e-3)
+    assert calibration.raw_data.file == "cell.csv"
+    assert (calibration.valid_until_utc - calibration.made_utc).days == 30
+    assert out.with_suffix(".png").stat().st_size > 10_000
+    assert "applied" in result.stdout
+
+
+def test_a_weighing_is_a_session_and_can_be_worked_out_again(tmp_path):
+    session, out = tmp_path / "w.mcap", tmp_path / "w.yaml"
+    options = ("--weights-kg", "0,1,2,3,2,1,0", "--json", "--session", session, "-o", out)
+    result = run("calibrate", "force", *options)
+    assert result.exit_code == 0, result.stderr
+    first = json.loads(result.stdout)
+    assert first["values"]["scale"]["value"] == pytest.approx(1.0, abs=1e-3)
+    assert first["raw"] == str(session)
+    assert {event.kind for event in Session.open(session).events} == {"reference_force"}
+    again = run("calibrate", "force", "--from", session, "--json", "-o", tmp_path / "again.yaml")
+    assert json.loads(again.stdout)["values"] == first["values"]
+
+
+def test_a_pose_gives_zeros_and_nothing_moves(tmp_path):
+    session, out = tmp_path / "p.mcap", tmp_path / "p.yaml"
+    result = run("calibrate", "encoder", "--pose", "home", "--session", session, "-o", out)
+    assert result.exit_code == 0, result.stderr
+    assert load_calibration(out).values.offset.value == pytest.approx((0, 0, 0), abs=1e-4)
+    assert not Session.open(session).samples("tick")["torque_sent_nm"].any()
+    assert "palpate probe --robot follower" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("force", "--weights-kg", "0,x"), ("--weights-kg", "commas")),
+        (("force", "--weights-kg", "0,1,2"), ("3 plateaus",)),
+        (("force", "--weights-kg", "0,1,2,nan,2,1,0"), ("finite",)),
+        (("encoder", "--pose", "1,2"), ("--pose", "2 angles", "3 joints")),
+        (("torque", "--robot", "nobody"), ("nobody", "follower")),
+        (("gravity", "--from", "missing.mcap"), ("missing.mcap", "no such file")),
+        (("torque", "--robot", "follower", "--wire"), ("without wires",)),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_one_line(tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    assert_refused(run("calibrate", *arguments, "-o", "c.yaml"), *words)
+    assert not (tmp_path / "c.yaml").exists()
+    assert not (tmp_path / "c.png").exists()
+
+
+def test_a_session_of_another_kind_or_robot_is_refused(probed, tmp_path):
+    for kind in ("force", "encoder", "torque", "gravity"):
+        result = run("calibrate", kind, "--from", probed[0], "-o", tmp_path / "c.yaml")
+        assert_refused(result, "is from no calibration", f"palpate calibrate {kind}")
+    session = tmp_path / "p.mcap"
+    run("calibrate", "encoder", "--pose", "home", "--session", session, "-o", tmp_path / "p.yaml")
+    result = run("calibrate", "torque", "--from", session, "-o", tmp_path / "c.yaml")
+    assert_refused(result, "is from palpate calibrate encoder")
+    options = ("--pose", "home", "--robot", "leader", "-o", tmp_path / "c.yaml")
+    assert_refused(run("calibrate", "encoder", "--from", session, *options), "'follower', not 'leader'")
+
+
+def test_what_exists_is_not_replaced(table, tmp_path):
+    out = tmp_path / "cell.yaml"
+    out.write_text("mine")
+    assert_refused(run("calibrate", "force", "--from", table, "-o", out), "exists already")
+    assert out.read_text() == "mine"

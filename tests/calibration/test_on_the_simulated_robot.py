@@ -1,0 +1,198 @@
+"""Each procedure finds what the simulator hides, through loop, guard and session file."""
+
+import shutil
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from calibration.arm.excitation import ExcitationWish
+from calibration.encoder.stop_task import StopSettings
+from calibration.force.fit import fit_force
+from calibration.force.weighing import read_weighing
+from control.probing.plan import ProbingPlan
+from palpate import calibration_run as calibrating
+from palpate.estimation_run import estimate_with, load_material
+from palpate.probing_run import ProbingJob, run_probing
+from robot_io.calibration import load_calibrations, parse_calibration
+from robot_io.errors import InputError, PalpateError
+from robot_io.robot_file import load_robot_file
+from robot_io.session import Session
+from sim_backend.scenario import load_scenario
+from tests.calibration.simulated import FOLLOWER, in_joints, job_in, opened, stamp
+
+FORCES_N = [0.0, 10.0, 20.0, 40.0, 20.0, 10.0, 0.0]
+SHORT = ExcitationWish(duration_s=12.0, period_s=6.0)
+BIAS, GAIN = "bias", "sensor_gain"
+
+
+def weighed(folder, hidden, seed, robot=FOLLOWER):
+    job = job_in(folder, "force", hidden, seed, robot)
+    calibrating.run_weighing(job, FORCES_N, calibrating.put_simulated_weight, settle_s=0.02, measure_s=0.1)
+    return job, fit_force(read_weighing(opened(job)))
+
+
+def test_a_force_sensor_is_put_right_within_its_uncertainty(tmp_path):
+    """Twelve sensors: at most three of 24 values outside of two standard uncertainties (binomial, 0.7 %)."""
+    outside = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        gain, bias = rng.uniform(0.9, 1.1), rng.uniform(-2.0, 2.0)
+        hidden = [
+            {"effect": GAIN, "channel": "contact", "gain": gain},
+            {"effect": BIAS, "channel": "contact", "bias": bias},
+        ]
+        _, fit = weighed(tmp_path, hidden, seed)
+        outside += abs(fit.zero.value - bias) > 2 * fit.zero.std_err
+        outside += abs(fit.scale.value - 1 / gain) > 2 * fit.scale.std_err
+        assert fit.scale.std_err < 1e-3
+    assert outside <= 3
+
+
+def test_weights_beyond_the_limit_are_refused_before_anything_is_opened(tmp_path):
+    job = job_in(tmp_path, "force", [])
+    with pytest.raises(InputError, match=r"61 N: limits\.force_n of 'follower' is 60 N"):
+        calibrating.run_weighing(job, [0.0, 10.0, 61.0, 20.0, 10.0, 0.0], calibrating.put_simulated_weight)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def excited(tmp_path_factory):
+    """Drives with everything wrong on a tilted base, and the fit of a short motion."""
+    hidden = {
+        "gain": np.array([0.9, 1.1, 1.15]),
+        "coulomb": np.array([0.3, 0.2, 0.02]),
+        "viscous": np.array([0.2, 0.1, 0.01]),
+        "bias": np.array([0.1, -0.1, 0.02]),
+        "pitch": -0.02,
+    }
+    effects = [
+        {"effect": "gravity_tilt", "pitch_rad": hidden["pitch"]},
+        *in_joints("torque_gain", gain=hidden["gain"]),
+        *in_joints("coulomb_friction", coulomb_nm=hidden["coulomb"]),
+        *in_joints("viscous_friction", viscous_nms_rad=hidden["viscous"]),
+        *({"effect": BIAS, "channel": f"joint_{j + 1}", "bias": float(hidden["bias"][j])} for j in range(3)),
+    ]
+    job = job_in(tmp_path_factory.mktemp("excited"), "torque", effects)
+    calibrating.run_motion(job, SHORT)
+    return job, hidden, calibrating.arm_fit_of(opened(job), FOLLOWER.urdf_path, FOLLOWER.tip_frame)
+
+
+class TestDrives:
+    def test_are_found_within_their_uncertainty(self, excited):
+        _, hidden, fit = excited
+        for found, std, true in (
+            (fit.gain, fit.gain_std, hidden["gain"]),
+            (fit.offset_nm, fit.offset_std_nm, -hidden["gain"] * hidden["bias"]),
+            (fit.command_offset_nm, fit.command_offset_std_nm, np.zeros(3)),
+            (fit.coulomb_nm, fit.coulomb_std_nm, hidden["coulomb"]),
+            (fit.viscous_nms_rad, fit.viscous_std_nms_rad, hidden["viscous"]),
+        ):
+            assert np.all(np.abs(found - true) < 4 * std)
+        assert np.all(fit.gain_std < 2e-3)
+
+    def test_and_so_is_the_base(self, excited):
+        job, hidden, fit = excited
+        calibration = calibrating.gravity_calibration(fit, stamp(job))
+        pitch = calibration.values.pitch
+        assert abs(pitch.value - hidden["pitch"]) < 4 * pitch.std_err < 2e-3
+        assert calibration.values.roll is None  # the joints' axes are all across
+
+    def test_make_a_file_that_says_where_it_comes_from(self, excited):
+        job, _, fit = excited
+        calibration = calibrating.torque_calibration(fit, stamp(job))
+        again = parse_calibration(calibration.to_yaml(), "torque.yaml")
+        assert again == calibration
+        assert again.raw_data.file == job.session.name
+        assert again.device["driver"] == "sim_torque"
+        assert "coulomb_friction" in again.findings
+
+    def test_the_session_is_a_whole_one_and_the_arm_is_back_home(self, excited):
+        session = opened(excited[0])
+        ticks = session.samples("tick")
+        assert not session.truncated
+        assert not ticks["guard_tripped"].any()
+        np.testing.assert_allclose(ticks["joint_position_rad"][-1], FOLLOWER.home_rad, atol=0.02)
+
+
+ZEROS_RAD = (0.03, -0.02, 0.05)
+WRONG_ZEROS = [
+    {"effect": BIAS, "channel": f"encoder_{joint}", "bias": zero} for joint, zero in enumerate(ZEROS_RAD, 1)
+]
+
+
+def test_zeros_are_found_at_the_hard_stops(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        calibrating, "StopSettings", lambda push_nm: StopSettings(push_nm, speed_rad_s=0.1, touches=2)
+    )
+    job = job_in(
+        tmp_path, "encoder", WRONG_ZEROS + in_joints("coulomb_friction", coulomb_nm=(0.3, 0.2, 0.03))
+    )
+    calibrating.run_stops(job)
+    fit = calibrating.encoder_fit_of(opened(job), 3, None, 1e-4)
+    np.testing.assert_allclose(fit.offset_rad, -np.array(ZEROS_RAD), atol=2e-4)
+    ticks = opened(job).samples("tick")
+    assert np.abs(ticks["torque_sent_nm"]).max() < 0.5 * max(FOLLOWER.limits.torque_nm)
+
+
+def test_a_stop_that_is_not_where_it_is_said_to_be_stops_the_arm(tmp_path):
+    job = job_in(tmp_path, "encoder", [])
+    wrong = calibrating.stated_stops(None, [2.0, 2.0, 2.0])
+    with pytest.raises(
+        PalpateError, match=r"joint 1 met no stop at 2\.15\d rad, its stop is said to be at 2"
+    ):
+        calibrating.run_stops(job, wrong)
+    assert opened(job).samples("tick")["guard_tripped"][-1]
+
+
+def test_zeros_are_found_in_a_known_pose_without_power(tmp_path):
+    job = job_in(tmp_path, "encoder", WRONG_ZEROS)
+    calibrating.run_pose(job)
+    fit = calibrating.encoder_fit_of(opened(job), 3, FOLLOWER.home_rad, 1e-3)
+    np.testing.assert_allclose(fit.offset_rad, -np.array(ZEROS_RAD), atol=1e-4)
+    np.testing.assert_allclose(fit.std_rad, 1e-3, rtol=0.1)
+    assert not opened(job).samples("tick")["torque_sent_nm"].any()
+
+
+def probed(folder, robot, hidden, name):
+    scenario = load_scenario({"seed": 5, "hidden": hidden})
+    plan = ProbingPlan(speeds_m_s=[0.1], hold_s=0.3)
+    run_probing(ProbingJob(robot, plan, folder / name, scenario=scenario, online=None)).raise_for_failure()
+    found = estimate_with(load_material(folder / name, tared=True).channels[0], "kelvin_voigt", ["lsq"])
+    return next(
+        parameter.value for parameter in found.estimates[0].parameters if parameter.name == "stiffness.k"
+    )
+
+
+def test_a_probing_run_with_calibrations_estimates_better_than_without(tmp_path):
+    """The object is 500 N/m; the sensor shows 6 % too much, the joints' zeros are off by up to 0.05 rad."""
+    hidden = [
+        {"effect": GAIN, "channel": "contact", "gain": 1.06},
+        {"effect": BIAS, "channel": "contact", "bias": 1.0},
+        *WRONG_ZEROS,
+    ]
+    shutil.copytree(FOLLOWER.path.parent, tmp_path / "arm")
+    plain = load_robot_file(tmp_path / "arm" / "follower.yaml")
+    force_job, force_fit = weighed(tmp_path, hidden, 1, plain)
+    encoder_job = job_in(tmp_path, "encoder", hidden, 1, plain)
+    calibrating.run_pose(encoder_job)
+    zeros = calibrating.encoder_fit_of(opened(encoder_job), 3, plain.home_rad, 1e-3)
+    arm = tmp_path / "arm"
+    calibrating.write_calibration(
+        calibrating.force_calibration(force_fit, "N", stamp(force_job)), arm / "force.yaml"
+    )
+    calibrating.write_calibration(
+        calibrating.encoder_calibration(zeros, stamp(encoder_job)), arm / "encoder.yaml"
+    )
+    named = arm / "calibrated.yaml"
+    named.write_text(plain.text + "\ncalibration: {force: force.yaml, encoder: encoder.yaml}\n")
+    calibrated = load_robot_file(named)
+    without, with_them = (
+        abs(probed(tmp_path, robot, hidden, f"{number}.mcap") - 500.0)
+        for number, robot in enumerate((plain, calibrated))
+    )
+    assert without > 20.0
+    assert with_them < 2.0
+    kept = Session.open(tmp_path / "1.mcap").metadata.calibration
+    assert kept == load_calibrations(calibrated, datetime.now(UTC)).text
+    assert "scale" in kept
