@@ -1,8 +1,7 @@
 """A bus of Dynamixel servos: one sync read and one sync write in each tick."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -23,8 +22,7 @@ from robot_io.interfaces import Bus
 from robot_io.types import FloatArray, Status
 
 
-@dataclass(frozen=True, slots=True)
-class ServoSample:
+class ServoSample(NamedTuple):
     """What one sync read brought; positive along the joint axes.
 
     Attributes:
@@ -65,7 +63,7 @@ class DynamixelBus(Bus, Examinable):
         middle_rad = 0.5 * (np.array(limits.position_min_rad) + np.array(limits.position_max_rad))
         self._middle_rad = np.resize(middle_rad, len(self._ids))
         self._joints = ServoJoints(self._settings.servos, self._middle_rad.tolist())
-        self._largest_current = np.array([s.servo_model.largest_current for s in self._settings.servos])
+        self._largest_current = [servo.servo_model.largest_current for servo in self._settings.servos]
         self._reader: FeedbackReader | None = None
         self._turns_known = False
         self._powered = False
@@ -88,7 +86,7 @@ class DynamixelBus(Bus, Examinable):
         self._line.identify()
         self._line.prepare_feedback()
         self._reader = self._line.feedback_reader()
-        self._largest_current = np.array([identity.current_limit for identity in self.identities])
+        self._largest_current = [identity.current_limit for identity in self.identities]
         self._turns_known = False
 
     def activate(self) -> None:
@@ -136,13 +134,8 @@ class DynamixelBus(Bus, Examinable):
         if not self._turns_known:
             joints.choose_turns(feedback)
             self._turns_known = True
-        self.sample = ServoSample(
-            sampled_at_s=asked_at_s,
-            position_rad=joints.position_rad(feedback),
-            velocity_rad_s=joints.velocity_rad_s(feedback),
-            torque_nm=joints.torque_nm(feedback),
-            torque_status=torque_status,
-        )
+        position_rad, velocity_rad_s, torque_nm = joints.motion(feedback)
+        self.sample = ServoSample(asked_at_s, position_rad, velocity_rad_s, torque_nm, torque_status)
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
         """Keep torques (n) [N m] for the next flush; returns what the currents' range and step make of them.
@@ -154,8 +147,7 @@ class DynamixelBus(Bus, Examinable):
             raise LifecycleError("the drives are off: activate them before the first command")
         counts = self._joints.current_counts(torque_nm, self._largest_current)
         data = {
-            servo_id: GOAL_CURRENT.encode(count)
-            for servo_id, count in zip(self._ids, counts.tolist(), strict=True)
+            servo_id: GOAL_CURRENT.encode(count) for servo_id, count in zip(self._ids, counts, strict=True)
         }
         self._staged = instructions.sync_write(GOAL_CURRENT.address, data)
         return self._joints.torque_of_counts(counts)

@@ -7,8 +7,7 @@ packet has the instruction 55 and an error byte before its parameters.
 Source: ROBOTIS e-manual, "DYNAMIXEL Protocol 2.0".
 """
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from robot_io.dynamixel.crc import crc16
 from robot_io.errors import ProtocolError
@@ -36,8 +35,7 @@ _ERROR_NAMES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class StatusPacket:
+class StatusPacket(NamedTuple):
     """What a servo answers.
 
     Attributes:
