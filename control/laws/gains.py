@@ -44,11 +44,15 @@ class TouchGains(FileModel):
         touch_force_n: above it is contact; raised by the task where the sensor is noisier [N].
         release_share: below this share of the touch force is no contact.
         debounce_samples: new force samples in a row before the state changes.
+        limit_share: touch force, as a share of the plan's force limit, above which nothing is probed.
+        bias_share: the same for the force in free air, which is taken for the sensor's own and tared away.
     """
 
     touch_force_n: Positive = 0.3
     release_share: Annotated[Positive, Field(lt=1.0)] = 0.5
     debounce_samples: Annotated[int, Field(ge=1, le=100)] = 2
+    limit_share: Share = 0.35
+    bias_share: NotNegative = 0.5
 
 
 class ContactGains(FileModel):

@@ -16,6 +16,7 @@ from control.laws.admittance import loading_acceleration, scheduled_admittance
 from control.laws.computed_torque import ComputedTorque
 from control.laws.gains import Gains, TouchGains
 from control.laws.object_guess import ObjectGuess
+from control.laws.touch import release_force_n
 from control.paths.motion import JointMotion, LineState
 from control.paths.press_line import PressLine
 from robot_io.clip import clip
@@ -85,7 +86,7 @@ class ContactSwitch:
         self._debounce = gains.debounce_samples
         self._count = 0
         self.touch_force_n = touch_force_n
-        self.release_force_n = touch_force_n * gains.release_share
+        self.release_force_n = release_force_n(touch_force_n, gains)
         self.in_contact = False
 
     def update(self, force_n: float) -> bool:

@@ -8,17 +8,18 @@ from collections.abc import Callable
 
 from control.laws.gains import Gains
 from control.laws.hybrid import ControlOutput, ForceGoal, HybridController, HybridReference
+from control.laws.touch import touch_force_n
 from control.loop.phases import Phase
 from control.loop.task import TaskEvent
 from control.paths.excitation import Profile, position_amplitude_m
 from control.paths.motion import LineState
 from control.paths.trajectory import LineReturn, SpeedBlend, turning_distance_m
+from control.probing.free_air import free_air_problem
 from control.probing.plan import ProbingPlan, ProbingRunSpec
 from control.probing.running_mean import RunningMean
 from control.probing.sites import ProbingSite
 from robot_io.types import Measurement
 
-_NOISE_FACTOR = 6.0  # the touch counts from at least this many standard deviations of the free-air force
 _LOADED_SHARE = 0.95  # of the force limit, and
 _SLOW_SHARE = 0.1  # of the set speed, but at least
 _SLOW_M_S = 0.002  # this, end the loading
@@ -35,7 +36,7 @@ class ProbingRun:
         site: where; told where the next approach starts.
         spec: number and speed of this run.
         plan: all else.
-        gains: touch threshold.
+        gains: what counts as touch, and what as free air.
 
     Attributes:
         phase: what the arm is doing.
@@ -56,7 +57,7 @@ class ProbingRun:
         self._control = control
         self._site = site
         self._plan = plan
-        self._touch_force_n = gains.touch.touch_force_n
+        self._touch_gains = gains.touch
         self.spec = spec
         self._air = RunningMean()
         self._held = RunningMean()
@@ -81,14 +82,26 @@ class ProbingRun:
         output = self._control.step(measurement, HybridReference(free=still), dt_s)
         self._air.add(measurement.force_n)
         if self._time_s >= self._plan.free_air_s:
-            mean_n, noise_n = self._air.mean, self._air.standard_deviation
-            touch_n = max(self._touch_force_n, _NOISE_FACTOR * noise_n)
-            self._control.tare(mean_n, touch_n)
-            text = f"free-air force {mean_n:.4f} N, noise {noise_n:.4f} N; touch counts from {touch_n:.3f} N"
-            self._event("free_air", text, mean_n=mean_n, noise_n=noise_n, touch_n=touch_n)
-            self._enter(Phase.APPROACH, self._approach)
-            self._blend = SpeedBlend(still, self.spec.speed_m_s, self._plan.acceleration_m_s2)
+            self._judge_free_air()
+            if not self.failure:
+                self._enter(Phase.APPROACH, self._approach)
+                self._blend = SpeedBlend(still, self.spec.speed_m_s, self._plan.acceleration_m_s2)
         return output
+
+    def _judge_free_air(self) -> None:
+        """Tare, and know a touch from noise; or go no further."""
+        gains = self._touch_gains
+        mean_n, noise_n = self._air.mean, self._air.standard_deviation
+        touch_n = touch_force_n(noise_n, gains.touch_force_n)
+        text = f"free-air force {mean_n:.4f} N, noise {noise_n:.4f} N; touch counts from {touch_n:.3f} N"
+        self._event("free_air", text, mean_n=mean_n, noise_n=noise_n, touch_n=touch_n)
+        problem = free_air_problem(mean_n, touch_n, self._plan.force_limit_n, gains)
+        self._control.tare(self._control.force_bias_n if problem else mean_n, touch_n)
+        if problem is None:
+            return
+        self.failure = f"run {self.spec.run}: {problem}"
+        self._event("free_air_refused", self.failure, mean_n=mean_n, touch_n=touch_n)
+        self.finished = True
 
     def _approach(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         goal = ForceGoal(self._plan.force_limit_n, self.spec.speed_m_s, hold=False)

@@ -18,11 +18,12 @@ from control.laws.hybrid import ControlOutput, HybridController
 from control.loop.phases import Phase
 from control.loop.task import NO_RUN, TaskEvent, TaskOutput
 from control.paths.trajectory import JointMove
+from control.probing.free_air import free_air_problem
 from control.probing.limits import check_against_guard, check_tip_speeds
 from control.probing.plan import ProbingPlan
 from control.probing.run import ProbingRun
 from control.probing.sites import probing_sites
-from robot_io.errors import SafetyTripError
+from robot_io.errors import InputError, SafetyTripError
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, Measurement, frozen_array
 
@@ -100,8 +101,14 @@ class ProbingTask:
         """Begin from the measured posture, at rest and clear of everything.
 
         Raises:
-            InputError: a target cannot be probed from here, or not at the speeds of the plan.
+            InputError: a target cannot be probed from here, or not at the speeds of the plan; or the force is
+                more already than can be the sensor's own.
         """
+        touch = self._gains.touch
+        if problem := free_air_problem(
+            measurement.force_n, touch.touch_force_n, self._plan.force_limit_n, touch
+        ):
+            raise InputError(f"before the arm moves: {problem}")
         position_rad = measurement.joint_position_rad
         self._start_rad = position_rad.copy()
         tip, _ = self._body.tip_pose(position_rad)
@@ -199,7 +206,9 @@ class ProbingTask:
         share = abs(force_n) / self._plan.force_limit_n
         if share < _OBSTACLE_SHARE:
             self._obstacle_share = _OBSTACLE_SHARE
-        self._blocked_ticks = self._blocked_ticks + 1 if share > self._obstacle_share else 0
+        is_touch = abs(force_n) > self._control.switch.touch_force_n  # and not a noisy sensor
+        is_strong = share > self._obstacle_share
+        self._blocked_ticks = self._blocked_ticks + 1 if is_strong and is_touch else 0
         return self._blocked_ticks >= _OBSTACLE_TICKS
 
     def _give_up(self, what: str) -> None:
