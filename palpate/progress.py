@@ -27,12 +27,13 @@ MILLI = 1e3
 
 
 @contextmanager
-def probing_progress(plan: ProbingPlan, *, live: bool) -> Iterator[Watcher]:
+def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iterator[Watcher]:
     """Show how far the runs have come, on stderr; nothing where a simulation's stderr is no terminal.
 
     Args:
         plan: what is going to be done.
         live: draw a bar that moves. Never with a real arm: drawing would take time from its control loop.
+        remark: a line to say first, once the arm is ready.
     """
     runs = list(plan.runs())
     if not live:
@@ -40,17 +41,29 @@ def probing_progress(plan: ProbingPlan, *, live: bool) -> Iterator[Watcher]:
         return
     talk = console.stderr()
     if not talk.is_terminal:
-        yield NOBODY
+        yield _Remark(remark) if remark else NOBODY
         return
     bar = BarColumn(bar_width=32)
     words = TextColumn("{task.description}")
     progress = Progress(bar, words, console=talk, transient=True, auto_refresh=False)
     task = progress.add_task("starting", total=len(runs))
-    watcher = _Bar(progress, task, [run.speed_m_s for run in runs])
+    watcher = _Bar(progress, task, [run.speed_m_s for run in runs], remark)
     try:
         yield watcher
     finally:
         watcher.ended()
+
+
+class _Remark(Watcher):
+    """Says one line."""
+
+    def __init__(self, remark: str) -> None:
+        self._remark = remark
+
+    def started(self) -> None:
+        """See `Watcher.started`."""
+        if self._remark:
+            console.stderr().print(self._remark)
 
 
 class _Announcer(Watcher):
@@ -64,10 +77,11 @@ class _Announcer(Watcher):
         console.stderr().print(f"probing, {count(self._run_count, 'run')}; Ctrl-C brings the arm to rest")
 
 
-class _Bar(Watcher):
+class _Bar(_Remark):
     """Moves a bar, at most every `REFRESH_S`."""
 
-    def __init__(self, progress: Progress, task: TaskID, speeds_m_s: list[float]) -> None:
+    def __init__(self, progress: Progress, task: TaskID, speeds_m_s: list[float], remark: str = "") -> None:
+        super().__init__(remark)
         self._progress, self._task, self._speeds_m_s = progress, task, speeds_m_s
         self._next_s = 0.0
         self._run = 0
@@ -76,6 +90,7 @@ class _Bar(Watcher):
 
     def started(self) -> None:
         """See `Watcher.started`; what is refused before leaves nothing but its error on stderr."""
+        super().started()
         self._progress.start()
         self._is_drawn = True
 

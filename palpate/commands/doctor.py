@@ -81,7 +81,7 @@ def command(  # noqa: PLR0917, one parameter an option
     else:
         _print_verdict(findings, verdict[failed])
         if robot is not None:
-            _next_steps(robot, wire=wire, move=move, failed=failed)
+            _next_steps(robot, wire=wire, move=move or is_simulated(check.robot_file), failed=failed)
     if failed:
         raise typer.Exit(1)
 
@@ -94,14 +94,15 @@ def _refuse(options: Mapping[str, object], remedy: str) -> None:
 
 def _examine(check: ArmCheck, *, quiet: bool) -> list[Finding]:
     """Every finding, each shown as soon as it is there: somebody may be standing at the arm."""
-    findings = []
-    if check.wired:
-        console.stderr().print(f"emulated devices: {safe(wires_in_words(check.robot_file))}")
-    elif not is_simulated(check.robot_file):
+    findings: list[Finding] = []
+    remark = f"emulated devices: {safe(wires_in_words(check.robot_file))}" if check.wired else ""
+    if not check.wired and not is_simulated(check.robot_file):
         findings += [*real_time(), *memory_lock()]
     for finding in findings:
         _print_line(finding, quiet=quiet)
     for finding in examine_arm(check):
+        if remark and not findings:
+            console.stderr().print(remark)
         findings.append(finding)
         _print_line(finding, quiet=quiet)
     return findings

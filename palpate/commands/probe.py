@@ -97,9 +97,8 @@ def command(  # noqa: PLR0917, one parameter an option
         online=None if online == NO_ESTIMATOR else online,
         command_line=_command_line(sys.argv[1:], hidden),
     )
-    if wire:
-        console.stderr().print(f"emulated devices: {safe(wires_in_words(robot_file))}")
-    with probing_progress(plan, live=wire or is_simulated(robot_file)) as watcher:
+    remark = f"emulated devices: {safe(wires_in_words(robot_file))}" if wire else ""
+    with probing_progress(plan, live=wire or is_simulated(robot_file), remark=remark) as watcher:
         outcome = run_probing(job, watcher)
     _report(outcome, plan, as_json)
 

@@ -100,8 +100,12 @@ def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, Hand]:
 
 def _unpowered(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     yield from examine_limits(robot_file)
-    yield from examine_ports(robot_file)
-    yield from examine_devices(robot, robot_file)
+    closed: set[str] = set()
+    for bus, finding in examine_ports(robot_file):
+        if finding.level is Level.FAIL:
+            closed.add(bus)
+        yield finding
+    yield from examine_devices(robot, robot_file, closed)
 
 
 def _with_robot(make: Callable[[], Robot], look: Callable[[Robot], Iterator[Finding]]) -> Iterator[Finding]:

@@ -1,6 +1,6 @@
 """Who is at the other end of each bus, as far as its driver can tell. Nothing is powered."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 
 from palpate.doctor.finding import Finding, Level, fail
 from robot_io.errors import DeviceError
@@ -13,27 +13,28 @@ from robot_io.robot_file import RobotFile
 _REMEDY = "see docs/hardware.md, 'Wiring'"
 
 
-def examine_devices(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
+def examine_devices(robot: Robot, robot_file: RobotFile, closed: Set[str]) -> Iterator[Finding]:
     """Configure each part by itself and ask it what it found; everything is closed at the end.
 
     Args:
         robot: a new one, for this examination alone.
         robot_file: the same arm.
+        closed: buses whose port cannot be opened, which has been said.
     """
     parts: list[tuple[str, Component, str | None]] = [
-        *((f"bus {name}", bus, None) for name, bus in robot.buses.items()),
+        *((f"bus {name}", bus, name) for name, bus in robot.buses.items()),
         ("encoder", robot.encoder, robot_file.encoder.bus),
         ("force sensor", robot.force, robot_file.force.bus),
         ("drives", robot.torque, robot_file.torque.bus),
     ]
-    broken: set[str] = set()
+    broken = set(closed)
     try:
         for label, component, bus in parts:
-            if bus is not None and f"bus {bus}" in broken:
+            if bus in broken:
                 continue  # its bus has said why
             findings = list(_examine(label, component))
-            if any(finding.level is Level.FAIL for finding in findings):
-                broken.add(label)
+            if bus is not None and any(finding.level is Level.FAIL for finding in findings):
+                broken.add(bus)
             yield from findings
     finally:
         _let_go(parts)

@@ -11,14 +11,14 @@ from robot_io.robot_file import RobotFile
 _DIALOUT = "sudo usermod -aG dialout $USER, log in again"
 
 
-def examine_ports(robot_file: RobotFile) -> Iterator[Finding]:
-    """Serial ports (setting `port`) and SocketCAN interfaces (setting `channel`) of all buses."""
+def examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
+    """Serial ports (setting `port`) and SocketCAN interfaces (setting `channel`), with the bus of each."""
     for name, bus in robot_file.buses.items():
         port, channel = bus.settings.get("port"), bus.settings.get("channel")
         if isinstance(port, str) and port.startswith("/"):
-            yield _serial_port(f"port of {name}", Path(port))
+            yield name, _serial_port(f"port of {name}", Path(port))
         elif bus.settings.get("interface") == "socketcan" and isinstance(channel, str):
-            yield _can_interface(f"port of {name}", channel)
+            yield name, _can_interface(f"port of {name}", channel)
 
 
 def _serial_port(subject: str, port: Path) -> Finding:

@@ -172,7 +172,7 @@ def test_limits_are_held_against_the_arms_own_masses():
 
 
 def test_a_port_that_is_not_there_is_a_failure_with_a_remedy():
-    found = [finding for finding in examine_ports(load_robot_file(ODRIVE)) if finding.level is Level.FAIL]
+    found = failures(finding for _, finding in examine_ports(load_robot_file(ODRIVE)))
     assert [finding.subject for finding in found] == ["port of motors", "port of load_cell"]
     assert "ip link set can0 up" in found[0].remedy
 
