@@ -19,7 +19,7 @@ def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains
     most_n = gains.bias_share * force_limit_n
     if not abs(force_n) <= most_n:
         return (
-            f"{force_n:.3g} N in free air, with {limit} at most {most_n:.3g} N: does the tool touch something? "
+            f"{force_n:.3g} N in free air, with {limit} at most {most_n:.3g} N: is the tool touched? "
             "If not, tare the force sensor, or allow more (gains.touch.bias_share in the robot file)"
         )
     most_n = gains.limit_share * force_limit_n
