@@ -12,6 +12,7 @@ import can
 from pydantic import Field
 
 from robot_io.can.frame import CanFrame
+from robot_io.can.port_lock import PortLock
 from robot_io.clock import Clock
 from robot_io.errors import DeviceError
 from robot_io.file_model import FileModel
@@ -72,6 +73,7 @@ class CanLine:
         self._settings = settings
         self._clock = clock
         self._bus: can.BusABC | None = None
+        self._lock: PortLock | None = None
         self._drained_s = -float("inf")
         self.counts: Counter[str] = Counter()
         self.bus_off = False
@@ -90,23 +92,29 @@ class CanLine:
         """Open the adapter.
 
         Raises:
-            DeviceError: there is no such adapter, or it cannot be opened.
+            DeviceError: there is no such adapter, it cannot be opened, or its port is in use.
         """
+        lock = PortLock(self._settings.channel)
         try:
             self._bus = can.Bus(**self._settings.arguments())
         except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+            lock.release()
             raise DeviceError(f"{self.label}: cannot be opened ({error})") from error
+        self._lock = lock
         self._drained_s = self._clock.now_s()
         self.bus_off = False
 
     def close(self) -> None:
         """Let go of the adapter. Can be called again."""
         bus, self._bus = self._bus, None
-        if bus is not None:
-            try:
+        try:
+            if bus is not None:
                 bus.shutdown()
-            except (can.CanError, OSError) as error:
-                raise DeviceError(f"{self.label}: cannot be closed ({error})") from error
+        except (can.CanError, OSError) as error:
+            raise DeviceError(f"{self.label}: cannot be closed ({error})") from error
+        finally:
+            if self._lock is not None:
+                self._lock.release()
 
     @property
     def is_open(self) -> bool:

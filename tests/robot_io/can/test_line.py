@@ -6,6 +6,7 @@ import tty
 
 import can
 import pytest
+import serial
 
 from robot_io.can import CanFrame, CanLine, CanLineSettings
 from robot_io.clock import SimulatedClock
@@ -153,6 +154,28 @@ def test_a_serial_adapter_that_stammers_does_not_bring_the_line_down():
         assert line.counts["damaged"] == 2
     finally:
         line.close()
+        os.close(slave)
+        os.close(master)
+
+
+def test_a_serial_adapter_that_somebody_else_has_open_is_refused():
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    settings = CanLineSettings(
+        interface="slcan", channel=f"{os.ttyname(slave)}@115200", options={"sleep_after_open": 0}
+    )
+    first, second = CanLine(settings, SimulatedClock()), CanLine(settings, SimulatedClock())
+    try:
+        first.open()
+        with pytest.raises(DeviceError, match="in use by another program"):
+            second.open()
+        with pytest.raises(serial.SerialException, match="lock"):
+            serial.Serial(os.ttyname(slave), exclusive=True)
+        first.close()
+        second.open()
+    finally:
+        first.close()
+        second.close()
         os.close(slave)
         os.close(master)
 
