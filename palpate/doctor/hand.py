@@ -43,7 +43,7 @@ class Person(Hand):
 
     def turn(self, joint: int, words: str) -> None:
         """See `Hand.turn`."""
-        console.stderr().print(f"[bold]Turn joint {joint + 1} by hand[/bold], a quarter of a radian: {words}")
+        console.stderr().print(f"[bold]Turn joint {joint + 1} by hand[/bold], by about 15 degrees: {words}")
 
     def press(self, words: str) -> None:
         """See `Hand.press`."""
