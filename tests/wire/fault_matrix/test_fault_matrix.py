@@ -1,5 +1,6 @@
 """Every fault of the matrix happens: what the arm does, how soon, what is read, what the session holds."""
 
+import sys
 from contextlib import suppress
 
 import pytest
@@ -14,6 +15,8 @@ ROWS = tuple(rows())
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.label)
 def test_a_fault_ends_as_the_matrix_says(row: Row, tmp_path):
+    if row.fault is Program.DISK_FULL and not sys.platform.startswith("linux"):
+        pytest.skip("fills the disk of another process as Linux lets it")
     rig = Rig(row, tmp_path)
     try:
         seen = rig.run()
