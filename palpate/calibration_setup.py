@@ -263,6 +263,11 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
     return session
 
 
+def wired(raw: Path) -> bool:
+    """Whether the raw data come from emulated devices."""
+    return raw.suffix == ".mcap" and Session.open(raw).metadata.extra.get(SOURCE) == EMULATED
+
+
 def widened(limits: Limits, by_rad: float) -> Limits:
     """The limits with room beyond the positions, for a joint that goes to its stop."""
     return limits.model_copy(

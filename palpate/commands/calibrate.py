@@ -34,7 +34,7 @@ from palpate.calibration_options import (
     stops_of,
 )
 from palpate.calibration_progress import motion_progress, weighing_progress
-from palpate.calibration_setup import Bench, CalibrationJob, Stamp, open_recorded
+from palpate.calibration_setup import Bench, CalibrationJob, Stamp, open_recorded, wired
 from palpate.calibration_text import print_calibration
 from palpate.files import existing_file, output_file
 from palpate.robots import DEFAULT, find_robot
@@ -393,7 +393,8 @@ def _finish(  # noqa: PLR0917, what was found and where it goes
         f"  calibration: {{{calibration.kind}: {_seen_from(path, robot_file.path.resolve().parent)}}}",
         soft_wrap=True,
     )
-    console.next_steps((f"palpate probe --robot {robot}", "probe with it"))
+    wire = " --wire" if wired(raw) else ""
+    console.next_steps((f"palpate probe --robot {robot}{wire}", "probe with it"))
 
 
 def _seen_from(path: Path, folder: Path) -> str:

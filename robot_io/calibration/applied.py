@@ -55,7 +55,7 @@ class Calibrations:
         if self.gravity is None:
             return (0.0, 0.0, -GRAVITY_M_S2)
         values = self.gravity.values
-        pitch, roll = values.pitch.value, values.roll.value if values.roll else 0.0
+        pitch, roll = (angle.value if angle else 0.0 for angle in (values.pitch, values.roll))
         return gravity_base_m_s2(pitch, roll)
 
 

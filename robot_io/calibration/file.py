@@ -239,7 +239,7 @@ class TorqueCalibration(Calibration):
 class GravityValues(FileModel):
     """How the base stands: turned by pitch about its y axis (x dipping), after roll about its x axis."""
 
-    pitch: Quantity
+    pitch: Quantity | None = None
     roll: Quantity | None = None
 
 
@@ -256,6 +256,8 @@ class GravityCalibration(Calibration):
 
     @model_validator(mode="after")
     def _plausible(self) -> "GravityCalibration":
+        if self.values.pitch is None and self.values.roll is None:
+            raise ValueError("values: pitch or roll must be there")
         _expect_units(self.values, {"pitch": "rad", "roll": "rad"})
         for name in ("pitch", "roll"):
             angle = getattr(self.values, name)

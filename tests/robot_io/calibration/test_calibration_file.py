@@ -48,6 +48,7 @@ def changed(robot, kind, change):
         ("torque", lambda d: d["values"]["gain"].update(value=[1, 0.0, 1]), ("values.gain", "0.2 and 5")),
         ("torque", lambda d: d.pop("urdf_sha256"), ("urdf_sha256", "missing")),
         ("gravity", lambda d: d["values"]["pitch"].update(value=3.0), ("values.pitch", "3")),
+        ("gravity", lambda d: d["values"].clear(), ("pitch or roll",)),
     ],
 )
 def test_what_is_wrong_is_named(robot, kind, change, words):
