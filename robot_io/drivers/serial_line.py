@@ -11,6 +11,7 @@ from robot_io.driver import DriverContext
 from robot_io.errors import DeviceError, DeviceTimeoutError
 from robot_io.file_model import FileModel, NotNegative
 from robot_io.interfaces import Bus
+from robot_io.port_failure import reason_of
 from robot_io.serial_force import ForceSample, SerialReader, Stream
 from robot_io.types import Reading, Status
 
@@ -73,7 +74,7 @@ class SerialLine(Bus):
             )
             self._port.reset_input_buffer()
         except (serial.SerialException, OSError, ValueError) as error:
-            raise DeviceError(f"{self.label}: cannot be opened ({error})") from error
+            raise DeviceError(f"{self.label}: cannot be opened ({reason_of(error)})") from error
 
     def close(self) -> None:
         """End the reading and close the port. Can be called again."""

@@ -10,6 +10,7 @@ import serial
 
 from robot_io.clock import Clock, SimulatedClock
 from robot_io.errors import DeviceError
+from robot_io.port_failure import reason_of
 
 _LOOK_S = 50e-6  # on simulated time, how often to look whether something has come
 _CHUNK = 4096
@@ -58,7 +59,7 @@ class SerialPort:
         try:
             self._serial = serial.Serial(self.path, self.baud_rate, timeout=0, exclusive=True)
         except (OSError, ValueError) as error:  # SerialException is an OSError
-            raise DeviceError(f"{self.path}: cannot be opened ({_reason(error)})") from error
+            raise DeviceError(f"{self.path}: cannot be opened ({reason_of(error)})") from error
         self._fd = self._serial.fileno()
         self.failure = None
         with suppress(OSError):  # also against programs that do not ask for a lock
@@ -148,10 +149,5 @@ class SerialPort:
 
     def _failed(self, error: Exception) -> DeviceError:
         self.close()
-        self.failure = f"the port has failed ({_reason(error)}); unplugged?"
+        self.failure = f"the port has failed ({reason_of(error)}); unplugged?"
         return DeviceError(f"{self.path}: {self.failure}")
-
-
-def _reason(error: Exception) -> str:
-    number = getattr(error, "errno", None)
-    return os.strerror(number) if number else " ".join(str(error).split())
