@@ -113,7 +113,7 @@ def run_pose(job: CalibrationJob, now_utc: datetime | None = None) -> None:
     """
     with calibration_bench(job, now_utc) as bench:
         still = _still(bench, beyond_rad=7.0)
-        still.settle(0.1)
+        still.await_samples()
         still.watch(POSE_S, 0)
 
 
@@ -151,7 +151,7 @@ def run_weighing(
         )
     with calibration_bench(job, now_utc) as bench:
         still = _still(bench, beyond_rad=7.0)
-        still.settle(0.1)
+        still.await_samples()
 
         def put(number: int, force_n: float) -> None:
             place(bench, number, force_n)
@@ -266,12 +266,7 @@ def now() -> datetime:
 
 def _where_it_stands(bench: Bench) -> FloatArray:
     """Joint positions before anything moves, shape (n,) [rad]."""
-    still = _still(bench, beyond_rad=7.0)
-    still.settle(0.05)
-    measurement = bench.robot.read(bench.clock.now_s() + 0.01)
-    if not np.all(np.isfinite(measurement.joint_position_rad)):
-        raise InputError("the encoders show no position yet")
-    return measurement.joint_position_rad
+    return _still(bench, beyond_rad=7.0).await_samples().joint_position_rad
 
 
 def _still(bench: Bench, beyond_rad: float) -> StillRobot:

@@ -341,11 +341,11 @@ def _forces(
 
 def _ask_for_weight(bench: Bench, number: int, force_n: float) -> None:
     """Wait until somebody has put the weight on."""
-    words = f"{number + 1}: put {force_n:.3f} N on the sensor, let it come to rest, and press Enter"
-    try:
-        typer.prompt(words, default="", show_default=False, prompt_suffix=" ", err=True)
-    except EOFError as error:
-        raise InputError("weights are put on by hand: run this in a terminal") from error
+    console.stderr().print(
+        f"{number + 1}: put {force_n:.3f} N on the sensor, let it come to rest, press Enter"
+    )
+    if not sys.stdin.readline():
+        raise InputError("weights are put on by hand: run this in a terminal")
 
 
 def _remarks(fit: ForceFit) -> list[str]:
