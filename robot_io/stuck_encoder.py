@@ -18,7 +18,7 @@ _SAMPLES = 5  # new ones in that time; fewer are a drive that measures slower th
 _STEPS = 4  # of the encoder, that the reference must have moved, and
 _TRACKING_SHARE = 0.01  # this share of the tracking limit; or
 _UNKNOWN_SHARE = 0.05  # this one, as long as no step has been seen that would tell their size
-_TORQUE_SHARE = 0.2  # of the torque limit; friction changes sign with the motion, and so counts twice
+_TORQUE_SHARE = 0.3  # of the torque limit; friction changes sign with the motion, and so counts twice
 
 
 class _Joint:

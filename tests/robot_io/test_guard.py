@@ -590,8 +590,8 @@ def test_an_encoder_that_freezes_is_named_before_the_joint_is_far_off(guard, see
     def reading(k):
         return seen(SPEED * min(k, 100))
 
-    # The controller answers to the error that it sees: 250 N m/rad.
-    tick = watch_many(guard, 200, reading, lambda k: SPEED * k, lambda k: 250 * (SPEED * k - reading(k)))
+    # The controller answers to the error that it sees: 400 N m/rad.
+    tick = watch_many(guard, 200, reading, lambda k: SPEED * k, lambda k: 400 * (SPEED * k - reading(k)))
     assert guard.tripped.cause.startswith("encoder of joint 1: stuck at 0.0")
     assert 100 < tick <= 125
     # Its velocity is nothing to brake against; that of the other joint is.

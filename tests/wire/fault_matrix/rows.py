@@ -138,7 +138,7 @@ _MOTOR_ROWS = {
         (OLD, OLD_OFF, "servo 3 did not answer in time"),
         (2, 3, "servo 3 (joint 3): has forgotten its settings; it has restarted"),
         (2, 62, "the port has failed", _DEAF),
-        (25, BRAKED + 25, "encoder of joint 1: stuck at", _FROZEN),
+        (30, BRAKED + 30, "encoder of joint 1: stuck at", _FROZEN),
     ),
     "odrive": (
         (OLD, OLD_OFF, "joint 3 (node 2): nothing valid for"),
