@@ -21,6 +21,7 @@ from estimation.diagnosis.step import Step, confirmed
 from estimation.diagnosis.together import pair
 
 MOST_EFFECTS = 3  # with more, almost anything can be imitated
+MODEST = 4  # parameters added, up to which nothing simpler is looked for
 DONE = 0.005  # share of the error that may be left for the search to end: no candidate can take more
 
 
@@ -78,11 +79,25 @@ def build(search: Search) -> Chain:
         if step is None:
             break
         steps = _reconsider(search, (*steps, step))
-    if not search.is_explained(steps[-1].standing if steps else start) or len(steps) > 2:
-        steps = pair(search) or steps
+    if not search.is_explained(steps[-1].standing if steps else start) or _size(search, steps) > MODEST:
+        steps = _better(search, steps, pair(search))
     complete = search.is_explained(steps[-1].standing if steps else start)
     chain = Chain(start, steps, ranking, refused, search.floor, complete)
     return chain if complete or not steps else replace(chain, dominant=_dominant(search, chain))
+
+
+def _better(search: Search, steps: tuple[Step, ...], two: tuple[Step, ...] | None) -> tuple[Step, ...]:
+    """Two effects instead of the steps, if these do not explain all, or need more parameters for it."""
+    if two is None or not steps or not search.is_explained(steps[-1].standing):
+        return two or steps
+    as_good = two[-1].standing.trial.held_out < (1.0 + TIE) * steps[-1].standing.trial.held_out
+    return two if as_good and _size(search, two) < _size(search, steps) else steps
+
+
+def _size(search: Search, steps: tuple[Step, ...]) -> int:
+    """Number of parameters that the steps added."""
+    names = {step.effect for step in steps}
+    return sum(size(effect) for effect in search.effects if effect.name in names)
 
 
 def _dominant(search: Search, chain: Chain) -> Step | None:

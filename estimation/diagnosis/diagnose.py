@@ -1,11 +1,12 @@
 """Says what is missing in a model, with evidence; or that nothing is, or that nobody has named it."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.diagnosis.agreement import Disagreement, disagreement
 from estimation.diagnosis.chain import Chain, build
 from estimation.diagnosis.confusion import rivals
 from estimation.diagnosis.gate import refuse, usable
@@ -31,6 +32,7 @@ from estimation.diagnosis.step import Step
 from estimation.diagnosis.unexplained import depends_on
 from estimation.effect import Effect
 from estimation.model import Model
+from estimation.signals.runwise import sample_time
 
 
 def diagnose(
@@ -81,20 +83,23 @@ def diagnose_channel(
         )
     search = Search(data, model, good, effects, rng, progress)
     chain = build(search)
-    return _report(search, chain)
+    apart = disagreement(chain.end) if chain.is_complete else None
+    return _report(search, replace(chain, is_complete=False) if apart else chain, apart)
 
 
-def _report(search: Search, chain: Chain) -> ChannelDiagnosis:
+def _report(search: Search, chain: Chain, apart: Disagreement | None) -> ChannelDiagnosis:
     named = chain.named
     standing = named[-1].standing if named else chain.start
     accepted = _accepted(search, chain, named)
-    signals = [] if chain.is_complete else depends_on(chain.end)
+    signals = [] if chain.is_complete else ["run"] if apart else depends_on(chain.end)
     verdict = _verdict(chain)
     floor = noise_floor(chain.end, chain.floor)
+    if apart:
+        floor = replace(floor, value=min(floor.value, apart.alone))
     return ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
-        reason=_reason(verdict, chain, signals),
+        reason=_apart(apart, search) if apart else _reason(verdict, chain, signals),
         effort_unit=search.data.kind.effort_unit,
         noise_floor=floor.value,
         floor=Floor(**asdict(floor)),
@@ -163,7 +168,8 @@ def _rivals(search: Search, chain: Chain, named: Sequence[Step], name: str) -> l
         without, found = chain.start, list(chain.ranking)
     if name not in [candidate.effect.name for candidate in found]:
         return []
-    return rivals(found, name, without.trial)
+    step_s = sample_time(search.data.time_s, search.data.run)
+    return rivals(found, name, without.trial, step_s)
 
 
 def _suspects(chain: Chain) -> list[Suspect]:
@@ -199,6 +205,15 @@ def _reason(verdict: Verdict, chain: Chain, signals: Sequence[str]) -> str:
     left = _percent(chain.end.left_of_blocks(chain.floor))
     known = " even with " + " and ".join(s.effect for s in chain.steps) if chain.steps else ""
     return f"{left} of the error{known} could be explained, by {_told(signals)}"
+
+
+def _apart(apart: Disagreement, search: Search) -> str:
+    unit = search.data.kind.effort_unit
+    return (
+        f"the runs do not follow one law: run {apart.run} is off by {apart.run_predicted:.3g} {unit} when "
+        f"predicted from the others, by {apart.run_alone:.3g} {unit} when fitted by itself; was something else "
+        "probed, or a sensor changed?"
+    )
 
 
 def _percent(share: float) -> str:

@@ -18,6 +18,7 @@ _STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was
 _TOO_FEW_LEVELS, _FEW_LEVELS = 10, 50  # readings in all, with which a sensor says little, or is coarse
 _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
+_LEAST_EXPLAINED = 0.2  # share of a force's variance that depth and velocity explain, whatever the object is
 
 
 def usable(data: ChannelData) -> BoolArray:
@@ -106,6 +107,18 @@ def _contact(data: ChannelData) -> str | None:
             return "no contact: the force while pressed is no more than the noise in free air"
     if _likeness(np.where(pressed, data.position, 0.0), data.effort) < 0.0:
         return "force falls with depth; check the sign of force and displacement"
+    return _stranger(data)
+
+
+def _stranger(data: ChannelData) -> str | None:
+    """A force that has next to nothing to do with the motion."""
+    motion = np.column_stack([data.engaged * data.position, data.engaged * data.velocity, np.ones(len(data))])
+    size = np.linalg.norm(motion, axis=0)
+    motion = motion / np.where(size > 0.0, size, 1.0)
+    left = data.effort - motion @ np.linalg.lstsq(motion, data.effort, rcond=1e-9)[0]
+    share = 1.0 - float(np.var(left) / np.var(data.effort))
+    if share < _LEAST_EXPLAINED:
+        return f"depth and velocity explain {100.0 * share:.0f} % of the force; do they belong together?"
     return None
 
 

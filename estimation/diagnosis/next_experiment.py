@@ -46,6 +46,10 @@ _FREE_AIR = Plan(
     "record free air before and after each press",
     {"speeds_m_s": [0.01, 0.05], "free_air_s": 3.0, "hold_s": 1.0, "repeats": 3},
 )
+_REPEATS = Plan(
+    "repeat one and the same press on one spot, and see whether a run differs again",
+    {"speeds_m_s": [0.05], "hold_s": 1.0, "repeats": 6},
+)
 _SLOW_REVERSALS = Plan(
     "reverse slowly at several depths without leaving the object",
     {"speeds_m_s": [0.005, 0.01], "excitation": _REVERSALS, "hold_s": 1.0, "repeats": 3},
@@ -80,7 +84,13 @@ def separating(effect: Effect, rivals: Sequence[str], kind: ChannelKind) -> Next
 
 def exploring(signals: Sequence[str], kind: ChannelKind) -> NextExperiment:
     """The experiment that shows more of an effect that nobody has named."""
-    by_signal = {"velocity": _TWO_SPEEDS, "past motion": _LONG_HOLD, "time": _FREE_AIR, "offset": _FREE_AIR}
+    by_signal = {
+        "velocity": _TWO_SPEEDS,
+        "past motion": _LONG_HOLD,
+        "time": _FREE_AIR,
+        "offset": _FREE_AIR,
+        "run": _REPEATS,
+    }
     first = signals[0] if signals else "position"
     plan = by_signal.get(first, _DEEP) if kind is ChannelKind.CONTACT else _JOINT
     return NextExperiment(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.base_model import ModelContext
+from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
@@ -54,6 +55,26 @@ def test_a_bias_that_friction_holds_back_is_found_beside_it():
 def test_a_zero_that_drifts_is_seen_in_runs_that_come_later_than_all_others():
     found = named(session(34, lambda t, x, v, run: kelvin_voigt(x, v, stiffening(x)) + 0.05 * t))
     assert set(found) == {"cubic_stiffness", "drift"}
+
+
+def test_friction_beside_a_bias_is_not_called_uneven():
+    # a bias and an even friction draw the levels of an uneven one, with two parameters less
+    rng, step = np.random.default_rng(36), 0.01
+    t = np.arange(0.0, 8.0, step)
+    q = np.array([np.sin(w * t + p) + 0.4 * np.sin(2.7 * w * t) for w, p in rng.uniform(1.0, 3.0, (5, 2))])
+    v = np.gradient(q, step, axis=1)
+    a = np.gradient(v, step, axis=1)
+    torque = 0.05 * a + 2.0 * np.sin(q) + 0.15 * v + 0.3 * np.tanh(v / 0.01) + 0.1
+    torque += rng.normal(0.0, 0.02, torque.shape)
+    run = np.repeat(np.arange(5), len(t))
+    time_s, unknown = np.tile(t, 5) + 20.0 * run, np.full(run.size, -1)
+    joint = ChannelData(
+        "joint_1", ChannelKind.REVOLUTE, time_s, q.ravel(), v.ravel(), a.ravel(), torque.ravel(), run, unknown
+    )
+    tried = [EFFECTS[name]() for name in ("coulomb_friction", "asymmetric_friction", "bias", "joint_spring")]
+    model = MODELS["pendulum"]().build(ModelContext())
+    found = diagnose(joint, model, tried, rng=np.random.default_rng(1)).channels[0]
+    assert {entry.effect for entry in found.accepted} == {"coulomb_friction", "bias"}
 
 
 @pytest.mark.parametrize(
