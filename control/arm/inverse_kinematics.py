@@ -150,6 +150,13 @@ class PlanarArm:
         first, second = a1 - rest1, a2 - rest2
         return s1 * first, s2 * (second - first), s3 * (a3 - rest3 - second)
 
+    def tips_in_plane(self, position_rad: FloatArray) -> FloatArray:
+        """Coordinates (u, w) of the tip, shape (k, 2) [m], for joint positions of shape (k, 3) [rad]."""
+        angles = np.cumsum(position_rad * self.signs, axis=1) + self._rest
+        lengths_m = np.array(self.lengths_m)
+        across = np.column_stack((np.cos(angles) @ lengths_m, np.sin(angles) @ lengths_m))
+        return across + self._shoulder
+
     def plane_point(self, position_world_m: FloatArray) -> tuple[float, float]:
         """Coordinates (u, w) [m] of a world point (3,) projected on the arm's plane."""
         return self._in_plane(position_world_m)

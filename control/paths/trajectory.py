@@ -50,14 +50,50 @@ class JointMove:
 
     def at(self, time_s: float) -> JointMotion:
         """Motion `time_s` [s] after the start; at rest at the end afterwards."""
+        return _on_way(self._start, self._way, self._along(time_s))
+
+    def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> "JointBrake":
+        """Come to rest on the way, from the motion at `time_s` [s] on, with another limit [rad/s^2]."""
+        return JointBrake(self._start, self._way, self._along(time_s), acceleration_limit_rad_s2)
+
+    def _along(self, time_s: float) -> LineState:
+        """Share of the way, and its derivatives."""
         if time_s >= self.duration_s:
-            rest = np.zeros_like(self._way)
-            return JointMotion(self._start + self._way, rest, rest)
+            return LineState(1.0)
         s = max(time_s, 0.0) / self.duration_s
-        position = s**3 * (10.0 + s * (-15.0 + 6.0 * s))
-        speed = 30.0 * s**2 * (1.0 - s) ** 2 / self.duration_s
-        acceleration = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / self.duration_s**2
-        return JointMotion(self._start + position * self._way, speed * self._way, acceleration * self._way)
+        return LineState(
+            s**3 * (10.0 + s * (-15.0 + 6.0 * s)),
+            30.0 * s**2 * (1.0 - s) ** 2 / self.duration_s,
+            60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / self.duration_s**2,
+        )
+
+
+class JointBrake:
+    """All joints come to rest together, on the way that they were on; see `JointMove.brake_at`.
+
+    Args:
+        start_rad: where the way begins, shape (n,) [rad].
+        way_rad: to its end, shape (n,) [rad].
+        along: share of the way, and its derivatives, when the braking begins.
+        acceleration_limit_rad_s2: no joint decelerates more, if none accelerates when it begins [rad/s^2].
+    """
+
+    def __init__(
+        self, start_rad: FloatArray, way_rad: FloatArray, along: LineState, acceleration_limit_rad_s2: float
+    ) -> None:
+        self._start, self._way = start_rad, way_rad
+        longest_rad = max(float(np.abs(way_rad).max()), 1e-9)
+        self._blend = SpeedBlend(along, 0.0, acceleration_limit_rad_s2 / longest_rad)
+        self.duration_s = self._blend.duration_s
+
+    def at(self, time_s: float) -> JointMotion:
+        """Motion `time_s` [s] after the braking began; at rest afterwards."""
+        return _on_way(self._start, self._way, self._blend.at(time_s))
+
+
+def _on_way(start_rad: FloatArray, way_rad: FloatArray, along: LineState) -> JointMotion:
+    share, rate_1_s, acceleration_1_s2 = along
+    return JointMotion(start_rad + share * way_rad, rate_1_s * way_rad, acceleration_1_s2 * way_rad)
 
 
 class SpeedBlend:

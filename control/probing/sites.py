@@ -9,6 +9,7 @@ from robot_io.errors import InputError
 from robot_io.types import FloatArray, frozen_array
 
 JointLimits = tuple[FloatArray, FloatArray]
+_LIFT_ROOM_M = 0.1  # above the highest target's clearance, for the way to the next one
 
 
 class ProbingSite:
@@ -18,17 +19,24 @@ class ProbingSite:
         line: the press line; an approach starts at travel 0 until the surface is known.
         search_travel_m: the surface must be touched before this travel [m].
         deepest_travel_m: the tip never goes beyond this travel [m].
-        highest_travel_m: nor back beyond this one, which is not positive [m].
+        highest_travel_m: nor does an approach start before this one, which is not positive [m].
+        lifted_travel_m: nor does the tip go back beyond this one, which is not above that one [m].
     """
 
     def __init__(
-        self, line: PressLine, search_travel_m: float, deepest_travel_m: float, highest_travel_m: float
+        self,
+        line: PressLine,
+        search_travel_m: float,
+        deepest_travel_m: float,
+        highest_travel_m: float,
+        lifted_travel_m: float,
     ) -> None:
         self.line = line
         self.search_travel_m = search_travel_m
         self.deepest_travel_m = deepest_travel_m
         self.approach_travel_m = 0.0
         self._highest_travel_m = highest_travel_m
+        self._lifted_travel_m = lifted_travel_m
 
     def start_above(self, surface_travel_m: float, clearance_m: float) -> None:
         """Let the next approach start a clearance [m] before the surface found at a travel [m]."""
@@ -37,6 +45,11 @@ class ProbingSite:
     def joint_position_rad(self, near_rad: FloatArray) -> FloatArray:
         """Joint positions (3,) [rad] at the start of the approach, turns nearest to `near_rad`."""
         return self.line.joint_motion(LineState(self.approach_travel_m), near_rad).position_rad
+
+    def lifted_rad(self, lift_m: float, near_rad: FloatArray) -> FloatArray:
+        """Joint positions (3,) [rad] with the tip lifted by `lift_m` [m], or as high as can be."""
+        travel_m = max(self.approach_travel_m - lift_m, self._lifted_travel_m)
+        return self.line.joint_motion(LineState(travel_m), near_rad).position_rad
 
 
 def probing_sites(
@@ -61,11 +74,14 @@ def probing_sites(
     direction = frozen_array(plan.press_direction_world)
     starts = [frozen_array(target) - plan.approach_clearance_m * direction for target in plan.targets_world_m]
     elbow = arm.elbow_of(position_rad)
+    places = starts or [tip_position_world_m]
+    highest_m = min(float(start @ direction) for start in places)
     sites = []
-    for number, start in enumerate(starts or [tip_position_world_m], 1):
+    for number, start in enumerate(places, 1):
         name = f"target {number} ({_millimetres(start)})" if starts else "below the tip"
         line = _line(arm, start, direction, elbow, name)
-        sites.append(_site(line, plan, position_rad, limits_rad, name))
+        lift_m = float(start @ direction) - highest_m + _LIFT_ROOM_M
+        sites.append(_site(line, plan, position_rad, limits_rad, lift_m, name))
     return sites
 
 
@@ -79,11 +95,17 @@ def _line(arm: PlanarArm, start: FloatArray, direction: FloatArray, elbow: Elbow
     return line
 
 
-def _site(
-    line: PressLine, plan: ProbingPlan, near_rad: FloatArray, limits_rad: JointLimits, name: str
+def _site(  # noqa: PLR0917 (all that bounds it)
+    line: PressLine,
+    plan: ProbingPlan,
+    near_rad: FloatArray,
+    limits_rad: JointLimits,
+    lift_m: float,
+    name: str,
 ) -> ProbingSite:
     deepest_m = line.reach_m(plan.search_depth_m + plan.max_depth_m, near_rad, limits_rad)
-    highest_m = line.reach_m(-max(plan.retract_m, plan.approach_clearance_m), near_rad, limits_rad)
+    clearance_m = max(plan.retract_m, plan.approach_clearance_m)
+    lifted_m = line.reach_m(-clearance_m - lift_m, near_rad, limits_rad)
     search_m = min(plan.search_depth_m, deepest_m)
     run_up_m = blend_distance_m(max(plan.speeds_m_s), plan.acceleration_m_s2)
     if plan.search_depth_m <= run_up_m:
@@ -96,7 +118,7 @@ def _site(
             f"{name}: the arm can go only {deepest_m * 1e3:.0f} mm on from the start of the approach within "
             f"its joint limits, and needs more than {run_up_m * 1e3:.1f} mm to come up to speed"
         )
-    return ProbingSite(line, search_m, deepest_m, highest_m)
+    return ProbingSite(line, search_m, deepest_m, max(lifted_m, -clearance_m), lifted_m)
 
 
 def _millimetres(position_m: FloatArray) -> str:

@@ -7,6 +7,7 @@ The last move goes back to where the task started: there the arm stood without t
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,9 +18,11 @@ from control.laws.gains import Gains, gains_of
 from control.laws.hybrid import ControlOutput, HybridController
 from control.loop.phases import Phase
 from control.loop.task import NO_RUN, TaskEvent, TaskOutput
-from control.paths.trajectory import JointMove
+from control.paths.joint_way import JointWay
+from control.paths.trajectory import JointBrake
 from control.probing.free_air import free_air_problem
 from control.probing.limits import check_against_guard, check_tip_speeds
+from control.probing.passage import Passage, Passages, Place
 from control.probing.plan import ProbingPlan
 from control.probing.run import ProbingRun
 from control.probing.sites import probing_sites
@@ -30,6 +33,7 @@ from robot_io.types import FloatArray, Measurement, frozen_array
 _OBSTACLE_SHARE = 0.5  # of the force limit: while moving to a target, something is in the way
 _LEAVING_SHARE = 1.5  # the same while it is being left
 _OBSTACLE_TICKS = 3
+_BRAKE_FACTOR = 5.0  # times the acceleration of a move: something is in the way
 _OUTWARD = (Phase.UNLOADING, Phase.RETRACT)  # no object is harmed, and friction pulls the other way
 _IN_FREE_AIR = (Phase.IDLE, Phase.MOVE, Phase.FREE_AIR)
 _REST_RAD_S = 0.05  # slower than this the arm is at rest,
@@ -110,11 +114,13 @@ class ProbingTask:
         ):
             raise InputError(f"before the arm moves: {problem}")
         position_rad = measurement.joint_position_rad
-        self._start_rad = position_rad.copy()
+        self._start = self._here = Place(position_rad.copy())
         tip, _ = self._body.tip_pose(position_rad)
         self._sites = probing_sites(self._arm, self._plan, tip, position_rad, self._limits_rad)
         if self._fastest_rad_s is not None:
             check_tip_speeds(self._sites, self._plan, position_rad, self._fastest_rad_s)
+        self._passages = Passages(self._arm, self._plan)
+        self._passages.check(self._start, self._sites)
         self._control.start(measurement)
         self._witness.restart()
         self._specs = deque(self._plan.runs())
@@ -123,7 +129,7 @@ class ProbingTask:
         self._runs_done = 0
         self.failures = ()
         self._obstacle_share = _OBSTACLE_SHARE
-        self._begin_move()
+        self._begin_way()
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         """See `control.loop.task.Task.step`.
@@ -175,27 +181,49 @@ class ProbingTask:
         else:
             self._runs_done += 1
         self._run = None
-        self._begin_move()
+        self._here = Place(self._control.reference_rad, self._sites[run.spec.target])
+        self._begin_way()
 
-    def _begin_move(self) -> None:
+    def _begin_way(self) -> None:
         """To the next run's approach start, or back to where the task started."""
-        plan, here_rad = self._plan, self._control.reference_rad
-        goal_rad = self._start_rad
-        if self._specs:
-            goal_rad = self._sites[self._specs[0].target].joint_position_rad(here_rad)
+        passage = None
+        while self._specs and passage is None:
+            passage = self._way_to(self._specs[0].target)
+        if passage is None:
+            passage = self._passages.find(self._here, self._start)
+        self._follow(passage.points_rad)
+
+    def _way_to(self, target: int) -> Passage | None:
+        """The way to a target; a target to which there is none is left."""
+        site = self._sites[target]
+        place = Place(site.joint_position_rad(self._here.position_rad), site)
+        passage = self._passages.find(self._here, place)
+        if passage.too_low_m <= 0.0:
+            return passage
+        text = passage.problem(f"to target {target + 1}")
+        self.failures += (text,)
+        self._events.append(TaskEvent("no_way", text))
+        self._specs = deque(spec for spec in self._specs if spec.target != target)
+        return None
+
+    def _follow(self, points_rad: Sequence[FloatArray]) -> None:
+        plan = self._plan
         self._phase = Phase.MOVE
         self._move_s = 0.0
         self._blocked_ticks = 0
-        self._joint_move = JointMove(
-            here_rad, goal_rad, plan.joint_speed_rad_s, plan.joint_acceleration_rad_s2
-        )
+        self._way = JointWay(points_rad, plan.joint_speed_rad_s, plan.joint_acceleration_rad_s2)
+        self._brake: JointBrake | None = None
 
     def _move(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         self._move_s += dt_s
-        output = self._control.step_joints(measurement, self._joint_move.at(self._move_s), dt_s)
+        path = self._brake or self._way
+        output = self._control.step_joints(measurement, path.at(self._move_s), dt_s)
         if self._is_blocked(output.force_n):
             self._give_up(f"{output.force_n:.1f} N on the way")
-        elif self._move_s >= self._joint_move.duration_s + self._plan.settle_s:
+        elif self._brake:
+            if self._move_s >= self._brake.duration_s:
+                self._go_home()
+        elif self._move_s >= self._way.duration_s + self._plan.settle_s:
             if self._specs:
                 self._begin_run()
             else:
@@ -220,7 +248,15 @@ class ProbingTask:
         self._events.append(TaskEvent("obstacle", text))
         self._specs.clear()
         self._obstacle_share = _LEAVING_SHARE
-        self._begin_move()
+        self._blocked_ticks = 0
+        self._passed_rad = self._way.passed_rad(self._move_s)
+        limit_rad_s2 = _BRAKE_FACTOR * self._plan.joint_acceleration_rad_s2
+        self._brake, self._move_s = self._way.brake_at(self._move_s, limit_rad_s2), 0.0
+
+    def _go_home(self) -> None:
+        """The way that the arm came, which was free, and on from there."""
+        home = self._passages.find(self._here, self._start).points_rad
+        self._follow((self._control.reference_rad, *self._passed_rad, *home[1:]))
 
     def _begin_run(self) -> None:
         spec = self._specs.popleft()
@@ -235,7 +271,7 @@ class ProbingTask:
             self._phase = Phase.IDLE
             text = f"{self._runs_done} runs done, {len(self.failures)} failures"
             self._events.append(TaskEvent("probing_done", text, {"runs": self._runs_done}))
-        elif self._move_s > self._joint_move.duration_s + self._plan.settle_s + _REST_WAIT_S:
+        elif self._move_s > self._way.duration_s + self._plan.settle_s + _REST_WAIT_S:
             raise SafetyTripError(
                 f"back where the task started a joint still moves at {fastest_rad_s:.3g} rad/s after "
                 f"{_REST_WAIT_S} s: the arm does not come to rest"

@@ -238,6 +238,22 @@ def test_something_in_the_way_ends_the_task_at_rest():
     assert record.force_n.max() < 12.0
 
 
+def test_for_something_in_the_way_the_arm_brakes_and_does_not_stop_dead():
+    plant = plant_above(height_m=0.12, stiffness_n_m=2000.0)
+    plan = {"targets_world_m": ((0.42, 0.0, 0.02),), "approach_clearance_m": 0.02, "hold_s": 0.1}
+    record, _ = probe(plant=plant, **plan)
+    met = next(i for i, output in enumerate(record.outputs) if output.events)
+    rate = np.array([output.reference_velocity_rad_s for output in record.outputs])
+    assert np.abs(rate[met]).max() > 0.1
+    braking_rad_s2 = np.abs(np.diff(rate, axis=0)).max() / 0.001
+    assert braking_rad_s2 < 5.0 * 4.0 + 1.0  # five times the plan's acceleration
+    slope = np.diff(record.reference_rad, axis=0) / 0.001
+    assert np.abs((rate[1:] + rate[:-1]) / 2 - slope).max() < 1e-3
+    still = np.flatnonzero(np.abs(rate[met:]).max(axis=1) < 1e-9)[0]
+    assert still < 50  # ticks
+    assert record.force_n.max() < 8.0  # it was noticed at 5 N
+
+
 RIDES = {
     "hold": None,
     "force": Excitation(shape="chirp", quantity="force", duration_s=2.0),

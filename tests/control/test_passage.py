@@ -1,0 +1,129 @@
+"""Between two targets the tip stays above what it presses on, however the arm swings it."""
+
+import numpy as np
+import pytest
+
+from control.arm.inverse_kinematics import PlanarArm
+from control.arm.rigid_body import RigidBody
+from control.loop.phases import Phase
+from control.loop.result import Outcome
+from control.paths.joint_way import JointWay
+from control.paths.motion import LineState
+from control.probing.passage import Passages, Place
+from control.probing.plan import ProbingPlan
+from control.probing.sites import probing_sites
+from control.probing.task import ProbingTask
+from robot_io.errors import InputError
+from robot_io.robot_file import load_robot_file
+from robot_io.types import Measurement
+from tests.control.simulated_arms import ARMS, NAMES, SimulatedArm, kelvin_voigt
+
+SURFACE_M = 0.05
+FAR_APART = [(0.25, 0.45, 0.005), (0.2, 0.5, 0.015), (0.16, 0.5, 0.03), (0.45, 0.25, 0.005)]
+
+
+def plan_of(targets, clearance_m, **more) -> ProbingPlan:
+    return ProbingPlan(
+        speeds_m_s=(0.05,),
+        retract_m=clearance_m,
+        approach_clearance_m=clearance_m,
+        targets_world_m=tuple((x_m, 0.0, z_m) for x_m, z_m in targets),
+        **more,
+    )
+
+
+class Bench:
+    """Sites and ways of a shipped arm that stands at home."""
+
+    def __init__(self, name: str, plan: ProbingPlan) -> None:
+        self.robot_file = load_robot_file(ARMS / name / f"{name}.yaml")
+        self.body = RigidBody.of_robot(self.robot_file)
+        arm = PlanarArm(self.body, np.array(self.robot_file.sensor_axis_tip))
+        limits = self.robot_file.limits
+        home = np.array(self.robot_file.home_rad)
+        bounds = np.array(limits.position_min_rad), np.array(limits.position_max_rad)
+        self.sites = probing_sites(arm, plan, self.body.tip_pose(home)[0], home, bounds)
+        self.passages = Passages(arm, plan)
+        here, self.places = home, []
+        for site in self.sites:
+            here = site.joint_position_rad(here)
+            self.places.append(Place(here, site))
+
+    def heights_m(self, points_rad) -> np.ndarray:
+        """Of the tip on a way, by the forward kinematics of the URDF."""
+        way = JointWay(points_rad, 1.0, 4.0)
+        times = np.linspace(0.0, way.duration_s, 500)
+        return np.array([self.body.tip_pose(way.at(t).position_rad)[0][2] for t in times])
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("x1", "x2", "clearance_m"), FAR_APART)
+def test_half_of_the_clearance_is_kept_on_the_way(name, x1, x2, clearance_m):
+    bench = Bench(name, plan_of([(x1, SURFACE_M), (x2, SURFACE_M)], clearance_m))
+    passage = bench.passages.find(*bench.places)
+    assert passage.too_low_m == 0.0
+    assert passage.points_rad[0] is bench.places[0].position_rad
+    assert passage.points_rad[-1] is bench.places[1].position_rad
+    heights = bench.heights_m(passage.points_rad)
+    assert heights.min() >= SURFACE_M + 0.5 * clearance_m - 1e-4
+    assert heights.max() < SURFACE_M + clearance_m + 0.03  # and no higher than it needs
+
+
+def test_straight_where_that_is_clear():
+    bench = Bench("follower", plan_of([(0.4, SURFACE_M), (0.44, SURFACE_M)], 0.03))
+    assert len(bench.passages.find(*bench.places).points_rad) == 2
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_up_a_step_before_it_and_down_a_step_behind_it(order):
+    low, high = (0.36, SURFACE_M), (0.42, SURFACE_M + 0.06)
+    bench = Bench("follower", plan_of([low, high][::order], 0.02))
+    points = bench.passages.find(*bench.places).points_rad
+    tips = np.array([bench.body.tip_pose(point)[0] for point in points])
+    beside = np.argmin(tips[:, 2])  # at the low target; the way goes straight up from there
+    above = beside + order
+    assert tips[above, 0] == pytest.approx(tips[beside, 0], abs=1e-6)
+    assert tips[above, 2] >= high[1] + 0.02 - 1e-6
+
+
+@pytest.mark.parametrize(("x1", "x2", "clearance_m"), FAR_APART[:2])
+def test_nothing_is_touched_on_the_way(x1, x2, clearance_m):
+    plan = plan_of(
+        [(x1, SURFACE_M), (x2, SURFACE_M)], clearance_m, hold_s=0.05, free_air_s=0.1, travel_speed_m_s=0.1
+    )
+    arm = SimulatedArm("follower", plan, kelvin_voigt(2000.0))
+    result = arm.run()
+    assert result.outcome is Outcome.FINISHED, result.cause
+    assert arm.task.failures == ()
+    phase, time_s = arm.log.column("phase"), arm.log.column("time_s")
+    moving = np.isin(np.round(arm.truth[:, 0], 6), np.round(time_s[phase == Phase.MOVE], 6))
+    assert moving.sum() > 1000
+    assert arm.truth[moving, 2].max() == 0.0
+    assert arm.truth[moving, 1].min() > SURFACE_M + 0.3 * clearance_m
+
+
+def test_targets_between_which_the_tip_cannot_be_lifted_are_refused():
+    plan = plan_of([(0.2, SURFACE_M), (0.5, SURFACE_M)], 0.015, search_depth_m=0.02, max_depth_m=0.01)
+    bench = Bench("follower", plan)
+    pressed = [
+        site.line.joint_motion(LineState(0.03), near_rad).position_rad for near_rad, site in bench.places
+    ]
+    postures = np.array([*(place.position_rad for place in bench.places), *pressed])
+    limits = postures.min(axis=0) - 0.01, postures.max(axis=0) + 0.01
+    axis = np.array(bench.robot_file.sensor_axis_tip)
+    task = ProbingTask.from_robot_file(bench.robot_file, plan)
+    task = ProbingTask(bench.body, axis, task._gains, plan, position_limits_rad=limits)
+    at, still = bench.places[0].position_rad, np.zeros(3)
+    with pytest.raises(InputError, match=r"on the way to target 2 the tip would come .* mm too near"):
+        task.start(Measurement(0.0, at, still, still, 0.0, 0.0, 0.0, 0.0))
+
+
+def test_tips_in_the_plane_are_those_of_the_urdf():
+    rng = np.random.default_rng(3)
+    for name in NAMES:
+        robot_file = load_robot_file(ARMS / name / f"{name}.yaml")
+        body = RigidBody.of_robot(robot_file)
+        arm = PlanarArm(body, np.array(robot_file.sensor_axis_tip))
+        position_rad = rng.uniform(-3.0, 3.0, (20, 3))
+        expected = [arm.plane_point(body.tip_pose(row)[0]) for row in position_rad]
+        np.testing.assert_allclose(arm.tips_in_plane(position_rad), expected, atol=1e-12)
