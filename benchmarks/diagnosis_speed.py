@@ -1,0 +1,92 @@
+"""How long a diagnosis takes: a short session, and one of a minute with all joints, on all processors.
+
+    OPENBLAS_NUM_THREADS=1 python benchmarks/diagnosis_speed.py
+
+Machines differ and are busy, so each time is also given over that of a fixed piece of numpy work, measured
+just before and just after.
+"""
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from control.probing.plan import ProbingPlan
+from estimation.diagnosis.library import library
+from palpate.estimation_run import load_material
+from palpate.probing_run import ProbingJob, run_probing
+from palpate.robots import DEFAULT, find_robot
+from palpate.story import diagnose_subjects
+from palpate.subject import ALL_CHANNELS, channels_to_diagnose, subjects_of
+from sim_backend.imperfection import IMPERFECTIONS, Imperfection
+from sim_backend.scenario import Scenario
+
+ONE = [IMPERFECTIONS["stress_relaxation"](stiffness_n_m=150.0, time_s=0.3)]
+THREE = [
+    *ONE,
+    IMPERFECTIONS["coulomb_friction"](joint=1, coulomb_nm=0.2),
+    IMPERFECTIONS["payload"](joint=3, mass_kg=0.1),
+]
+
+
+def yardstick_s() -> float:
+    """Seconds for a fixed piece of work of the kind that a diagnosis does."""
+    columns = np.random.default_rng(0).standard_normal((60_000, 12))
+    started = time.perf_counter()
+    for _ in range(40):
+        products = columns.T @ np.tanh(columns)
+        np.linalg.solve(products + 1e5 * np.eye(12), products)
+        np.cumsum(columns, axis=0)
+    return time.perf_counter() - started
+
+
+def timed(what: str, work: Callable[[], str]) -> None:
+    """Print how long some work takes, and that over the yardstick beside it."""
+    before = yardstick_s()
+    started, cpu_s = time.perf_counter(), sum(os.times()[:4])
+    said = work()
+    wall_s, cpu_s = time.perf_counter() - started, sum(os.times()[:4]) - cpu_s
+    rod_s = (before + yardstick_s()) / 2
+    print(
+        f"{what}: {wall_s:.1f} s, processor {cpu_s:.1f} s, {wall_s / rod_s:.1f} yardsticks of {rod_s:.2f} s"
+    )
+    print(f"  {said}", flush=True)
+
+
+def probed(path: Path, hidden: list[Imperfection], repeats: int) -> Path:
+    """A session of the simulated arm."""
+    scenario = Scenario().with_hidden(hidden)
+    plan = ProbingPlan(repeats=repeats)
+    run_probing(ProbingJob(find_robot(DEFAULT), plan, path, scenario=scenario, seed=7, online=None))
+    return path
+
+
+def diagnosed(path: Path, channel: str) -> str:
+    """Read a session, diagnose it over the whole library, and say in short what came out."""
+    material = load_material(path)
+    subjects = channels_to_diagnose(subjects_of(material, None, material.arm), channel)
+    found = diagnose_subjects(subjects, library(), lambda what, share: None, str(path)).channels
+    span_s = max(float(np.ptp(subject.channel.time_s)) for subject in subjects)
+    told = (
+        f"{entry.channel} {' + '.join(a.effect for a in entry.accepted) or entry.verdict}" for entry in found
+    )
+    return f"{span_s:.0f} s of data: {', '.join(told)}"
+
+
+def main() -> None:
+    """Measure all."""
+    with TemporaryDirectory() as folder:
+        for name, hidden in (("nothing", []), ("one effect", ONE)):
+            path = probed(Path(folder) / f"{name}.mcap", hidden, repeats=1)
+            timed(f"contact, {name} hidden", lambda path=path: diagnosed(path, "contact"))
+            timed(f"all channels, {name} hidden", lambda path=path: diagnosed(path, ALL_CHANNELS))
+        for name, hidden in (("nothing", []), ("three effects", THREE)):
+            path = probed(Path(folder) / f"long {name}.mcap", hidden, repeats=8)
+            timed(f"a minute, all channels, {name} hidden", lambda path=path: diagnosed(path, ALL_CHANNELS))
+
+
+if __name__ == "__main__":
+    main()
