@@ -33,7 +33,6 @@ from estimation.diagnosis.unexplained import depends_on
 from estimation.effect import Effect
 from estimation.model import Model
 from estimation.signals.runwise import sample_time
-from estimation.signals.runwise import sample_time
 
 
 def diagnose(
