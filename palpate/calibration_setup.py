@@ -20,7 +20,8 @@ from control.loop.result import Outcome
 from control.loop.task import Task, TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates, tick_stream
 from palpate.files import open_session
-from palpate.hiding import hide, seal_hidden
+from palpate.hiding import hide
+from palpate.new_session import new_session
 from palpate.probing_run import NOBODY, SIMULATED_DRIVERS, Watcher
 from palpate.wired import DEFAULT_SCENARIO, EMULATED, emulate
 from robot_io.calibration import (
@@ -164,26 +165,17 @@ def calibration_bench(job: CalibrationJob, now_utc: datetime | None = None) -> I
     with ExitStack() as stack:
         robot, scenario, world = _set_up(job, clock, calibrations, stack)
         stack.enter_context(robot)
-        metadata = _metadata(job, scenario, calibrations, now_utc)
-        sealed = None
-        if scenario:
-            sealed = seal_hidden(job.session, scenario, job.hidden, metadata.created_utc)
-        log = stack.enter_context(
-            SessionWriter(
+        session = stack.enter_context(
+            new_session(
                 job.session,
                 [tick_stream(robot.joint_count)],
-                metadata,
+                _metadata(job, scenario, calibrations, now_utc),
+                scenario,
+                job.hidden,
                 wait_for_room=job.simulated and not job.paced,
             )
         )
-        try:
-            yield Bench(job, robot, body, clock, log, world, calibrations)
-        except InputError:  # nothing has moved
-            log.close()
-            for file in (job.session, sealed):
-                if file is not None:
-                    file.unlink(missing_ok=True)
-            raise
+        yield Bench(job, robot, body, clock, session.log, world, calibrations)
 
 
 def _set_up(

@@ -100,5 +100,4 @@ def solve(session: Path, progress: Progress) -> HiddenDemo:
     result = write_json(diagnosis.model_dump(mode="json"), folder / RESULT)
     typed = f"palpate diagnose {shown(session)} --model {DEFAULT_MODEL} --apply"
     files = {"result": result, **write_outcome(folder, material, [story], [typed])}
-    made_utc = Session.open(session).metadata.created_utc
-    return HiddenDemo(session, story, files, open_answer(sealed_path(session), made_utc))
+    return HiddenDemo(session, story, files, open_answer(Session.open(session)))

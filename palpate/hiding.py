@@ -6,12 +6,14 @@ from palpate.files import existing_file
 from robot_io.errors import InputError
 from robot_io.file_model import FileModel, validate
 from robot_io.safe_yaml import load_yaml
+from robot_io.session import Session, SessionMetadata
 from sim_backend.hidden import draw_hidden
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import Hidden, Scenario
-from sim_backend.secret import Answer, seal, unseal
+from sim_backend.secret import Answer, seal, sealed_path, unseal
 
 RANDOM = "random"
+SEAL = "seal"  # key in a session's metadata of the mark that its sealed answer has as well
 
 
 class HiddenFile(FileModel):
@@ -44,36 +46,41 @@ def hide(scenario: Scenario, what: str) -> Scenario:
     return scenario.with_hidden(validate(HiddenFile, document.data, document).hidden)
 
 
-def seal_hidden(session: Path, scenario: Scenario, what: str | None, made_utc: str) -> Path | None:
+def seal_hidden(
+    session: Path, scenario: Scenario, what: str | None, metadata: SessionMetadata
+) -> Path | None:
     """Write what is hidden in the world of a session beside it.
 
     Args:
         session: the session file.
         scenario: its world.
         what: how it was chosen, as for `hide`, or None if the scenario says so itself.
-        made_utc: when the session was made, as its metadata say.
+        metadata: of the session, with the mark that binds the answer to it.
 
     Returns:
         the sealed file, or None where nothing is hidden.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: such a file is there already, or it cannot be written.
     """
     if not scenario.hidden:
         return None
     drawn = what is not None and not Path(what).suffix
-    return seal(session, Answer(scenario.hidden, scenario.seed if drawn else None, made_utc))
+    return seal(session, Answer(scenario.hidden, scenario.seed if drawn else None, *_mark(metadata)))
 
 
-def open_answer(path: Path, made_utc: str) -> Answer:
-    """What was hidden in the session that was made at `made_utc`.
+def open_answer(session: Session) -> Answer:
+    """What was hidden in a session.
 
     Raises:
         InputError: there is no sealed answer, it is damaged, or it is that of another session.
     """
-    answer = unseal(existing_file(path, "sealed answer"))
-    if answer.made_utc != made_utc:
-        raise InputError(
-            f"sealed answer {path}: is that of a session made at {answer.made_utc}, not at {made_utc}"
-        )
+    path = existing_file(sealed_path(session.path), "sealed answer")
+    answer = unseal(path)
+    if (answer.made_utc, answer.mark) != _mark(session.metadata):
+        raise InputError(f"sealed answer {path}: is that of another session, made at {answer.made_utc}")
     return answer
+
+
+def _mark(metadata: SessionMetadata) -> tuple[str, str]:
+    return metadata.created_utc, metadata.extra.get(SEAL, "")

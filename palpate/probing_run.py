@@ -23,7 +23,8 @@ from control.probing.task import ProbingTask
 from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator
-from palpate.hiding import hide, seal_hidden
+from palpate.hiding import hide
+from palpate.new_session import new_session
 from palpate.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
 from palpate.words import count
 from robot_io.calibration import load_calibrations
@@ -33,7 +34,7 @@ from robot_io.errors import InputError, PalpateError
 from robot_io.guard import Guard
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
-from robot_io.session import SessionMetadata, SessionWriter
+from robot_io.session import SessionMetadata
 from robot_io.types import Measurement
 from sim_backend.drivers.pybullet_bus import PyBulletBus
 from sim_backend.scenario import Scenario, load_scenario
@@ -141,13 +142,13 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     with ExitStack() as stack:
         robot, scenario = _set_up(job, clock, stack)
         stack.enter_context(robot)
-        metadata = _metadata(job, scenario)
-        sealed = seal_hidden(job.session, scenario, job.hidden, metadata.created_utc) if scenario else None
-        log = stack.enter_context(
-            SessionWriter(
+        session = stack.enter_context(
+            new_session(
                 job.session,
                 [tick_stream(robot.joint_count)],
-                metadata,
+                _metadata(job, scenario),
+                scenario,
+                job.hidden,
                 wait_for_room=simulated and not job.paced,
             )
         )
@@ -155,15 +156,9 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
             stack.enter_context(realtime())
         rate_hz = job.robot_file.control_rate_hz
         watcher.started()
-        try:
-            result = run_loop(robot, guard, task, clock, log, rate_hz=rate_hz, observer=observer)
-        except InputError:  # the plan does not suit where the arm stands
-            log.close()
-            for file in (job.session, sealed):
-                if file is not None:
-                    file.unlink(missing_ok=True)
-            raise
-    return ProbingOutcome(job.session, result, task.failures, sealed)
+        # An InputError from here says that the plan does not suit where the arm stands; nothing has moved then.
+        result = run_loop(robot, guard, task, clock, session.log, rate_hz=rate_hz, observer=observer)
+    return ProbingOutcome(job.session, result, task.failures, session.sealed)
 
 
 def _check_plan(plan: ProbingPlan, robot_file: RobotFile) -> None:

@@ -3,10 +3,10 @@
 import base64
 import binascii
 import json
-import os
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 from robot_io.errors import InputError
 from sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
@@ -25,43 +25,57 @@ class Answer:
     Attributes:
         hidden: the effects.
         seed: that they were drawn from; None where a scenario named them.
-        made_utc: when the session was made, as it says itself; tells answers of equal name apart.
+        made_utc: when the session was made, as it says itself.
+        mark: random text that the session holds as well; tells answers of equal name apart.
     """
 
     hidden: tuple[Imperfection, ...]
     seed: int | None
     made_utc: str
+    mark: str = ""
 
 
 def sealed_path(session: str | Path) -> Path:
-    """Where the sealed answer of a session file lies."""
-    return Path(session).with_suffix(SUFFIX)
+    """Where the sealed answer of a session file lies: named after the whole name, as no other file's is."""
+    return Path(f"{session}{SUFFIX}")
 
 
 def seal(session: str | Path, answer: Answer) -> Path:
-    """Write the sealed answer beside a session file, whole or not at all; one from before is replaced.
+    """Write the sealed answer beside a session file, whole or not at all; nothing is replaced.
 
     Returns:
         the sealed file.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: a file of that name is there already, or it cannot be written.
     """
     path = sealed_path(session)
     data = {
         "hidden": [describe_imperfection(entry) for entry in answer.hidden],
         "seed": answer.seed,
         "made_utc": answer.made_utc,
+        "mark": answer.mark,
     }
     code = base64.b64encode(zlib.compress(json.dumps(data).encode())).decode()
     lines = [_TITLE, _HOW, "", *(code[start : start + _LINE] for start in range(0, len(code), _LINE)), ""]
-    draft = path.with_name(path.name + ".part")
     try:
-        draft.write_text("\n".join(lines), encoding="ascii")
-        os.replace(draft, path)
+        with path.open("x", encoding="ascii") as file:
+            _write(file, "\n".join(lines))
+    except FileExistsError as error:
+        raise InputError(f"{path}: exists already, and a sealed answer replaces nothing") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from error
     return path
+
+
+def _write(file: TextIO, text: str) -> None:
+    """Write all of it, or remove the file, which is ours."""
+    try:
+        file.write(text)
+        file.flush()
+    except OSError:
+        Path(file.name).unlink(missing_ok=True)
+        raise
 
 
 def unseal(path: str | Path) -> Answer:
@@ -93,7 +107,7 @@ def _parse(code: bytes, size: int) -> Answer:
     if not inflater.eof:
         raise ValueError("cut off, or larger than any answer")
     answer = json.loads(text)
-    seed, made_utc = answer["seed"], answer["made_utc"]
-    if not isinstance(seed, int | None) or not isinstance(made_utc, str):
-        raise TypeError("seed or date is of the wrong type")
-    return Answer(tuple(parse_imperfection(entry) for entry in answer["hidden"]), seed, made_utc)
+    seed, made_utc, mark = answer["seed"], answer["made_utc"], answer.get("mark", "")
+    if not (isinstance(seed, int | None) and isinstance(made_utc, str) and isinstance(mark, str)):
+        raise TypeError("seed, date or mark is of the wrong type")
+    return Answer(tuple(parse_imperfection(entry) for entry in answer["hidden"]), seed, made_utc, mark)

@@ -10,7 +10,7 @@ from palpate.files import open_session
 from palpate.hiding import open_answer
 from palpate.words import shown, significant
 from sim_backend.imperfection import Imperfection
-from sim_backend.secret import Answer, sealed_path
+from sim_backend.secret import Answer
 
 
 def command(
@@ -18,8 +18,7 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")] = False,
 ) -> None:
     """Open the sealed answer beside a session: which effects were hidden, where, and how strong."""
-    made_utc = open_session(session).metadata.created_utc
-    answer = open_answer(sealed_path(session), made_utc)
+    answer = open_answer(open_session(session))
     if as_json:
         console.print_json(describe(session, answer))
     else:

@@ -8,10 +8,11 @@ import pytest
 
 from control.probing.plan import ProbingPlan
 from palpate.hiding import hide
+from palpate.new_session import new_session
 from palpate.probing_run import ProbingJob, run_probing
 from palpate.robots import find_robot
-from robot_io.errors import InputError
-from robot_io.session import Session
+from robot_io.errors import InputError, SessionError
+from robot_io.session import Session, SessionMetadata
 from sim_backend import Scenario, load_scenario
 from sim_backend.hidden import draw_hidden, noise_scale
 from sim_backend.imperfection import IMPERFECTIONS, describe_imperfection
@@ -19,6 +20,7 @@ from sim_backend.secret import Answer, seal, sealed_path, unseal
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import assert_refused, run
 
+BIAS = [{"effect": "bias", "channel": "contact", "bias": 0.5}]
 QUICK = ("--speed-mm-s", 150, "--hold-s", 0.1, "--online", "none")
 
 
@@ -68,7 +70,7 @@ def test_effects_of_a_file_act_and_their_file_is_not_named_in_the_session(tmp_pa
     path = tmp_path / "a.mcap"
     result = run("probe", "--hidden", tmp_path / "cubic.yaml", "-o", path, "--seed", 2, *QUICK)
     assert result.exit_code == 0, result.stderr
-    assert "a.sealed" in result.stdout
+    assert "a.mcap.sealed" in result.stdout
     answer = unseal(sealed_path(path))
     assert [describe_imperfection(found) for found in answer.hidden] == [entry]
     assert answer.seed is None
@@ -120,7 +122,39 @@ def test_an_answer_to_another_session_is_refused(probed, tmp_path):
     path = tmp_path / "a.mcap"
     path.write_bytes(probed[0].read_bytes())
     seal(path, Answer((), 1, "2001-01-01T00:00:00+00:00"))
-    assert_refused(run("reveal", path), "session made at 2001")
+    assert_refused(run("reveal", path), "another session, made at 2001")
+
+
+def test_an_answer_of_the_same_second_under_the_same_name_is_refused(mystery, tmp_path):
+    """As two programs leave it that probe at once to one name: the times agree, the marks do not."""
+    path = tmp_path / "a.mcap"
+    path.write_bytes(mystery.read_bytes())
+    made_utc = Session.open(mystery).metadata.created_utc
+    seal(path, Answer((), 1, made_utc, "5" * 32))
+    assert_refused(run("reveal", path), "another session")
+
+
+def test_a_file_where_the_answer_would_be_is_kept_and_nothing_is_probed(tmp_path):
+    (tmp_path / "user.mcap.sealed").write_text("precious")
+    result = run("probe", "--hidden", "bias", "-o", tmp_path / "user.mcap", *QUICK)
+    assert_refused(result, "user.mcap.sealed: exists already")
+    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [
+        ("user.mcap.sealed", "precious")
+    ]
+
+
+def test_a_session_that_is_there_already_gets_no_other_answer(tmp_path, mystery):
+    """Whoever loses the race for the session's name seals nothing."""
+    answer = sealed_path(mystery).read_text()
+    with (
+        pytest.raises(SessionError, match="exists already"),
+        new_session(
+            mystery, [], SessionMetadata(), load_scenario({"hidden": BIAS}), None, wait_for_room=True
+        ),
+    ):
+        pass
+    assert sealed_path(mystery).read_text() == answer
+    assert run("reveal", mystery).exit_code == 0
 
 
 @pytest.mark.parametrize(

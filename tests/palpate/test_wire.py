@@ -55,7 +55,7 @@ def test_effects_can_be_hidden_behind_the_wire(tmp_path):
     said, metadata = json.loads(result.stdout), Session.open(path).metadata
     assert said["sealed"] == str(sealed_path(path))
     assert "cubic" not in metadata.scenario + metadata.command_line
-    (effect,) = open_answer(sealed_path(path), metadata.created_utc).hidden
+    (effect,) = open_answer(Session.open(path)).hidden
     assert effect.name == "cubic_stiffness"
 
 

@@ -2,6 +2,8 @@
 
 import base64
 import json
+import resource
+import signal
 import zlib
 
 import pytest
@@ -21,11 +23,11 @@ MADE = "2025-01-02T03:04:05+00:00"
 def test_an_answer_comes_back_as_it_was(tmp_path_factory, seeds, seed):
     session = tmp_path_factory.mktemp("sealed") / "a.mcap"
     hidden = tuple(draw_hidden(number)[0] for number in seeds)
-    answer = Answer(hidden, seed, MADE)
+    answer = Answer(hidden, seed, MADE, "0f" * 16)
     path = seal(session, answer)
-    assert path == sealed_path(session) == session.with_name("a.sealed")
+    assert path == sealed_path(session) == session.with_name("a.mcap.sealed")
     assert unseal(path) == answer
-    assert [file.name for file in session.parent.iterdir()] == ["a.sealed"]
+    assert [file.name for file in session.parent.iterdir()] == ["a.mcap.sealed"]
 
 
 def test_a_reader_of_the_file_learns_what_it_is_but_not_what_is_in_it(tmp_path):
@@ -42,15 +44,33 @@ def test_a_reader_of_the_file_learns_what_it_is_but_not_what_is_in_it(tmp_path):
         assert not [p.name for p in kind.parameters() if len(p.name) > 4 and p.name in body]
 
 
-def test_a_second_answer_replaces_the_first(tmp_path):
+def test_a_second_answer_does_not_replace_the_first(tmp_path):
     session = tmp_path / "a.mcap"
     seal(session, Answer((), 1, MADE))
-    seal(session, Answer((), 2, MADE))
-    assert unseal(sealed_path(session)).seed == 2
+    with pytest.raises(InputError, match=r"a\.mcap\.sealed: exists already"):
+        seal(session, Answer((), 2, MADE))
+    assert unseal(sealed_path(session)).seed == 1
+
+
+def test_sessions_that_differ_only_in_their_ending_have_answers_of_their_own():
+    assert len({sealed_path(f"ride{ending}") for ending in (".1.mcap", ".2.mcap", ".1.session", "")}) == 4
+
+
+def test_an_answer_that_does_not_fit_on_the_disk_is_not_left_half_written(tmp_path):
+    limit, before = resource.RLIMIT_FSIZE, resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(limit, (40, before[1]))
+    try:
+        with pytest.raises(InputError, match="cannot be written"):
+            seal(tmp_path / "a.mcap", Answer((), 1, MADE))
+    finally:
+        resource.setrlimit(limit, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_is_not_there_is_one_clear_line(tmp_path):
-    with pytest.raises(InputError, match=r"a\.sealed: cannot be written"):
+    with pytest.raises(InputError, match=r"a\.mcap\.sealed: cannot be written"):
         seal(tmp_path / "no" / "a.mcap", Answer((), 1, MADE))
 
 
@@ -75,6 +95,7 @@ GOOD = {"hidden": [], "seed": 1, "made_utc": MADE}
         (packed(GOOD | {"hidden": [{"effect": "gremlin"}]}), "damaged.*gremlin"),
         (packed(GOOD | {"hidden": 3}), "damaged"),
         (packed(GOOD | {"seed": "x"}), "damaged.*wrong type"),
+        (packed(GOOD | {"mark": 5}), "damaged.*wrong type"),
         (packed([1, 2]), "damaged"),
         (packed("0" * 3_000_000), "damaged.*larger than any answer"),
         (packed(GOOD) + "A" * 1_100_000, "damaged.*larger than 1000000 bytes"),
