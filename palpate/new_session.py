@@ -49,8 +49,8 @@ def new_session(
         wait_for_room: see `SessionWriter`.
 
     Raises:
-        InputError: from here, or from within the context, where it says that nothing has moved: neither of the
-            two files is left.
+        InputError: from here, or from within the context, where it says that nothing has moved; neither of
+            the two files is left.
         SessionError: the session file is there already, or cannot be written.
     """
     mark = {SEAL: secrets.token_hex(16)} if scenario is not None and scenario.hidden else {}

@@ -156,7 +156,7 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
             stack.enter_context(realtime())
         rate_hz = job.robot_file.control_rate_hz
         watcher.started()
-        # An InputError from here says that the plan does not suit where the arm stands; nothing has moved then.
+        # An InputError from here: the plan does not suit where the arm stands, and nothing has moved.
         result = run_loop(robot, guard, task, clock, session.log, rate_hz=rate_hz, observer=observer)
     return ProbingOutcome(job.session, result, task.failures, session.sealed)
 
