@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from control.laws.gains import Gains
+from control.loop.result import Outcome
 from control.paths.excitation import Excitation
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
@@ -11,7 +12,7 @@ from robot_io.errors import InputError
 from robot_io.robot_file import load_robot_file
 from tests.control.probing_runs import WIDE, plant_above
 from tests.control.reference_plant import TOOL_AXIS_TIP, test_arm
-from tests.control.simulated_arms import ARMS
+from tests.control.simulated_arms import ARMS, SimulatedArm, kelvin_voigt
 
 FOLLOWER = load_robot_file(ARMS / "follower" / "follower.yaml")  # trips at 60 N and 6 rad/s
 
@@ -24,10 +25,6 @@ FOLLOWER = load_robot_file(ARMS / "follower" / "follower.yaml")  # trips at 60 N
             r"force_limit_n 100 N: the guard of 'follower' trips at 60 N .*at most 54.5 N",
         ),
         ({"force_limit_n": 58.0}, "at most 54.5 N"),  # it would trip on the first overshoot
-        (
-            {"force_limit_n": 50.0, "excitation": Excitation(quantity="force", amplitude_n=10.0)},
-            "10 N of excitation ride on it; at most 44.5 N",
-        ),
         ({"joint_speed_rad_s": 7.0}, r"joint_speed_rad_s 7: .* trips at 6 rad/s .*at most 5.45 rad/s"),
     ],
 )
@@ -41,11 +38,25 @@ def test_what_the_guard_would_trip_on_is_refused_in_one_line(plan, message):
     "plan",
     [
         {"force_limit_n": 54.0, "joint_speed_rad_s": 5.4},
-        {"force_limit_n": 50.0, "excitation": Excitation(quantity="position", amplitude_n=10.0)},
+        {"force_limit_n": 54.0, "excitation": Excitation(quantity="force", amplitude_n=10.0)},
+        {"force_limit_n": 54.0, "excitation": Excitation(quantity="position", amplitude_n=10.0)},
     ],
 )
 def test_what_it_would_not_is_not(plan):
     ProbingTask.from_robot_file(FOLLOWER, ProbingPlan(**plan))
+
+
+def test_an_excitation_of_the_force_never_goes_beyond_the_limit_that_it_rides_on():
+    ride = Excitation(quantity="force", amplitude_n=15.0, duration_s=2.0, high_hz=4.0)
+    plan = ProbingPlan(speeds_m_s=(0.05,), force_limit_n=54.0, hold_s=0.2, excitation=ride)
+    arm = SimulatedArm("follower", plan, kelvin_voigt(5000.0))
+    result = arm.run()
+    assert result.outcome is Outcome.FINISHED, result.cause
+    excited_s = next(time_s for time_s, kind, _ in arm.log.events if kind == "excitation")
+    excited = (arm.truth[:, 0] > excited_s + 0.1) & (arm.truth[:, 0] < excited_s + 2.0)
+    forces = arm.truth[excited, 2]
+    assert forces.min() < 30.0
+    assert forces.max() < 54.5
 
 
 @pytest.mark.parametrize(
