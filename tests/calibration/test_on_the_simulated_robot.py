@@ -12,7 +12,7 @@ from calibration.force.fit import fit_force
 from calibration.force.weighing import read_weighing
 from control.probing.plan import ProbingPlan
 from palpate import calibration_run as calibrating
-from palpate.estimation_run import estimate_with, load_material
+from palpate.estimation_run import arm_of, estimate_with, load_material
 from palpate.probing_run import ProbingJob, run_probing
 from robot_io.calibration import load_calibrations, parse_calibration
 from robot_io.errors import InputError, PalpateError
@@ -196,3 +196,17 @@ def test_a_probing_run_with_calibrations_estimates_better_than_without(tmp_path)
     kept = Session.open(tmp_path / "1.mcap").metadata.calibration
     assert kept == load_calibrations(calibrated, datetime.now(UTC)).text
     assert "scale" in kept
+
+
+def test_estimation_takes_the_tilt_from_the_session(tmp_path, excited):
+    job, hidden, fit = excited
+    shutil.copytree(FOLLOWER.path.parent, tmp_path / "arm")
+    calibration = calibrating.gravity_calibration(fit, stamp(job))
+    calibrating.write_calibration(calibration, tmp_path / "arm" / "gravity.yaml")
+    path = tmp_path / "arm" / "tilted.yaml"
+    path.write_text(FOLLOWER.text + "\ncalibration: {gravity: gravity.yaml}\n")
+    pose = job_in(tmp_path, "encoder", [], robot=load_robot_file(path))
+    calibrating.run_pose(pose)
+    gravity = arm_of(opened(pose)).gravity_m_s2
+    assert gravity[0] == pytest.approx(9.81 * np.sin(hidden["pitch"]), abs=1e-2)
+    assert np.linalg.norm(gravity) == pytest.approx(9.81)
