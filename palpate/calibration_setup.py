@@ -23,7 +23,7 @@ from palpate.files import open_session
 from palpate.hiding import hide
 from palpate.new_session import new_session
 from palpate.probing_run import NOBODY, SIMULATED_DRIVERS, Watcher
-from palpate.wired import DEFAULT_SCENARIO, EMULATED, emulate
+from palpate.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
 from robot_io.calibration import (
     Calibrations,
     RawData,
@@ -81,8 +81,7 @@ class CalibrationJob:
     @property
     def simulated(self) -> bool:
         """Whether there is no hardware."""
-        buses = self.robot_file.buses.values()
-        return self.wired or any(bus.driver == PyBulletBus.name for bus in buses)
+        return self.wired or is_simulated(self.robot_file)
 
 
 @dataclass(frozen=True)

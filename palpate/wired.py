@@ -20,8 +20,20 @@ EMULATED = "simulated, emulated devices"  # what a session says of its source
 
 
 def is_simulated(robot_file: RobotFile) -> bool:
-    """Whether any of the robot's buses is a simulated world, without devices."""
-    return any(bus.driver == PyBulletBus.name for bus in robot_file.buses.values())
+    """Whether the robot's bus is a simulated world, without devices.
+
+    Raises:
+        InputError: it is, but there is another bus too: devices would be told the time of a simulation.
+    """
+    worlds = [name for name, bus in robot_file.buses.items() if bus.driver == PyBulletBus.name]
+    others = [name for name in robot_file.buses if name not in worlds]
+    if worlds and others:
+        raise InputError(
+            f"{robot_file.path}: bus '{worlds[0]}' is simulated ({PyBulletBus.name}) and bus '{others[0]}' "
+            f"({robot_file.buses[others[0]].driver}) is not: simulated time passes as fast as can be, "
+            "which no device could follow; let all be simulated, or none"
+        )
+    return bool(worlds)
 
 
 def check_can_be_emulated(robot_file: RobotFile) -> None:
