@@ -162,17 +162,11 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
 
 
 def _check_plan(plan: ProbingPlan, robot_file: RobotFile) -> None:
-    """Refuse a plan that the guard would stop, or that would write more than can be read.
+    """Refuse a plan that would write more than can be read; what else it may not ask, its task says.
 
     Raises:
-        InputError: one of the two.
+        InputError: it would.
     """
-    limit_n = robot_file.limits.force_n
-    if plan.force_limit_n >= limit_n:
-        raise InputError(
-            f"force_limit_n {plan.force_limit_n:g} N: the guard of '{robot_file.name}' stops the arm at "
-            f"{limit_n:g} N (limits.force_n of its robot file)"
-        )
     if plan.shortest_s * robot_file.control_rate_hz > MOST_TICKS:
         longest_s = MOST_TICKS / robot_file.control_rate_hz
         raise InputError(
