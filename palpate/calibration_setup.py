@@ -131,7 +131,7 @@ class Bench:
             result = run_loop(
                 self.robot, self.guard(limits), task, self.clock, self.log, rate_hz=rate_hz, observer=observer
             )
-        if result.outcome is Outcome.STOPPED:
+        if result.outcome is Outcome.STOPPED and not result.deactivation_error:
             raise KeyboardInterrupt
         result.raise_for_trip()
 

@@ -1,8 +1,8 @@
 """Puts a probing run together: robot, clock, guard, task, loop, session log, online estimation."""
 
 import sys
-from contextlib import ExitStack
-from dataclasses import dataclass, field
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -30,7 +30,7 @@ from palpate.words import count
 from robot_io.calibration import load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
-from robot_io.errors import InputError, PalpateError
+from robot_io.errors import DeviceError, InputError, PalpateError
 from robot_io.guard import Guard
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
@@ -110,10 +110,11 @@ class ProbingOutcome:
         """Raise if the session does not hold all that was planned.
 
         Raises:
+            SafetyTripError: the torque may still be on, or a limit was exceeded.
             KeyboardInterrupt: the user stopped it.
             PalpateError: the arm was stopped, or a run gave no data.
         """
-        if self.loop.outcome is Outcome.STOPPED:
+        if self.loop.outcome is Outcome.STOPPED and not self.loop.deactivation_error:
             raise KeyboardInterrupt
         self.loop.raise_for_trip()
         if self.failures:
@@ -158,7 +159,24 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
         watcher.started()
         # An InputError from here: the plan does not suit where the arm stands, and nothing has moved.
         result = run_loop(robot, guard, task, clock, session.log, rate_hz=rate_hz, observer=observer)
+        result = _released(robot, result)  # before the log is closed: that may wait for the disk
     return ProbingOutcome(job.session, result, task.failures, session.sealed)
+
+
+def _released(robot: Robot, result: LoopResult) -> LoopResult:
+    """Let go of the robot; where its torque could not be switched off, this is the next try.
+
+    Raises:
+        DeviceError: the torque is off, but a device could not be released.
+    """
+    try:
+        robot.deactivate()
+    except DeviceError as error:
+        with suppress(DeviceError):
+            robot.close()
+        return replace(result, deactivation_error=str(error))
+    robot.close()
+    return replace(result, deactivation_error="")
 
 
 def _check_plan(plan: ProbingPlan, robot_file: RobotFile) -> None:

@@ -54,6 +54,12 @@ class LoopResult:
     timing: Mapping[str, SectionTiming] = field(default_factory=dict)
     error: Exception | None = None
 
+    @property
+    def is_clean(self) -> bool:
+        """Whether nothing was late, lost or left open, however it ended."""
+        troubles = self.log_error or self.observer_error or self.deactivation_error
+        return not (troubles or self.overruns or self.dropped or self.unsent)
+
     def one_line(self) -> str:
         """What a person wants to know first, with everything that went wrong and nothing that did not."""
         text = f"{self.outcome}{': ' if self.cause else ''}{self.cause}; {self.ticks} ticks"

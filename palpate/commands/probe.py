@@ -152,6 +152,10 @@ def _as_data(outcome: ProbingOutcome) -> dict[str, Any]:
         "ticks": loop.ticks,
         "overruns": loop.overruns,
         "dropped": loop.dropped,
+        "unsent": loop.unsent,
+        "log_error": loop.log_error,
+        "observer_error": loop.observer_error,
+        "deactivation_error": loop.deactivation_error,
         "duration_s": loop.duration_s,
         "wall_s": loop.wall_s,
     }
@@ -175,7 +179,7 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
     )
     for failure in outcome.failures:
         out.print(f"  [yellow]{safe(failure)}[/yellow]")
-    if loop.dropped or loop.overruns:
+    if not loop.is_clean:
         out.print(f"  [yellow]{safe(loop.one_line())}[/yellow]")
     session = shown(outcome.session)
     out.print(f"written: [bold]{session}[/bold]")

@@ -108,7 +108,7 @@ def examine_powered(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
 
     task, rate_hz = NudgeTask(robot_file, body), robot_file.control_rate_hz
     result = run_loop(robot, guard, task, robot.clock, _Nowhere(), rate_hz=rate_hz, observer=observe)
-    if result.outcome is Outcome.STOPPED:
+    if result.outcome is Outcome.STOPPED and not result.deactivation_error:
         raise KeyboardInterrupt
     yield from _findings(result, measured, body)
 

@@ -1,0 +1,104 @@
+"""When the torque cannot be switched off: tried again at once, and said before anything else."""
+
+import json
+
+import pytest
+
+from control.loop.result import LoopResult, Outcome
+from control.probing.plan import ProbingPlan
+from palpate.commands import probe as command
+from palpate.probing_run import ProbingJob, ProbingOutcome, run_probing
+from palpate.robots import find_robot
+from robot_io.errors import DeviceError, SafetyTripError
+from robot_io.session import SessionWriter
+from sim_backend.drivers.sim_torque import SimTorque
+from tests.palpate.cli import run
+
+
+@pytest.fixture
+def refusals(monkeypatch):
+    """What happened to drives and log; the drives refuse to be switched off as often as the list says."""
+    happened, left = [], []
+    deactivate, close = SimTorque.deactivate, SessionWriter.close
+
+    def refuse(self):
+        happened.append("torque off")
+        if left and left.pop():
+            raise DeviceError("the drives do not answer")
+        deactivate(self)
+
+    def note_close(self):
+        happened.append("log closed")
+        close(self)
+
+    monkeypatch.setattr(SimTorque, "deactivate", refuse)
+    monkeypatch.setattr(SessionWriter, "close", note_close)
+    return happened, left
+
+
+def probe(tmp_path):
+    plan = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.05)
+    return run_probing(ProbingJob(find_robot("follower"), plan, tmp_path / "x.mcap", online=None))
+
+
+def test_the_next_try_does_not_wait_for_the_log(tmp_path, refusals):
+    happened, left = refusals
+    left.append(True)
+    outcome = probe(tmp_path)
+    assert happened.index("log closed") >= 2
+    assert happened[:2] == ["torque off", "torque off"]
+    assert outcome.loop.outcome is Outcome.TRIPPED
+    assert "the drives do not answer" in outcome.loop.cause
+    assert outcome.loop.deactivation_error == ""  # by now it is off
+
+
+def test_if_it_stays_on_the_user_is_told_to_cut_the_power(tmp_path, refusals):
+    _, left = refusals
+    left += [True] * 20
+    outcome = probe(tmp_path)
+    assert "the drives do not answer" in outcome.loop.deactivation_error
+    with pytest.raises(SafetyTripError, match=r"the torque may still be on, cut the power: .* do not answer"):
+        outcome.raise_for_failure()
+
+
+TROUBLES = {
+    "unsent": (3, "3 commands not sent"),
+    "log_error": ("disk full", "the log is not complete: disk full"),
+    "observer_error": ("singular", "online estimation was switched off: singular"),
+    "deactivation_error": ("no answer", "the torque may still be on: no answer"),
+}
+
+
+@pytest.fixture
+def ended(monkeypatch, tmp_path):
+    """`palpate probe` whose run ended as a result says."""
+
+    def probe_ends(result, *options):
+        outcome = ProbingOutcome(tmp_path / "x.mcap", result, ())
+        monkeypatch.setattr(command, "run_probing", lambda _job, _watcher: outcome)
+        return run("probe", "-o", tmp_path / "x.mcap", *options)
+
+    return probe_ends
+
+
+@pytest.mark.parametrize("name", TROUBLES)
+@pytest.mark.parametrize("outcome", list(Outcome))
+def test_every_trouble_is_shown_however_it_ended(ended, name, outcome):
+    value, words = TROUBLES[name]
+    result = LoopResult(outcome, cause="" if outcome is Outcome.FINISHED else "asked", **{name: value})
+    assert words in " ".join(ended(result).stdout.split())
+    assert json.loads(ended(result, "--json").stdout)[name] == value
+
+
+def test_a_clean_run_says_nothing_of_the_kind(ended):
+    said = ended(LoopResult(Outcome.FINISHED, ticks=7))
+    assert said.exit_code == 0
+    assert "ticks" not in said.stdout
+
+
+def test_torque_that_may_still_be_on_is_worth_more_than_the_users_ctrl_c(ended):
+    result = LoopResult(Outcome.STOPPED, cause="interrupted by the user (SIGINT)")
+    assert ended(result).exit_code == 130
+    said = ended(LoopResult(Outcome.STOPPED, cause="interrupted", deactivation_error="joint 2 is silent"))
+    assert said.exit_code == 1
+    assert "cut the power: joint 2 is silent" in said.stderr
