@@ -35,7 +35,7 @@ _TAIL = """
   whatever looks on while the arm moves, the online estimator, and fails.
 - Time that jumps forward is the program held up. The machine's monotonic clock is never set back; if it
   were, the loop would wait until it has caught up.
-- What a killed program leaves behind is tested with the session's writer: all but the last chunk is read.
+- A killed program leaves the session that it had written, to the last tick: the writer is another process.
 """
 
 

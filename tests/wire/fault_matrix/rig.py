@@ -1,6 +1,7 @@
 """Lets one row of the fault matrix happen: a probing run in lock-step, the fault, and what comes of it."""
 
 import math
+import os
 import resource
 import signal
 import time
@@ -22,6 +23,7 @@ from sim_backend.emulators import Fault
 from tests.wire.fault_matrix.rows import FAMILIES, Program, Row
 from tests.wire.parts import WireBench
 
+SESSION = "session.mcap"
 TICK_S = 1e-3
 CHUNK_BYTES = 65_536
 GOES_ON_S = 0.05  # a fault that the arm survives for so long stops nothing,
@@ -87,10 +89,12 @@ class Rig:
     Args:
         row: what goes wrong.
         folder: for the session.
+        really: a program that is killed is this one, and its session is written by the writer process.
     """
 
-    def __init__(self, row: Row, folder: Path) -> None:
-        self.row, self.path = row, folder / "session.mcap"
+    def __init__(self, row: Row, folder: Path, *, really: bool = False) -> None:
+        self.row, self.path = row, folder / SESSION
+        self._really = really
         family = FAMILIES[row.family]
         self.bench = WireBench(family.robot, family.changes)
         self.robot, self.clock = self.bench.robot, self.bench.clock
@@ -108,7 +112,7 @@ class Rig:
     def run(self) -> Observed:
         """Probe until the fault has had its way."""
         self.robot.configure()
-        if self.row.fault is Program.DISK_FULL:
+        if self._really or self.row.fault is Program.DISK_FULL:
             self.log = SessionWriter(self.path, [tick_stream(3)], SessionMetadata(), wait_for_room=True)
         try:
             result = run_loop(
@@ -158,6 +162,8 @@ class Rig:
                 signal.raise_signal(signal.SIGINT)
             case Program.TERMINATED:
                 signal.raise_signal(signal.SIGTERM)
+            case Program.KILLED if self._really:
+                os.kill(os.getpid(), signal.SIGKILL)
             case Program.KILLED:
                 self.robot.deactivate = lambda: None  # nobody is there who could
                 raise Killed
