@@ -5,6 +5,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 
+_STALL_S = 0.02  # so late, simulated time does not hurry to catch up
+
+
 class Clock(ABC):
     """A clock that only goes forward."""
 
@@ -37,14 +40,15 @@ class SimulatedClock(Clock):
     A simulated world subscribes and integrates its physics up to each new time.
 
     Args:
-        pace: a real clock to keep step with (simulation in real time), or None for as fast as possible.
+        pace: a real clock to keep step with (simulation in real time), or None for as fast as possible. What
+            takes long before the first step or between two is not made up for in a burst afterwards.
     """
 
     def __init__(self, pace: Clock | None = None) -> None:
         self._time_s = 0.0
         self._listeners: list[Callable[[float], None]] = []
         self._pace = pace
-        self._pace_start_s = pace.now_s() if pace else 0.0
+        self._pace_ahead_s: float | None = None  # of the real clock over this one
 
     def subscribe(self, on_advance: Callable[[float], None]) -> None:
         """Call `on_advance(time_s)` each time the clock has moved on."""
@@ -59,7 +63,13 @@ class SimulatedClock(Clock):
         if not time_s > self._time_s:  # nor for NaN
             return
         if self._pace:
-            self._pace.sleep_until(self._pace_start_s + time_s)
+            self._keep_step(self._pace, time_s)
         self._time_s = time_s
         for on_advance in self._listeners:
             on_advance(time_s)
+
+    def _keep_step(self, pace: Clock, time_s: float) -> None:
+        now_s = pace.now_s()
+        if self._pace_ahead_s is None or now_s - (self._pace_ahead_s + time_s) > _STALL_S:
+            self._pace_ahead_s = now_s - self._time_s
+        pace.sleep_until(self._pace_ahead_s + time_s)

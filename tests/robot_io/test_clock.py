@@ -49,6 +49,29 @@ def test_simulated_time_keeps_step_with_a_real_clock():
     assert pace.waited_until == [100.25, 100.5]
 
 
+def test_time_that_passed_before_the_first_step_is_not_made_up_for():
+    pace = SimulatedClock()
+    clock = SimulatedClock(pace)
+    pace.sleep_until(1.0)  # a world is loaded, a session opened
+    for tick in range(1, 901):
+        clock.sleep_until(1e-3 * tick)
+        assert pace.now_s() == pytest.approx(1.0 + clock.now_s())
+
+
+def test_a_stall_shifts_what_comes_after_it_and_a_late_tick_does_not():
+    pace = SimulatedClock()
+    clock = SimulatedClock(pace)
+    clock.sleep_until(0.1)
+    pace.sleep_until(0.11)  # one tick took 10 ms, which is caught up with
+    clock.sleep_until(0.101)
+    clock.sleep_until(0.12)
+    assert pace.now_s() == pytest.approx(0.12)
+    pace.sleep_until(5.12)  # the program was held up for 5 s
+    for tick in range(1, 200):
+        clock.sleep_until(0.12 + 1e-3 * tick)
+        assert pace.now_s() == pytest.approx(5.0 + clock.now_s())
+
+
 def test_the_monotonic_clock_waits_and_does_not_wait_for_the_past():
     clock = MonotonicClock()
     start_s = clock.now_s()
