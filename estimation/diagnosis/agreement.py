@@ -35,21 +35,22 @@ class Disagreement:
 
 
 def disagreement(standing: Standing) -> Disagreement | None:
-    """How the runs disagree about the gains of a model, or None if they do not."""
+    """How the runs disagree about the gains and the zero of a model, or None if they do not."""
     frame, trial = standing.plain.frame, standing.trial
-    data, gains = frame.data, trial.model.gains
+    data = frame.data
     predicted = held_out_residual(frame, trial)
     slopes, effort = trial.model.linearise(data, trial.parameters)
+    slopes = np.column_stack([slopes, np.ones(len(data))])  # a run may have a zero of its own
     residual = data.effort - effort
     alone = np.full(len(data), np.nan)
     for run in data.runs:
         rows = np.flatnonzero((data.run == run) & np.isfinite(predicted))
-        if len(rows) < _ROWS * (len(gains) + 1):
+        if len(rows) < _ROWS * slopes.shape[1]:
             return None
         scale = np.linalg.norm(slopes[rows], axis=0)
         columns = slopes[rows] / np.where(scale > 0.0, scale, 1.0)
         fitted = np.linalg.lstsq(columns, residual[rows], rcond=1e-9)[0]
-        freedom = len(rows) / (len(rows) - len(gains))
+        freedom = len(rows) / (len(rows) - slopes.shape[1])
         alone[rows] = (residual[rows] - columns @ fitted) * np.sqrt(freedom)
     if len(data.runs) < 2 or not rmse(predicted) > _TIMES * rmse(alone):
         return None

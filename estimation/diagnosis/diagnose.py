@@ -34,6 +34,8 @@ from estimation.effect import Effect
 from estimation.model import Model
 from estimation.signals.runwise import sample_time
 
+_CLEARLY = 0.5  # times the error that is left
+
 
 def diagnose(
     data: ChannelData | Sequence[ChannelData],
@@ -83,8 +85,16 @@ def diagnose_channel(
         )
     search = Search(data, model, good, effects, rng, progress)
     chain = build(search)
-    apart = disagreement(chain.end) if chain.is_complete else None
-    return _report(search, replace(chain, is_complete=False) if apart else chain, apart)
+    apart = _disagreement(chain)
+    return _report(search, replace(chain, is_complete=False, dominant=None) if apart else chain, apart)
+
+
+def _disagreement(chain: Chain) -> Disagreement | None:
+    """How the runs disagree, where that explains clearly more than any smooth law does."""
+    apart = disagreement(chain.end)
+    if apart and not chain.is_complete and apart.alone > _CLEARLY * chain.end.floor(chain.floor):
+        return None
+    return apart
 
 
 def _report(search: Search, chain: Chain, apart: Disagreement | None) -> ChannelDiagnosis:
@@ -211,8 +221,8 @@ def _apart(apart: Disagreement, search: Search) -> str:
     unit = search.data.kind.effort_unit
     return (
         f"the runs do not follow one law: run {apart.run} is off by {apart.run_predicted:.3g} {unit} when "
-        f"predicted from the others, by {apart.run_alone:.3g} {unit} when fitted by itself; was something else "
-        "probed, or a sensor changed?"
+        f"predicted from the others, by {apart.run_alone:.3g} {unit} when fitted by itself; was something "
+        "else probed, or a sensor changed?"
     )
 
 

@@ -18,7 +18,7 @@ _STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was
 _TOO_FEW_LEVELS, _FEW_LEVELS = 10, 50  # readings in all, with which a sensor says little, or is coarse
 _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
-_LEAST_EXPLAINED = 0.2  # share of a force's variance that depth and velocity explain, whatever the object is
+_LEAST_EXPLAINED = 0.1  # share of a force's variance that depth and velocity explain, whatever the object is
 
 
 def usable(data: ChannelData) -> BoolArray:
@@ -112,11 +112,12 @@ def _contact(data: ChannelData) -> str | None:
 
 def _stranger(data: ChannelData) -> str | None:
     """A force that has next to nothing to do with the motion."""
-    motion = np.column_stack([data.engaged * data.position, data.engaged * data.velocity, np.ones(len(data))])
+    pressed = data.select(data.engaged)
+    motion = np.column_stack([pressed.position, pressed.velocity, np.ones(len(pressed))])
     size = np.linalg.norm(motion, axis=0)
     motion = motion / np.where(size > 0.0, size, 1.0)
-    left = data.effort - motion @ np.linalg.lstsq(motion, data.effort, rcond=1e-9)[0]
-    share = 1.0 - float(np.var(left) / np.var(data.effort))
+    left = pressed.effort - motion @ np.linalg.lstsq(motion, pressed.effort, rcond=1e-9)[0]
+    share = 1.0 - float(np.var(left) / np.var(pressed.effort)) if np.ptp(pressed.effort) > 0.0 else 0.0
     if share < _LEAST_EXPLAINED:
         return f"depth and velocity explain {100.0 * share:.0f} % of the force; do they belong together?"
     return None
