@@ -4,7 +4,6 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-
 _STALL_S = 0.02  # so late, simulated time does not hurry to catch up
 
 
