@@ -69,16 +69,28 @@ def _subject(channel: ChannelData, model: str, arm: Arm) -> Subject:
 ALL_CHANNELS = "all"
 
 
-def channels_to_diagnose(subjects: tuple[Subject, ...], name: str | None) -> tuple[Subject, ...]:
+def channels_to_diagnose(
+    subjects: tuple[Subject, ...], name: str | None, *, probed: bool = False
+) -> tuple[Subject, ...]:
     """The named channel, all for "all", and for None the contacts where there are any.
 
     An arm's joints are left out unless they are asked for: the accelerations of a probing session are too
     noisy for a verdict that can be trusted (docs/missing-effects.md, "Joints").
 
+    Args:
+        subjects: all that there are.
+        name: what the user asked for.
+        probed: whether an arm was to touch something.
+
     Raises:
-        InputError: there is no such channel.
+        InputError: there is no such channel, or nothing was touched.
     """
     if name == ALL_CHANNELS:
         return subjects
     contacts = tuple(subject for subject in subjects if subject.channel.kind is ChannelKind.CONTACT)
+    if probed and name is None and not contacts:
+        raise InputError(
+            "no contact: the force never rises above that in free air. Was anything touched, is the sensor "
+            f"alive? The joints alone: --channel {ALL_CHANNELS}"
+        )
     return contacts if name is None and contacts else only_channel(subjects, name)

@@ -54,7 +54,11 @@ _SLOW_REVERSALS = Plan(
     "reverse slowly at several depths without leaving the object",
     {"speeds_m_s": [0.005, 0.01], "excitation": _REVERSALS, "hold_s": 1.0, "repeats": 3},
 )
-_JOINT = Plan("move over a wider range, slowly and fast, in both directions, with two loads")
+_JOINT = Plan(
+    "move over a wider range in free air, slowly and fast, in both directions, in several postures, with and "
+    "without a known mass at the tip; a probing plan with approach_clearance_m and retract_m of 0.1 and "
+    "joint_speed_rad_s of 2 goes some of the way"
+)
 _PLANS: Mapping[frozenset[str], Plan] = {
     frozenset({"delay", "damping"}): _TWO_SPEEDS,
     frozenset({"lag", "damping"}): _TWO_SPEEDS,

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from control.loop.tick_record import STREAM_NAME
 from estimation.diagnosis import Diagnosis, Verdict
 from estimation.models import MODELS
 from palpate import console
@@ -13,6 +14,7 @@ from palpate.data_options import (
     ColumnOption,
     ContextOption,
     FileArgument,
+    ForceOption,
     TipFrameOption,
     UnitOption,
     UrdfOption,
@@ -21,21 +23,22 @@ from palpate.data_options import (
     import_options,
     retyped,
 )
-from palpate.derived import derived_folder
+from palpate.derived import folder_to_fill
 from palpate.diagnosis_progress import diagnosis_progress
 from palpate.diagnosis_text import show
 from palpate.effect_library import EffectLibrary, library_with
 from palpate.estimation_run import Material, load_material
-from palpate.files import output_folder
 from palpate.next_plan import plan_of, write_plan
+from palpate.outcome import NAMES as OUTCOME
 from palpate.outcome import write_json, write_outcome
 from palpate.revisions import RevisionShelf
 from palpate.stage_text import print_files
 from palpate.story import Story, diagnose_subjects, tell_story
 from palpate.subject import ALL_CHANNELS, Subject, channels_to_diagnose, subjects_of
-from palpate.words import shown
+from palpate.words import typed as path_typed
 
 RESULT = "diagnosis.json"
+PLAN = "next-experiment.yaml"
 
 
 def command(  # noqa: PLR0917, one parameter an option
@@ -67,21 +70,25 @@ def command(  # noqa: PLR0917, one parameter an option
         Path | None,
         typer.Option(help=f"Write {RESULT}, report and more here.", metavar="FOLDER"),
     ] = None,
+    force: ForceOption = False,
 ) -> None:
     """Say whether anything is missing in a model, which physical effect it is, and how sure that is.
 
     Verdicts: adequate, missing, unexplained (structure that no known effect explains), or insufficient (this
-    data cannot say). All is judged on runs that the fit has not seen.
+    data cannot say). All is judged on runs that the fit has not seen. What is in the session's own folder
+    is renewed.
     """
     material = load_material(file, import_options(column, unit, where, context))
     known = subjects_of(material, model, given_arm(urdf, tip_frame, material.arm))
-    subjects = channels_to_diagnose(known, channel)
+    probed = material.session is not None and STREAM_NAME in material.session.stream_names
+    subjects = channels_to_diagnose(known, channel, probed=probed)
     data = {"column": column, "unit": unit, "where": where, "context": context}
     typed = retyped(file, model=model, urdf=urdf, **data)
     library = library_with(effect)
     library.rehearse([subject.channel for subject in subjects])
-    wanted = bool(out) or apply or (material.session is not None and not as_json)
-    folder = output_folder(derived_folder(material, out)) if wanted else None
+    wanted = out is not None or apply or (material.session is not None and not as_json)
+    names = (RESULT, PLAN, *OUTCOME)
+    folder = folder_to_fill(material, out, names, force=force) if wanted else None
     with diagnosis_progress([subject.channel.name for subject in subjects]) as progress:
         diagnosis = diagnose_subjects(subjects, library.effects, progress, str(file))
     if as_json:
@@ -142,7 +149,7 @@ def _write_plan(material: Material, diagnosis: Diagnosis, folder: Path) -> Path 
             continue
         plan = plan_of(found.next_experiment, material.session)
         if plan is not None:
-            path = folder / "next-experiment.yaml"
+            path = folder / PLAN
             write_plan(found.next_experiment, plan, path)
             return path
     return None
@@ -158,7 +165,9 @@ def _next(typed: str, kept: str, diagnosis: Diagnosis, plan: Path | None, *, app
         steps.append((f"palpate export {kept}", "the improved model as a simulated world"))
         steps.append((f"palpate revisions {kept}", "all stages, to go back to"))
     if plan is not None:
-        steps.append((f"palpate probe --experiment {shown(plan)}", "the experiment that would tell more"))
+        steps.append(
+            (f"palpate probe --experiment {path_typed(plan)}", "the experiment that would tell more")
+        )
     if any(found.verdict is Verdict.UNEXPLAINED for found in diagnosis.channels):
         steps.append(
             (f"palpate diagnose {typed} --effect my_effects.py:MyEffect", "try a hypothesis of your own")

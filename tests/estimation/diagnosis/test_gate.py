@@ -10,6 +10,14 @@ from tests.estimation.diagnosis.presses import session
 from tests.estimation.diagnosis.test_diagnose import MODEL
 
 DATA = session(3)
+
+
+def shuffled_where_pressed():
+    effort = DATA.effort.copy()
+    effort[DATA.engaged] = np.random.default_rng(1).permutation(effort[DATA.engaged])
+    return effort
+
+
 BAD = {
     "never changes": replace(DATA, effort=np.full(len(DATA), 2.0)),
     "single run": replace(DATA, run=np.zeros(len(DATA), dtype=np.int64)),
@@ -22,6 +30,7 @@ BAD = {
     "too coarse": replace(DATA, effort=2.0 * np.round(DATA.effort / 2.0)),
     "align": replace(DATA, effort=np.roll(DATA.effort, 250)),
     "samples": DATA.select(np.arange(50)),
+    "belong together": replace(DATA, effort=shuffled_where_pressed()),
 }
 
 
