@@ -399,9 +399,9 @@ def test_a_broken_text_file_is_refused_with_row_and_remedy(tmp_path, text, words
 
 def test_a_file_of_very_many_columns_is_refused_briefly(tmp_path):
     file = tmp_path / "wide.csv"
-    file.write_text(",".join(f"c{i}" for i in range(20_000)) + "\n" + ",".join("0" * 20_000) + "\n")
+    file.write_text(",".join(f"c{i}" for i in range(2_000)) + "\n" + ",".join("0" * 2_000) + "\n")
     text = refusal(file)
-    assert "c19 and 19980 more" in text
+    assert "c19 and 1980 more" in text
     assert len(text) < 600
 
 
