@@ -27,7 +27,7 @@ BAD = {
     "check times": replace(DATA, velocity=1e3 * DATA.velocity),
     "sign": replace(DATA, effort=-DATA.effort),
     "at its end": replace(DATA, effort=np.minimum(DATA.effort, 3.0)),
-    "too coarse": replace(DATA, effort=2.0 * np.round(DATA.effort / 2.0)),
+    "too coarse": replace(DATA, effort=4.0 * np.round(DATA.effort / 4.0)),
     "align": replace(DATA, effort=np.roll(DATA.effort, 250)),
     "samples": DATA.select(np.arange(50)),
     "belong together": replace(DATA, effort=shuffled_where_pressed()),
