@@ -16,6 +16,7 @@ from control.probing.task import ProbingTask
 from robot_io.errors import InputError
 from robot_io.robot_file import load_robot_file
 from robot_io.types import Measurement
+from tests.control.probing_runs import plant_above, probing_task, run_probing
 from tests.control.simulated_arms import ARMS, NAMES, SimulatedArm, kelvin_voigt
 
 SURFACE_M = 0.05
@@ -127,3 +128,52 @@ def test_tips_in_the_plane_are_those_of_the_urdf():
         position_rad = rng.uniform(-3.0, 3.0, (20, 3))
         expected = [arm.plane_point(body.tip_pose(row)[0]) for row in position_rad]
         np.testing.assert_allclose(arm.tips_in_plane(position_rad), expected, atol=1e-12)
+
+
+TWO = {"targets_world_m": ((0.40, 0.0, SURFACE_M), (0.44, 0.0, SURFACE_M)), "speeds_m_s": (0.09,)}
+
+
+def test_what_is_met_between_two_targets_sends_the_arm_back_as_it_came_and_home():
+    plant = plant_above(height_m=0.15, x_m=0.36, stiffness_n_m=2000.0, damping_n_s_m=20.0)
+    task = probing_task(ProbingPlan(**TWO, hold_s=0.05, settle_s=0.05, free_air_s=0.1))
+    truth, pushed = plant.measure, []
+
+    def measure():
+        """A hand, for five ticks, when the tip is half way."""
+        measurement = truth()
+        x_m = plant.body.tip_pose(plant.position_rad)[0][0]
+        if x_m > 0.42 and len(pushed) < 5:
+            pushed.append(x_m)
+            return measurement._replace(force_n=measurement.force_n + 7.0)
+        return measurement
+
+    plant.measure = measure
+    record = run_probing(plant, task)
+    assert record.kinds()[-2:] == ["obstacle", "probing_done"]
+    assert len(task.failures) == 1
+    tips = np.array([output.tip_position_world_m for output in record.outputs])
+    assert 0.42 < tips[:, 0].max() < 0.43  # it did not go on
+    assert np.abs(record.position_rad[-1] - record.position_rad[0]).max() < 1e-3
+    met = int(np.argmax(tips[:, 0]))
+    over_the_first = met + int(np.argmin(np.linalg.norm(tips[met:, :3:2] - (0.40, 0.08), axis=1)))
+    assert tips[over_the_first, :3:2] == pytest.approx((0.40, 0.08), abs=2e-3)  # where it had come from
+    assert record.force_n[met:].max() == 0.0
+
+
+def test_a_target_to_which_there_is_no_way_any_more_is_left(monkeypatch):
+    task = probing_task(ProbingPlan(**TWO, repeats=2, hold_s=0.05, settle_s=0.05, free_air_s=0.1))
+    plant = plant_above(height_m=0.15, stiffness_n_m=2000.0, damping_n_s_m=20.0)
+    find = Passages.find
+
+    def blocked(self, start, end):
+        passage = find(self, start, end)
+        to_the_second = bool(start.site) and end.site not in (None, start.site)
+        return passage._replace(too_low_m=0.004) if to_the_second and plant.time_s > 0.0 else passage
+
+    monkeypatch.setattr(Passages, "find", blocked)
+    record = run_probing(plant, task)
+    assert [event.kind for _, event in record.events][-2:] == ["no_way", "probing_done"]
+    (failure,) = task.failures
+    assert "on the way to target 2 the tip would come 4.0 mm too near" in failure
+    assert record.event("probing_done").data["runs"] == 2
+    assert np.abs(record.position_rad[-1] - record.position_rad[0]).max() < 1e-3
