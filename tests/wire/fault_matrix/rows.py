@@ -138,7 +138,7 @@ _MOTOR_ROWS = {
         (OLD, OLD_OFF, "servo 3 did not answer in time"),
         (2, 3, "servo 3 (joint 3): has forgotten its settings; it has restarted"),
         (2, 62, "the port has failed", _DEAF),
-        (30, BRAKED + 30, "encoder of joint 1: stuck at", _FROZEN),
+        (40, BRAKED + 40, "encoder of joint 1: stuck at", _FROZEN),
     ),
     "odrive": (
         (OLD, OLD_OFF, "joint 3 (node 2): nothing valid for"),
@@ -183,11 +183,12 @@ _FORCE: tuple[tuple[str, FaultKind, dict[str, float]], ...] = (
     ("stuck", K.STUCK, {}),
 )
 _SILENT = (11, BRAKED + 5, "no reading for")
+_CORRUPT = (40, BRAKED + 40, "no reading for", _NO_CHECKSUM)
 _FORCE_ROWS = {
     "loadstar": (
         _SILENT,
         _SILENT,
-        _SILENT,
+        _CORRUPT,
         GOES_ON,
         GOES_ON,
         _SILENT,
@@ -195,25 +196,25 @@ _FORCE_ROWS = {
         _SILENT,
         (2, BRAKED, "force sensor: at the end of its range"),
         (60, BRAKED + 60, "joint torques say about 4.", _CONTRADICTED),
-        (180, BRAKED + 180, "is the sensor alive", _CONTRADICTED),
+        (200, BRAKED + 200, "is the sensor alive", _CONTRADICTED),
     ),
     "lorenz": (
         (OLD, BRAKED, "no reading for"),
         (OLD, BRAKED, "no reading for"),
-        (OLD + 1, BRAKED, "no reading for"),
+        _CORRUPT,
         (OLD, BRAKED, "no reading for"),
         (OLD, BRAKED, "no reading for"),
         (OLD, BRAKED, "no reading for"),
         (2, BRAKED, "the port was unplugged"),
         (2, BRAKED, "force sensor: at the end of its range"),
         (2, BRAKED, "force sensor: at the end of its range"),
-        (30, BRAKED + 30, "joint torques say about 4.", _CONTRADICTED),
-        (180, BRAKED + 180, "is the sensor alive", _CONTRADICTED),
+        (40, BRAKED + 40, "joint torques say about 4.", _CONTRADICTED),
+        (200, BRAKED + 200, "is the sensor alive", _CONTRADICTED),
     ),
     "lines": (
         _SILENT,
         _SILENT,
-        (30, BRAKED + 30, "no reading for", _NO_CHECKSUM),
+        _CORRUPT,
         GOES_ON,
         GOES_ON,
         _SILENT,
@@ -221,7 +222,7 @@ _FORCE_ROWS = {
         _SILENT,
         (2, BRAKED, "force sensor: at the end of its range"),
         (60, BRAKED + 60, "joint torques say about 4.", _CONTRADICTED),
-        (180, BRAKED + 180, "is the sensor alive", _CONTRADICTED),
+        (200, BRAKED + 200, "is the sensor alive", _CONTRADICTED),
     ),
 }
 
