@@ -1,0 +1,146 @@
+"""What calibrations recover of what is hidden in the simulated follower, over seeds.
+
+Every seed draws all hidden values anew. "error" is the largest and the root mean square error, "stated" the
+mean standard uncertainty, "in 2 std" how many lie within twice their own uncertainty (95 % are expected).
+"""
+
+import argparse
+import tempfile
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from calibration.force.fit import fit_force
+from calibration.force.weighing import read_weighing
+from palpate import calibration_run as calibrating
+from palpate.calibration_setup import CalibrationJob
+from palpate.robots import find_robot
+from robot_io.session import Session
+from sim_backend.scenario import load_scenario
+
+ROBOT = find_robot("follower")
+FORCES_N = (0.0, 5.0, 10.0, 20.0, 30.0, 40.0, 30.0, 20.0, 10.0, 5.0, 0.0)
+STOP_STD_RAD = 0.0  # the simulated stops are where the URDF says
+Found = Iterator[tuple[str, str, float, float, float]]  # what, unit, found, stated uncertainty, hidden
+
+
+def force(rng: np.random.Generator, seed: int, folder: Path) -> Found:
+    """Gain, zero, bend and play of the force sensor; every second one is straight, without play."""
+    gain, bias = rng.uniform(0.9, 1.1), rng.uniform(-2.0, 2.0)
+    bend, play = (rng.choice([-1, 1]) * 2e-4, rng.uniform(0.01, 0.05)) if seed % 2 else (0.0, 0.0)
+    hidden = [
+        {"effect": "sensor_gain", "channel": "contact", "gain": gain, "bend": bend},
+        {"effect": "bias", "channel": "contact", "bias": bias},
+    ]
+    hidden += [{"effect": "hysteresis", "channel": "contact", "half_width": play}] if play else []
+    job = _job("force", hidden, seed, folder)
+    place = calibrating.put_simulated_weight
+    calibrating.run_weighing(job, FORCES_N, place, settle_s=0.1, measure_s=0.5)
+    fit = fit_force(read_weighing(Session.open(job.session)))
+    shape = "bent" if bend else "straight"
+    yield f"force zero, {shape}", "N", fit.zero.value, fit.zero.std_err, bias
+    yield f"force scale, {shape}", "-", fit.scale.value, fit.scale.std_err, 1.0 / gain
+    yield f"hysteresis, {shape}", "N", fit.hysteresis_n.value, fit.hysteresis_n.std_err, 2.0 * play / gain
+
+
+def encoder(rng: np.random.Generator, seed: int, folder: Path) -> Found:
+    """Zeros against the hard stops, with friction."""
+    zeros = rng.uniform(-0.05, 0.05, 3)
+    hidden = [_on(f"encoder_{j + 1}", zeros[j]) for j in range(3)]
+    hidden += _joints("coulomb_friction", coulomb_nm=rng.uniform(0.02, 0.3, 3) * [1, 1, 0.1])
+    job = _job("encoder", hidden, seed, folder)
+    calibrating.run_stops(job)
+    fit = calibrating.encoder_fit_of(Session.open(job.session), 3, None, STOP_STD_RAD)
+    for j in range(3):
+        yield "encoder zero", "rad", fit.offset_rad[j], fit.std_rad[j], -zeros[j]
+
+
+def torque(rng: np.random.Generator, seed: int, folder: Path) -> Found:
+    """Gains, offsets and friction of all drives, on a tilted base."""
+    yield from _arm("torque", rng, seed, folder)
+
+
+def gravity(rng: np.random.Generator, seed: int, folder: Path) -> Found:
+    """The tilt, with all drives wrong."""
+    yield from (row for row in _arm("gravity", rng, seed, folder) if row[0] == "pitch, slow motion")
+
+
+def _arm(kind: str, rng: np.random.Generator, seed: int, folder: Path) -> Found:
+    small = np.array([1.0, 1.0, 0.1])
+    gain, bias = rng.uniform(0.85, 1.15, 3), rng.uniform(-0.2, 0.2, 3) * small
+    coulomb, viscous = rng.uniform(0.05, 0.4, 3) * small, rng.uniform(0.05, 0.4, 3) * small
+    pitch = rng.uniform(-0.05, 0.05)
+    hidden = [
+        {"effect": "gravity_tilt", "pitch_rad": pitch},
+        *_joints("torque_gain", gain=gain),
+        *_joints("coulomb_friction", coulomb_nm=coulomb),
+        *_joints("viscous_friction", viscous_nms_rad=viscous),
+        *(_on(f"joint_{j + 1}", bias[j]) for j in range(3)),
+    ]
+    job = _job(kind, hidden, seed, folder)
+    calibrating.run_motion(job)
+    fit = calibrating.arm_fit_of(Session.open(job.session), ROBOT.urdf_path, ROBOT.tip_frame)
+    way = "slow motion" if kind == "gravity" else "torque's motion"
+    yield f"pitch, {way}", "rad", fit.tilt_rad[0], fit.tilt_std_rad[0], pitch
+    for j in range(3):
+        yield f"torque gain {j + 1}", "-", fit.gain[j], fit.gain_std[j], gain[j]
+        yield "torque offset", "N m", fit.offset_nm[j], fit.offset_std_nm[j], -gain[j] * bias[j]
+        yield "command offset", "N m", fit.command_offset_nm[j], fit.command_offset_std_nm[j], 0.0
+        yield "Coulomb friction", "N m", fit.coulomb_nm[j], fit.coulomb_std_nm[j], coulomb[j]
+        yield "viscous friction", "N m s/rad", fit.viscous_nms_rad[j], fit.viscous_std_nms_rad[j], viscous[j]
+
+
+def _job(kind: str, hidden: list[dict], seed: int, folder: Path) -> CalibrationJob:
+    scenario = load_scenario({"seed": seed, "hidden": hidden})
+    return CalibrationJob(kind, ROBOT, folder / f"{kind}-{seed}.mcap", scenario=scenario)
+
+
+def _on(channel: str, bias: float) -> dict:
+    return {"effect": "bias", "channel": channel, "bias": float(bias)}
+
+
+def _joints(effect: str, **parameters: np.ndarray) -> list[dict]:
+    return [
+        {"effect": effect, "joint": j + 1, **{name: float(values[j]) for name, values in parameters.items()}}
+        for j in range(3)
+    ]
+
+
+KINDS: dict[str, Callable[[np.random.Generator, int, Path], Found]] = {
+    "force": force,
+    "encoder": encoder,
+    "torque": torque,
+    "gravity": gravity,
+}
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--kinds", nargs="+", choices=list(KINDS), default=list(KINDS))
+    options = parser.parse_args()
+    rows: dict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
+    for kind in options.kinds:
+        for seed in track(range(options.seeds), description=kind, console=Console(stderr=True)):
+            with tempfile.TemporaryDirectory() as folder:
+                for what, unit, found, stated, hidden in KINDS[kind](
+                    np.random.default_rng(seed), seed, Path(folder)
+                ):
+                    rows[what, unit].append((found - hidden, stated))
+    table = Table("what", "unit", "values", "error, largest", "rms", "stated", "in 2 std")
+    for (what, unit), pairs in rows.items():
+        error, stated = np.abs(np.array(pairs)).T
+        inside = f"{np.sum(error < 2 * stated)} of {len(error)}"
+        rms = f"{np.sqrt(np.mean(error**2)):.2g}"
+        table.add_row(what, unit, str(len(error)), f"{error.max():.2g}", rms, f"{stated.mean():.2g}", inside)
+    Console(width=110).print(table)
+
+
+if __name__ == "__main__":
+    main()
