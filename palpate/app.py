@@ -4,6 +4,7 @@ import ast
 import importlib
 import importlib.util
 import pkgutil
+import re
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,11 +15,14 @@ from typer.main import get_command
 
 import palpate.commands
 from palpate.failures import OneLineGroup
+from robot_io.errors import InputError
 
 ORDER = (
     *("demo", "probe", "estimate", "inspect", "compare", "diagnose", "add", "revisions", "export", "reveal"),
     *("import", "info", "calibrate", "doctor"),
 )
+
+_NAMELESS = re.compile(r"--[a-z-]+=")  # an option with nothing after its sign
 
 
 class CommandGroup(OneLineGroup):
@@ -34,6 +38,7 @@ class CommandGroup(OneLineGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:  # noqa: ANN401
         """Find the command that is called, and load it; see `TyperGroup.resolve_command`."""
+        _refuse_empty(args)
         name, found, rest = super().resolve_command(ctx, args)
         return name, found if name is None else load_command(name), rest
 
@@ -78,6 +83,19 @@ def load_command(name: str) -> Any:  # noqa: ANN401, typer's own command
     single = typer.Typer(rich_markup_mode="rich", add_completion=False)
     single.command(name=name, context_settings={"help_option_names": ["-h", "--help"]})(module.command)
     return get_command(single)
+
+
+def _refuse_empty(arguments: list[str]) -> None:
+    """Refuse empty names, which a shell makes of a variable that is not set: "" would be the current folder.
+
+    Raises:
+        InputError: there is one.
+    """
+    before = ["", *arguments]
+    for number, argument in enumerate(arguments):
+        if not argument or _NAMELESS.fullmatch(argument):
+            place = argument or before[number]
+            raise InputError(f"an argument is empty{f' ({place} ...)' if place else ''}; give it a value")
 
 
 def _first_lines() -> dict[str, str]:

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from rich.box import SIMPLE_HEAD as SIMPLE
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
-from palpate.words import shown
+from palpate.words import typed
 
 PIPE_WIDTH = 120  # columns when the output is no terminal, so that tables are not squeezed into 80
 
@@ -32,7 +33,8 @@ def stderr() -> Console:
 
 def print_json(data: Any) -> None:  # noqa: ANN401
     """Print `data` as strict JSON on stdout; arrays become lists, NaN and infinity become null."""
-    print(json.dumps(plain(data), indent=2, ensure_ascii=False, allow_nan=False))
+    readable = "utf" in (sys.stdout.encoding or "").lower()
+    print(json.dumps(plain(data), indent=2, ensure_ascii=not readable, allow_nan=False))
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401
@@ -66,14 +68,19 @@ def as_typed(command: str) -> str:
     started = folder / program
     if not started.is_file() or shutil.which(program) == str(started.absolute()):
         return command
-    return f"{shown(started)} {rest}"
+    return f"{typed(started)} {rest}"
 
 
 def next_steps(*commands: tuple[str, str]) -> None:
-    """Show commands to try next, each with what it does."""
+    """Show commands to try next, each with what it does.
+
+    Args:
+        commands: as they can be pasted into a shell (`palpate.words.typed` for paths), and their purpose.
+    """
     console = stderr()
     console.print("\n[bold]Next[/bold]")
     runnable = [(as_typed(command), purpose) for command, purpose in commands]
     width = max(len(command) for command, _ in runnable)
     for command, purpose in runnable:
-        console.print(f"  [cyan]{command:<{width}}[/cyan]  [dim]{purpose}[/dim]", soft_wrap=True)
+        room = " " * (width - len(command))
+        console.print(f"  [cyan]{escape(command)}[/cyan]{room}  [dim]{purpose}[/dim]", soft_wrap=True)

@@ -1,6 +1,5 @@
 """Options of every command that reads somebody's data file."""
 
-import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +8,7 @@ import typer
 from estimation.data.import_options import ImportOptions, parse_pairs
 from palpate.estimation_run import Arm
 from palpate.files import existing_file
-from palpate.words import shown
+from palpate.words import as_shell_word, typed
 from robot_io.errors import InputError
 
 FileArgument = Annotated[
@@ -33,6 +32,10 @@ ContextOption = Annotated[
 FolderOption = Annotated[
     Path | None,
     typer.Option(help="Where the revisions are kept, if not in the usual place.", metavar="FOLDER"),
+]
+ForceOption = Annotated[
+    bool,
+    typer.Option("--force", help="Replace files of the same names in the folder that --out names."),
 ]
 UrdfOption = Annotated[
     Path | None,
@@ -64,12 +67,12 @@ def retyped(file: Path, **options: str | Path | list[str] | None) -> str:
         file: session or data file.
         options: values by the name of the option; None where it was not given.
     """
-    words = [shown(file)]
+    words = [typed(file)]
     for name, value in options.items():
         for each in value if isinstance(value, list) else [value]:
             if each is not None:
-                words += [f"--{name}", str(each)]
-    return shlex.join(words)
+                words += [f"--{name}", as_shell_word(str(each))]
+    return " ".join(words)
 
 
 def given_arm(urdf: Path | None, tip_frame: str, otherwise: Arm) -> Arm:

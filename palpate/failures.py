@@ -1,5 +1,6 @@
 """The one place where a failure becomes one line on stderr and an exit code."""
 
+import errno
 import os
 import sys
 import traceback
@@ -10,11 +11,13 @@ from typer.core import TyperGroup
 
 from palpate.preflight import library_remedy
 from robot_io.errors import InputError, PalpateError
+from robot_io.safe_yaml import one_line
 
 BAD_INPUT = 2
 FAILED = 1
 INTERRUPTED = 130
 DEBUG_VARIABLE = "PALPATE_DEBUG"
+_NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 
 class OneLineGroup(TyperGroup):
@@ -24,6 +27,7 @@ class OneLineGroup(TyperGroup):
         """Run the command and leave with its exit code; see `TyperGroup.main`."""
         try:
             code = super().main(*args, **(extra | {"standalone_mode": False}))
+            sys.stdout.flush()
         except typer.Abort:
             sys.exit(report("interrupted", INTERRUPTED))
         except Exception as error:
@@ -38,7 +42,9 @@ def report_error(error: Exception) -> int:
     if os.environ.get(DEBUG_VARIABLE):
         traceback.print_exception(error)
     if isinstance(error, BrokenPipeError):
-        return _leave_pipe_quietly()
+        return _give_up_output()
+    if isinstance(error, OSError) and error.filename is None and error.errno in _NO_ROOM:
+        _give_up_output()
     return report(*_in_words(error))
 
 
@@ -55,14 +61,16 @@ def _in_words(error: Exception) -> tuple[str, int]:
             text, code = _usage(error), error.exit_code
         case OSError() if error.filename is not None:
             text, code = f"{error.filename}: {error.strerror}", BAD_INPUT
+        case OSError() if error.errno in _NO_ROOM:  # files that are written are named: see `palpate.files`
+            text = f"cannot write the output: {error.strerror}"
         case ImportError() if remedy := library_remedy(error):
             text = f"a library of the system is missing ({error}); {remedy}"
     return text, code
 
 
 def report(text: str, code: int) -> int:
-    """Print `text` as one line on stderr and return `code`."""
-    print("palpate: " + " ".join(text.split()), file=sys.stderr)
+    """Print `text` as one line on stderr, with nothing that a terminal would obey, and return `code`."""
+    print("palpate: " + one_line(text), file=sys.stderr)
     return code
 
 
@@ -72,7 +80,7 @@ def _usage(error: typer.TyperException) -> str:
     return error.format_message().rstrip(".") + hint
 
 
-def _leave_pipe_quietly() -> int:
-    """The reader of our output has gone (`| head`); keep the interpreter from complaining when it flushes."""
+def _give_up_output() -> int:
+    """Nobody takes our output (`| head`, a full disk); keep the interpreter from complaining at its end."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return FAILED

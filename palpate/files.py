@@ -1,6 +1,13 @@
-"""Files that the user names: checked before any work is done, so that nothing is half done."""
+"""Files that the user names: checked before any work is done, so that nothing is half done.
+
+One rule for what is there already: nobody's file is replaced without `--force`, and what is read never. Only
+what palpate derives into a folder of its own (see `palpate.derived`) is renewed.
+"""
 
 import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from robot_io.errors import InputError
@@ -8,7 +15,7 @@ from robot_io.session import Session
 
 
 def existing_file(path: Path, what: str) -> Path:
-    """The path, if a readable file is there.
+    """The path, if a readable file is there; no device and no pipe, which might never end.
 
     Args:
         path: as the user gave it.
@@ -21,6 +28,8 @@ def existing_file(path: Path, what: str) -> Path:
         raise InputError(f"{what} {path}: is a directory, not a file")
     if not path.exists():
         raise InputError(f"{what} {path}: no such file")
+    if not path.is_file():
+        raise InputError(f"{what} {path}: is a device or a pipe, not a file")
     if not os.access(path, os.R_OK):
         raise InputError(f"{what} {path}: no right to read it")
     return path
@@ -35,7 +44,7 @@ def open_session(path: Path) -> Session:
     return Session.open(existing_file(path, "session"))
 
 
-def output_file(path: Path, *, force: bool | None = None, keep: Path | None = None) -> Path:
+def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] = ()) -> Path:
     """The path, if a file can be written there; its folder is made.
 
     Args:
@@ -48,11 +57,14 @@ def output_file(path: Path, *, force: bool | None = None, keep: Path | None = No
     """
     if path.is_dir():
         raise InputError(f"output {path}: is a directory")
-    if keep is not None and path.exists() and path.samefile(keep):
-        raise InputError(f"output {path}: is what is read; choose another name")
-    if path.exists() and not force:
-        remedy = "choose another name" + (", or add --force to replace it" if force is False else "")
-        raise InputError(f"output {path}: exists already; {remedy}")
+    if path.exists() or path.is_symlink():
+        if any(_same(path, read) for read in keep):
+            raise InputError(f"output {path}: is what is read; choose another name")
+        if not force:
+            remedy = "choose another name" + (", or add --force to replace it" if force is False else "")
+            raise InputError(f"output {path}: exists already; {remedy}")
+        if not path.is_file():
+            raise InputError(f"output {path}: is no file that could be replaced")
     output_folder(path.parent)
     return path
 
@@ -65,8 +77,71 @@ def output_folder(folder: Path) -> Path:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):  # rights alone do not tell: think of /proc
+            pass
     except OSError as error:
-        raise InputError(f"output folder {folder}: {error.strerror}") from error
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise InputError(f"output folder {folder}: no right to write there")
+        raise InputError(f"output folder {folder}: cannot be written to ({error.strerror})") from error
     return folder
+
+
+def spare_files(folder: Path, names: Iterable[str], *, force: bool, keep: Iterable[Path] = ()) -> None:
+    """Refuse to fill a folder where that would replace what must not be replaced.
+
+    Args:
+        folder: it need not be there yet.
+        names: of the files that may be written; patterns as of `Path.glob`.
+        force: whether files of these names may be replaced.
+        keep: what is read, which is never replaced.
+
+    Raises:
+        InputError: something is in the way.
+    """
+    kept = tuple(keep)
+    for taken in (found for name in names for found in folder.glob(name)):
+        output_file(taken, force=force, keep=kept)
+
+
+def different_files(*paths: Path | None) -> None:
+    """Refuse outputs that would replace each other.
+
+    Raises:
+        InputError: two of them are one file.
+    """
+    places = [path for path in paths if path is not None]
+    for number, path in enumerate(places):
+        if any(path.resolve() == other.resolve() for other in places[:number]):
+            raise InputError(f"output {path}: is named twice; give each output a name of its own")
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A name to write under; when all is written, the file gets its own name, replacing what was there.
+
+    Args:
+        path: the file; it appears whole or not at all.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    unfinished = path.with_name(f".{os.getpid()}.part.{path.name}")  # the ending stays: it tells the format
+    try:
+        yield unfinished
+        unfinished.replace(path)
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file of text, whole or not at all.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    with whole_file(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
+
+
+def _same(path: Path, other: Path) -> bool:
+    return path.exists() and other.exists() and path.samefile(other)

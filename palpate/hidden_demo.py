@@ -17,7 +17,7 @@ from palpate.revisions import RevisionShelf
 from palpate.robots import DEFAULT, find_robot
 from palpate.story import Story, diagnose_subjects, tell_story
 from palpate.subject import subjects_of
-from palpate.words import shown
+from palpate.words import typed as typed_path
 from robot_io.session import Session
 from sim_backend.contact_laws import KelvinVoigt
 from sim_backend.hidden import noise_scale
@@ -98,6 +98,6 @@ def solve(session: Path, progress: Progress) -> HiddenDemo:
     unit = subject.channel.kind.effort_unit
     RevisionShelf(folder).keep(subject.channel.name, unit, story.stages, parent=None, user_effects={})
     result = write_json(diagnosis.model_dump(mode="json"), folder / RESULT)
-    typed = f"palpate diagnose {shown(session)} --model {DEFAULT_MODEL} --apply"
+    typed = f"palpate diagnose {typed_path(session)} --model {DEFAULT_MODEL} --apply"
     files = {"result": result, **write_outcome(folder, material, [story], [typed])}
     return HiddenDemo(session, story, files, open_answer(Session.open(session)))

@@ -1,7 +1,10 @@
 """Entry of the `palpate` command: check the ground first, then load the commands."""
 
+import io
+import logging
 import os
 import sys
+import warnings
 
 from palpate import preflight
 
@@ -10,11 +13,22 @@ def main() -> None:
     """Run the command line; the process ends with 0 (done), 1 (failed), 2 (bad input) or 130 (Ctrl-C)."""
     # Matrices are small here: shared out over threads, they cost up to twenty times the processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _keep_libraries_quiet()
+    for stream in (sys.stdout, sys.stderr):  # what a terminal cannot show is written as \u2013
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         _run()
     except KeyboardInterrupt:  # while commands are still being imported; later the commands see to it
         print("palpate: interrupted", file=sys.stderr)
         sys.exit(130)
+
+
+def _keep_libraries_quiet() -> None:
+    """Nobody can act on what libraries mutter: overflows, fonts, folders for caches."""
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore", RuntimeWarning)
 
 
 def _run() -> None:

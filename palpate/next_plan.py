@@ -7,8 +7,8 @@ import yaml
 
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis.result import NextExperiment
+from palpate.files import write_text
 from palpate.probing_run import PLAN
-from robot_io.errors import InputError
 from robot_io.file_model import validate
 from robot_io.safe_yaml import parse_yaml
 from robot_io.session import Session
@@ -40,10 +40,7 @@ def write_plan(experiment: NextExperiment, plan: ProbingPlan, path: Path) -> Non
     """
     words = f"# {experiment.instruction}\n# to {experiment.purpose}\n"
     text = yaml.safe_dump(plan.model_dump(mode="json"), sort_keys=False)
-    try:
-        path.write_text(words + text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from error
+    write_text(path, words + text)
 
 
 def _previous(session: Session | None) -> dict[str, Any]:

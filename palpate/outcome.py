@@ -6,16 +6,16 @@ from pathlib import Path
 
 from palpate import console
 from palpate.estimation_run import Material
-from palpate.files import output_folder
+from palpate.files import write_text
 from palpate.report import Report, write_report
 from palpate.story import Story
 from palpate.views.plots.waterfall import save_waterfall
 from palpate.views.recording.revisions import write_revisions
 from palpate.words import count
-from robot_io.errors import InputError
 
 REPORT = "report.html"
 RECORDING = "revisions.rrd"
+NAMES = (REPORT, "waterfall.png", "waterfall-*.png", RECORDING)  # of what `write_outcome` may write
 
 
 def write_outcome(
@@ -24,7 +24,7 @@ def write_outcome(
     """Write report, waterfalls and recording; the latter two only where effects were added.
 
     Args:
-        folder: where to; made if needed.
+        folder: where to; it is there already.
         material: what was measured.
         stories: one for each channel.
         commands: that lead to the same outcome.
@@ -36,7 +36,7 @@ def write_outcome(
         InputError: a file cannot be written.
     """
     report = Report(material.path.name, _facts(material, stories), tuple(stories), tuple(commands))
-    written = {"report": write_report(report, output_folder(folder) / REPORT)}
+    written = {"report": write_report(report, folder / REPORT)}
     grown = [story for story in stories if len(story.stages) > 1]
     for story in grown:
         name = "waterfall" if len(grown) == 1 else f"waterfall-{story.subject.channel.name}"
@@ -56,10 +56,7 @@ def write_json(data: Mapping[str, object], path: Path) -> Path:
         InputError: it cannot be written.
     """
     text = json.dumps(console.plain(data), indent=2, ensure_ascii=False, allow_nan=False)
-    try:
-        path.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from error
+    write_text(path, text + "\n")
     return path
 
 

@@ -1,7 +1,6 @@
 """Stages of a model, kept as files, so that one can go back to any of them."""
 
 import math
-import os
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -10,6 +9,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from estimation.revision import Revision
+from palpate.files import output_folder, write_text
 from robot_io.errors import InputError
 
 FOLDER = "revisions"
@@ -71,6 +71,11 @@ class RevisionShelf:
     def __init__(self, folder: Path) -> None:
         self._folder = folder / FOLDER
 
+    @property
+    def is_there(self) -> bool:
+        """Whether any revision was ever kept here."""
+        return self._folder.is_dir()
+
     def all(self) -> list[KeptRevision]:
         """Every revision, oldest first.
 
@@ -89,7 +94,7 @@ class RevisionShelf:
         known = {revision.number: revision for revision in self.all()}
         if number not in known:
             there = ", ".join(str(n) for n in known) or "none yet"
-            raise InputError(f"no revision {number}. There are: {there}")
+            raise InputError(f"no revision {number} in {self._folder}. There are: {there}")
         return known[number]
 
     def latest(self, channel: str, model: str | None = None) -> KeptRevision | None:
@@ -142,13 +147,8 @@ class RevisionShelf:
 
     def _write(self, revision: KeptRevision) -> None:
         file = self._folder / f"{revision.number:04d}.json"
-        unfinished = file.with_name(f".{file.name}.{os.getpid()}.part")
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            unfinished.write_text(revision.model_dump_json(indent=2) + "\n", encoding="utf-8")
-            unfinished.replace(file)
-        except OSError as error:
-            raise InputError(f"cannot write {file}: {error.strerror}") from error
+        output_folder(self._folder)
+        write_text(file, revision.model_dump_json(indent=2) + "\n")
 
 
 def _base(revisions: list[KeptRevision], channel: str, stage: Revision) -> KeptRevision | None:

@@ -1,6 +1,7 @@
 """Small things said the same way everywhere."""
 
 import re
+import shlex
 from pathlib import Path
 
 from rich.markup import escape
@@ -29,11 +30,35 @@ def duration(seconds: float) -> str:
 
 
 def shown(path: Path) -> str:
-    """A path as short as it can be said from where the user is."""
+    """A path as short as it can be said from where the user is, in one line, for a console."""
+    return safe("".join(char if char.isprintable() else "�" for char in _from_here(path)))
+
+
+def typed(path: Path) -> str:
+    """A path as short as it can be typed where the user is, for a shell."""
+    return as_shell_word(_from_here(path))
+
+
+def as_shell_word(text: str) -> str:
+    """Text as one word of a command that can be pasted into a shell."""
+    if text.isprintable():
+        return shlex.quote(text)
+    escaped = text.replace("\\", "\\\\").replace("'", "\\'")
+    escaped = "".join(char if char.isprintable() else _byte_escapes(char) for char in escaped)
+    return f"$'{escaped}'"
+
+
+def _byte_escapes(char: str) -> str:
+    return "".join(f"\\x{byte:02x}" for byte in char.encode("utf-8", "surrogateescape"))
+
+
+def _from_here(path: Path) -> str:
+    """As short as it can be said, and never like an option."""
     try:
-        return str(path.absolute().relative_to(Path.cwd()))
+        text = str(path.absolute().relative_to(Path.cwd()))
     except ValueError:
-        return str(path)
+        text = str(path)
+    return f"./{text}" if text.startswith("-") else text
 
 
 def significant(value: float, uncertainty: float | None = None) -> str:

@@ -11,6 +11,7 @@ from palpate.data_options import (
     ColumnOption,
     ContextOption,
     FileArgument,
+    ForceOption,
     TipFrameOption,
     UnitOption,
     UrdfOption,
@@ -19,14 +20,16 @@ from palpate.data_options import (
     import_options,
     retyped,
 )
-from palpate.derived import derived_folder
+from palpate.derived import folder_to_fill
 from palpate.effect_library import library_with
 from palpate.estimation_run import load_material
+from palpate.files import output_folder
 from palpate.growth import Growth, Wish, grow
+from palpate.outcome import NAMES as OUTCOME
 from palpate.outcome import write_outcome
 from palpate.revisions import RevisionShelf
 from palpate.stage_text import fall_sentence, parameter_table, print_files, stage_table
-from palpate.words import shown
+from palpate.words import typed as typed_path
 
 
 def command(  # noqa: PLR0917, one parameter an option
@@ -55,23 +58,25 @@ def command(  # noqa: PLR0917, one parameter an option
     out: Annotated[
         Path | None, typer.Option(help="Keep revisions and pictures here.", metavar="FOLDER")
     ] = None,
+    force: ForceOption = False,
 ) -> None:
     """Refit with more effects, show how the held-out error falls, and keep each step as a revision.
 
-    Goes on from the newest revision; --from goes back to another one.
+    Goes on from the newest revision; --from goes back to another one. Report and pictures are renewed where
+    revisions are kept.
     """
     material = load_material(file, import_options(column, unit, where, context))
     data = {"column": column, "unit": unit, "where": where, "context": context}
     typed = retyped(file, model=model, urdf=urdf, out=out, **data)
     arm, library = given_arm(urdf, tip_frame, material.arm), library_with(effect)
-    folder = derived_folder(material, out)
+    folder = folder_to_fill(material, out, OUTCOME, force=force)
     wish = Wish(effects, model, channel, start, fresh)
     with console.stderr().status("refitting stage by stage"):
         growth = grow(material, arm, RevisionShelf(folder), library, wish)
     with console.stderr().status("report, picture and recording"):
         added = [stage.added for stage in growth.story.stages[1:]]
         again = f"palpate add {typed} {' '.join(added)} --fresh"
-        written = write_outcome(folder, material, [growth.story], [again])
+        written = write_outcome(output_folder(folder), material, [growth.story], [again])
     if as_json:
         channel_name = growth.story.subject.channel.name
         kept = [revision.model_dump(mode="json") for revision in growth.kept]
@@ -89,7 +94,7 @@ def _print(back: str, kept: str, growth: Growth, written: dict[str, Path]) -> No
     out.print(parameter_table(story.stages[-1]))
     print_files(written)
     steps = [
-        (f"rerun {shown(written['recording'])}", "see the model grow, revision by revision"),
+        (f"rerun {typed_path(written['recording'])}", "see the model grow, revision by revision"),
         (f"palpate revisions {kept}", "all stages, to go back to"),
         (f"palpate export {kept}", "the improved model as a simulated world"),
     ]

@@ -13,6 +13,7 @@ from palpate.data_options import (
     ColumnOption,
     ContextOption,
     FileArgument,
+    ForceOption,
     TipFrameOption,
     UnitOption,
     UrdfOption,
@@ -21,13 +22,17 @@ from palpate.data_options import (
     import_options,
     retyped,
 )
+from palpate.derived import folder_to_fill
 from palpate.estimation_run import load_material
 from palpate.files import output_folder
+from palpate.outcome import NAMES as OUTCOME
 from palpate.outcome import write_json, write_outcome
 from palpate.story import compare_subject, tell_story
 from palpate.subject import Subject, model_names, only_channel, subjects_of
 from palpate.words import safe, shown
 from robot_io.errors import InputError
+
+RESULT = "comparison.json"
 
 
 def command(  # noqa: PLR0917, one parameter an option
@@ -46,6 +51,7 @@ def command(  # noqa: PLR0917, one parameter an option
     out: Annotated[
         Path | None, typer.Option(help="Write comparison.json and an HTML report here.", metavar="FOLDER")
     ] = None,
+    force: ForceOption = False,
 ) -> None:
     """Put a model beside the measurement: how far off it is, and where it fails first.
 
@@ -54,8 +60,10 @@ def command(  # noqa: PLR0917, one parameter an option
     material = load_material(file, import_options(column, unit, where, context))
     found = subjects_of(material, model, given_arm(urdf, tip_frame, material.arm))
     subjects = only_channel(found, channel)
-    folder = output_folder(out) if out is not None else None
+    folder = folder_to_fill(material, out, (RESULT, *OUTCOME), force=force) if out is not None else None
     typed = retyped(file, model=model, urdf=urdf, column=column, unit=unit, where=where, context=context)
+    if folder is not None:
+        output_folder(folder)
     compared, failures = _compare(subjects)
     data: dict[str, object] = {
         "file": str(file),
@@ -68,7 +76,7 @@ def command(  # noqa: PLR0917, one parameter an option
     else:
         _print(compared, failures)
     if folder is not None:
-        write_json(data, folder / "comparison.json")
+        write_json(data, folder / RESULT)
         judged = [subject for subject in subjects if subject.channel.name not in failures]
         stories = [tell_story(subject, None, (), ()) for subject in judged]
         written = write_outcome(folder, material, stories, [f"palpate compare {typed}"])

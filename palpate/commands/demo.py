@@ -18,7 +18,7 @@ from palpate.hidden_demo import PLAN as HIDDEN_PLAN
 from palpate.hidden_demo import HiddenDemo, can_hide, hide_one, probe_hidden, solve
 from palpate.progress import probing_progress
 from palpate.stage_text import parameter_table, print_files, stage_table
-from palpate.words import shown, significant
+from palpate.words import shown, significant, typed
 from sim_backend.imperfection import Imperfection
 from sim_backend.scenario import Scenario, load_scenario, shipped_scenarios
 
@@ -126,14 +126,14 @@ def _described(entry: Imperfection) -> str:
 
 
 def _next(demo: Demo, hidden: HiddenDemo | None) -> None:
-    session = shown(demo.session)
+    session = typed(demo.session)
     steps = [
         (f"palpate inspect {session}", "see arm, forces and estimates in Rerun"),
         ("palpate probe --robot my_arm.yaml", "your own arm"),
     ]
     if hidden is not None:
         if "recording" in hidden.files:
-            seen = (f"rerun {shown(hidden.files['recording'])}", "see the model grow, revision by revision")
+            seen = (f"rerun {typed(hidden.files['recording'])}", "see the model grow, revision by revision")
             steps.insert(1, seen)
         steps.insert(2, ("palpate probe --hidden random --seed 7", "a riddle of your own, from all effects"))
     console.next_steps(*steps)

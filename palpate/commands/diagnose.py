@@ -28,6 +28,7 @@ from palpate.diagnosis_progress import diagnosis_progress
 from palpate.diagnosis_text import show
 from palpate.effect_library import EffectLibrary, library_with
 from palpate.estimation_run import Material, load_material
+from palpate.files import output_folder
 from palpate.next_plan import plan_of, write_plan
 from palpate.outcome import NAMES as OUTCOME
 from palpate.outcome import write_json, write_outcome
@@ -88,7 +89,7 @@ def command(  # noqa: PLR0917, one parameter an option
     library.rehearse([subject.channel for subject in subjects])
     wanted = out is not None or apply or (material.session is not None and not as_json)
     names = (RESULT, PLAN, *OUTCOME)
-    folder = folder_to_fill(material, out, names, force=force) if wanted else None
+    folder = output_folder(folder_to_fill(material, out, names, force=force)) if wanted else None
     with diagnosis_progress([subject.channel.name for subject in subjects]) as progress:
         diagnosis = diagnose_subjects(subjects, library.effects, progress, str(file))
     if as_json:

@@ -31,7 +31,7 @@ from palpate.estimation_run import (
     estimate_with,
     load_material,
 )
-from palpate.words import count, safe, shown
+from palpate.words import count, safe, shown, typed
 from robot_io.errors import InputError
 
 
@@ -90,7 +90,7 @@ def only_runs(channel: ChannelData, runs: str | None) -> ChannelData:
 
 def _print(material: Material, found: list[ChannelEstimates]) -> None:
     out = console.stdout()
-    out.print(f"[bold]{safe(shown(material.path))}[/bold]: {count(len(found), 'channel')}")
+    out.print(f"[bold]{shown(material.path)}[/bold]: {count(len(found), 'channel')}")
     if material.session is not None and material.session.truncated:
         out.print(
             "  [yellow]the session is cut off: what follows is from what was written until then[/yellow]"
@@ -101,4 +101,4 @@ def _print(material: Material, found: list[ChannelEstimates]) -> None:
         for remark in remarks(each, truth):
             out.print(f"  {safe(remark)}")
     if material.session is not None:
-        console.next_steps((f"palpate inspect {shown(material.path)}", "see it in Rerun"))
+        console.next_steps((f"palpate inspect {typed(material.path)}", "see it in Rerun"))

@@ -17,16 +17,16 @@ from palpate.data_options import (
     import_options,
     retyped,
 )
-from palpate.derived import derived_folder
+from palpate.derived import derived_folder, kept_revisions
 from palpate.effect_library import library_with
 from palpate.estimation_run import Material, load_material
 from palpate.export import Export, export_scenario
 from palpate.export.scenario import FittedChannel
-from palpate.files import output_file
+from palpate.files import output_file, write_text
 from palpate.growth import Wish, grow
 from palpate.revisions import KeptRevision, RevisionShelf
 from palpate.truth import scenario_of
-from palpate.words import safe, shown
+from palpate.words import safe, shown, typed
 from robot_io.errors import InputError
 from sim_backend.scenario import Scenario
 
@@ -55,16 +55,13 @@ def command(  # noqa: PLR0917, one parameter an option
     Where the simulator cannot do what was fitted, that is said, and the rest is written.
     """
     material = load_material(file, import_options(column, unit, where, context))
-    place = derived_folder(material, folder)
-    path = output_file(out, force=force) if out is not None else output_file(place / SCENARIO, force=True)
-    kept = _revisions(material, RevisionShelf(place), revision)
+    shelf, place = kept_revisions(material, folder), derived_folder(material, folder)
+    path = output_file(out or place / SCENARIO, force=force or out is None, keep=[file])
+    kept = _revisions(material, shelf, revision)
     fitted = [_fitted(material, each) for each in kept]
     description = f"as measured in {file.name}: " + "; ".join(_model(each) for each in kept)
     export = export_scenario(_base(material), fitted, description)
-    try:
-        path.write_text(export.scenario.to_yaml(), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from error
+    write_text(path, export.scenario.to_yaml())
     if as_json:
         console.print_json(
             {"file": str(file), "scenario": str(path), "used": export.used, "left_out": export.left_out}
@@ -112,7 +109,7 @@ def _model(revision: KeptRevision) -> str:
     return f"{revision.channel} {' + '.join([revision.model, *revision.effects])}"
 
 
-def _print(typed: str, path: Path, export: Export) -> None:
+def _print(again: str, path: Path, export: Export) -> None:
     out = console.stdout()
     out.print(f"scenario  [bold]{shown(path)}[/bold]", soft_wrap=True)
     for line in export.used:
@@ -120,6 +117,6 @@ def _print(typed: str, path: Path, export: Export) -> None:
     for line in export.left_out:
         out.print(f"  [yellow]out[/yellow]  {safe(line)}")
     console.next_steps(
-        (f"palpate probe --scenario {shown(path)}", "probe the model as if it were the object"),
-        (f"palpate compare {typed}", "where the model still fails"),
+        (f"palpate probe --scenario {typed(path)}", "probe the model as if it were the object"),
+        (f"palpate compare {again}", "where the model still fails"),
     )

@@ -14,7 +14,7 @@ from estimation.data.session_streams import import_extra, import_streams
 from palpate import console
 from palpate.data_options import ColumnOption, ContextOption, UnitOption, WhereOption, import_options
 from palpate.files import existing_file, output_file
-from palpate.words import count, duration, safe, shown
+from palpate.words import count, duration, safe, shown, typed
 from robot_io.session import SessionMetadata, write_session
 
 
@@ -75,8 +75,8 @@ def _print(imported: Imported, session: Path) -> None:
         out.print(f"{fact['channel']} ({fact['kind']}): {samples}, {runs}, {duration(fact['recorded_s'])}")
     for note in imported.notes:
         out.print(f"  [yellow]{safe(note)}[/yellow]")
-    out.print(f"written: [bold]{shown(session)}[/bold]")
+    out.print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
     console.next_steps(
-        (f"palpate estimate {shown(session)}", "parameters of a model with their intervals"),
-        (f"palpate info {shown(session)}", "what is in the file"),
+        (f"palpate estimate {typed(session)}", "parameters of a model with their intervals"),
+        (f"palpate info {typed(session)}", "what is in the file"),
     )

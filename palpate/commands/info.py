@@ -69,7 +69,7 @@ def _describe_stream(session: Session, name: str) -> dict[str, Any]:
 
 def _print(session: Session, data: dict[str, Any]) -> None:
     out = console.stdout()
-    out.print(f"[bold]{safe(shown(session.path))}[/bold]")
+    out.print(f"[bold]{shown(session.path)}[/bold]")
     for label, value in _facts(data).items():
         out.print(f"  {label:<10} {value}")
     out.print(_stream_table(data))

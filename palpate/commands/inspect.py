@@ -7,10 +7,11 @@ import typer
 
 from palpate import console
 from palpate.doctor.viewer import has_display
-from palpate.files import open_session, output_file, output_folder
+from palpate.files import different_files, open_session, output_file, output_folder, spare_files
 from palpate.inspection import RECORDING, look_into
+from palpate.views.plots.save import NAMES as PLOTS
 from palpate.views.viewer import open_window, take_picture
-from palpate.words import shown
+from palpate.words import shown, typed
 from robot_io.errors import InputError
 
 PIXELS_LEAST, PIXELS_MOST = 200, 8000
@@ -35,31 +36,34 @@ def command(  # noqa: PLR0917, one parameter an option
 ) -> None:
     """See a session in Rerun: arm, object, forces, torques, phases, estimates and events over time.
 
-    Without a display the recording is written to a file that Rerun opens anywhere.
+    Without a display the recording is written to a file that Rerun opens anywhere: into the session's own
+    folder, where it is renewed each time, or where --save says.
     """
     found = open_session(session)
     pixels = _size(size)
     for output in (save, screenshot):
         if output is not None:
-            output_file(output, force=force, keep=session)
+            output_file(output, force=force, keep=[session])
+    different_files(save, screenshot, *(plots / name for name in PLOTS if plots is not None))
     if plots is not None:
+        spare_files(plots, PLOTS, force=force, keep=[session])
         output_folder(plots)
     recording = save or output_folder(found.derived_dir) / RECORDING
     inspection = look_into(found)
     moment_s = inspection.record(recording)
     out = console.stdout()
-    out.print(f"recording: [bold]{shown(recording)}[/bold]")
+    out.print(f"recording: [bold]{shown(recording)}[/bold]", soft_wrap=True)
     for plot in inspection.plot(plots) if plots is not None else ():
-        out.print(f"plot: [bold]{shown(plot)}[/bold]")
+        out.print(f"plot: [bold]{shown(plot)}[/bold]", soft_wrap=True)
     if screenshot is not None:
         take_picture(recording, screenshot, moment_s if at_s is None else at_s, pixels)
-        out.print(f"picture: [bold]{shown(screenshot)}[/bold]")
+        out.print(f"picture: [bold]{shown(screenshot)}[/bold]", soft_wrap=True)
     elif save is None and plots is None and has_display():
         open_window(recording)
         out.print("opened in a window of its own")
     else:
         console.next_steps(
-            (f"rerun {shown(recording)}", "open it (on any machine with rerun-sdk of the same version)")
+            (f"rerun {typed(recording)}", "open it (on any machine with rerun-sdk of the same version)")
         )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 
 from control.loop.result import Outcome
 from control.probing.plan import ProbingPlan, load_probing_plan
@@ -17,7 +18,7 @@ from palpate.probing_run import ProbingJob, ProbingOutcome, online_estimators, r
 from palpate.progress import probing_progress
 from palpate.robots import DEFAULT, find_robot, shipped_robots
 from palpate.wired import is_simulated, wires_in_words
-from palpate.words import count, duration, safe, shown
+from palpate.words import count, duration, safe, shown, typed
 from robot_io.errors import InputError
 from robot_io.file_model import validate
 from robot_io.robot_file import RobotFile
@@ -181,10 +182,11 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
         out.print(f"  [yellow]{safe(failure)}[/yellow]")
     if not loop.is_clean:
         out.print(f"  [yellow]{safe(loop.one_line())}[/yellow]")
-    session = shown(outcome.session)
-    out.print(f"written: [bold]{session}[/bold]")
+    session = typed(outcome.session)
+    out.print(f"written: [bold]{shown(outcome.session)}[/bold]", soft_wrap=True)
     if outcome.sealed:
-        out.print(f"sealed:  [bold]{shown(outcome.sealed)}[/bold] (to open it: palpate reveal {session})")
+        reveal = f"to open it: palpate reveal {escape(session)}"
+        out.print(f"sealed:  [bold]{shown(outcome.sealed)}[/bold] ({reveal})", soft_wrap=True)
     console.next_steps(
         (f"palpate estimate {session}", "stiffness and damping with their intervals"),
         (f"palpate inspect {session}", "see it in Rerun"),

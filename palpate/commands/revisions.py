@@ -15,10 +15,9 @@ from palpate.data_options import (
     WhereOption,
     retyped,
 )
-from palpate.derived import derived_folder
+from palpate.derived import kept_revisions
 from palpate.estimation_run import NO_ARM, Material
 from palpate.files import existing_file
-from palpate.revisions import RevisionShelf
 from palpate.stage_text import revision_table
 from robot_io.session import Session
 
@@ -40,7 +39,7 @@ def command(  # noqa: PLR0917, one parameter an option
     existing_file(file, "session or data file")
     session = Session.open(file) if is_session(file) else None
     material = Material(file, session, (), {}, NO_ARM)
-    revisions = RevisionShelf(derived_folder(material, folder)).all()
+    revisions = kept_revisions(material, folder).all()
     if as_json:
         kept = [revision.model_dump(mode="json") for revision in revisions]
         console.print_json({"file": str(file), "revisions": kept})

@@ -1,15 +1,14 @@
 """Puts the sections into one file that needs nothing else, and no network."""
 
-import os
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
 
 from plotly.offline import get_plotlyjs
 
+from palpate.files import write_text
 from palpate.report.report import Report
 from palpate.report.section import in_order
-from robot_io.errors import InputError
 
 # Whatever a page like this contains, the browser fetches nothing.
 POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
@@ -26,14 +25,7 @@ def write_report(report: Report, path: Path) -> Path:
     Raises:
         InputError: it cannot be written.
     """
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        unfinished.write_text(document(report), encoding="utf-8")
-        unfinished.replace(path)
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from error
-    finally:
-        unfinished.unlink(missing_ok=True)
+    write_text(path, document(report))
     return path
 
 

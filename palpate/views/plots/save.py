@@ -9,14 +9,16 @@ from matplotlib.figure import Figure
 from estimation.channel import ChannelData
 from estimation.data.contact import find_contacts
 from palpate.estimation_run import ChannelEstimates
+from palpate.files import whole_file
 from palpate.views import style
 from palpate.views.columns import Columns
 from palpate.views.plots.force_displacement import force_displacement_figure
 from palpate.views.plots.force_time import force_time_figure
 from palpate.views.plots.residual import residual_figure
 from palpate.views.plots.torque import torque_figure
-from robot_io.errors import InputError
 from robot_io.types import FloatArray
+
+NAMES = tuple(f"{name}.png" for name in ("force-displacement", "force-time", "residual", "torque"))
 
 
 def save_plots(ticks: Columns | None, found: ChannelEstimates, folder: Path) -> list[Path]:
@@ -64,10 +66,6 @@ def desired_force(ticks: Columns, channel: ChannelData) -> FloatArray:
 
 def _save(name: str, draw: Callable[[], Figure], folder: Path) -> Path:
     path = folder / f"{name}.png"
-    try:
-        with style.house_style():
-            draw().savefig(path)
-    except OSError as error:
-        path.unlink(missing_ok=True)  # what is there of it
-        raise InputError(f"cannot write {path}: {error.strerror}") from error
+    with whole_file(path) as unfinished, style.house_style():
+        draw().savefig(unfinished)
     return path

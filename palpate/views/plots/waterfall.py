@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from estimation.revision import Revision
+from palpate.files import whole_file
 from palpate.views import style
-from robot_io.errors import InputError
 
 BESIDE = 0.012  # of the axis, between a bar and its number
 ROOM = 1.16  # of the largest error, for its number
@@ -51,11 +51,8 @@ def save_waterfall(channel: str, unit: str, stages: Sequence[Revision], path: Pa
     Raises:
         InputError: the file cannot be written.
     """
-    try:
-        with style.house_style():
-            waterfall_figure(channel, unit, stages).savefig(path)
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from error
+    with whole_file(path) as unfinished, style.house_style():
+        waterfall_figure(channel, unit, stages).savefig(unfinished)
 
 
 def _remark(stages: Sequence[Revision], floor: float) -> str:

@@ -1,6 +1,5 @@
 """A recording file that appears whole or not at all."""
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 import rerun as rr
 import rerun.blueprint as rrb
 
-from robot_io.errors import InputError
+from palpate.files import whole_file
 
 APPLICATION = "palpate"
 
@@ -26,8 +25,7 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
         InputError: the file cannot be written.
     """
     # Into memory and only then to the disk: Rerun's own writer waits forever when the disk is full.
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with whole_file(path) as unfinished:
         unfinished.touch()  # before the work, so that a folder that is not there is said at once
         recording = rr.RecordingStream(APPLICATION, recording_id=name)
         memory = recording.memory_recording()
@@ -35,8 +33,3 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
         recording.send_recording_name(name)
         yield recording
         unfinished.write_bytes(memory.drain_as_bytes() or b"")
-        unfinished.replace(path)
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from error
-    finally:
-        unfinished.unlink(missing_ok=True)

@@ -1,0 +1,188 @@
+"""What is there is not replaced unasked, what is read never; and names can be used as they are said."""
+
+import io
+import json
+import os
+import shutil
+import subprocess
+import sys
+from contextlib import redirect_stderr
+from pathlib import Path
+
+import pytest
+
+from palpate import console
+from palpate.files import different_files, existing_file, output_file, spare_files, whole_file
+from palpate.words import as_shell_word, shown, typed
+from robot_io.errors import InputError
+from tests.palpate.cli import ROOT, assert_refused, run, run_process
+from tests.palpate.presses import write_presses
+
+NASTY = (
+    "a b.mcap",
+    "[bold]x[red].mcap",
+    "it's \\ [i].mcap",
+    "$(id)`id`.mcap",
+    "new\nline\x1b[2J.mcap",
+    "-x.mcap",
+    "ü.mcap",
+    "\udcff.mcap",  # a name that is no UTF-8
+)
+
+
+@pytest.fixture
+def session(probed, tmp_path):
+    """A copy of a session that a test may spoil."""
+    return Path(shutil.copy(probed[0], tmp_path / "s.mcap"))
+
+
+@pytest.fixture(scope="module")
+def presses(tmp_path_factory):
+    return write_presses(tmp_path_factory.mktemp("presses") / "presses.csv")
+
+
+def test_what_is_exported_never_replaces_what_is_read(session, presses, tmp_path):
+    (tmp_path / "link.yaml").symlink_to(session)
+    data = Path(shutil.copy(presses, tmp_path / "data.csv"))
+    for read, out in ((session, session), (session, tmp_path / "link.yaml"), (data, data)):
+        before = read.read_bytes()
+        assert_refused(run("export", read, "-o", out, "--force"), "is what is read")
+        assert read.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (("diagnose",), "report.html"),
+        (("diagnose",), "diagnosis.json"),
+        (("compare",), "comparison.json"),
+        (("add",), "revisions.rrd"),
+    ],
+)
+def test_in_a_folder_that_the_user_names_nothing_is_replaced_unasked(command, name, presses, tmp_path):
+    (tmp_path / name).write_text("precious")
+    effects = ("cubic_stiffness",) if command == ("add",) else ()
+    result = run(*command, presses, *effects, "--out", tmp_path)
+    assert_refused(result, name, "exists already", "--force")
+    assert {file.name: file.read_text() for file in tmp_path.iterdir()} == {name: "precious"}
+
+
+def test_with_force_it_is_replaced_but_never_what_is_read(presses, tmp_path):
+    (tmp_path / "report.html").write_text("old")
+    assert run("compare", presses, "--out", tmp_path, "--force").exit_code == 0
+    assert "<html" in (tmp_path / "report.html").read_text()
+    data = Path(shutil.copy(presses, tmp_path / "data.csv"))
+    with pytest.raises(InputError, match="is what is read"):
+        spare_files(tmp_path, ["*.csv"], force=True, keep=[data])
+
+
+def test_where_revisions_are_kept_the_report_is_renewed(presses, tmp_path):
+    for again in ((), ("--from", 0)):
+        result = run("add", presses, "cubic_stiffness", "--out", tmp_path, *again)
+        assert result.exit_code == 0, result.stderr
+
+
+def test_plots_and_pictures_replace_nothing_unasked_nor_each_other(session, tmp_path):
+    folder = tmp_path / "plots"
+    folder.mkdir()
+    (folder / "force-time.png").write_text("precious")
+    asked = ("inspect", session, "--save", tmp_path / "x.rrd")
+    assert_refused(run(*asked, "--plots", folder), "force-time.png", "exists already", "--force")
+    assert (folder / "force-time.png").read_text() == "precious"
+    assert_refused(run(*asked, "--screenshot", tmp_path / "x.rrd"), "is named twice")
+    torque = folder / "torque.png"
+    assert_refused(run(*asked, "--plots", folder, "--screenshot", torque, "--force"), "is named twice")
+    assert not (tmp_path / "x.rrd").exists()
+    different_files(tmp_path / "a", None, tmp_path / "b", None)
+
+
+@pytest.mark.parametrize("option", ["--out", "--out=", "--model"])
+def test_an_empty_argument_is_no_name(option, presses):
+    empty = (option,) if option.endswith("=") else (option, "")
+    assert_refused(run("diagnose", presses, *empty), "empty", option)
+
+
+def test_a_folder_that_takes_no_files_is_refused_before_any_work(tmp_path):
+    assert_refused(run("probe", "-o", "/proc/x.mcap"), "output folder /proc", "cannot be written to")
+    with pytest.raises(InputError, match="is no file that could be replaced"):
+        output_file(Path("/dev/null"), force=True)
+
+
+@pytest.mark.parametrize("device", ["/dev/zero", "pipe"])
+def test_what_might_never_end_is_not_read(device, presses, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    path = tmp_path / device
+    with pytest.raises(InputError, match="is a device or a pipe"):
+        existing_file(path, "session")
+    assert_refused(
+        run("estimate", presses, "--model", "rigid_body", "--urdf", path), "URDF", "a device or a pipe"
+    )
+    for command in (
+        ("probe", "--robot", path),
+        ("probe", "--scenario", path),
+        ("probe", "--experiment", path),
+    ):
+        assert_refused(run(*command, "-o", tmp_path / "a.mcap"), str(path))
+
+
+def test_a_file_that_cannot_be_finished_is_not_there(tmp_path):
+    path = tmp_path / "x.txt"
+    path.write_text("old")
+
+    def write_half():
+        with whole_file(path) as unfinished:
+            unfinished.write_text("half")
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(InputError, match=r"cannot write .*x\.txt: No space"):
+        write_half()
+    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("x.txt", "old")]
+
+
+@pytest.mark.parametrize("name", NASTY)
+def test_any_name_is_shown_in_one_line_and_typed_as_one_word(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / name
+    path.touch()
+    echoed = subprocess.run(["bash", "-c", f"ls -d {typed(path)}"], capture_output=True, check=True)
+    assert os.fsdecode(echoed.stdout) in {f"{name}\n", f"./{name}\n"}
+    written = io.StringIO()
+    console.Console(file=written, highlight=False, width=200).print(shown(path))
+    assert written.getvalue().rstrip("\n").isprintable()
+    assert ("[bold]" in name) == ("[bold]" in written.getvalue())
+
+
+def test_next_commands_can_be_pasted(tmp_path):
+    file = tmp_path / "a [bold]b.mcap"
+    said = io.StringIO()
+    with redirect_stderr(said):
+        console.next_steps((f"palpate info {typed(file)}", "what is in it"))
+    assert f"info {as_shell_word(str(file))}" in said.getvalue()
+
+
+def test_a_name_that_would_be_obeyed_is_harmless_in_an_error():
+    result = run("info", "no\x1b[2J\nsuch.mcap")
+    assert_refused(result, "no such file")
+    assert result.stderr.rstrip("\n").isprintable()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_output_that_cannot_be_written_is_one_plain_line(options, probed):
+    command = [sys.executable, "-m", "palpate.main", "info", str(probed[0]), *options]
+    with open("/dev/full", "w") as full:
+        result = subprocess.run(
+            command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, cwd=ROOT
+        )
+    assert result.returncode == 1
+    assert result.stderr == "palpate: cannot write the output: No space left on device\n"
+
+
+def test_a_terminal_of_plain_ascii_gets_everything(session):
+    environment = os.environ | {"PYTHONIOENCODING": "ascii", "MPLCONFIGDIR": "/proc"}
+    result = run_process("estimate", session, "--estimator", "lsq", env=environment)
+    assert (result.returncode, result.stdout.isascii()) == (0, True), result.stderr
+    strange = session.with_name("ü.mcap")
+    session.rename(strange)
+    data = json.loads(run_process("info", strange, "--json", env=environment).stdout)
+    assert data["file"] == str(strange)
