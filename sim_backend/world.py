@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import floor
+from weakref import finalize
 from zlib import crc32
 
 import numpy as np
@@ -99,6 +100,8 @@ class World:
         self.sensor_load_n = 0.0
         self.held = False
         self._client: int = bullet.connect(bullet.DIRECT)
+        self._end = finalize(self, _disconnect, self._client)  # a forgotten world would keep its 28 MB
+        self._end.atexit = False
         try:
             self._build_plant(arm)
         except InputError:
@@ -255,5 +258,9 @@ class World:
 
     def close(self) -> None:
         """End the PyBullet client. Can be called again."""
-        if bullet.isConnected(self._client):
-            bullet.disconnect(self._client)
+        self._end()
+
+
+def _disconnect(client: int) -> None:
+    if bullet.isConnected(client):
+        bullet.disconnect(client)

@@ -1,10 +1,13 @@
 """The world as a whole: objects that change, the engine's contact, worlds side by side, hidden effects."""
 
+import gc
+
 import numpy as np
 import pytest
 
 from robot_io.errors import InputError
 from sim_backend import ContactEffect, Effects, JointEffect, SensorEffect
+from sim_backend.bullet import bullet
 from sim_backend.contact_laws import EngineContact, HuntCrossley, KelvinVoigt
 from tests.sim_backend.parts import GRAVITY_M_S2, column, make_world, scenario, shipped_arm, slider, watch
 
@@ -190,3 +193,12 @@ def test_sensor_effects_act_on_their_own_sensor():
     assert world.encoder.read(0.0).value == pytest.approx([0.35, 0.0], abs=1e-8)
     assert world.truth().joint_position_rad[0] == 0.1
     world.close()
+
+
+def test_a_forgotten_world_does_not_keep_its_engine():
+    world = make_world(slider(0.1), scenario())
+    client = world._client
+    assert bullet.isConnected(client)
+    del world
+    gc.collect()
+    assert not bullet.isConnected(client)
