@@ -20,7 +20,6 @@ class OdriveCommand(IntEnum):
 
     GET_VERSION = 0x00  # 0.6 only; in 0.5 this id belongs to CANopen
     HEARTBEAT = 0x01
-    ESTOP = 0x02
     SET_AXIS_STATE = 0x07
     ENCODER_ESTIMATES = 0x09
     SET_CONTROLLER_MODE = 0x0B

@@ -135,7 +135,9 @@ class MitBus(MotorBus):
         if self._own.ask_with == "exit":
             self._send_all(self._to_every_motor(mit.EXIT_MOTOR_MODE))
         else:
-            self._send_all([*self._to_every_motor(mit.ENTER_MOTOR_MODE), *self._zero_torque()])
+            # Asked this way a motor has power, at zero torque, until the frame after the next is there.
+            enter, leave = mit.ENTER_MOTOR_MODE, mit.EXIT_MOTOR_MODE
+            self._send_all([*self._to_every_motor(enter), *self._zero_torque(), *self._to_every_motor(leave)])
 
     def _to_every_motor(self, special: bytes) -> list[CanFrame]:
         return [CanFrame(motor.motor_id, special) for motor in self._motors]

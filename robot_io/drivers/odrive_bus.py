@@ -56,7 +56,6 @@ class OdriveBus(MotorBus):
         self._heartbeat_at_s = [-inf] * len(own.axes)
         self._supply_v: dict[int, float] = {}
         self._versions: dict[int, tuple[int, int, int]] = {}
-        self._expected_error = 0  # of the watchdog, while it is being checked
 
     def motor_label(self, joint: int) -> str:
         """See `MotorBus.motor_label`."""

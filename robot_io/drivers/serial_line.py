@@ -9,9 +9,9 @@ from pydantic import Field
 
 from robot_io.driver import DriverContext
 from robot_io.errors import DeviceError, DeviceTimeoutError
+from robot_io.exclusive_port import close_exclusive, open_exclusively
 from robot_io.file_model import FileModel, NotNegative
 from robot_io.interfaces import Bus
-from robot_io.port_failure import reason_of
 from robot_io.serial_force import ForceSample, SerialReader, Stream
 from robot_io.types import Reading, Status
 
@@ -19,6 +19,7 @@ Answer = TypeVar("Answer")
 
 _SILENT_SHARE = 0.5  # of the age limit; said from then on, so that it is known when the limit is reached
 _LOOK_S = 1e-3
+_WRITE_S = 0.2  # more than any question takes
 
 
 class SerialLineSettings(FileModel):
@@ -68,13 +69,8 @@ class SerialLine(Bus):
         Raises:
             DeviceError: it is not there, not permitted, or in use.
         """
-        try:
-            self._port = serial.Serial(
-                self._own.port, self._own.baud_rate, timeout=0, write_timeout=0.2, exclusive=True
-            )
-            self._port.reset_input_buffer()
-        except (serial.SerialException, OSError, ValueError) as error:
-            raise DeviceError(f"{self.label}: cannot be opened ({reason_of(error)})") from error
+        self._port = open_exclusively(self._own.port, self._own.baud_rate, _WRITE_S)
+        self._port.reset_input_buffer()
 
     def close(self) -> None:
         """End the reading and close the port. Can be called again."""
@@ -83,7 +79,7 @@ class SerialLine(Bus):
             self._reader = None
         port, self._port = self._port, None
         if port is not None:
-            port.close()
+            close_exclusive(port)
 
     def write(self, data: bytes) -> None:
         """Send bytes to the sensor.

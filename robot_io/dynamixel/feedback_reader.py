@@ -57,7 +57,6 @@ class FeedbackReader:
             )
         ]
         self._turn = 0  # which of the requests is next
-        self.lost = 0
 
     @property
     def byte_count(self) -> int:
@@ -89,7 +88,6 @@ class FeedbackReader:
         try:
             return [decode_feedback(packet) for packet in receive(request, deadline_s)], asked_at_s
         except ProtocolError as error:
-            self.lost += 1
             self._turn += 1
             raise DeviceTimeoutError(str(error)) from error
 

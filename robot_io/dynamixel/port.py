@@ -1,15 +1,13 @@
 """A serial port with one owner: opened exclusively, never blocking, and closed once it has failed."""
 
-import fcntl
 import os
 import select
-import termios
-from contextlib import suppress
 
 import serial
 
 from robot_io.clock import Clock, SimulatedClock
 from robot_io.errors import DeviceError
+from robot_io.exclusive_port import close_exclusive, open_exclusively
 from robot_io.port_failure import reason_of
 
 _LOOK_S = 50e-6  # on simulated time, how often to look whether something has come
@@ -56,27 +54,15 @@ class SerialPort:
             DeviceError: there is no such port, no permission, or another program has it.
         """
         self.close()
-        try:
-            self._serial = serial.Serial(self.path, self.baud_rate, timeout=0, exclusive=True)
-        except (OSError, ValueError) as error:  # SerialException is an OSError
-            raise DeviceError(f"{self.path}: cannot be opened ({reason_of(error)})") from error
+        self._serial = open_exclusively(self.path, self.baud_rate)
         self._fd = self._serial.fileno()
         self.failure = None
-        with suppress(OSError):  # also against programs that do not ask for a lock
-            fcntl.ioctl(self._fd, termios.TIOCEXCL)
-        with suppress(
-            OSError, ValueError, AttributeError
-        ):  # USB adapters otherwise hold bytes back for 16 ms
-            self._serial.set_low_latency_mode(True)
 
     def close(self) -> None:
         """Let it go. Can be called again."""
-        port, fd, self._serial, self._fd = self._serial, self._fd, None, -1
+        port, self._serial, self._fd = self._serial, None, -1
         if port is not None:
-            with suppress(OSError):
-                fcntl.ioctl(fd, termios.TIOCNXCL)
-            with suppress(OSError):
-                port.close()
+            close_exclusive(port)
 
     def write(self, data: bytes) -> None:
         """Send bytes.

@@ -50,8 +50,6 @@ class Register:
 
 
 # Kept without power; can be written while the torque is off.
-MODEL_NUMBER: Final = Register("model number", 0, 2)
-FIRMWARE_VERSION: Final = Register("firmware version", 6, 1)
 RETURN_DELAY_TIME: Final = Register("return delay time", 9, 1)  # 2 us
 DRIVE_MODE: Final = Register("drive mode", 10, 1)
 OPERATING_MODE: Final = Register("operating mode", 11, 1)

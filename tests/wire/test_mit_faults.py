@@ -45,6 +45,11 @@ def test_no_torque_before_it_is_activated(bench, ask_with):
     measurement = arm.ticks(10, None)
     assert np.abs(arm.drive_torque_nm).max() < 0.02  # zero on the wire is half a step off
     assert measurement.encoder_status is Status.OK
+    assert not any(node.enabled for node in nodes(arm))
+    arm.robot.activate()
+    arm.robot.deactivate()
+    assert arm.ticks(3, None).encoder_status is Status.OK
+    assert not any(node.enabled for node in nodes(arm))
 
 
 def test_a_motor_that_is_not_there_is_named(bench):
