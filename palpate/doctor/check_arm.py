@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 
+from control.arm.rigid_body import RigidBody
 from palpate.doctor.devices import examine_devices
 from palpate.doctor.finding import Finding, Level, fail
 from palpate.doctor.hand import EmulatedHand, Hand, Person
@@ -13,6 +14,7 @@ from palpate.doctor.ports import examine_ports
 from palpate.doctor.rates import examine_rates
 from palpate.doctor.signs import examine_signs
 from palpate.wired import DEFAULT_SCENARIO, emulate, is_simulated
+from robot_io.calibration import load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError, PalpateError
@@ -59,18 +61,20 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
     with ExitStack() as stack:
         clock, robot_file, hand = _set_up(check, stack)
         drivers = DriverCatalogue(_SIMULATED_DRIVERS, *check.drivers)
+        calibrations = load_calibrations(check.robot_file)  # of the devices that emulated ones stand for
+        body = RigidBody.of_robot(check.robot_file, calibrations)
 
         def make() -> Robot:
-            return build_robot(robot_file, drivers, clock)
+            return build_robot(robot_file, drivers, clock, calibrations)
 
         stages: list[Callable[[], Iterator[Finding]]] = [
-            lambda: _unpowered(make(), robot_file),
+            lambda: _unpowered(make(), robot_file, body),
             lambda: _with_robot(make, lambda robot: examine_rates(robot, robot_file)),
         ]
         if check.move:
             stages += [
-                lambda: _with_robot(make, lambda robot: examine_signs(robot, robot_file, hand)),
-                lambda: _powered(make, robot_file, check.may_power),
+                lambda: _with_robot(make, lambda robot: examine_signs(robot, body, hand)),
+                lambda: _powered(make, robot_file, body, check.may_power),
             ]
         for stage in stages:
             failed = False
@@ -98,8 +102,8 @@ def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, Hand]:
     return SimulatedClock(), check.robot_file, Person()
 
 
-def _unpowered(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
-    yield from examine_limits(robot_file)
+def _unpowered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
+    yield from examine_limits(robot_file, body)
     closed: set[str] = set()
     for bus, finding in examine_ports(robot_file):
         if finding.level is Level.FAIL:
@@ -120,7 +124,7 @@ def _with_robot(make: Callable[[], Robot], look: Callable[[Robot], Iterator[Find
 
 
 def _powered(
-    make: Callable[[], Robot], robot_file: RobotFile, may_power: Callable[[], bool]
+    make: Callable[[], Robot], robot_file: RobotFile, body: RigidBody, may_power: Callable[[], bool]
 ) -> Iterator[Finding]:
     if may_power():
-        yield from _with_robot(make, lambda robot: examine_powered(robot, robot_file))
+        yield from _with_robot(make, lambda robot: examine_powered(robot, robot_file, body))

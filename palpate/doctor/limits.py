@@ -14,13 +14,8 @@ _AGE_TICKS = 2.0  # a velocity is about so old when the arm acts on it
 _LONG_WATCHDOG_S = 0.2
 
 
-def examine_limits(robot_file: RobotFile) -> Iterator[Finding]:
-    """Torque against weight, the brake against inertia, ages against the rate, watchdogs.
-
-    Raises:
-        InputError: the URDF cannot be used.
-    """
-    body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
+def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
+    """Torque against weight, the brake against inertia, ages against the rate, watchdogs."""
     poses = _poses(robot_file)
     yield _weight(robot_file, body, poses)
     yield _brake(robot_file, body, poses)

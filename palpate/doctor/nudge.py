@@ -89,14 +89,13 @@ class _Nowhere:
         """See `TickLog.event`."""
 
 
-def examine_powered(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
+def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     """Move a configured robot a little; its torque is off at the end, whatever happens.
 
     Raises:
         DeviceError: a device failed before the first tick.
         KeyboardInterrupt: the user stopped it; the arm has been brought to rest.
     """
-    body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
     tracking_rad = tuple(min(_TRACKING_RAD, limit) for limit in robot_file.limits.tracking_rad)
     limits = robot_file.limits.model_copy(update={"tracking_rad": tracking_rad})
     guard = Guard(limits, robot_file.safe_state, robot_file.joint_count, body.gravity)

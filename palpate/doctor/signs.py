@@ -8,7 +8,6 @@ from control.arm.rigid_body import RigidBody
 from palpate.doctor.finding import Finding, Level, fail, ok, warn
 from palpate.doctor.hand import Hand
 from robot_io.robot import Robot
-from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, Measurement, Status
 
 _MOVED_RAD = 0.12  # of a turn that is asked to be twice that
@@ -21,15 +20,14 @@ _START_S = 0.1
 Amounts = Callable[[Measurement], FloatArray]
 
 
-def examine_signs(robot: Robot, robot_file: RobotFile, hand: Hand) -> Iterator[Finding]:
+def examine_signs(robot: Robot, body: RigidBody, hand: Hand) -> Iterator[Finding]:
     """Ask a hand to turn each joint and to press on the tool, and see what the arm shows.
 
     Args:
         robot: configured, not active.
-        robot_file: the same arm.
+        body: the same arm.
         hand: who moves it.
     """
-    body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
     for joint in range(robot.joint_count):
         angles_rad = _read_for(robot, _START_S)[-1].joint_position_rad
         hand.turn(joint, _in_words(body, angles_rad, joint))

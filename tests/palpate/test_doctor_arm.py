@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from control.arm.rigid_body import RigidBody
 from palpate.doctor import Level, check_arm
 from palpate.doctor.check_arm import ArmCheck, examine_arm
 from palpate.doctor.limits import examine_limits
@@ -165,7 +166,11 @@ def test_limits_are_held_against_the_arms_own_masses():
     harsh = changed(DYNAMIXEL, ("damping_nms_rad: [0.5, 0.25, 0.03]", "damping_nms_rad: [0.5, 0.25, 3.0]"))
     hasty = changed(DYNAMIXEL, ("encoder_age_s: 0.005", "encoder_age_s: 0.001"))
     worst = [
-        [finding.subject for finding in examine_limits(robot_file) if finding.level is not Level.OK]
+        [
+            finding.subject
+            for finding in examine_limits(robot_file, RigidBody.of_robot(robot_file))
+            if finding.level is not Level.OK
+        ]
         for robot_file in (load_robot_file(DYNAMIXEL), weak, harsh, hasty)
     ]
     assert worst == [[], ["torque limits"], ["braking"], ["age limits"]]
