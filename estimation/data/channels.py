@@ -9,6 +9,7 @@ from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
 from estimation.data.session_streams import imported_channels
 from estimation.data.tick_channels import contact_channels, joint_channels
+from estimation.data.tick_check import checked_ticks
 from robot_io.errors import InputError
 from robot_io.session import Session
 
@@ -39,7 +40,7 @@ def session_channels(session: Session, *, tared: bool = False) -> tuple[ChannelD
     """
     channels = imported_channels(session)
     if STREAM_NAME in session.stream_names:
-        ticks = session.samples(STREAM_NAME)
+        ticks = checked_ticks(session)
         channels = (*contact_channels(ticks, tared=tared), *joint_channels(ticks))
     if not channels:
         raise InputError(

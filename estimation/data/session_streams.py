@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.arm_context import with_arm
 from estimation.data.import_file import Imported
-from robot_io.errors import SessionError
+from estimation.data.numbers import fault_of, more_like_it, useless_rows
+from robot_io.errors import InputError, SessionError
 from robot_io.session import Column, Samples, Session, Stream
 
 RUN_LABELS = "run_labels"  # key in the session's metadata of what the data file called its runs, as JSON
@@ -38,9 +39,16 @@ def import_extra(imported: Imported) -> dict[str, str]:
 
 
 def imported_channels(session: Session) -> tuple[ChannelData, ...]:
-    """The channels of an imported session, as they were imported; none if it was not imported."""
+    """The channels of an imported session, as they were imported; none if it was not imported.
+
+    Raises:
+        InputError: a column is missing, or holds what cannot be worked with.
+    """
     names = [name for name in session.stream_names if name == "contact" or name.startswith("joint_")]
-    return with_arm([_channel(name, session.samples(name)) for name in names])
+    try:
+        return with_arm([_channel(name, session.samples(name)) for name in names])
+    except InputError as error:
+        raise InputError(f"{session.path}, {error}") from error
 
 
 def _stream(channel: ChannelData) -> Stream:
@@ -78,6 +86,7 @@ def _channel(name: str, samples: Samples) -> ChannelData:
     kinds = [kind for kind, columns in _COLUMNS.items() if all(column in samples for column in columns)]
     if not kinds:
         raise SessionError(f"stream '{name}' is no channel: it has columns {', '.join(samples)}")
+    _check(name, samples, ("time_s", "run", "phase", *_COLUMNS[kinds[0]]))
     position, velocity, acceleration, effort = (samples[column] for column in _COLUMNS[kinds[0]])
     return ChannelData(
         name,
@@ -91,3 +100,18 @@ def _channel(name: str, samples: Samples) -> ChannelData:
         samples["phase"].astype(np.int64),
         {column.removeprefix(_CONTEXT): samples[column] for column in samples if column.startswith(_CONTEXT)},
     )
+
+
+def _check(name: str, samples: Samples, columns: tuple[str, ...]) -> None:
+    """Refuse columns that are missing, of another shape, or hold what cannot be worked with."""
+    for column in columns:
+        if column not in samples:
+            raise SessionError(f"stream '{name}': no column '{column}'")
+        values = samples[column]
+        if values.ndim != 1 or values.dtype.kind not in "iuf":
+            raise SessionError(f"stream '{name}', column '{column}': expected one number a row")
+        bad = useless_rows(values)
+        if len(bad):
+            number = float(values[bad[0]])
+            fault = fault_of(number) + more_like_it(len(bad))
+            raise InputError(f"stream '{name}', row {bad[0] + 1}, column '{column}': {number:g} is {fault}")

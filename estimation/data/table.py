@@ -14,13 +14,13 @@ import pyarrow.compute as pc
 import pyarrow.parquet
 from numpy.typing import NDArray
 
+from estimation.data.numbers import fault_of, more_like_it, useless_rows
 from estimation.data.text_table import MOST_BYTES, number_of, read_text_table
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _LONGEST_LABEL = 60
 _MOST_NAMES = 20  # that an error lists
-_LARGEST = 1e30  # in any unit; squares of what is larger overflow
 
 
 @dataclass(frozen=True)
@@ -62,14 +62,12 @@ class Table:
             values = np.asarray(_as_numbers(column).to_numpy(zero_copy_only=False), dtype=np.float64)
         except (pa.ArrowException, TypeError, ValueError):
             values = np.array([number_of(text) for text in column.to_pylist()], dtype=np.float64)
-        bad = np.flatnonzero(~(np.abs(values) <= _LARGEST))
+        bad = useless_rows(values)
         if len(bad):
             shown = str(column[int(bad[0])].as_py())[:_LONGEST_LABEL]
-            more = f" ({len(bad) - 1} more like it)" if len(bad) > 1 else ""
-            raise InputError(
-                f"{self.path}: row {self.rows[bad[0]]}, column '{name}': {shown!r} is {_fault(shown)}{more}"
-                f"; {_remedy(shown)}"
-            )
+            fault = fault_of(number_of(shown)) + more_like_it(len(bad))
+            place = f"{self.path}: row {self.rows[bad[0]]}, column '{name}'"
+            raise InputError(f"{place}: {shown!r} is {fault}; {_remedy(shown)}")
         return values
 
     def labels(self, name: str) -> NDArray[np.str_]:
@@ -150,10 +148,6 @@ def _check_size(path: Path, size: int) -> None:
         raise InputError(
             f"{path}: holds {size // 2**20} MiB, at most {MOST_BYTES // 2**20}; cut it into pieces"
         )
-
-
-def _fault(shown: str) -> str:
-    return "too large a number" if np.isfinite(number_of(shown)) else "no finite number"
 
 
 def _remedy(shown: str) -> str:

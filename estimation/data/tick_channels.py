@@ -2,19 +2,18 @@
 
 import numpy as np
 
-from control.loop.phases import Phase
 from control.loop.task import NO_RUN
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.contact import Contact, find_contacts
 from estimation.data.derivatives import differentiate, grid_step
 from estimation.data.pieces import number_pieces
 from estimation.data.surface import find_surface
+from estimation.data.tick_check import USELESS
 from estimation.tare import Tare
 from robot_io.session import Samples
 from robot_io.types import BoolArray, FloatArray, IntArray, Status
 
 _SAME_PLACE_M = 0.005  # touches nearer to each other than this, across the press direction, probe one place
-_USELESS = (Phase.IDLE, Phase.STOPPED)
 _FEWEST = 20  # samples in contact without which there is nothing to estimate
 
 
@@ -52,7 +51,7 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
     Args:
         ticks: the stream "tick".
     """
-    useful = ~np.isin(ticks["phase"], _USELESS)
+    useful = ~np.isin(ticks["phase"], USELESS)
     chosen = ticks.select(_good(ticks, "encoder_status", "torque_status") & useful)
     if len(chosen) == 0:
         return ()

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from control.loop.tick_record import STREAM_NAME
+from estimation.data.tick_check import checked_ticks
 from estimation.estimate import Estimate
 from palpate.truth import SURFACE
 from palpate.views.columns import Columns
@@ -74,7 +75,7 @@ def tick_columns(session: Session) -> Columns:
         raise InputError(
             f"{session.path}: holds no ticks of an arm (streams: {', '.join(session.stream_names)})"
         )
-    samples = session.samples(STREAM_NAME)
+    samples = checked_ticks(session)
     return {name: _column(samples, name) for name in samples}
 
 

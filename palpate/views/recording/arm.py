@@ -10,16 +10,25 @@ from rerun.urdf import UrdfJoint, UrdfTree
 
 from palpate.views.recording.entities import ARM, ROOT_FRAME, time_column
 from palpate.views.scene import Scene
+from robot_io.errors import InputError
 from robot_io.types import IntArray
 
 RATE_HZ = 60.0  # of the pictures; the curves keep every tick
 
 
 def log(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log the links once and the joints' motion; nothing where the session holds no URDF."""
+    """Log the links once and the joints' motion; nothing where the session holds no URDF.
+
+    Raises:
+        InputError: what it holds is no URDF.
+    """
     if not scene.urdf:
         return
-    tree = load_urdf(scene.urdf)
+    try:
+        tree = load_urdf(scene.urdf)
+    except (RuntimeError, ValueError, UnicodeEncodeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"session '{scene.name}': its URDF cannot be shown ({reason:.200})") from error
     tree.log_urdf_to_recording(recording)
     root = rr.Transform3D(parent_frame=ROOT_FRAME, child_frame=tree.root_link().name)
     recording.log(f"{ARM}/root", root, static=True)

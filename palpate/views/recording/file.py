@@ -31,5 +31,8 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
         memory = recording.memory_recording()
         recording.send_blueprint(blueprint)
         recording.send_recording_name(name)
-        yield recording
-        unfinished.write_bytes(memory.drain_as_bytes() or b"")
+        try:
+            yield recording
+        finally:  # also where drawing failed: Rerun would grumble about data that nobody took
+            content = memory.drain_as_bytes()
+        unfinished.write_bytes(content or b"")

@@ -18,5 +18,6 @@ def log(recording: rr.RecordingStream, scene: Scene) -> None:
         for name, color in zip(present, colors.SECTIONS, strict=False)
     }
     send_lines(recording, f"{TIMING}/sections", scene.time_s, curves, [1.0] * len(curves))
-    late = {"lateness": (MICRO * scene.ticks["lateness_s"], colors.DESIRED)}
-    send_lines(recording, f"{TIMING}/lateness", scene.time_s, late, (1.0,))
+    if "lateness_s" in scene.ticks:
+        late = {"lateness": (MICRO * scene.ticks["lateness_s"], colors.DESIRED)}
+        send_lines(recording, f"{TIMING}/lateness", scene.time_s, late, (1.0,))

@@ -1,0 +1,147 @@
+"""A session is a stranger's file: what is missing, misshapen or no number in it is told in one line."""
+
+import numpy as np
+import pytest
+
+from control.loop.tick_record import tick_stream
+from estimation.data.channels import session_channels
+from estimation.data.tick_check import checked_ticks
+from palpate.views.scene_of_session import tick_columns
+from robot_io.errors import InputError
+from robot_io.session import Column, Session, SessionMetadata, Stream, write_session
+from robot_io.types import Status
+from tests.palpate import synthetic
+from tests.palpate.cli import assert_refused, run
+from tests.palpate.sessions import synthetic_session
+
+READERS = (checked_ticks, session_channels, tick_columns)
+
+
+def session_of(path, columns, data):
+    return Session.open(write_session(path, [(Stream("tick", tuple(columns)), data)], SessionMetadata()))
+
+
+def columns_and_data():
+    columns = tick_stream(3).columns
+    known = synthetic.ticks()
+    return columns, {column.name: np.array(known[column.name]) for column in columns}
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_good_session_is_read(reader, tmp_path):
+    assert len(reader(session_of(tmp_path / "good.mcap", *columns_and_data()))) > 0
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize(
+    "name", ["force_n", "phase", "run", "joint_position_rad", "torque_measured_nm", "surface_m"]
+)
+def test_a_column_that_is_missing_is_named(name, reader, tmp_path):
+    columns, data = columns_and_data()
+    del data[name]
+    session = session_of(tmp_path / "x.mcap", [c for c in columns if c.name != name], data)
+    with pytest.raises(InputError, match=rf"x\.mcap, stream 'tick': no column '{name}'"):
+        reader(session)
+
+
+@pytest.mark.parametrize("name", ["tick", "lateness_s", "log_s", "joint_velocity_rad_s"])
+def test_what_nothing_is_worked_out_from_may_be_missing(name, tmp_path):
+    columns, data = columns_and_data()
+    del data[name]
+    path = tmp_path / "x.mcap"
+    session_of(path, [c for c in columns if c.name != name], data)
+    assert run("inspect", path, "--save", tmp_path / "x.rrd").exit_code == 0
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize(
+    ("name", "width", "dtype", "words"),
+    [
+        ("torque_measured_nm", 1, "float64", "1 values a tick, expected 3"),
+        ("joint_position_rad", 1, "float64", "3 values a tick, expected 1"),
+        ("tip_position_world_m", 2, "float64", "2 values a tick, expected 3"),
+        ("force_n", 2, "float64", "2 values a tick, expected 1"),
+        ("phase", 1, "float64", "is float64, expected int32"),
+    ],
+)
+def test_a_column_of_another_form_is_named(name, width, dtype, words, reader, tmp_path):
+    columns, data = columns_and_data()
+    changed = [Column(c.name, c.unit, width, c.doc, dtype) if c.name == name else c for c in columns]
+    data[name] = np.zeros((len(data["run"]), width) if width > 1 else len(data["run"]), dtype)
+    with pytest.raises(InputError, match=rf"x\.mcap, stream 'tick', column '\w+': {words}"):
+        reader(session_of(tmp_path / "x.mcap", changed, data))
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("joint_position_rad", np.nan, "nan is no finite number"),
+        ("force_n", 1e300, r"1e\+300 is too large a number"),
+        ("force_n", -np.inf, "-inf is no finite number"),
+        ("torque_measured_nm", np.inf, "inf is no finite number"),
+        ("press_direction_world", np.nan, "nan is no finite number"),
+        ("force_at_s", np.nan, "nan is no finite number"),
+    ],
+)
+def test_a_number_that_is_none_is_told_with_its_tick(name, value, words, reader, tmp_path):
+    columns, data = columns_and_data()
+    data[name][[700, 702]] = value
+    session = session_of(tmp_path / "x.mcap", columns, data)
+    with pytest.raises(InputError, match=rf"x\.mcap: tick 701, column '{name}': {words} \(1 more like it\)"):
+        reader(session)
+
+
+def test_a_sample_that_its_device_does_not_stand_for_may_hold_anything(tmp_path):
+    columns, data = columns_and_data()
+    data["force_n"][700] = np.nan
+    data["force_status"][700] = Status.FAULT
+    data["tip_position_world_m"][10] = np.nan
+    data["run"][10] = -1
+    channels = session_channels(session_of(tmp_path / "x.mcap", columns, data))
+    assert channels[0].name == "contact"
+
+
+@pytest.mark.parametrize("command", [("estimate",), ("inspect",), ("diagnose",)])
+def test_commands_refuse_in_one_line(command, tmp_path):
+    columns, data = columns_and_data()
+    data["joint_position_rad"][900, 1] = np.nan
+    session_of(tmp_path / "x.mcap", columns, data)
+    assert_refused(run(*command, tmp_path / "x.mcap"), "x.mcap: tick 901", "joint_position_rad")
+
+
+@pytest.mark.parametrize(
+    "urdf", ["no URDF", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot name='&a;'>&a;", "<robot/>"]
+)
+def test_a_urdf_that_cannot_be_drawn_is_one_line(urdf, tmp_path, capfd):
+    synthetic_session(tmp_path / "x.mcap", urdf=urdf)
+    result = run("inspect", tmp_path / "x.mcap", "--save", tmp_path / "x.rrd")
+    assert_refused(result, "session 'x': its URDF cannot be shown")
+    assert capfd.readouterr().err == ""  # nor a word from the viewer's library
+    assert not (tmp_path / "x.rrd").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("force_n", np.nan, "nan is no finite number"),
+        ("displacement_m", 1e300, "too large"),
+        ("run", None, "no column 'run'"),
+    ],
+)
+def test_an_imported_stream_is_looked_at_as_well(name, value, words, tmp_path):
+    rows = 50
+    names = ("time_s", "displacement_m", "velocity_m_s", "acceleration_m_s2", "force_n")
+    columns = [Column(each, "1", 1, "") for each in names]
+    columns += [Column("run", "1", 1, "", "int64"), Column("phase", "1", 1, "", "int32")]
+    data = {each: np.linspace(0, 1, rows) for each in names}
+    data |= {"run": np.zeros(rows, np.int64), "phase": np.full(rows, -1, np.int32)}
+    if value is None:
+        del data[name]
+        columns = [column for column in columns if column.name != name]
+    else:
+        data[name][7] = value
+    path = write_session(tmp_path / "x.mcap", [(Stream("contact", tuple(columns)), data)], SessionMetadata())
+    with pytest.raises(InputError, match=r"x\.mcap, stream 'contact'") as caught:
+        session_channels(Session.open(path))
+    assert words in str(caught.value)
