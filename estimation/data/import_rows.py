@@ -11,6 +11,7 @@ from robot_io.errors import InputError
 from robot_io.types import FloatArray, IntArray
 
 UNKNOWN_PHASE = -1
+_LONGEST_NUMBER = 18  # digits; what is longer is a name, as are serial numbers
 _FEWEST = 5  # samples of a run: fewer have no acceleration that means anything
 
 
@@ -60,7 +61,7 @@ def _runs(table: Table, column: str | None) -> tuple[IntArray, dict[int, str]]:
         return np.zeros(len(table), dtype=np.int64), {0: "0"}
     texts = table.labels(column)
     names, first, index = np.unique(texts, return_index=True, return_inverse=True)
-    if all(name.isdecimal() for name in names.tolist()):
+    if all(name.isdecimal() and len(name) <= _LONGEST_NUMBER for name in names.tolist()):
         numbers = names.astype(np.int64)
     else:
         numbers = np.argsort(np.argsort(first))

@@ -1,12 +1,13 @@
 """What a scenario says about the sensors."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from robot_io.file_model import FileModel, NotNegative, Number, Positive
 
 Rate = Field(default=1000.0, gt=0, le=1e6)
+Delay = Annotated[NotNegative, Field(le=10.0)]  # [s]
 
 
 class ForceSettings(FileModel):
@@ -26,7 +27,7 @@ class ForceSettings(FileModel):
     range_n: Positive = 100.0
     bandwidth_hz: Positive | None = None
     rate_hz: Positive = Rate
-    delay_s: NotNegative = 0.0
+    delay_s: Delay = 0.0
 
 
 class TorqueSettings(FileModel):
@@ -46,7 +47,7 @@ class TorqueSettings(FileModel):
     resolution_nm: NotNegative = 0.002
     command_resolution_nm: NotNegative = 0.001
     rate_hz: Positive = Rate
-    delay_s: NotNegative = 0.0
+    delay_s: Delay = 0.0
     phase: Number = Field(default=0.5, ge=0, lt=1)
 
 
@@ -78,7 +79,7 @@ class EncoderSettings(FileModel):
     counts_per_revolution: Number = Field(default=819_200.0, gt=0, le=1e12)
     velocity: VelocitySettings = VelocitySettings()
     rate_hz: Number = Field(default=2000.0, gt=0, le=1e6)
-    delay_s: NotNegative = 0.0
+    delay_s: Delay = 0.0
 
 
 class SensorSettings(FileModel):

@@ -157,6 +157,12 @@ def test_numbered_runs_keep_their_numbers_and_are_put_together(contact):
     np.testing.assert_allclose(channel.time_s[:25], T[1::2])
 
 
+def test_labels_that_are_longer_than_any_number_are_names(contact):
+    label = "12345678901234567890"  # more than fits into 64 bits
+    imported = import_file(contact(run=[label] * 20 + ["7"] * 30, time_s=np.concatenate([T[:20], T[:30]])))
+    assert imported.run_labels == {0: label, 1: "7"}
+
+
 def test_derivatives_do_not_reach_across_runs(contact):
     x = np.where(np.arange(50) < 25, 0.001, 0.05)
     channel = only(import_file(contact(run=[0] * 25 + [1] * 25, displacement_m=x)))
