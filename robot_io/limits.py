@@ -6,8 +6,14 @@ from pydantic import Field, model_validator
 
 from robot_io.file_model import FileModel, NotNegative, Number, Positive
 
-PerJoint = tuple[Number, ...]
-PositivePerJoint = tuple[Positive, ...]
+# Bounds beyond any arm that this guard is for: a limit past them would be no limit.
+Position = Annotated[Number, Field(ge=-100.0, le=100.0)]
+Torque = Annotated[Positive, Field(le=1e4)]
+TorqueRate = Annotated[Positive, Field(le=1e7)]
+Speed = Annotated[Positive, Field(le=100.0)]
+Distance = Annotated[Positive, Field(le=2.0)]
+Force = Annotated[Positive, Field(le=5000.0)]
+Age = Annotated[Positive, Field(le=10.0)]
 
 
 class Limits(FileModel):
@@ -26,16 +32,16 @@ class Limits(FileModel):
         force_age_s: oldest force that is still acted on [s].
     """
 
-    torque_nm: Annotated[PositivePerJoint, Field(min_length=1)]
-    torque_rate_nm_s: PositivePerJoint
-    position_min_rad: PerJoint
-    position_max_rad: PerJoint
-    velocity_rad_s: PositivePerJoint
-    force_n: Positive
-    tracking_rad: PositivePerJoint
-    encoder_age_s: Positive
-    torque_age_s: Positive
-    force_age_s: Positive
+    torque_nm: Annotated[tuple[Torque, ...], Field(min_length=1)]
+    torque_rate_nm_s: tuple[TorqueRate, ...]
+    position_min_rad: tuple[Position, ...]
+    position_max_rad: tuple[Position, ...]
+    velocity_rad_s: tuple[Speed, ...]
+    force_n: Force
+    tracking_rad: tuple[Distance, ...]
+    encoder_age_s: Age
+    torque_age_s: Age
+    force_age_s: Age
 
     @property
     def joint_count(self) -> int:

@@ -55,7 +55,7 @@ class ProbingPlan(FileModel):
     repeats: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1
     targets_world_m: Annotated[tuple[Vector, ...], Field(max_length=1000)] = ()
     press_direction_world: Vector = (0.0, 0.0, -1.0)
-    force_limit_n: Annotated[Positive, Field(le=1000.0)] = 10.0
+    force_limit_n: Annotated[Number, Field(ge=0.01, le=1000.0)] = 10.0
     hold_s: NotNegative = 1.0
     excitation: Excitation | None = None
     approach_clearance_m: Positive = 0.03

@@ -32,6 +32,7 @@ def test_the_direction_becomes_a_unit_vector():
         ("speeds_m_s: [0.1, -0.1]", "speeds_m_s entry 2: .*greater than 0"),
         ("speeds_m_s: [10]", "speeds_m_s entry 1: .*less than or equal to 1 "),
         ("force_limit: 5", "force_limit: .*did you mean 'force_limit_n'"),
+        ("force_limit_n: 1e-300", "force_limit_n: .*greater than or equal to 0.01"),
         ("force_limit_n: true", "force_limit_n: expected a number"),
         ("press_direction_world: [0, 0, 0]", "has no direction"),
         ("excitation: {amplitude_n: 4.5}", r"at most 4 N for force_limit_n 10\.0 N"),
