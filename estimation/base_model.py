@@ -17,6 +17,7 @@ class ModelContext:
         joint: number of the joint from 0 that the channel belongs to; None for a contact.
         urdf: text of the arm's URDF; empty if there is none.
         tip_frame: name of the tip's frame in that URDF.
+        urdf_origin: where that text comes from, for errors.
         gravity_m_s2: shape (3,), fall acceleration in the axes of its root link [m/s^2].
         surface_found: whether a contact's surface was found from the data and so has an error of its own.
     """
@@ -24,6 +25,7 @@ class ModelContext:
     joint: int | None = None
     urdf: str = ""
     tip_frame: str = ""
+    urdf_origin: str = "URDF text"
     gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
     surface_found: bool = False
 

@@ -5,11 +5,13 @@ from typing import Annotated
 
 import typer
 
+from control.arm.rigid_body import RigidBody
 from estimation.data.import_options import ImportOptions, parse_pairs
 from palpate.estimation_run import Arm
 from palpate.files import existing_file
 from palpate.words import as_shell_word, typed
 from robot_io.errors import InputError
+from robot_io.text_file import read_text
 
 FileArgument = Annotated[
     Path, typer.Argument(help="Session (.mcap) or data file (.csv, .csv.gz, .parquet, .npz).")
@@ -41,7 +43,10 @@ UrdfOption = Annotated[
     Path | None,
     typer.Option(help="The arm's URDF, for models that need it and data files.", metavar="FILE"),
 ]
-TipFrameOption = Annotated[str, typer.Option(help="The tip's frame in that URDF.")]
+TIP_FRAME = "tip"
+TipFrameOption = Annotated[
+    str | None, typer.Option(help="The tip's frame in that URDF.", show_default=TIP_FRAME)
+]
 
 
 def import_options(
@@ -75,15 +80,16 @@ def retyped(file: Path, **options: str | Path | list[str] | None) -> str:
     return " ".join(words)
 
 
-def given_arm(urdf: Path | None, tip_frame: str, otherwise: Arm) -> Arm:
+def given_arm(urdf: Path | None, tip_frame: str | None, otherwise: Arm) -> Arm:
     """The arm that the user names, or the one that the data came with.
 
     Raises:
-        InputError: the file is not there or is no text.
+        InputError: the file is not there, is no URDF or has no such frame, or there is a frame and no URDF.
     """
     if urdf is None:
+        if tip_frame is not None:
+            raise InputError(f"--tip-frame {tip_frame}: says nothing without --urdf FILE")
         return otherwise
-    try:
-        return Arm(existing_file(urdf, "URDF").read_text(encoding="utf-8"), tip_frame)
-    except UnicodeDecodeError as error:
-        raise InputError(f"URDF {urdf}: is no text") from error
+    tip_frame = tip_frame or TIP_FRAME
+    RigidBody.from_urdf(existing_file(urdf, "URDF"), tip_frame)  # also where no model asks for it
+    return Arm(read_text(urdf), tip_frame, str(urdf))

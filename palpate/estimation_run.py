@@ -46,11 +46,13 @@ class Arm:
     Attributes:
         urdf: text of its URDF, empty where it is not known.
         tip_frame: the tip's frame in it.
+        origin: where the URDF comes from, for errors.
         gravity_m_s2: shape (3,), fall acceleration in the axes of its base [m/s^2].
     """
 
     urdf: str = ""
     tip_frame: str = ""
+    origin: str = "URDF text"
     gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
 
 
@@ -174,7 +176,8 @@ def arm_of(session: Session) -> Arm:
     text = session.metadata.robot_file
     tip_frame = parse_robot_file(text, f"{session.path}, its robot file").tip_frame if text else ""
     calibrations = parse_calibrations(session.metadata.calibration, f"{session.path}, its calibration")
-    return Arm(session.metadata.urdf, tip_frame, calibrations.gravity_base_m_s2)
+    origin = f"{session.path}, its URDF"
+    return Arm(session.metadata.urdf, tip_frame, origin, calibrations.gravity_base_m_s2)
 
 
 def choose_estimators(names: str) -> list[str]:
@@ -188,6 +191,8 @@ def choose_estimators(names: str) -> list[str]:
     chosen = [name.strip() for name in names.split(",") if name.strip()]
     if not chosen:
         raise InputError(f"estimator '{names}': give names with commas between them, or {ALL}")
+    if twice := {name for name in chosen if chosen.count(name) > 1}:
+        raise InputError(f"estimator '{names}': {min(twice)} is there twice")
     return [ESTIMATORS[name].name for name in chosen]
 
 
@@ -230,6 +235,7 @@ def context_of(channel: ChannelData, arm: Arm) -> ModelContext:
         joint=int(joint[1]) - 1 if joint else None,
         urdf=arm.urdf,
         tip_frame=arm.tip_frame,
+        urdf_origin=arm.origin,
         gravity_m_s2=arm.gravity_m_s2,
         surface_found=channel.surface is not None,
     )

@@ -1,4 +1,4 @@
-"""Loads an effect from a file of the user's own: the one place where somebody else's code is run."""
+"""Loads an effect from a file of the user's own."""
 
 import importlib.util
 import inspect
@@ -12,6 +12,7 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.effect import AdditiveEffect, Effect, MotionEffect, SensorEffect
 from palpate.files import existing_file
+from palpate.foreign_code import foreign_code
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -48,10 +49,8 @@ def rehearse(effect: Effect, data: ChannelData) -> None:
     where = f"effect '{effect.name}' on channel '{data.name}'"
     if not effect.applies_to(data):
         return
-    try:
+    with foreign_code(where):
         made, shape = _output(effect, data)
-    except Exception as error:
-        raise InputError(f"{where}: {type(error).__name__}: {error}") from error
     if np.shape(made) != shape:
         raise InputError(f"{where}: gives an array of shape {np.shape(made)}, wanted is {shape}")
     if not np.isfinite(made).all():
@@ -78,10 +77,8 @@ def _run(file: Path) -> ModuleType:
         raise InputError(f"effect file {file}: is no Python file (.py)")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their module up
-    try:
+    with foreign_code(f"effect file {file}"):
         spec.loader.exec_module(module)
-    except Exception as error:
-        raise InputError(f"effect file {file}: {type(error).__name__}: {error}") from error
     return module
 
 
@@ -95,7 +92,5 @@ def _checked(text: str, found: type[Effect]) -> Effect:
         raise InputError(
             f"--effect {text}: states no {', '.join(missing)} (estimation/effects/bias.py is a short example)"
         )
-    try:
+    with foreign_code(f"--effect {text}: cannot be made"):
         return found()
-    except Exception as error:
-        raise InputError(f"--effect {text}: cannot be made: {error}") from error

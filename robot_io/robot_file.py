@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Field, PrivateAttr, field_validator
 from robot_io.file_model import FileModel, Number, Positive, input_error, validate
 from robot_io.limits import Limits, SafeState
 from robot_io.safe_yaml import YamlDocument, load_yaml, parse_yaml
+from robot_io.text_file import MOST_BYTES
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.\-]{0,63}$")]
 Text = Annotated[str, Field(min_length=1)]
@@ -140,6 +141,8 @@ def load_robot_file(path: str | Path) -> RobotFile:
         name = getattr(robot_file, key)
         if name is not None and not os.path.isfile(robot_file.resolve(name)):
             raise input_error(robot_file.document, (key,), f"no such file: {robot_file.resolve(name)}")
+        if name is not None and os.path.getsize(robot_file.resolve(name)) > MOST_BYTES:
+            raise input_error(robot_file.document, (key,), f"larger than {MOST_BYTES} bytes", name)
     return robot_file
 
 

@@ -14,6 +14,7 @@ from typing import cast
 import yaml
 
 from robot_io.errors import InputError
+from robot_io.text_file import read_text
 
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 20
@@ -51,19 +52,12 @@ def load_yaml(path: str | Path, max_bytes: int = MAX_BYTES) -> YamlDocument:
         InputError: it cannot be read, is larger than `max_bytes`, is not UTF-8, or is not the strict YAML
             of this module.
     """
-    path = Path(path)
     try:
-        with path.open("rb") as file:
-            content = file.read(max_bytes + 1)
-    except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{path}: cannot be read ({reason})") from error
-    if len(content) > max_bytes:
-        raise InputError(f"{path}: larger than {max_bytes} bytes, which no such file needs to be")
-    try:
-        text = content.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text (byte {error.start})") from error
+        text = read_text(Path(path), max_bytes)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
     return parse_yaml(text, str(path))
 
 

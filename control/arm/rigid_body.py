@@ -21,6 +21,7 @@ import pinocchio as pin
 from robot_io.calibration import Calibrations, load_calibrations
 from robot_io.errors import InputError
 from robot_io.robot_file import RobotFile
+from robot_io.text_file import read_text
 from robot_io.types import FloatArray, frozen_array
 
 PARAMETERS_PER_LINK = 10
@@ -62,21 +63,22 @@ class RigidBody:
     Args:
         model: Pinocchio's model; one position and one velocity per joint.
         tip_frame: name of the frame whose motion counts.
+        place: where the model comes from, for errors.
 
     Raises:
         InputError: the frame is unknown, or a joint has more than one coordinate.
     """
 
-    def __init__(self, model: "pin.Model", tip_frame: str) -> None:
+    def __init__(self, model: "pin.Model", tip_frame: str, place: str = "URDF") -> None:
         for index in range(1, model.njoints):
             if model.joints[index].nq != 1:
                 raise InputError(
-                    f"URDF joint '{model.names[index]}': only revolute (with limits) and prismatic joints; "
-                    "write a 'continuous' joint as 'revolute' with wide limits"
+                    f"{place}, joint '{model.names[index]}': only revolute (with limits) and prismatic "
+                    "joints; write a 'continuous' joint as 'revolute' with wide limits"
                 )
         if not model.existFrame(tip_frame):
             valid = ", ".join(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY)
-            raise InputError(f"URDF: no frame is called '{tip_frame}'. Valid: {valid}")
+            raise InputError(f"{place}: no frame is called '{tip_frame}'. Valid: {valid}")
         self._model = model
         self._data = model.createData()
         self._tip = model.getFrameId(tip_frame)
@@ -98,7 +100,12 @@ class RigidBody:
 
     @classmethod
     def from_urdf(
-        cls, urdf: str | Path, tip_frame: str, gravity_m_s2: Sequence[float] = LEVEL
+        cls,
+        urdf: str | Path,
+        tip_frame: str,
+        gravity_m_s2: Sequence[float] = LEVEL,
+        *,
+        origin: str = "URDF text",
     ) -> "RigidBody":
         """Read a URDF.
 
@@ -106,14 +113,15 @@ class RigidBody:
             urdf: path of the file, or its text (anything that holds a "<").
             tip_frame: name of the link whose frame is the tip.
             gravity_m_s2: shape (3,), fall acceleration in the axes of the root link [m/s^2].
+            origin: where a text comes from, for errors.
 
         Raises:
-            InputError: it cannot be read, is not a URDF, or has no such frame.
+            InputError: it cannot be read, is too large, is not a URDF, or has no such frame.
         """
         is_text = isinstance(urdf, str) and "<" in urdf
-        place = "URDF text" if is_text else str(urdf)
+        place = origin if is_text else str(urdf)
         try:
-            text = str(urdf) if is_text else Path(urdf).read_text(encoding="utf-8")
+            text = str(urdf) if is_text else read_text(Path(urdf))
             # Pinocchio's own parser would print on the way out; expat refuses entity bombs.
             root = ElementTree.fromstring(text)  # noqa: S314
             if root.tag != "robot":
@@ -126,7 +134,7 @@ class RigidBody:
         if model.nq == 0:
             raise InputError(f"{place}: has no movable joint")
         model.gravity.linear = frozen_array(gravity_m_s2, (3,), what="gravity")
-        return cls(model, tip_frame)
+        return cls(model, tip_frame, place)
 
     @property
     def joint_count(self) -> int:

@@ -49,7 +49,7 @@ def command(  # noqa: PLR0917, one parameter an option
         typer.Option(help="Effect of your own that may be added; its file is run.", metavar="FILE.py:CLASS"),
     ] = None,
     urdf: UrdfOption = None,
-    tip_frame: TipFrameOption = "tip",
+    tip_frame: TipFrameOption = None,
     column: ColumnOption = None,
     unit: UnitOption = None,
     where: WhereOption = None,

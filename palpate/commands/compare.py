@@ -42,7 +42,7 @@ def command(  # noqa: PLR0917, one parameter an option
     ] = None,
     channel: Annotated[str | None, typer.Option(help="Only this channel, such as contact.")] = None,
     urdf: UrdfOption = None,
-    tip_frame: TipFrameOption = "tip",
+    tip_frame: TipFrameOption = None,
     column: ColumnOption = None,
     unit: UnitOption = None,
     where: WhereOption = None,

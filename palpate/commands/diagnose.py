@@ -61,7 +61,7 @@ def command(  # noqa: PLR0917, one parameter an option
         bool, typer.Option("--apply", help="Add what is missing, and keep each step as a revision.")
     ] = False,
     urdf: UrdfOption = None,
-    tip_frame: TipFrameOption = "tip",
+    tip_frame: TipFrameOption = None,
     column: ColumnOption = None,
     unit: UnitOption = None,
     where: WhereOption = None,

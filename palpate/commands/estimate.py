@@ -43,7 +43,7 @@ def command(  # noqa: PLR0917, one parameter an option
     ] = ALL,
     run: Annotated[str | None, typer.Option(help="Only these runs, such as 0,2.", metavar="N,...")] = None,
     urdf: UrdfOption = None,
-    tip_frame: TipFrameOption = "tip",
+    tip_frame: TipFrameOption = None,
     column: ColumnOption = None,
     unit: UnitOption = None,
     where: WhereOption = None,
@@ -79,6 +79,8 @@ def only_runs(channel: ChannelData, runs: str | None) -> ChannelData:
         wanted = np.array([int(part) for part in runs.split(",")])
     except ValueError:
         raise InputError(f"--run {runs!r}: give numbers with commas between them, such as 0,2") from None
+    if len(set(wanted.tolist())) < len(wanted):
+        raise InputError(f"--run {runs}: a run is there twice")
     missing = sorted(set(wanted.tolist()) - set(channel.runs.tolist()))
     if missing:
         there = ", ".join(str(run) for run in channel.runs.tolist()[:20])

@@ -1,5 +1,6 @@
 """`palpate inspect`: see a session in Rerun."""
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -41,6 +42,8 @@ def command(  # noqa: PLR0917, one parameter an option
     """
     found = open_session(session)
     pixels = _size(size)
+    if at_s is not None and not 0.0 <= at_s < math.inf:
+        raise InputError(f"--at-s {at_s:g}: give seconds from the start of the session, such as 2.5")
     for output in (save, screenshot):
         if output is not None:
             output_file(output, force=force, keep=[session])
@@ -69,7 +72,7 @@ def command(  # noqa: PLR0917, one parameter an option
 
 def _size(text: str) -> tuple[int, int]:
     width, separator, height = text.partition("x")
-    if not (separator and width.isdecimal() and height.isdecimal()):
+    if not (separator and text.isascii() and width.isdecimal() and height.isdecimal()):
         raise InputError(f"--size {text!r}: give width and height, such as 1600x1000")
     if not all(PIXELS_LEAST <= int(side) <= PIXELS_MOST for side in (width, height)):
         raise InputError(f"--size {text!r}: each side must be {PIXELS_LEAST} to {PIXELS_MOST} pixels")

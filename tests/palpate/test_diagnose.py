@@ -143,10 +143,18 @@ def test_a_bad_effect_file_is_refused_in_one_line(hardening, tmp_path, text, wor
     assert_refused(run("diagnose", hardening, "--effect", text.replace("FILE", str(file))), *words)
 
 
-def test_an_effect_file_that_fails_is_refused_in_one_line(hardening, tmp_path):
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("import a_module_that_is_not_there", "a_module_that_is_not_there"),
+        ("import sys; sys.exit(0)", "SystemExit"),
+        ("class End(BaseException): pass\nraise End('of the\\nworld')", "End: of the world"),
+    ],
+)
+def test_an_effect_file_that_fails_is_refused_in_one_line(code, words, hardening, tmp_path):
     file = tmp_path / "mine.py"
-    file.write_text("import a_module_that_is_not_there\n")
-    assert_refused(run("diagnose", hardening, "--effect", f"{file}:X"), "a_module_that_is_not_there")
+    file.write_text(code)
+    assert_refused(run("diagnose", hardening, "--effect", f"{file}:X"), "mine.py", words)
 
 
 def all_proposals():

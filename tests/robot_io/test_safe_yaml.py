@@ -1,5 +1,7 @@
 """YAML from strangers: says where it is wrong, and cannot do harm."""
 
+import os
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -63,6 +65,10 @@ def test_files_that_cannot_be_read(tmp_path):
         load_yaml(tmp_path)
     with pytest.raises(InputError, match="cannot be read"):
         load_yaml("nul\0.yaml")
+    os.mkfifo(tmp_path / "pipe.yaml")
+    for endless in (tmp_path / "pipe.yaml", "/dev/zero"):
+        with pytest.raises(InputError, match=r"(pipe\.yaml|/dev/zero): a device or a pipe, not a file"):
+            load_yaml(endless)
     latin = tmp_path / "latin.yaml"
     latin.write_bytes(b"a: caf\xe9")
     with pytest.raises(InputError, match=r"latin\.yaml: not UTF-8 text \(byte 6\)"):

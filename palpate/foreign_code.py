@@ -1,0 +1,24 @@
+"""Runs code of the user's own: effects and drivers."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from robot_io.errors import InputError
+
+
+@contextmanager
+def foreign_code(where: str) -> Iterator[None]:
+    """Within, whatever is raised is one clear line, also what would end the program; but not Ctrl-C.
+
+    Args:
+        where: what is run, for the error.
+
+    Raises:
+        InputError: the code failed.
+    """
+    try:
+        yield
+    except (KeyboardInterrupt, InputError):
+        raise
+    except BaseException as error:
+        raise InputError(f"{where}: {type(error).__name__}: {error}") from error

@@ -1,0 +1,76 @@
+"""Options that say nothing useful are refused, not ignored; and errors name the place."""
+
+import os
+import sys
+
+import pytest
+
+from tests.palpate import synthetic
+from tests.palpate.cli import assert_refused, run
+from tests.palpate.presses import write_presses
+from tests.palpate.sessions import synthetic_session
+
+
+@pytest.fixture(scope="module")
+def presses(tmp_path_factory):
+    return write_presses(tmp_path_factory.mktemp("presses") / "presses.csv")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--run", "0,0"), ("--run 0,0", "twice")),
+        (("--estimator", "lsq,lsq"), ("lsq,lsq", "twice")),
+        (("--tip-frame", "zz"), ("--tip-frame zz", "--urdf")),
+        (("--urdf", "DATA"), ("presses.csv", "not a readable URDF")),
+        (("--urdf", "ARM", "--tip-frame", "zz"), ("arm.urdf: no frame is called 'zz'", "Valid:")),
+    ],
+)
+def test_options_of_estimate_that_say_nothing_are_refused(options, words, presses, tmp_path):
+    (tmp_path / "arm.urdf").write_text(synthetic.urdf())
+    places = {"DATA": presses, "ARM": tmp_path / "arm.urdf"}
+    assert_refused(run("estimate", presses, *(places.get(each, each) for each in options)), *words)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-1"])
+def test_a_moment_that_is_none_is_refused(value, tmp_path):
+    synthetic_session(tmp_path / "x.mcap")
+    assert_refused(run("inspect", tmp_path / "x.mcap", "--at-s", value), "--at-s", "seconds")
+
+
+def test_a_size_in_other_digits_is_refused(tmp_path):
+    synthetic_session(tmp_path / "x.mcap")
+    assert_refused(run("inspect", tmp_path / "x.mcap", "--size", "١٦٠٠x١٠٠٠"), "--size", "1600x1000")
+
+
+@pytest.mark.parametrize("command", ["export", "revisions"])
+def test_a_folder_of_revisions_that_is_not_there_is_refused(command, presses, tmp_path):
+    assert_refused(run(command, presses, "--folder", tmp_path / "nope"), "--folder", "no such folder")
+
+
+def test_a_revision_that_is_not_there_is_told_with_its_folder(presses, tmp_path):
+    result = run("export", presses, "--folder", tmp_path, "--revision", 99)
+    assert_refused(result, "no revision 99 in", str(tmp_path), "none yet")
+
+
+def test_a_package_without_drivers_is_refused(tmp_path, monkeypatch):
+    asked = ("probe", "-o", tmp_path / "x.mcap", "--drivers")
+    assert_refused(run(*asked, "os"), "--drivers os", "holds no driver")
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "drivers_that_leave.py").write_text("import sys; sys.exit(0)")
+    assert_refused(run(*asked, "drivers_that_leave"), "drivers_that_leave", "SystemExit")
+    assert "drivers_that_leave" not in sys.modules
+    assert not (tmp_path / "x.mcap").exists()
+
+
+def test_a_urdf_that_is_too_large_is_not_read_whole(presses, tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.touch()
+    os.truncate(path, 2**40)  # takes no room on the disk
+    assert_refused(run("estimate", presses, "--urdf", path), "arm.urdf", "larger than")
+
+
+def test_a_bad_urdf_of_a_session_is_told_with_the_session(tmp_path):
+    synthetic_session(tmp_path / "x.mcap", urdf="<robot name='r'><link name='l'/></robot>")
+    result = run("estimate", tmp_path / "x.mcap", "--model", "rigid_body_fitted")
+    assert_refused(result, "x.mcap, its URDF: has no movable joint")
