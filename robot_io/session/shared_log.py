@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_io.errors import InputError
+from robot_io.errors import InputError, SessionError
 from robot_io.session.event import EVENT_STREAM, MAX_EVENT_BYTES
 from robot_io.session.ring import RingBuffer
 from robot_io.session.stream import Stream
@@ -78,12 +78,24 @@ class SharedLog:
 
 
 def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
-    """File descriptor of nameless memory for a `SharedLog`: it is gone with the last process that uses it."""
+    """File descriptor of nameless memory for a `SharedLog`: it is gone with the last process that uses it.
+
+    Raises:
+        SessionError: the system does not give so much.
+    """
     size = _size_bytes(_layout(streams, ring_slots))
     memory = os.memfd_create("palpate-log") if hasattr(os, "memfd_create") else _unlinked_file()
-    # Written rather than only reserved: the control loop then meets no page for the first time.
-    for start in range(0, size, 1 << 20):
-        os.write(memory, bytes(min(1 << 20, size - start)))
+    try:
+        # Written rather than only reserved: the control loop then meets no page for the first time.
+        written = 0
+        while written < size:
+            written += os.write(memory, bytes(min(1 << 20, size - written)))
+    except OSError as error:
+        os.close(memory)
+        raise SessionError(
+            f"the log needs {size / 2**20:.1f} MiB of memory and cannot have it ({error.strerror}): "
+            "free some, or raise the limit on the size of files (ulimit -f)"
+        ) from error
     return memory
 
 

@@ -239,6 +239,18 @@ def test_a_disk_that_is_full_from_the_start_is_said_at_once(tmp_path):
         SessionWriter(tmp_path / ("x" * 300), [TICK], METADATA)
 
 
+@linux_only
+def test_memory_that_is_not_given_is_said_before_anything_is_written(tmp_path):
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+    try:
+        with pytest.raises(SessionError, match=r"the log needs .* MiB of memory .*File too large.*ulimit -f"):
+            SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_disk_that_hangs_at_the_end_does_not_hang_the_program(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "STALL_LIMIT_S", 0.2)
     log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
