@@ -11,6 +11,7 @@ from robot_io.errors import InputError
 
 MOST_BYTES = 2**30  # unpacked: ten hours at 1 kHz; more is refused before the memory is full
 _DELIMITERS = (",", ";", "\t")
+_LONGEST_LINE = 2**20 - 1  # bytes; the reader takes blocks of 1 MiB, and the line must end in one
 _SHOWN = 60  # characters of a line that is refused
 
 
@@ -53,6 +54,8 @@ def _content(path: Path) -> bytes:
 
 
 def _header(line: bytes, path: Path) -> tuple[list[str], str]:
+    if len(line) > _LONGEST_LINE:
+        raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
     header = _text_of(line, path)
     delimiter = max(_DELIMITERS, key=header.count)
     names = [name.strip().strip('"') for name in header.split(delimiter)]

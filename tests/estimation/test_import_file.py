@@ -157,6 +157,13 @@ def test_numbered_runs_keep_their_numbers_and_are_put_together(contact):
     np.testing.assert_allclose(channel.time_s[:25], T[1::2])
 
 
+def test_a_header_that_is_endless_is_told_as_such(tmp_path):
+    path = tmp_path / "wide.csv"
+    path.write_text(",".join(f"column_{number}" for number in range(100_000)) + "\n1,2\n")
+    with pytest.raises(InputError, match=r"wide\.csv: its first line is longer than 1 MiB"):
+        import_file(path)
+
+
 def test_labels_that_are_longer_than_any_number_are_names(contact):
     label = "12345678901234567890"  # more than fits into 64 bits
     imported = import_file(contact(run=[label] * 20 + ["7"] * 30, time_s=np.concatenate([T[:20], T[:30]])))
