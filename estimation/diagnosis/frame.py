@@ -14,6 +14,7 @@ CONTACT_RATE_HZ, JOINT_RATE_HZ = 200.0, 100.0
 FOLDS = 6
 _PIECES = 5  # that a single run is cut into
 _CORNER = 0.06  # of a run's range of velocities, that no velocity changes by within one sample
+_SLOW_S = 0.011  # between samples
 _CORNER_REACH = 3  # samples to either side that a derived velocity is wrong for
 _MOST_CORNERS = 0.2  # of the blocks; more are no corners, but a motion that is coarsely sampled
 _REST = 0.05  # of the joint's usual highest speed
@@ -97,8 +98,11 @@ def _mixed(data: ChannelData, rows: IntArray) -> BoolArray:
 def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
     """Blocks of a contact in which the velocity jumps faster than it was sampled, shape (m,).
 
-    A damper makes a jump of the force there, and a derived velocity comes too early and too late.
+    A damper makes a jump of the force there, and a derived velocity comes too early and too late. Slow data
+    has nothing but corners, and creep and relaxation begin at them: it is taken as it is.
     """
+    if sample_time(data.time_s, data.run) > _SLOW_S:
+        return np.zeros(len(rows), dtype=np.bool_)
     sharp = np.zeros(len(data), dtype=np.bool_)
     for run in data.runs if data.kind is ChannelKind.CONTACT else ():
         of_run = np.flatnonzero(data.run == run)
