@@ -3,14 +3,19 @@
 import io
 import logging
 import os
+import signal
 import sys
 import warnings
+from contextlib import suppress
+from typing import NoReturn
 
 from palpate import preflight
 
+INTERRUPTED = 130
+
 
 def main() -> None:
-    """Run the command line; the process ends with 0 (done), 1 (failed), 2 (bad input) or 130 (Ctrl-C)."""
+    """Be the process: it ends with 0 (done), 1 (failed), 2 (bad input) or 130 (Ctrl-C)."""
     # Matrices are small here: shared out over threads, they cost up to twenty times the processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _keep_libraries_quiet()
@@ -18,10 +23,34 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        _run()
+        run()
+    except SystemExit as end:
+        if end.code == INTERRUPTED:
+            _leave_at_once()
+        raise
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done and said; the interpreter only tidies up
+
+
+def run() -> None:
+    """Run the command line.
+
+    Raises:
+        SystemExit: with the exit code.
+    """
+    try:
+        _check_and_run()
     except KeyboardInterrupt:  # while commands are still being imported; later the commands see to it
         print("palpate: interrupted", file=sys.stderr)
-        sys.exit(130)
+        sys.exit(INTERRUPTED)
+
+
+def _leave_at_once() -> NoReturn:
+    """End without the interpreter's tidying up, in which threads of libraries that were interrupted abort."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):
+            stream.flush()
+    os._exit(INTERRUPTED)
 
 
 def _keep_libraries_quiet() -> None:
@@ -31,7 +60,7 @@ def _keep_libraries_quiet() -> None:
         warnings.simplefilter("ignore", RuntimeWarning)
 
 
-def _run() -> None:
+def _check_and_run() -> None:
     if problem := preflight.first_problem():
         sys.exit(_refuse(problem))
     try:

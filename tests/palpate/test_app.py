@@ -1,14 +1,17 @@
 """The command line itself: help, unknown things, failures of every kind."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 import typer
 from typer.testing import CliRunner
 
-from palpate import preflight
+from palpate import main, preflight
 from palpate.failures import OneLineGroup
-from palpate.main import main
 from robot_io.errors import DeviceError, InputError
-from tests.palpate.cli import assert_refused, run, run_process
+from tests.palpate.cli import ROOT, assert_refused, run, run_process
 
 COMMANDS = (
     *("demo", "probe", "estimate", "inspect", "compare", "diagnose", "add", "revisions", "export", "reveal"),
@@ -94,6 +97,45 @@ def test_ctrl_c_while_commands_are_loaded_leaves_no_traceback(monkeypatch, capsy
 
     monkeypatch.setattr(preflight, "first_problem", pressed)
     with pytest.raises(SystemExit) as ended:
-        main()
+        main.run()
     assert ended.value.code == 130
     assert capsys.readouterr().err == "palpate: interrupted\n"
+
+
+@pytest.mark.parametrize(
+    ("code", "end", "expected"),
+    [
+        (130, "os.abort()", 130),  # a library's thread that was interrupted may do so
+        (0, "os.kill(os.getpid(), signal.SIGINT)", 0),  # an impatient Ctrl-C when all is done
+        (2, "print('tidied up')", 2),
+    ],
+)
+def test_nothing_that_happens_at_the_very_end_changes_how_it_ended(code, end, expected):
+    program = (
+        "import atexit, os, signal, sys\n"
+        "from palpate import main\n"
+        f"atexit.register(lambda: {end})\n"
+        f"main.run = lambda: sys.exit({code})\n"
+        "main.main()\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (result.returncode, result.stderr) == (expected, "")
+
+
+def test_what_libraries_mutter_is_not_heard():
+    program = (
+        "import sys, warnings\n"
+        "from palpate import main\n"
+        "def mutter():\n"
+        "    warnings.warn('overflow in square', RuntimeWarning)\n"
+        "    import matplotlib.pyplot\n"
+        "    sys.exit(0)\n"
+        "main.run = mutter\n"
+        "main.main()\n"
+    )
+    environment = os.environ | {"MPLCONFIGDIR": "/proc"}
+    command = [sys.executable, "-c", program]
+    result = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
