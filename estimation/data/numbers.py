@@ -10,8 +10,8 @@ LARGEST = 1e30  # in any unit; squares of what is larger overflow
 
 def useless_rows(values: FloatArray) -> NDArray[np.int64]:
     """Indices of the rows of an array (n,) or (n, k) with a value that is not finite or too large."""
-    usable = np.abs(values.reshape(len(values), -1)) <= LARGEST
-    return np.flatnonzero(~usable.all(axis=1))
+    usable = np.abs(values) <= LARGEST
+    return np.flatnonzero(~(usable if usable.ndim == 1 else usable.all(axis=1)))
 
 
 def fault_of(number: float) -> str:

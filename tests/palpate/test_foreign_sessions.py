@@ -102,6 +102,19 @@ def test_a_sample_that_its_device_does_not_stand_for_may_hold_anything(tmp_path)
     assert channels[0].name == "contact"
 
 
+@pytest.mark.parametrize("device", ["encoder", "torque", "force"])
+def test_a_device_that_never_gave_a_good_sample_is_no_fault_of_the_file(device, tmp_path):
+    columns, data = columns_and_data()
+    data[f"{device}_status"][:] = Status.STALE
+    assert len(checked_ticks(session_of(tmp_path / "x.mcap", columns, data)))
+
+
+def test_a_session_without_a_tick_is_checked_as_well(tmp_path):
+    columns, data = columns_and_data()
+    empty = session_of(tmp_path / "x.mcap", columns, {name: values[:0] for name, values in data.items()})
+    assert len(checked_ticks(empty)) == 0
+
+
 @pytest.mark.parametrize("command", [("estimate",), ("inspect",), ("diagnose",)])
 def test_commands_refuse_in_one_line(command, tmp_path):
     columns, data = columns_and_data()
