@@ -18,6 +18,7 @@ from calibration.force.weighing import weigh
 from calibration.still import StillRobot
 from control.laws.gains import gains_of
 from palpate.calibration_setup import Bench, CalibrationJob, Stamp, calibration_bench, slowed, widened
+from palpate.files import write_text
 from palpate.probing_run import NOBODY, Watcher
 from robot_io.calibration import (
     Calibration,
@@ -252,11 +253,7 @@ def write_calibration(calibration: Calibration, out: Path) -> None:
     Raises:
         InputError: it cannot be written; nothing is left of it then.
     """
-    try:
-        out.write_text(calibration.to_yaml(), encoding="utf-8")
-    except OSError as error:
-        out.unlink(missing_ok=True)
-        raise InputError(f"cannot write {out}: {error.strerror}") from error
+    write_text(out, calibration.to_yaml())
 
 
 def now() -> datetime:

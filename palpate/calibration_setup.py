@@ -18,7 +18,8 @@ from control.loop.loop import run_loop
 from control.loop.realtime import realtime
 from control.loop.result import Outcome
 from control.loop.task import Task, TaskOutput
-from control.loop.tick_record import NO_ESTIMATE, Estimates, tick_stream
+from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates, tick_stream
+from estimation.data.tick_check import checked_ticks
 from palpate.files import open_session
 from palpate.hiding import hide
 from palpate.new_session import new_session
@@ -251,6 +252,8 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
         raise InputError(f"session {path}: is of the robot '{name}', not '{robot_file.name}' (see --robot)")
     if kind in parse_calibrations(session.metadata.calibration, f"{path}, its calibration").kinds:
         raise InputError(f"session {path}: a calibration of kind '{kind}' was applied in it already")
+    if STREAM_NAME in session.stream_names:
+        checked_ticks(session)
     return session
 
 

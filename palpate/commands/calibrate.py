@@ -36,11 +36,12 @@ from palpate.calibration_options import (
 from palpate.calibration_progress import motion_progress, weighing_progress
 from palpate.calibration_setup import Bench, CalibrationJob, Stamp, open_recorded, wired
 from palpate.calibration_text import print_calibration
-from palpate.files import existing_file, output_file
+from palpate.driver_packages import importable
+from palpate.files import different_files, existing_file, output_file, whole_file
 from palpate.robots import DEFAULT, find_robot
 from palpate.views import style
 from palpate.views.plots.calibration import arm_figure, encoder_figure, force_figure
-from palpate.words import shown
+from palpate.words import as_shell_word, safe, shown
 from robot_io.calibration import Calibration
 from robot_io.errors import InputError
 from robot_io.robot_file import RobotFile
@@ -136,7 +137,7 @@ def force(  # noqa: PLR0917, one parameter an option
     From a file: one row a sample, with columns for the reading and for the reference.
     """
     robot_file = find_robot(robot)
-    output = _output(out, robot_file, "force")
+    output = _output(out, robot_file, "force", session)
     unit = "N"
     if from_ is not None and from_.suffix != ".mcap":
         raw, columns = existing_file(from_, "data"), parse_pairs(column or (), "--column")
@@ -194,7 +195,7 @@ def encoder(  # noqa: PLR0917, one parameter an option
 ) -> None:
     """Encoders: the joints' zeros, against hard stops (slowly, with little torque) or in a known pose."""
     robot_file = find_robot(robot)
-    output = _output(out, robot_file, "encoder")
+    output = _output(out, robot_file, "encoder", session)
     pose_rad = None if pose is None else joint_angles("--pose", pose, robot_file)
     raw = from_
     if raw is None:
@@ -265,7 +266,7 @@ def _excite(  # noqa: PLR0917, the options as they come
 ) -> None:
     """Torque and gravity: one motion, one fit, two files."""
     robot_file = job.robot_file
-    output = _output(out, robot_file, job.kind)
+    output = _output(out, robot_file, job.kind, job.session)
     raw = from_
     if raw is None:
         with motion_progress("moving in free air", live=job.simulated) as watcher:
@@ -299,7 +300,7 @@ def _job(  # noqa: PLR0917, the options as they come
         hidden=hidden,
         wired=wire,
         paced=realtime,
-        drivers=tuple(drivers or ()),
+        drivers=importable(drivers or []),
         command_line=" ".join(["palpate", *sys.argv[1:]]),
     )
 
@@ -310,9 +311,11 @@ def _stamped(robot_file: RobotFile, kind: str) -> str:
     return f"{stamp}-{robot_file.name}-{kind}"
 
 
-def _output(out: Path | None, robot_file: RobotFile, kind: str) -> Output:
+def _output(out: Path | None, robot_file: RobotFile, kind: str, session: Path | None) -> Output:
     path = output_file(out or CALIBRATIONS / f"{_stamped(robot_file, kind)}.yaml")
-    return Output(path, output_file(path.with_suffix(".png")))
+    plot = output_file(path.with_suffix(".png"))
+    different_files(path, plot, session)
+    return Output(path, plot)
 
 
 def _is_simulated(robot_file: RobotFile) -> bool:
@@ -372,8 +375,8 @@ def _finish(  # noqa: PLR0917, what was found and where it goes
     remarks: list[str] | None = None,
 ) -> None:
     """Write file and plot, say what was found, and what to do with it."""
-    with style.house_style():
-        draw().savefig(output.plot)
+    with whole_file(output.plot) as unfinished, style.house_style():
+        draw().savefig(unfinished)
     calibrating.write_calibration(calibration, output.calibration)
     if as_json:
         written = {"file": str(output.calibration), "plot": str(output.plot), "raw": str(raw)}
@@ -381,20 +384,19 @@ def _finish(  # noqa: PLR0917, what was found and where it goes
         return
     print_calibration(calibration, remarks or [])
     out = console.stdout()
-    out.print(
-        f"written: [bold]{shown(output.calibration)}[/bold], residuals: [bold]{shown(output.plot)}[/bold]"
-    )
-    out.print(f"from:    {shown(raw)}")
+    files = f"[bold]{shown(output.calibration)}[/bold], residuals: [bold]{shown(output.plot)}[/bold]"
+    out.print(f"written: {files}", soft_wrap=True)
+    out.print(f"from:    {shown(raw)}", soft_wrap=True)
     if calibration.kind == "force" and getattr(calibration, "reading_unit", "N") != "N":
         return
     path = output.calibration.resolve()
     console.stderr().print(
         f"\nTo use it, write into {shown(robot_file.path)}:\n"
-        f"  calibration: {{{calibration.kind}: {_seen_from(path, robot_file.path.resolve().parent)}}}",
+        f"  calibration: {{{calibration.kind}: {safe(_seen_from(path, robot_file.path.resolve().parent))}}}",
         soft_wrap=True,
     )
     wire = " --wire" if wired(raw) else ""
-    console.next_steps((f"palpate probe --robot {robot}{wire}", "probe with it"))
+    console.next_steps((f"palpate probe --robot {as_shell_word(robot)}{wire}", "probe with it"))
 
 
 def _seen_from(path: Path, folder: Path) -> str:

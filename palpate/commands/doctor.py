@@ -13,7 +13,7 @@ from palpate.doctor.hardware import memory_lock, real_time
 from palpate.driver_packages import importable
 from palpate.robots import find_robot
 from palpate.wired import is_simulated, wires_in_words
-from palpate.words import count, safe
+from palpate.words import as_shell_word, count, safe
 from robot_io.errors import InputError
 
 MARKS = {
@@ -134,7 +134,7 @@ def _print_verdict(findings: list[Finding], verdict: str) -> None:
 
 
 def _next_steps(robot: str, *, wire: bool, move: bool, failed: bool) -> None:
-    options = f"--robot {safe(robot)}" + (" --wire" if wire else "")
+    options = f"--robot {as_shell_word(robot)}" + (" --wire" if wire else "")
     if failed:
         console.next_steps((f"palpate doctor {options}", "once that is put right"))
     elif not move:

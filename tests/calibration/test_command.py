@@ -91,6 +91,13 @@ def test_a_session_of_another_kind_or_robot_is_refused(probed, tmp_path):
     assert_refused(run("calibrate", "encoder", "--from", session, *options), "'follower', not 'leader'")
 
 
+@pytest.mark.parametrize("options", [("-o", "c.png"), ("-o", "c.yaml", "--session", "c.yaml")])
+def test_files_that_would_replace_each_other_are_refused(options, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert_refused(run("calibrate", "encoder", "--pose", "home", *options), "is named twice")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_what_exists_is_not_replaced(table, tmp_path):
     out = tmp_path / "cell.yaml"
     out.write_text("mine")
