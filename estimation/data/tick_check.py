@@ -30,7 +30,7 @@ def checked_ticks(session: Session) -> Samples:
     """The stream "tick", if it can be worked with.
 
     All columns that something is worked out from are there, of the form that `tick_stream` has, and hold
-    finite numbers of a reasonable size wherever their device says that the sample is good.
+    finite numbers of a reasonable size wherever their device says that the sample is good; the time always.
 
     Raises:
         InputError: one of this is not so, or the session has no such stream.
@@ -41,6 +41,7 @@ def checked_ticks(session: Session) -> Samples:
     for column in tick_stream(joints).columns:
         if column.name in ticks or column.name not in _MAY_LACK:
             _check_form(ticks, column, place)
+    _check_values(session, ticks, "time_s", np.ones(len(ticks), dtype=np.bool_))
     good = {status: ticks[status] == Status.OK for status in _BY_DEVICE}
     for status, names in _BY_DEVICE.items():
         for name in names:
@@ -81,5 +82,5 @@ def _check_values(session: Session, ticks: Samples, name: str, rows: BoolArray) 
         number = float(row[useless_rows(row)[0]])
         raise InputError(
             f"{session.path}: tick {chosen[bad[0]] + 1}, column '{name}': {number:g} is {fault_of(number)}"
-            f"{more_like_it(len(bad))}, though its device says that the sample is good"
+            f"{more_like_it(len(bad))}, in a sample that counts as good"
         )

@@ -82,6 +82,7 @@ def test_a_column_of_another_form_is_named(name, width, dtype, words, reader, tm
         ("torque_measured_nm", np.inf, "inf is no finite number"),
         ("press_direction_world", np.nan, "nan is no finite number"),
         ("force_at_s", np.nan, "nan is no finite number"),
+        ("time_s", np.nan, "nan is no finite number"),
     ],
 )
 def test_a_number_that_is_none_is_told_with_its_tick(name, value, words, reader, tmp_path):
