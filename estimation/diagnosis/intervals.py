@@ -1,9 +1,13 @@
-"""Honest intervals: from the slopes by all parameters, with the correlation of what is left."""
+"""Honest intervals: from the slopes by all parameters, with the correlation of what is left.
+
+The error of a derived acceleration leaves nothing in the residual, and is added.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.diagnosis.doubt import doubted
 from estimation.diagnosis.polish import polish
 from estimation.diagnosis.standing import Standing
 from estimation.diagnosis.trial import Bench, Trial, attempt
@@ -33,7 +37,8 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     """Parameters of a trial with standard errors, by "effect.parameter".
 
     The sandwich of slopes by gains and inner parameters, around the covariance of residuals times slopes with
-    the noise's colour taken out first (Andrews and Monahan 1992).
+    the noise's colour taken out first (Andrews and Monahan 1992). What another acceleration would turn the
+    parameters by is added to their variance.
 
     Args:
         bench: where the trial was fitted.
@@ -43,6 +48,7 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     slopes = bench.whiten(np.column_stack([trial.columns, *_inner_slopes(bench, trial)]))
     residual = bench.whiten(trial.residual)
     errors = _errors(slopes, residual, bench.frame.run[bench.kept])
+    errors = np.hypot(errors, _turned(slopes, bench.whiten(_doubt(bench, trial))))
     kind = bench.frame.data.kind
     units = {
         name: parameter.unit.format(effort=kind.effort_unit, position=kind.position_unit)
@@ -67,6 +73,21 @@ def _inner_slopes(bench: Bench, trial: Trial) -> list[FloatArray]:
         )
         slopes.append(frame.reduce((ahead - behind) / (2.0 * step)))
     return slopes
+
+
+def _doubt(bench: Bench, trial: Trial) -> FloatArray:
+    """Change of the prediction by the error of the acceleration, shape (m,)."""
+    frame = bench.frame
+    other = trial.model.predict(doubted(frame.data), trial.parameters)
+    return frame.reduce(other - trial.model.predict(frame.data, trial.parameters))
+
+
+def _turned(slopes: FloatArray, change: FloatArray) -> FloatArray:
+    """How far parameters make up for a change (w,) of the prediction, shape (q,)."""
+    width = np.sqrt(np.sum(slopes**2, axis=0))
+    width = np.where(width > 0.0, width, np.inf)
+    turned: FloatArray = np.linalg.lstsq(slopes / width, change, rcond=1e-5)[0] / width
+    return np.abs(turned)
 
 
 def _errors(slopes: FloatArray, residual: FloatArray, run: IntArray) -> FloatArray:
