@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from control.loop.result import Outcome
-from palpate import probing_run
+from palpate import new_session, probing_run
 from robot_io.session import Session, SessionWriter
 from tests.palpate.cli import run
 
@@ -28,7 +28,7 @@ def test_a_full_disk_stops_no_arm_and_is_one_line(tmp_path, monkeypatch):
         return results[-1]
 
     loop = probing_run.run_loop
-    monkeypatch.setattr(probing_run, "SessionWriter", SmallDisk)
+    monkeypatch.setattr(new_session, "SessionWriter", SmallDisk)
     monkeypatch.setattr(probing_run, "run_loop", run_loop)
     path = tmp_path / "s.mcap"
     said = run("probe", "-o", path, "--speed-mm-s", 150, "--hold-s", 0.2, "--online", "none")
