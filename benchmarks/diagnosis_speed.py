@@ -16,11 +16,11 @@ import numpy as np
 
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis.library import library
-from palpate.estimation_run import load_material
-from palpate.probing_run import ProbingJob, run_probing
-from palpate.robots import DEFAULT, find_robot
-from palpate.story import diagnose_subjects
-from palpate.subject import ALL_CHANNELS, channels_to_diagnose, subjects_of
+from palpate.arm.probing_run import ProbingJob, run_probing
+from palpate.arm.robots import DEFAULT, find_robot
+from palpate.findings.estimation_run import load_material
+from palpate.findings.story import diagnose_subjects
+from palpate.findings.subject import ALL_CHANNELS, channels_to_diagnose, subjects_of
 from sim_backend.imperfection import IMPERFECTIONS, Imperfection
 from sim_backend.scenario import Scenario
 

@@ -21,8 +21,8 @@ from control.loop.result import LoopResult
 from control.loop.tick_record import tick_stream
 from control.loop.timing import SectionTiming
 from control.probing.plan import ProbingPlan
-from palpate.probing_run import ProbingJob, run_probing
-from palpate.robots import find_robot
+from palpate.arm.probing_run import ProbingJob, run_probing
+from palpate.arm.robots import find_robot
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.session import SessionMetadata, SessionWriter
 

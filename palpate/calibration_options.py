@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from palpate.calibration_run import stated_stops
-from palpate.robots import shipped_robots
+from palpate.arm.calibration_run import stated_stops
+from palpate.arm.robots import shipped_robots
 from robot_io.errors import InputError
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray

@@ -7,8 +7,8 @@ import typer
 
 from control.arm.rigid_body import RigidBody
 from estimation.data.import_options import ImportOptions, parse_pairs
-from palpate.estimation_run import Arm
 from palpate.files import existing_file
+from palpate.findings.estimation_run import Arm
 from palpate.words import as_shell_word, typed
 from robot_io.errors import InputError
 from robot_io.text_file import read_text

@@ -13,8 +13,8 @@ from estimation.data import load_channels
 from estimation.estimate_channel import estimate_channel
 from estimation.estimators import ESTIMATORS
 from estimation.models import MODELS
-from palpate.probing_run import ProbingJob, run_probing
-from palpate.robots import find_robot
+from palpate.arm.probing_run import ProbingJob, run_probing
+from palpate.arm.robots import find_robot
 from sim_backend.scenario import load_scenario
 
 DAMPING_SCALE = 20.0  # N s/m; an error at c = 0 has no ratio to the truth and is given as a share of this

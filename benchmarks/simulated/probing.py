@@ -8,10 +8,10 @@ import numpy as np
 
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis import ChannelDiagnosis, diagnose
-from palpate.estimation_run import load_material
-from palpate.probing_run import ProbingJob, run_probing
-from palpate.robots import DEFAULT, find_robot
-from palpate.subject import subjects_of
+from palpate.arm.probing_run import ProbingJob, run_probing
+from palpate.arm.robots import DEFAULT, find_robot
+from palpate.findings.estimation_run import load_material
+from palpate.findings.subject import subjects_of
 from sim_backend.hidden import draw_hidden, noise_scale
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import Scenario

@@ -20,15 +20,15 @@ from palpate.data_options import (
     import_options,
     retyped,
 )
-from palpate.derived import folder_to_fill
-from palpate.effect_library import library_with
-from palpate.estimation_run import load_material
 from palpate.files import output_folder
-from palpate.growth import Growth, Wish, grow
-from palpate.outcome import NAMES as OUTCOME
-from palpate.outcome import write_outcome
-from palpate.revisions import RevisionShelf
-from palpate.stage_text import fall_sentence, parameter_table, print_files, stage_table
+from palpate.findings.derived import folder_to_fill
+from palpate.findings.effect_library import library_with
+from palpate.findings.estimation_run import load_material
+from palpate.findings.growth import Growth, Wish, grow
+from palpate.findings.outcome import NAMES as OUTCOME
+from palpate.findings.outcome import write_outcome
+from palpate.findings.revisions import RevisionShelf
+from palpate.text.stages import fall_sentence, parameter_table, print_files, stage_table
 from palpate.words import typed as typed_path
 
 

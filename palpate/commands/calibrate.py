@@ -14,8 +14,11 @@ from calibration.force.fit import ForceFit, fit_force
 from calibration.force.reference_file import STANDARD_GRAVITY_M_S2, read_reference_file
 from calibration.force.weighing import read_weighing
 from estimation.data.import_options import parse_pairs
-from palpate import calibration_run as calibrating
 from palpate import console
+from palpate.arm import calibration_run as calibrating
+from palpate.arm.calibration_setup import Bench, CalibrationJob, Stamp, open_recorded, wired
+from palpate.arm.driver_packages import importable
+from palpate.arm.robots import DEFAULT, find_robot
 from palpate.calibration_options import (
     DriversOption,
     FromOption,
@@ -33,12 +36,9 @@ from palpate.calibration_options import (
     numbers,
     stops_of,
 )
-from palpate.calibration_progress import motion_progress, weighing_progress
-from palpate.calibration_setup import Bench, CalibrationJob, Stamp, open_recorded, wired
-from palpate.calibration_text import print_calibration
-from palpate.driver_packages import importable
 from palpate.files import different_files, existing_file, output_file, whole_file
-from palpate.robots import DEFAULT, find_robot
+from palpate.text.calibration import print_calibration
+from palpate.text.calibration_progress import motion_progress, weighing_progress
 from palpate.views import style
 from palpate.views.plots.calibration import arm_figure, encoder_figure, force_figure
 from palpate.words import as_shell_word, safe, shown

@@ -8,7 +8,6 @@ import typer
 from estimation.comparison import Comparison
 from estimation.models import MODELS
 from palpate import console
-from palpate.comparison_text import ALIKE, as_data, headline, parts_table
 from palpate.data_options import (
     ColumnOption,
     ContextOption,
@@ -22,13 +21,14 @@ from palpate.data_options import (
     import_options,
     retyped,
 )
-from palpate.derived import folder_to_fill
-from palpate.estimation_run import load_material
 from palpate.files import output_folder
-from palpate.outcome import NAMES as OUTCOME
-from palpate.outcome import write_json, write_outcome
-from palpate.story import compare_subject, tell_story
-from palpate.subject import Subject, model_names, only_channel, subjects_of
+from palpate.findings.derived import folder_to_fill
+from palpate.findings.estimation_run import load_material
+from palpate.findings.outcome import NAMES as OUTCOME
+from palpate.findings.outcome import write_json, write_outcome
+from palpate.findings.story import compare_subject, tell_story
+from palpate.findings.subject import Subject, model_names, only_channel, subjects_of
+from palpate.text.comparison import ALIKE, as_data, headline, parts_table
 from palpate.words import safe, shown
 from robot_io.errors import InputError
 

@@ -8,16 +8,16 @@ import numpy as np
 import typer
 
 from palpate import console
-from palpate.demo import PLAN, Demo, probe_demo, show_demo
-from palpate.diagnosis_progress import diagnosis_progress
-from palpate.diagnosis_text import headline
-from palpate.estimate_report import as_data, remarks
-from palpate.estimate_table import estimate_table
+from palpate.demo.hidden import PLAN as HIDDEN_PLAN
+from palpate.demo.hidden import HiddenDemo, can_hide, hide_one, probe_hidden, solve
+from palpate.demo.probe import PLAN, Demo, probe_demo, show_demo
 from palpate.files import output_file
-from palpate.hidden_demo import PLAN as HIDDEN_PLAN
-from palpate.hidden_demo import HiddenDemo, can_hide, hide_one, probe_hidden, solve
-from palpate.progress import probing_progress
-from palpate.stage_text import parameter_table, print_files, stage_table
+from palpate.text.diagnosis import headline
+from palpate.text.diagnosis_progress import diagnosis_progress
+from palpate.text.estimate_report import as_data, remarks
+from palpate.text.estimate_table import estimate_table
+from palpate.text.progress import probing_progress
+from palpate.text.stages import parameter_table, print_files, stage_table
 from palpate.words import shown, significant, typed
 from sim_backend.imperfection import Imperfection
 from sim_backend.scenario import Scenario, load_scenario, shipped_scenarios

@@ -23,19 +23,19 @@ from palpate.data_options import (
     import_options,
     retyped,
 )
-from palpate.derived import folder_to_fill
-from palpate.diagnosis_progress import diagnosis_progress
-from palpate.diagnosis_text import show
-from palpate.effect_library import EffectLibrary, library_with
-from palpate.estimation_run import Material, load_material
 from palpate.files import output_folder
-from palpate.next_plan import plan_of, write_plan
-from palpate.outcome import NAMES as OUTCOME
-from palpate.outcome import write_json, write_outcome
-from palpate.revisions import RevisionShelf
-from palpate.stage_text import print_files
-from palpate.story import Story, diagnose_subjects, tell_story
-from palpate.subject import ALL_CHANNELS, Subject, channels_to_diagnose, subjects_of
+from palpate.findings.derived import folder_to_fill
+from palpate.findings.effect_library import EffectLibrary, library_with
+from palpate.findings.estimation_run import Material, load_material
+from palpate.findings.next_plan import plan_of, write_plan
+from palpate.findings.outcome import NAMES as OUTCOME
+from palpate.findings.outcome import write_json, write_outcome
+from palpate.findings.revisions import RevisionShelf
+from palpate.findings.story import Story, diagnose_subjects, tell_story
+from palpate.findings.subject import ALL_CHANNELS, Subject, channels_to_diagnose, subjects_of
+from palpate.text.diagnosis import show
+from palpate.text.diagnosis_progress import diagnosis_progress
+from palpate.text.stages import print_files
 from palpate.words import typed as path_typed
 
 RESULT = "diagnosis.json"

@@ -20,9 +20,7 @@ from palpate.data_options import (
     given_arm,
     import_options,
 )
-from palpate.estimate_report import as_data, remarks
-from palpate.estimate_table import estimate_table
-from palpate.estimation_run import (
+from palpate.findings.estimation_run import (
     ALL,
     DEFAULT_MODEL,
     ChannelEstimates,
@@ -31,6 +29,8 @@ from palpate.estimation_run import (
     estimate_with,
     load_material,
 )
+from palpate.text.estimate_report import as_data, remarks
+from palpate.text.estimate_table import estimate_table
 from palpate.words import count, safe, shown, typed
 from robot_io.errors import InputError
 

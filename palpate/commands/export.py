@@ -17,15 +17,15 @@ from palpate.data_options import (
     import_options,
     retyped,
 )
-from palpate.derived import derived_folder, kept_revisions
-from palpate.effect_library import library_with
-from palpate.estimation_run import Material, load_material
 from palpate.export import Export, export_scenario
 from palpate.export.scenario import FittedChannel
 from palpate.files import output_file, write_text
-from palpate.growth import Wish, grow
-from palpate.revisions import KeptRevision, RevisionShelf
-from palpate.truth import scenario_of
+from palpate.findings.derived import derived_folder, kept_revisions
+from palpate.findings.effect_library import library_with
+from palpate.findings.estimation_run import Material, load_material
+from palpate.findings.growth import Wish, grow
+from palpate.findings.revisions import KeptRevision, RevisionShelf
+from palpate.findings.truth import scenario_of
 from palpate.words import safe, shown, typed
 from robot_io.errors import InputError
 from sim_backend.scenario import Scenario

@@ -11,13 +11,13 @@ from rich.markup import escape
 from control.loop.result import Outcome
 from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate import console
-from palpate.driver_packages import importable
+from palpate.arm.driver_packages import importable
+from palpate.arm.hiding import RANDOM
+from palpate.arm.probing_run import ProbingJob, ProbingOutcome, online_estimators, run_probing
+from palpate.arm.robots import DEFAULT, find_robot, shipped_robots
+from palpate.arm.wired import is_simulated, wires_in_words
 from palpate.files import existing_file, output_file
-from palpate.hiding import RANDOM
-from palpate.probing_run import ProbingJob, ProbingOutcome, online_estimators, run_probing
-from palpate.progress import probing_progress
-from palpate.robots import DEFAULT, find_robot, shipped_robots
-from palpate.wired import is_simulated, wires_in_words
+from palpate.text.progress import probing_progress
 from palpate.words import count, duration, safe, shown, typed
 from robot_io.errors import InputError
 from robot_io.file_model import validate

@@ -15,10 +15,10 @@ from palpate.data_options import (
     WhereOption,
     retyped,
 )
-from palpate.derived import kept_revisions
-from palpate.estimation_run import NO_ARM, Material
 from palpate.files import existing_file
-from palpate.stage_text import revision_table
+from palpate.findings.derived import kept_revisions
+from palpate.findings.estimation_run import NO_ARM, Material
+from palpate.text.stages import revision_table
 from robot_io.session import Session
 
 

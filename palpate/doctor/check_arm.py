@@ -5,6 +5,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 from control.arm.rigid_body import RigidBody
+from palpate.arm.wired import DEFAULT_SCENARIO, emulate, is_simulated
 from palpate.doctor.devices import examine_devices
 from palpate.doctor.finding import Finding, Level, fail
 from palpate.doctor.hand import EmulatedHand, Hand, Person
@@ -13,7 +14,6 @@ from palpate.doctor.nudge import examine_powered
 from palpate.doctor.ports import examine_ports
 from palpate.doctor.rates import examine_rates
 from palpate.doctor.signs import examine_signs
-from palpate.wired import DEFAULT_SCENARIO, emulate, is_simulated
 from robot_io.calibration import load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue

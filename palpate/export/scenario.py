@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from estimation.surface import Surface
 from palpate.export.terms import ARM, CONTACT, JOINT, SENSOR, Entry
-from palpate.revisions import KeptRevision
+from palpate.findings.revisions import KeptRevision
 from robot_io.errors import InputError
 from robot_io.file_model import validate
 from sim_backend.imperfection import Imperfection, parse_imperfection

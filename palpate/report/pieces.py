@@ -8,8 +8,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from palpate.findings.story import Story
 from palpate.report.report import Report
-from palpate.story import Story
 from palpate.views import style
 from robot_io.types import FloatArray, IntArray
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from palpate.story import Story
+from palpate.findings.story import Story
 
 
 @dataclass(frozen=True)

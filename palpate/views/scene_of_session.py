@@ -7,7 +7,7 @@ import numpy as np
 from control.loop.tick_record import STREAM_NAME
 from estimation.data.tick_check import checked_ticks
 from estimation.estimate import Estimate
-from palpate.truth import SURFACE
+from palpate.findings.truth import SURFACE
 from palpate.views.columns import Columns
 from palpate.views.scene import Scene
 from robot_io.errors import InputError
@@ -35,7 +35,7 @@ def scene_of_session(
 
     Args:
         session: a probing session.
-        truth: see `palpate.truth.true_parameters`.
+        truth: see `palpate.findings.truth.true_parameters`.
         estimate: of the best estimator, if one was run.
         surface_m: the surface's coordinate along the press direction [m], as that estimator found it; None to
             take it from the online estimate, if there is one.

@@ -10,8 +10,8 @@ from estimation.channel import ChannelKind
 from estimation.diagnosis.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.result import Accepted, ChannelDiagnosis, NextExperiment
 from estimation.effects import EFFECTS
-from palpate.diagnosis_text import sentence
-from palpate.next_plan import plan_of, write_plan
+from palpate.findings.next_plan import plan_of, write_plan
+from palpate.text.diagnosis import sentence
 from tests.palpate.cli import assert_refused, run
 from tests.palpate.presses import CUBIC, write_presses
 

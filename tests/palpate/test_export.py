@@ -10,7 +10,7 @@ from estimation.effects import EFFECTS
 from palpate.export import export_scenario
 from palpate.export.scenario import FittedChannel
 from palpate.export.terms import ARM, CONTACT, JOINT, SENSOR
-from palpate.revisions import KeptParameter, KeptRevision
+from palpate.findings.revisions import KeptParameter, KeptRevision
 from robot_io.session import Session
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import Scenario, load_scenario

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from control.probing.plan import ProbingPlan
-from palpate.hiding import hide
-from palpate.new_session import new_session
-from palpate.probing_run import ProbingJob, run_probing
-from palpate.robots import find_robot
+from palpate.arm.hiding import hide
+from palpate.arm.new_session import new_session
+from palpate.arm.probing_run import ProbingJob, run_probing
+from palpate.arm.robots import find_robot
 from robot_io.errors import InputError, SessionError
 from robot_io.session import Session, SessionMetadata
 from sim_backend import Scenario, load_scenario

@@ -14,8 +14,8 @@ import pytest
 from control.arm.rigid_body import RigidBody
 from control.loop.phases import Phase
 from estimation.data import session_channels
-from palpate.probing_run import PLAN
-from palpate.robots import find_robot
+from palpate.arm.probing_run import PLAN
+from palpate.arm.robots import find_robot
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
 from sim_backend.scenario import MOST_SEED, parse_scenario

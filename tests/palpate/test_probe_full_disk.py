@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from control.loop.result import Outcome
-from palpate import new_session, probing_run
+from palpate.arm import new_session, probing_run
 from robot_io.session import Session, SessionWriter
 from tests.palpate.cli import run
 

@@ -6,9 +6,9 @@ import pytest
 
 from control.loop.result import LoopResult, Outcome
 from control.probing.plan import ProbingPlan
+from palpate.arm.probing_run import ProbingJob, ProbingOutcome, run_probing
+from palpate.arm.robots import find_robot
 from palpate.commands import probe as command
-from palpate.probing_run import ProbingJob, ProbingOutcome, run_probing
-from palpate.robots import find_robot
 from robot_io.errors import DeviceError, SafetyTripError
 from robot_io.session import SessionWriter
 from sim_backend.drivers.sim_torque import SimTorque

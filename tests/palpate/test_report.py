@@ -9,15 +9,15 @@ import pytest
 from PIL import Image
 
 from estimation.diagnosis.library import library
-from palpate.effect_library import library_with
-from palpate.estimation_run import load_material
-from palpate.outcome import write_outcome
+from palpate.findings.effect_library import library_with
+from palpate.findings.estimation_run import load_material
+from palpate.findings.outcome import write_outcome
+from palpate.findings.story import diagnose_subjects, tell_story
+from palpate.findings.subject import subjects_of
 from palpate.report import Report
 from palpate.report.section import SECTIONS, in_order
 from palpate.report.sections.equations import typeset, written_out
 from palpate.report.write import document
-from palpate.story import diagnose_subjects, tell_story
-from palpate.subject import subjects_of
 from tests.palpate.presses import write_presses
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

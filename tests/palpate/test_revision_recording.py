@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from palpate.effect_library import library_with
-from palpate.estimation_run import load_material
-from palpate.story import tell_story
-from palpate.subject import subjects_of
+from palpate.findings.effect_library import library_with
+from palpate.findings.estimation_run import load_material
+from palpate.findings.story import tell_story
+from palpate.findings.subject import subjects_of
 from palpate.views.recording.chart import HEIGHT, WIDTH, Chart
 from palpate.views.recording.revisions import write_revisions
 from palpate.views.residual_grid import residual_grid

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from control.probing.plan import ProbingPlan
-from palpate.estimation_run import load_material
-from palpate.probing_run import ProbingJob, run_probing
-from palpate.robots import find_robot
+from palpate.arm.probing_run import ProbingJob, run_probing
+from palpate.arm.robots import find_robot
+from palpate.findings.estimation_run import load_material
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import load_scenario
 from tests.palpate.cli import run

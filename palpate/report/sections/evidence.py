@@ -4,10 +4,10 @@ from html import escape
 from typing import ClassVar
 
 from estimation.diagnosis import ChannelDiagnosis, Verdict
+from palpate.findings.story import Story
 from palpate.report import pieces
 from palpate.report.report import Report
 from palpate.report.section import Section
-from palpate.story import Story
 
 MOST = 8
 

@@ -6,11 +6,11 @@ from typing import ClassVar
 import numpy as np
 import plotly.graph_objects as go
 
+from palpate.findings.story import Story
 from palpate.report import pieces
 from palpate.report.report import Report
 from palpate.report.section import Section
 from palpate.report.sections.waterfall import stage_name
-from palpate.story import Story
 from palpate.views import style
 from palpate.views.quantities import quantities_of
 from palpate.views.time_axis import one_after_the_other

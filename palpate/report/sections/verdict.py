@@ -5,11 +5,11 @@ from typing import ClassVar
 
 from rich.text import Text
 
-from palpate import diagnosis_text
-from palpate.comparison_text import headline
+from palpate.findings.story import Story
 from palpate.report.report import Report
 from palpate.report.section import Section
-from palpate.story import Story
+from palpate.text import diagnosis as diagnosis_text
+from palpate.text.comparison import headline
 
 
 class VerdictSection(Section):

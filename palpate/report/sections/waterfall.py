@@ -6,10 +6,10 @@ from typing import ClassVar
 import plotly.graph_objects as go
 
 from estimation.revision import Revision
+from palpate.findings.story import Story
 from palpate.report import pieces
 from palpate.report.report import Report
 from palpate.report.section import Section
-from palpate.story import Story
 from palpate.views import style
 
 

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from estimation.channel import ChannelData
 from estimation.data.contact import find_contacts
-from palpate.estimation_run import ChannelEstimates
 from palpate.files import whole_file
+from palpate.findings.estimation_run import ChannelEstimates
 from palpate.views import style
 from palpate.views.columns import Columns
 from palpate.views.plots.force_displacement import force_displacement_figure

@@ -7,7 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from estimation.channel import ChannelData
-from palpate.estimation_run import ChannelEstimates
+from palpate.findings.estimation_run import ChannelEstimates
 from palpate.views import colors
 from palpate.views.recording.blueprint import WHOLE_TIME
 from palpate.views.recording.entities import SUMMARY, TIMELINE, send_lines

@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from estimation.channel import ChannelData
-from palpate.story import Story
+from palpate.findings.story import Story
 from palpate.views import colors
 from palpate.views.quantities import quantities_of
 from palpate.views.recording.chart import HEIGHT, WIDTH, Chart, span_of

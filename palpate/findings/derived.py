@@ -7,9 +7,9 @@ kept in it. In any other folder nothing is replaced without `--force`.
 from collections.abc import Iterable
 from pathlib import Path
 
-from palpate.estimation_run import Material
 from palpate.files import spare_files
-from palpate.revisions import RevisionShelf
+from palpate.findings.estimation_run import Material
+from palpate.findings.revisions import RevisionShelf
 from robot_io.errors import InputError
 
 

@@ -7,8 +7,8 @@ import yaml
 
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis.result import NextExperiment
+from palpate.arm.probing_run import PLAN
 from palpate.files import write_text
-from palpate.probing_run import PLAN
 from robot_io.file_model import validate
 from robot_io.safe_yaml import parse_yaml
 from robot_io.session import Session

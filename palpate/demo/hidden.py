@@ -7,16 +7,16 @@ import numpy as np
 
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis.apart import Progress
-from palpate.effect_library import library_with
-from palpate.estimation_run import DEFAULT_MODEL, load_material
+from palpate.arm.hiding import open_answer
+from palpate.arm.probing_run import NOBODY, ProbingJob, Watcher, run_probing
+from palpate.arm.robots import DEFAULT, find_robot
 from palpate.files import output_folder
-from palpate.hiding import open_answer
-from palpate.outcome import write_json, write_outcome
-from palpate.probing_run import NOBODY, ProbingJob, Watcher, run_probing
-from palpate.revisions import RevisionShelf
-from palpate.robots import DEFAULT, find_robot
-from palpate.story import Story, diagnose_subjects, tell_story
-from palpate.subject import subjects_of
+from palpate.findings.effect_library import library_with
+from palpate.findings.estimation_run import DEFAULT_MODEL, load_material
+from palpate.findings.outcome import write_json, write_outcome
+from palpate.findings.revisions import RevisionShelf
+from palpate.findings.story import Story, diagnose_subjects, tell_story
+from palpate.findings.subject import subjects_of
 from palpate.words import typed as typed_path
 from robot_io.session import Session
 from sim_backend.contact_laws import KelvinVoigt

@@ -23,9 +23,9 @@ from control.probing.task import ProbingTask
 from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator
-from palpate.hiding import hide
-from palpate.new_session import new_session
-from palpate.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
+from palpate.arm.hiding import hide
+from palpate.arm.new_session import new_session
+from palpate.arm.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
 from palpate.words import count
 from robot_io.calibration import load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
@@ -54,7 +54,7 @@ class ProbingJob:
         session: the new session file.
         scenario: simulated world instead of the one that the robot file names; None leaves that.
         seed: of all simulated noise instead of the scenario's; None leaves that.
-        hidden: what to hide in the simulated world, see `palpate.hiding`; None leaves the scenario's.
+        hidden: what to hide in the simulated world, see `palpate.arm.hiding`; None leaves the scenario's.
         paced: let simulated time pass as fast as real time, not as fast as possible.
         wired: emulate the devices of a robot of hardware drivers, and the world behind them.
         online: name of the online estimator, or None for none.

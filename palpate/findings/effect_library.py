@@ -7,7 +7,7 @@ from estimation.channel import ChannelData
 from estimation.diagnosis.library import library
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
-from palpate.user_effect import load_user_effect, rehearse
+from palpate.findings.user_effect import load_user_effect, rehearse
 from robot_io.errors import InputError
 
 

@@ -17,9 +17,9 @@ from calibration.force.fit import Estimate, ForceFit, check_references
 from calibration.force.weighing import weigh
 from calibration.still import StillRobot
 from control.laws.gains import gains_of
-from palpate.calibration_setup import Bench, CalibrationJob, Stamp, calibration_bench, slowed, widened
+from palpate.arm.calibration_setup import Bench, CalibrationJob, Stamp, calibration_bench, slowed, widened
+from palpate.arm.probing_run import NOBODY, Watcher
 from palpate.files import write_text
-from palpate.probing_run import NOBODY, Watcher
 from robot_io.calibration import (
     Calibration,
     EncoderCalibration,

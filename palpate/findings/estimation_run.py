@@ -18,7 +18,7 @@ from estimation.model import Model
 from estimation.models import MODELS
 from estimation.surface import Surface
 from palpate.files import existing_file
-from palpate.truth import true_parameters
+from palpate.findings.truth import true_parameters
 from robot_io.calibration import NO_CALIBRATIONS, parse_calibrations
 from robot_io.errors import InputError
 from robot_io.robot_file import parse_robot_file

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from palpate import console
-from palpate.estimation_run import Material
 from palpate.files import write_text
+from palpate.findings.estimation_run import Material
+from palpate.findings.story import Story
 from palpate.report import Report, write_report
-from palpate.story import Story
 from palpate.views.plots.waterfall import save_waterfall
 from palpate.views.recording.revisions import write_revisions
 from palpate.words import count

@@ -10,7 +10,7 @@ from estimation.diagnosis import ChannelDiagnosis, Diagnosis
 from estimation.diagnosis.apart import Job, Progress, diagnose_apart
 from estimation.effect import Effect
 from estimation.revision import Revision, revise
-from palpate.subject import Subject, model_names
+from palpate.findings.subject import Subject, model_names
 from robot_io.errors import InputError
 
 SEED = 1  # of the surrogates

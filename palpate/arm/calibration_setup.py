@@ -20,11 +20,11 @@ from control.loop.result import Outcome
 from control.loop.task import Task, TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates, tick_stream
 from estimation.data.tick_check import checked_ticks
+from palpate.arm.hiding import hide
+from palpate.arm.new_session import new_session
+from palpate.arm.probing_run import NOBODY, SIMULATED_DRIVERS, Watcher
+from palpate.arm.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
 from palpate.files import open_session
-from palpate.hiding import hide
-from palpate.new_session import new_session
-from palpate.probing_run import NOBODY, SIMULATED_DRIVERS, Watcher
-from palpate.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
 from robot_io.calibration import (
     Calibrations,
     RawData,
@@ -61,7 +61,7 @@ class CalibrationJob:
         session: the new session file.
         scenario: simulated world instead of the one that the robot file names.
         seed: of all simulated noise; None leaves the scenario's.
-        hidden: what to hide in the simulated world, see `palpate.hiding`.
+        hidden: what to hide in the simulated world, see `palpate.arm.hiding`.
         wired: emulate the devices of a robot of hardware drivers, and the world behind them.
         paced: let simulated time pass as fast as real time.
         drivers: packages with drivers beside palpate's own.

@@ -7,8 +7,8 @@ from rich.table import Table
 
 from estimation.estimate import Estimate, Identifiability
 from palpate import console
-from palpate.estimate_report import PERCENT, error_text, short_name, shown_parameters, with_interval
-from palpate.estimation_run import ChannelEstimates
+from palpate.findings.estimation_run import ChannelEstimates
+from palpate.text.estimate_report import PERCENT, error_text, short_name, shown_parameters, with_interval
 from palpate.words import count
 
 WIDE = 104  # characters that all columns of the short table need

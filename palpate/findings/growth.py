@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate.effect_library import EffectLibrary
-from palpate.estimation_run import Arm, Material
-from palpate.revisions import KeptRevision, RevisionShelf
-from palpate.story import Story, channel_for, tell_story
-from palpate.subject import Subject, only_channel, subjects_of
+from palpate.findings.effect_library import EffectLibrary
+from palpate.findings.estimation_run import Arm, Material
+from palpate.findings.revisions import KeptRevision, RevisionShelf
+from palpate.findings.story import Story, channel_for, tell_story
+from palpate.findings.subject import Subject, only_channel, subjects_of
 from robot_io.errors import InputError
 
 

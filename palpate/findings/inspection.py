@@ -8,9 +8,9 @@ import numpy as np
 from control.loop.phases import Phase
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.channels import session_channels
-from palpate.estimate_report import markdown_summary
-from palpate.estimation_run import BEST, DEFAULT_MODEL, ChannelEstimates, estimate_with
-from palpate.truth import true_parameters
+from palpate.findings.estimation_run import BEST, DEFAULT_MODEL, ChannelEstimates, estimate_with
+from palpate.findings.truth import true_parameters
+from palpate.text.estimate_report import markdown_summary
 from palpate.views.plots import save_plots
 from palpate.views.recording import write_channels, write_recording
 from palpate.views.scene import Scene

@@ -5,11 +5,17 @@ from pathlib import Path
 
 from control.probing.plan import ProbingPlan
 from estimation.estimators import ESTIMATORS
-from palpate.estimation_run import DEFAULT_MODEL, ChannelEstimates, Material, estimate_with, load_material
+from palpate.arm.probing_run import NOBODY, ProbingJob, Watcher, run_probing
+from palpate.arm.robots import DEFAULT, find_robot
 from palpate.files import output_folder
-from palpate.inspection import RECORDING, look_into
-from palpate.probing_run import NOBODY, ProbingJob, Watcher, run_probing
-from palpate.robots import DEFAULT, find_robot
+from palpate.findings.estimation_run import (
+    DEFAULT_MODEL,
+    ChannelEstimates,
+    Material,
+    estimate_with,
+    load_material,
+)
+from palpate.findings.inspection import RECORDING, look_into
 from robot_io.session import Session
 from sim_backend.scenario import Scenario
 

@@ -10,7 +10,7 @@ from rich.text import Text
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.result import Fitted, ParameterValue
 from palpate import console
-from palpate.comparison_text import bar
+from palpate.text.comparison import bar
 from palpate.words import significant
 
 SIGMAS_95 = 1.96

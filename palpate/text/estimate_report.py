@@ -8,8 +8,8 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
 from estimation.fitting.misfit import Misfit, misfit
-from palpate.estimation_run import BEST, MOST, OFFSET, ChannelEstimates
-from palpate.truth import SURFACE
+from palpate.findings.estimation_run import BEST, MOST, OFFSET, ChannelEstimates
+from palpate.findings.truth import SURFACE
 from palpate.words import significant
 
 MILLI = 1e3

@@ -8,9 +8,9 @@ from rich.table import Table
 
 from estimation.revision import Revision
 from palpate import console
-from palpate.comparison_text import ALIKE, bar
-from palpate.revisions import KeptRevision
-from palpate.story import Story
+from palpate.findings.revisions import KeptRevision
+from palpate.findings.story import Story
+from palpate.text.comparison import ALIKE, bar
 from palpate.words import shown as shown_path
 from palpate.words import significant
 

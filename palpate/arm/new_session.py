@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from palpate.hiding import SEAL, seal_hidden
+from palpate.arm.hiding import SEAL, seal_hidden
 from robot_io.errors import InputError
 from robot_io.session import SessionMetadata, SessionWriter, Stream
 from sim_backend.scenario import Scenario

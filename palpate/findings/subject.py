@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from estimation.channel import ChannelData, ChannelKind
 from estimation.model import Model
 from estimation.models import MODELS
-from palpate.estimation_run import DEFAULT_MODEL, Arm, Material, context_of
+from palpate.findings.estimation_run import DEFAULT_MODEL, Arm, Material, context_of
 from robot_io.errors import InputError
 
 ARM_MODEL = "rigid_body"

@@ -1,0 +1,1 @@
+"""Arms: where they are found, emulated, probed, calibrated."""
