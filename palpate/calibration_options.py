@@ -39,6 +39,7 @@ RealtimeOption = Annotated[bool, typer.Option("--realtime", help="Simulate no fa
 DriversOption = Annotated[
     list[str] | None, typer.Option(help="Python package with drivers of your own.", metavar="PACKAGE")
 ]
+YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before a real arm gets power.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")]
 
 

@@ -43,6 +43,17 @@ POSE_S = 1.0
 Place = Callable[[Bench, int, float], None]
 
 
+def motion_in_words(kind: str) -> str:
+    """What the arm does to have its encoders, drives or base calibrated, as a person reads it beforehand."""
+    if kind in WISHES:
+        wish = WISHES[kind]
+        return f"all joints at once in free air, up to {wish.speed_rad_s:g} rad/s, for {wish.duration_s:g} s"
+    return (
+        f"each joint slowly against its hard stops, pushing with {100 * PUSH_SHARE:g} % of its torque limit; "
+        f"its guard stops it beyond {STOP_SPEED_RAD_S:g} rad/s"
+    )
+
+
 def run_motion(
     job: CalibrationJob,
     wish: ExcitationWish | None = None,

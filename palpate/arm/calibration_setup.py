@@ -22,6 +22,7 @@ from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates, tick_s
 from estimation.data.tick_check import checked_ticks
 from palpate.arm.hiding import hide
 from palpate.arm.new_session import new_session
+from palpate.arm.permission import Permission, without_question
 from palpate.arm.probing_run import NOBODY, SIMULATED_DRIVERS, Watcher
 from palpate.arm.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
 from palpate.files import open_session
@@ -66,6 +67,7 @@ class CalibrationJob:
         paced: let simulated time pass as fast as real time.
         drivers: packages with drivers beside palpate's own.
         command_line: how the program was started.
+        permission: called before a real arm is opened, and may refuse by raising.
     """
 
     kind: str
@@ -78,6 +80,7 @@ class CalibrationJob:
     paced: bool = False
     drivers: tuple[str, ...] = ()
     command_line: str = ""
+    permission: Permission = without_question
 
     @property
     def simulated(self) -> bool:
@@ -164,6 +167,8 @@ def calibration_bench(job: CalibrationJob, now_utc: datetime | None = None) -> I
         clock = SimulatedClock(MonotonicClock() if job.paced else None)
     with ExitStack() as stack:
         robot, scenario, world = _set_up(job, clock, calibrations, stack)
+        if not job.simulated:
+            job.permission()
         stack.enter_context(robot)
         session = stack.enter_context(
             new_session(

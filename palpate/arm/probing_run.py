@@ -25,6 +25,7 @@ from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator
 from palpate.arm.hiding import hide
 from palpate.arm.new_session import new_session
+from palpate.arm.permission import Permission, without_question
 from palpate.arm.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
 from palpate.words import count
 from robot_io.calibration import load_calibrations
@@ -61,6 +62,7 @@ class ProbingJob:
         drivers: packages or modules with drivers beside palpate's own.
         command_line: how the program was started.
         extra: further texts for the session's metadata.
+        permission: called before a real arm is opened, and may refuse by raising.
     """
 
     robot_file: RobotFile
@@ -75,6 +77,7 @@ class ProbingJob:
     drivers: tuple[str, ...] = ()
     command_line: str = ""
     extra: dict[str, str] = field(default_factory=dict)
+    permission: Permission = without_question
 
 
 class Watcher:
@@ -142,6 +145,8 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     guard = _guard(job.robot_file)
     with ExitStack() as stack:
         robot, scenario = _set_up(job, clock, stack)
+        if not simulated:
+            job.permission()
         stack.enter_context(robot)
         session = stack.enter_context(
             new_session(

@@ -18,6 +18,7 @@ from palpate import console
 from palpate.arm import calibration_run as calibrating
 from palpate.arm.calibration_setup import Bench, CalibrationJob, Stamp, open_recorded, wired
 from palpate.arm.driver_packages import importable
+from palpate.arm.permission import Permission, ask_for_pose, ask_for_power, without_question
 from palpate.arm.robots import DEFAULT, find_robot
 from palpate.calibration_options import (
     DriversOption,
@@ -32,6 +33,7 @@ from palpate.calibration_options import (
     SessionOption,
     ValidOption,
     WireOption,
+    YesOption,
     joint_angles,
     numbers,
     stops_of,
@@ -191,6 +193,7 @@ def encoder(  # noqa: PLR0917, one parameter an option
     wire: WireOption = False,
     realtime: RealtimeOption = False,
     drivers: DriversOption = None,
+    yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Encoders: the joints' zeros, against hard stops (slowly, with little torque) or in a known pose."""
@@ -199,7 +202,8 @@ def encoder(  # noqa: PLR0917, one parameter an option
     pose_rad = None if pose is None else joint_angles("--pose", pose, robot_file)
     raw = from_
     if raw is None:
-        job = _job("encoder", robot_file, session, scenario, seed, hidden, wire, realtime, drivers)
+        ask = _question("encoder", robot_file, pose_rad, yes)
+        job = _job("encoder", robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
         if pose_rad is not None:
             calibrating.run_pose(job)
         else:
@@ -228,13 +232,16 @@ def torque(  # noqa: PLR0917, one parameter an option
     wire: WireOption = False,
     realtime: RealtimeOption = False,
     drivers: DriversOption = None,
+    yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Drives: gains and offsets of their torques, from a motion in free air against the arm's weight.
 
     Friction is found beside them and reported; it is not compensated. The URDF's masses are taken as exact.
     """
-    job = _job("torque", find_robot(robot), session, scenario, seed, hidden, wire, realtime, drivers)
+    robot_file = find_robot(robot)
+    ask = _question("torque", robot_file, None, yes)
+    job = _job("torque", robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
     _excite(job, robot, from_, out, valid_days, as_json)
 
 
@@ -251,13 +258,16 @@ def gravity(  # noqa: PLR0917, one parameter an option
     wire: WireOption = False,
     realtime: RealtimeOption = False,
     drivers: DriversOption = None,
+    yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Base: how it is tilted, from slow motions through many postures, there and back.
 
     An arm that moves in one plane feels the tilt in that plane alone. The URDF's masses are taken as exact.
     """
-    job = _job("gravity", find_robot(robot), session, scenario, seed, hidden, wire, realtime, drivers)
+    robot_file = find_robot(robot)
+    ask = _question("gravity", robot_file, None, yes)
+    job = _job("gravity", robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
     _excite(job, robot, from_, out, valid_days, as_json)
 
 
@@ -290,6 +300,7 @@ def _job(  # noqa: PLR0917, the options as they come
     wire: bool,
     realtime: bool,
     drivers: list[str] | None,
+    permission: Permission = without_question,
 ) -> CalibrationJob:
     return CalibrationJob(
         kind=kind,
@@ -302,7 +313,16 @@ def _job(  # noqa: PLR0917, the options as they come
         paced=realtime,
         drivers=importable(drivers or []),
         command_line=" ".join(["palpate", *sys.argv[1:]]),
+        permission=permission,
     )
+
+
+def _question(kind: str, robot_file: RobotFile, pose_rad: list[float] | None, yes: bool) -> Permission:
+    """What is asked before a real arm is moved, or read in a pose."""
+    if pose_rad is not None:
+        return lambda: ask_for_pose(pose_rad, yes=yes)
+    motion = f"'{robot_file.name}' is going to move: {calibrating.motion_in_words(kind)}."
+    return lambda: ask_for_power(motion, yes=yes)
 
 
 def _stamped(robot_file: RobotFile, kind: str) -> str:

@@ -13,6 +13,7 @@ from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate import console
 from palpate.arm.driver_packages import importable
 from palpate.arm.hiding import RANDOM
+from palpate.arm.permission import ask_for_power
 from palpate.arm.probing_run import ProbingJob, ProbingOutcome, online_estimators, run_probing
 from palpate.arm.robots import DEFAULT, find_robot, shipped_robots
 from palpate.arm.wired import is_simulated, wires_in_words
@@ -68,11 +69,14 @@ def command(  # noqa: PLR0917, one parameter an option
     drivers: Annotated[
         list[str] | None, typer.Option(help="Python package with drivers of your own.", metavar="PACKAGE")
     ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before a real arm gets power.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
     """Probe an object: approach at several speeds, touch, load to a force, hold, retract.
 
     Without a robot file of your own this runs in simulation. The session file holds every tick.
+
+    A real arm gets power after a question alone (or --yes), and a countdown.
     """
     robot_file = find_robot(robot)
     speeds_m_s = _speeds(speed_mm_s) if speed_mm_s is not None else None
@@ -97,11 +101,21 @@ def command(  # noqa: PLR0917, one parameter an option
         drivers=importable(drivers or []),
         online=None if online == NO_ESTIMATOR else online,
         command_line=_command_line(sys.argv[1:], hidden),
+        permission=lambda: ask_for_power(_motion(robot_file, plan), yes=yes),
     )
     remark = f"emulated devices: {safe(wires_in_words(robot_file))}" if wire else ""
     with probing_progress(plan, live=wire or is_simulated(robot_file), remark=remark) as watcher:
         outcome = run_probing(job, watcher)
     _report(outcome, plan, as_json)
+
+
+def _motion(robot_file: RobotFile, plan: ProbingPlan) -> str:
+    """What is asked of a real arm, for the question before it gets power."""
+    speeds = ", ".join(f"{speed / MILLI:g}" for speed in plan.speeds_m_s)
+    return (
+        f"'{robot_file.name}' is going to move: {count(len(list(plan.runs())), 'run')} at {speeds} mm/s, "
+        f"pressing with {plan.force_limit_n:g} N; its guard stops it beyond {robot_file.limits.force_n:g} N."
+    )
 
 
 def _command_line(arguments: list[str], hidden: str | None) -> str:

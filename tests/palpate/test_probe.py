@@ -101,7 +101,8 @@ def test_equal_seeds_give_equal_measurements_and_others_do_not(tmp_path):
     assert not np.array_equal(forces[0][:500], forces[2][:500])
 
 
-def test_an_arm_of_ones_own_is_probed_by_the_same_code_in_real_time(tmp_path):
+def test_an_arm_of_ones_own_is_probed_by_the_same_code_in_real_time(tmp_path, monkeypatch):
+    monkeypatch.setattr("palpate.arm.permission.COUNTDOWN_S", 0)
     robot, path = write_mock_files(tmp_path), tmp_path / "own.mcap"
     patient = robot.read_text().replace("_age_s: 0.005", "_age_s: 1.0")  # a busy machine is no failure
     robot.write_text(patient)
@@ -115,6 +116,7 @@ def test_an_arm_of_ones_own_is_probed_by_the_same_code_in_real_time(tmp_path):
         "--hold-s",
         0.1,
         "--json",
+        "--yes",
     )
     result = run("probe", "-o", path, *options)
     assert result.exit_code == 0, result.stderr

@@ -1,0 +1,116 @@
+"""A real arm gets no power before somebody has said so; a simulated one needs nobody."""
+
+import io
+
+import pytest
+
+from palpate.arm.permission import ask_for_pose, ask_for_power
+from robot_io.errors import InputError
+from tests.mock_robot import MockTorque, write_mock_files
+from tests.palpate.cli import ROOT, assert_refused, run
+
+SERVOS = ROOT / "robots" / "dynamixel_3dof.yaml"
+
+
+class Terminal(io.StringIO):
+    """Somebody who types."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def types(monkeypatch, text: str) -> None:
+    monkeypatch.setattr("sys.stdin", Terminal(text))
+
+
+@pytest.fixture
+def power(monkeypatch):
+    """Notes each time that the mock robot's drives are switched on."""
+    switched_on = []
+    activate = MockTorque.activate
+
+    def noted(self):
+        switched_on.append(self)
+        activate(self)
+
+    monkeypatch.setattr(MockTorque, "activate", noted)
+    return switched_on
+
+
+MOVING = (("probe",), ("calibrate", "torque"), ("calibrate", "gravity"), ("calibrate", "encoder"))
+
+
+@pytest.mark.parametrize("command", MOVING, ids=" ".join)
+def test_without_a_terminal_and_without_yes_no_real_arm_moves(command, tmp_path, monkeypatch, power):
+    monkeypatch.chdir(tmp_path)
+    own = ("--robot", write_mock_files(tmp_path), "--drivers", "tests.mock_robot")
+    assert_refused(run(*command, *own), "--yes", "--wire", "terminal")
+    assert power == []
+    assert not list(tmp_path.rglob("*.mcap"))
+    assert not list(tmp_path.rglob("*.png"))
+
+
+@pytest.mark.parametrize("command", MOVING, ids=" ".join)
+def test_the_question_comes_before_any_port_is_opened(command, tmp_path):
+    out = tmp_path / "out"
+    assert_refused(run(*command, "--robot", SERVOS, "-o", out), "--yes")  # and not: no such port
+
+
+def test_the_question_says_what_the_arm_is_going_to_do(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr("palpate.commands.probe.ask_for_power", lambda text, yes: asked.append((text, yes)))
+    options = ("--speed-mm-s", "20,12.5", "--force-limit-n", 3, "--repeats", 2, "--yes")
+    run("probe", "--robot", SERVOS, "-o", tmp_path / "x.mcap", *options)
+    ((text, yes),) = asked
+    assert yes
+    for word in ("'dynamixel_3dof'", "4 runs", "20, 12.5 mm/s", "3 N", "beyond 40 N"):
+        assert word in text
+
+
+def test_a_no_is_a_no(monkeypatch, capsys):
+    types(monkeypatch, "n\n")
+    with pytest.raises(InputError, match="nothing has moved"):
+        ask_for_power("'it' is going to move", yes=False, pause=pytest.fail)
+    types(monkeypatch, "\n")
+    with pytest.raises(InputError, match="nothing has moved"):
+        ask_for_power("'it' is going to move", yes=False, pause=pytest.fail)
+    said = capsys.readouterr()
+    assert said.out == ""
+    for words in ("'it' is going to move", "Keep clear", "[y/N]"):
+        assert words in said.err
+
+
+@pytest.mark.parametrize("yes", [True, False])
+def test_after_a_yes_it_counts_down(monkeypatch, capsys, yes):
+    types(monkeypatch, "" if yes else "y\n")
+    pauses = []
+    ask_for_power("'it' is going to move", yes=yes, pause=pauses.append)
+    assert sum(pauses) == 3.0
+    assert "power in 3 s" in capsys.readouterr().err
+
+
+def test_a_pose_is_read_once_somebody_holds_the_arm_there(monkeypatch, capsys):
+    types(monkeypatch, "\n")
+    ask_for_pose([0.1, 1.25, -0.3], yes=False)
+    assert "0.1, 1.25, -0.3 rad" in capsys.readouterr().err
+    types(monkeypatch, "")
+    with pytest.raises(InputError, match="nothing was read"):
+        ask_for_pose([0.1], yes=False)
+
+
+def test_the_pose_of_a_real_arm_is_not_read_without_anybody(tmp_path, monkeypatch, power):
+    monkeypatch.chdir(tmp_path)
+    own = ("--robot", write_mock_files(tmp_path), "--drivers", "tests.mock_robot", "--pose", "home")
+    assert_refused(run("calibrate", "encoder", *own), "by hand", "--yes")
+    assert not list(tmp_path.rglob("*.mcap"))
+    held = run("calibrate", "encoder", *own, "--yes", "-o", "e.yaml", "--session", "e.mcap")
+    assert held.exit_code == 0, held.stderr
+    assert power == []
+
+
+def test_a_simulated_arm_and_an_emulated_one_ask_nobody(tmp_path, monkeypatch):
+    monkeypatch.setattr("palpate.commands.probe.ask_for_power", pytest.fail)
+    short = ("--speed-mm-s", 100, "--hold-s", 0.05, "--online", "none")
+    for name, arm in (("a", ()), ("b", ("--robot", SERVOS, "--wire"))):
+        result = run("probe", *arm, "-o", tmp_path / f"{name}.mcap", *short)
+        assert result.exit_code == 0, result.stderr
