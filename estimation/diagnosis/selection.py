@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelKind
+from estimation.diagnosis.polish import polish
 from estimation.diagnosis.standing import Standing
 from estimation.diagnosis.surrogates import best_gains, p_value, surrogates
 from estimation.diagnosis.trial import Bench, Search, Trial, look, refine
@@ -66,7 +67,8 @@ def screen(
 ) -> list[Candidate]:
     """Try each effect beside the model from where things stand; best in held-out runs first.
 
-    All are tried at their starts, those that do well there also in between.
+    All are tried at their starts, those that do well there also in between. What would be impossible beside
+    the other parameters as they were may be possible once all are fitted together.
     """
     looked = []
     for number, effect in enumerate(effects):
@@ -82,7 +84,11 @@ def screen(
     found = []
     for effect, first, gain in zip(effects, looked, gains, strict=True):
         best = refine(standing.plain, first.best.model, effect, first) if gain >= least else first
-        if is_possible(effect, best.best, standing.plain, LOOSE):
+        possible = is_possible(effect, best.best, standing.plain, LOOSE)
+        if not possible and gain >= PROMISING * gains.max():
+            best = Search((*best.trials, polish(standing.plain, best.best)), best.start_count)
+            possible = is_possible(effect, best.best, standing.plain, LOOSE)
+        if possible:
             found.append(Candidate(effect, best))
     return sorted(found, key=lambda candidate: candidate.held_out)
 
@@ -210,6 +216,8 @@ def _fall(before: float, after: float) -> float:
 def is_possible(effect: Effect, trial: Trial, bench: Bench, loose: float = 0.0) -> bool:
     """Whether the effect's parameters make physical sense, and what makes it what it is is there.
 
+    A gain that the effect could do without may be beyond its bounds by no more than makes the noise.
+
     Args:
         effect: part of the model.
         trial: of the model.
@@ -217,10 +225,12 @@ def is_possible(effect: Effect, trial: Trial, bench: Bench, loose: float = 0.0) 
         loose: effort, as a share of the whole, that a gain may be beyond its bounds.
     """
     effort = loose * float(np.sqrt(np.mean(trial.target**2)))
+    noise = float(np.sqrt(np.mean(trial.residual**2)))
     for column, parameter in zip(_own_columns(effect, trial).T, effect.gains, strict=True):
         name = f"{effect.name}.{parameter.name}"
         value, slack = trial.parameters[name], 2.0 * trial.spread[name]
-        slack += effort / max(float(np.sqrt(np.mean(column**2))), 1e-300)
+        minor = bool(effect.essential) and parameter.name not in effect.essential
+        slack += (effort + minor * noise) / max(float(np.sqrt(np.mean(column**2))), 1e-300)
         if not parameter.lower - slack <= value <= parameter.upper + slack:
             return False
     # no time stamp is better than half a step
