@@ -12,6 +12,7 @@ from estimation.diagnosis.held_out import held_out_residual, rmse
 from estimation.diagnosis.noise_floor import NoiseFloor, noise_floor
 from estimation.diagnosis.standing import stand
 from estimation.diagnosis.unexplained import is_explained
+from estimation.diagnosis.unlike_noise import quiet_floor
 from estimation.model import Model
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
@@ -77,7 +78,8 @@ def compare(data: ChannelData, model: Model, known_floor: float = np.inf) -> Com
     """Fit a model and compare it with the measurement, on runs that the fit has not seen.
 
     What a flexible regression cannot explain is noise at most, and so is what does not return when a motion
-    is repeated, and what a fuller model is known to leave: the floor is the smallest of them.
+    is repeated, and what a fuller model is known to leave: the floor is the smallest of them, or the noise in
+    free air where what is left in contact does not look like noise.
 
     Args:
         data: the measurement.
@@ -94,7 +96,9 @@ def compare(data: ChannelData, model: Model, known_floor: float = np.inf) -> Com
     standing = stand(data, model, {}, good)
     residual = held_out_residual(standing.plain.frame, standing.trial)
     own = noise_floor(standing)
-    floor = replace(own, value=min(own.value, own.repeats or np.inf, known_floor))
+    quiet = quiet_floor(standing)
+    explained = is_explained(standing) and not np.isfinite(quiet)
+    floor = replace(own, value=min(own.value, own.repeats or np.inf, quiet, known_floor))
     parts = {
         by: tuple(_part(label, residual, mask, floor.value) for label, mask in masks.items())
         for by, masks in splits(standing.data).items()
@@ -112,7 +116,7 @@ def compare(data: ChannelData, model: Model, known_floor: float = np.inf) -> Com
         rmse=rmse(residual),
         floor=floor,
         parts=parts,
-        words=_words(rmse(residual), floor, parts, data.kind.effort_unit, explained=is_explained(standing)),
+        words=_words(rmse(residual), floor, parts, data.kind.effort_unit, explained=explained),
     )
 
 

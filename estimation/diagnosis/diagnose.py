@@ -6,7 +6,6 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.agreement import Disagreement, disagreement
 from estimation.diagnosis.chain import Chain, build
 from estimation.diagnosis.confusion import rivals
 from estimation.diagnosis.gate import refuse, usable
@@ -14,6 +13,7 @@ from estimation.diagnosis.intervals import Value, final, values
 from estimation.diagnosis.library import library
 from estimation.diagnosis.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.noise_floor import noise_floor
+from estimation.diagnosis.objection import Objection, objection_to
 from estimation.diagnosis.result import (
     Accepted,
     ChannelDiagnosis,
@@ -30,11 +30,10 @@ from estimation.diagnosis.search import Progress, Search
 from estimation.diagnosis.standing import Standing
 from estimation.diagnosis.step import Step
 from estimation.diagnosis.unexplained import depends_on
+from estimation.diagnosis.unlike_noise import quiet_floor
 from estimation.effect import Effect
 from estimation.model import Model
 from estimation.signals.runwise import sample_time
-
-_CLEARLY = 0.5  # times the error that is left
 
 
 def diagnose(
@@ -85,31 +84,25 @@ def diagnose_channel(
         )
     search = Search(data, model, good, effects, rng, progress)
     chain = build(search)
-    apart = _disagreement(chain)
-    return _report(search, replace(chain, is_complete=False, dominant=None) if apart else chain, apart)
+    objection = objection_to(chain)
+    if objection:
+        chain = replace(chain, is_complete=False, dominant=None)
+    return _report(search, chain, objection)
 
 
-def _disagreement(chain: Chain) -> Disagreement | None:
-    """How the runs disagree, where that explains clearly more than any smooth law does."""
-    apart = disagreement(chain.end)
-    if apart and not chain.is_complete and apart.alone > _CLEARLY * chain.end.floor(chain.floor):
-        return None
-    return apart
-
-
-def _report(search: Search, chain: Chain, apart: Disagreement | None) -> ChannelDiagnosis:
+def _report(search: Search, chain: Chain, objection: Objection | None) -> ChannelDiagnosis:
     named = chain.named
     standing = named[-1].standing if named else chain.start
     accepted = _accepted(search, chain, named)
-    signals = [] if chain.is_complete else ["run"] if apart else depends_on(chain.end)
+    signals = [] if chain.is_complete else list(objection.depends_on) if objection else depends_on(chain.end)
     verdict = _verdict(chain)
     floor = noise_floor(chain.end, chain.floor)
-    if apart:
-        floor = replace(floor, value=min(floor.value, apart.alone))
+    known = objection.floor if objection else np.inf if chain.is_complete else quiet_floor(chain.end)
+    floor = replace(floor, value=min(floor.value, known))
     return ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
-        reason=_apart(apart, search) if apart else _reason(verdict, chain, signals),
+        reason=objection.reason if objection else _reason(verdict, chain, signals),
         effort_unit=search.data.kind.effort_unit,
         noise_floor=floor.value,
         floor=Floor(**asdict(floor)),
@@ -215,15 +208,6 @@ def _reason(verdict: Verdict, chain: Chain, signals: Sequence[str]) -> str:
     left = _percent(chain.end.left_of_blocks(chain.floor))
     known = " even with " + " and ".join(s.effect for s in chain.steps) if chain.steps else ""
     return f"{left} of the error{known} could be explained, by {_told(signals)}"
-
-
-def _apart(apart: Disagreement, search: Search) -> str:
-    unit = search.data.kind.effort_unit
-    return (
-        f"the runs do not follow one law: run {apart.run} is off by {apart.run_predicted:.3g} {unit} when "
-        f"predicted from the others, by {apart.run_alone:.3g} {unit} when fitted by itself; was something "
-        "else probed, or a sensor changed?"
-    )
 
 
 def _percent(share: float) -> str:
