@@ -59,7 +59,9 @@ class Probed:
             for channel, of_channel in self.groups.items()
         }
         unknown = [entry.channel for entry in self.found if entry.verdict.value == "unexplained"]
+        refused = [entry.channel for entry in self.found if entry.verdict.value == "insufficient"]
         rest = [f"unexplained in {', '.join(unknown)}"] if unknown else []
+        rest += [f"insufficient in {', '.join(refused)}"] if refused else []
         return "; ".join([*(f"{names} in {channel}" for channel, names in said.items()), *rest]) or "adequate"
 
 

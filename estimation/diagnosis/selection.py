@@ -70,13 +70,14 @@ def screen(
     All are tried at their starts, those that do well there also in between. What would be impossible beside
     the other parameters as they were may be possible once all are fitted together.
     """
-    looked = []
+    looked, places = [], _places(standing.trial)
     for number, effect in enumerate(effects):
         progress(number / len(effects), effect.name)
-        starts, parameters = effect.starts(standing.data), standing.trial.parameters
+        starts = effect.starts(standing.data)
         tried = [
             look(standing.plain, model, effect, parameters, starts)
             for model in extended(standing.trial.model, effect)
+            for parameters in places
         ]
         looked.append(min(tried, key=lambda one: one.best.sse))
     gains = np.array([standing.trial.sse - tried.best.sse for tried in looked])
@@ -91,6 +92,12 @@ def screen(
         if possible:
             found.append(Candidate(effect, best))
     return sorted(found, key=lambda candidate: candidate.held_out)
+
+
+def _places(trial: Trial) -> list[dict[str, float]]:
+    """Where effects are tried: as things stand, and as if what may be nothing (an offset) made up for them."""
+    nothing = {name: 0.0 for name, inner in trial.model.inner.items() if inner.lower < 0.0 < inner.upper}
+    return [trial.parameters, *([{**trial.parameters, **nothing}] if nothing else [])]
 
 
 def extended(model: Model, effect: Effect) -> list[Model]:
