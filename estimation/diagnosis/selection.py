@@ -95,7 +95,7 @@ def screen(
 
 
 def _places(trial: Trial) -> list[dict[str, float]]:
-    """Where effects are tried: as things stand, and as if what may be nothing (an offset) made up for them."""
+    """Where effects are tried: as things stand, and as if an offset (what may be nothing) were none."""
     nothing = {name: 0.0 for name, inner in trial.model.inner.items() if inner.lower < 0.0 < inner.upper}
     return [trial.parameters, *([{**trial.parameters, **nothing}] if nothing else [])]
 
