@@ -26,6 +26,7 @@ from control.probing.passage import Passage, Passages, Place
 from control.probing.plan import ProbingPlan
 from control.probing.run import ProbingRun
 from control.probing.sites import probing_sites
+from robot_io.calibration import Calibrations
 from robot_io.errors import InputError, SafetyTripError
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, Measurement, frozen_array
@@ -82,14 +83,21 @@ class ProbingTask:
         self.failures: tuple[str, ...] = ()
 
     @classmethod
-    def from_robot_file(cls, robot_file: RobotFile, plan: ProbingPlan) -> "ProbingTask":
+    def from_robot_file(
+        cls, robot_file: RobotFile, plan: ProbingPlan, calibrations: Calibrations | None = None
+    ) -> "ProbingTask":
         """The task for the arm of a robot file.
+
+        Args:
+            robot_file: the arm.
+            plan: what it is to do.
+            calibrations: what is applied to it; None: those that the robot file names, valid today.
 
         Raises:
             InputError: URDF or gains are not valid, the arm is not planar, or its guard trips on the plan.
         """
         check_against_guard(plan, robot_file)
-        body = RigidBody.of_robot(robot_file)
+        body = RigidBody.of_robot(robot_file, calibrations)
         limits = robot_file.limits
         position_limits = (np.array(limits.position_min_rad), np.array(limits.position_max_rad))
         return cls(

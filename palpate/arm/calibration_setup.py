@@ -155,7 +155,7 @@ def calibration_bench(job: CalibrationJob, now_utc: datetime | None = None) -> I
     """
     now_utc = now_utc or datetime.now(UTC)
     robot_file = job.robot_file
-    calibrations = load_calibrations(robot_file, now_utc, leave_out=(job.kind,))
+    calibrations = load_calibrations(robot_file, now_utc, leave_out=(job.kind,), emulated=job.wired)
     body = RigidBody.of_robot(robot_file, calibrations)
     if joint := body.weightless_joint:
         raise InputError(
@@ -262,9 +262,12 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
     return session
 
 
-def wired(raw: Path) -> bool:
-    """Whether the raw data come from emulated devices."""
-    return raw.suffix == ".mcap" and Session.open(raw).metadata.extra.get(SOURCE) == EMULATED
+def source_of(raw: Path) -> str | None:
+    """What was read for the raw data, as a calibration says it; somebody's data file is taken as measured."""
+    if raw.suffix != ".mcap":
+        return "measured"
+    said = Session.open(raw).metadata.extra.get(SOURCE)
+    return "emulated" if said == EMULATED else said if said in ("measured", "simulated") else None
 
 
 def widened(limits: Limits, by_rad: float) -> Limits:
@@ -313,6 +316,7 @@ class Stamp:
             "kind": kind,
             "robot": self.robot_file.name,
             "device": device_identity(self.robot_file, kind),
+            "source": source_of(self.raw),
             "made_utc": self.now_utc.isoformat(timespec="seconds"),
             "valid_until_utc": (self.now_utc + timedelta(days=self.valid_days)).isoformat(timespec="seconds"),
             "software_version": version("palpate"),

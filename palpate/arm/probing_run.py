@@ -28,7 +28,7 @@ from palpate.arm.new_session import new_session
 from palpate.arm.permission import Permission, without_question
 from palpate.arm.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
 from palpate.words import count
-from robot_io.calibration import load_calibrations
+from robot_io.calibration import Calibrations, load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import DeviceError, InputError, PalpateError
@@ -141,10 +141,11 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     simulated = job.wired or is_simulated(job.robot_file)
     clock = _clock(simulated, job.paced)
     observer = _watched(_online_observer(job.online, gains_of(job.robot_file).touch), watcher)
-    task = ProbingTask.from_robot_file(job.robot_file, job.plan)
-    guard = _guard(job.robot_file)
+    calibrations = load_calibrations(job.robot_file, emulated=job.wired)
+    task = ProbingTask.from_robot_file(job.robot_file, job.plan, calibrations)
+    guard = _guard(job.robot_file, calibrations)
     with ExitStack() as stack:
-        robot, scenario = _set_up(job, clock, stack)
+        robot, scenario = _set_up(job, clock, calibrations, stack)
         if not simulated:
             job.permission()
         stack.enter_context(robot)
@@ -152,7 +153,7 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
             new_session(
                 job.session,
                 [tick_stream(robot.joint_count)],
-                _metadata(job, scenario),
+                _metadata(job, scenario, calibrations),
                 scenario,
                 job.hidden,
                 wait_for_room=simulated and not job.paced,
@@ -199,13 +200,13 @@ def _check_plan(plan: ProbingPlan, robot_file: RobotFile) -> None:
         )
 
 
-def _guard(robot_file: RobotFile) -> Guard:
+def _guard(robot_file: RobotFile, calibrations: Calibrations) -> Guard:
     """The arm's guard, with a model of its own of the arm's weight.
 
     Raises:
         InputError: the URDF is not valid, says nothing of the arm's masses, or is not the DH table's arm.
     """
-    body = RigidBody.of_robot(robot_file)
+    body = RigidBody.of_robot(robot_file, calibrations)
     if joint := body.weightless_joint:
         raise InputError(
             f"{robot_file.urdf_path}: joint '{joint}' moves no mass; give its links an <inertial>"
@@ -243,10 +244,11 @@ def _online_observer(name: str | None, touch: TouchGains) -> Observer:
     return OnlineContactEstimator(estimator, touch).observe
 
 
-def _set_up(job: ProbingJob, clock: Clock, stack: ExitStack) -> tuple[Robot, Scenario | None]:
+def _set_up(
+    job: ProbingJob, clock: Clock, calibrations: Calibrations, stack: ExitStack
+) -> tuple[Robot, Scenario | None]:
     """The robot, and the world that is simulated for it, which ends with `stack`; None with hardware."""
     drivers = DriverCatalogue(SIMULATED_DRIVERS, *job.drivers)
-    calibrations = load_calibrations(job.robot_file)  # of the devices that the emulated ones stand for
     if job.wired:
         scenario = _altered(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
         arm = emulate(job.robot_file, scenario, clock)
@@ -279,13 +281,13 @@ def _altered(scenario: Scenario, job: ProbingJob) -> Scenario:
     return scenario if job.hidden is None else hide(scenario, job.hidden)
 
 
-def _metadata(job: ProbingJob, scenario: Scenario | None) -> SessionMetadata:
+def _metadata(job: ProbingJob, scenario: Scenario | None, calibrations: Calibrations) -> SessionMetadata:
     plan = yaml.safe_dump(job.plan.model_dump(mode="json"), sort_keys=False)
     python = ".".join(str(part) for part in sys.version_info[:3])
     return SessionMetadata(
         robot_file=job.robot_file.text,
         urdf=job.robot_file.urdf_path.read_text(encoding="utf-8"),
-        calibration=load_calibrations(job.robot_file).text,
+        calibration=calibrations.text,
         scenario=scenario.public_yaml() if scenario else "",
         software_version=version("palpate"),
         seed=scenario.seed if scenario else None,

@@ -16,7 +16,7 @@ from calibration.force.weighing import read_weighing
 from estimation.data.import_options import parse_pairs
 from palpate import console
 from palpate.arm import calibration_run as calibrating
-from palpate.arm.calibration_setup import Bench, CalibrationJob, Stamp, open_recorded, wired
+from palpate.arm.calibration_setup import Bench, CalibrationJob, Stamp, open_recorded
 from palpate.arm.driver_packages import importable
 from palpate.arm.permission import Permission, ask_for_pose, ask_for_power, without_question
 from palpate.arm.robots import DEFAULT, find_robot
@@ -415,7 +415,11 @@ def _finish(  # noqa: PLR0917, what was found and where it goes
         f"  calibration: {{{calibration.kind}: {safe(_seen_from(path, robot_file.path.resolve().parent))}}}",
         soft_wrap=True,
     )
-    wire = " --wire" if wired(raw) else ""
+    wire = " --wire" if calibration.source == "emulated" else ""
+    if wire:
+        console.stderr().print(
+            "It is of emulated devices: with --wire it is used, on the arm itself refused."
+        )
     console.next_steps((f"palpate probe --robot {as_shell_word(robot)}{wire}", "probe with it"))
 
 

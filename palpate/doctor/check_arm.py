@@ -61,7 +61,7 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
     with ExitStack() as stack:
         clock, robot_file, hand = _set_up(check, stack)
         drivers = DriverCatalogue(_SIMULATED_DRIVERS, *check.drivers)
-        calibrations = load_calibrations(check.robot_file)  # of the devices that emulated ones stand for
+        calibrations = load_calibrations(check.robot_file, emulated=check.wired)
         body = RigidBody.of_robot(check.robot_file, calibrations)
 
         def make() -> Robot:

@@ -69,7 +69,11 @@ def gravity_base_m_s2(pitch_rad: float, roll_rad: float) -> tuple[float, float, 
 
 
 def load_calibrations(
-    robot_file: RobotFile, now_utc: datetime | None = None, leave_out: Collection[str] = ()
+    robot_file: RobotFile,
+    now_utc: datetime | None = None,
+    leave_out: Collection[str] = (),
+    *,
+    emulated: bool = False,
 ) -> Calibrations:
     """Those that the robot file names, each checked: it is of this robot and device, and has not expired.
 
@@ -77,9 +81,10 @@ def load_calibrations(
         robot_file: the robot; file names in its section `calibration` start from its folder.
         now_utc: the date to hold them against; None asks the machine's clock.
         leave_out: kinds to do without, such as the one that is being calibrated.
+        emulated: the devices are emulated ones; else a calibration of such says nothing of this robot.
 
     Raises:
-        InputError: a file is not valid, foreign, expired, or cannot be true of this arm.
+        InputError: a file is not valid, foreign, expired, of emulated devices, or cannot be true of this arm.
     """
     now_utc = now_utc or datetime.now(UTC)
     found: dict[str, Calibration] = {}
@@ -90,7 +95,7 @@ def load_calibrations(
             continue
         document = load_yaml(robot_file.resolve(name), MAX_BYTES)
         calibration = calibration_from(document)
-        if problem := _objection(calibration, kind, robot_file, now_utc):
+        if problem := _objection(calibration, kind, robot_file, now_utc, emulated=emulated):
             raise input_error(robot_file.document, ("calibration", kind), f"'{name}' {problem}")
         found[kind] = calibration
         texts.append(_under(kind, document.text))
@@ -113,12 +118,15 @@ def parse_calibrations(text: str, origin: str = "calibration") -> Calibrations:
     return Calibrations(**found, text=text)  # type: ignore[arg-type]
 
 
-def _objection(calibration: Calibration, kind: str, robot_file: RobotFile, now_utc: datetime) -> str | None:
+def _objection(
+    calibration: Calibration, kind: str, robot_file: RobotFile, now_utc: datetime, *, emulated: bool
+) -> str | None:
     """Why this calibration must not be used, in words, or None."""
     if calibration.kind != kind:
         return f"is a calibration of kind '{calibration.kind}'"
     return (
         _foreign(calibration, robot_file)
+        or (None if emulated else _not_of_real_devices(calibration))
         or _out_of_date(calibration, now_utc)
         or implausible(calibration, robot_file.limits)
     )
@@ -135,6 +143,15 @@ def _foreign(calibration: Calibration, robot_file: RobotFile) -> str | None:
         return f"was made with another URDF than '{robot_file.urdf}' is now; {_again(calibration)}"
     if isinstance(calibration, ForceCalibration) and calibration.reading_unit != "N":
         return f"is for readings in {calibration.reading_unit}, and the robot's driver gives N"
+    return None
+
+
+def _not_of_real_devices(calibration: Calibration) -> str | None:
+    """A simulated robot's devices are told apart by their drivers, emulated ones by nothing but this."""
+    if calibration.source == "emulated":
+        return f"was made with emulated devices (--wire), not with the robot's own; {_again(calibration)}"
+    if calibration.source is None:
+        return f"does not say whether real devices were read ('source'); {_again(calibration)}"
     return None
 
 

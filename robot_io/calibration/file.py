@@ -88,6 +88,8 @@ class Calibration(FileModel):
         kind: which of the four.
         robot: name of the robot in its robot file.
         device: driver and settings of what was calibrated, see `device_identity`.
+        source: what was read: real devices, a simulated robot's, or emulated ones behind real drivers. None:
+            it is not said, and no robot may use the calibration.
         urdf_sha256: of the URDF whose masses were taken as known; None where none were.
         made_utc: when.
         valid_until_utc: refused from then on.
@@ -103,6 +105,7 @@ class Calibration(FileModel):
     kind: str
     robot: _Text
     device: dict[str, object]
+    source: Literal["measured", "simulated", "emulated"] | None = None
     urdf_sha256: _Sha256 | None = None
     made_utc: _Date
     valid_until_utc: _Date

@@ -57,6 +57,7 @@ def calibration_of(kind: str, robot_file: RobotFile, **changes):
         "kind": kind,
         "robot": robot_file.name,
         "device": device_identity(robot_file, kind),
+        "source": "measured",
         "made_utc": MADE.isoformat(),
         "valid_until_utc": END.isoformat(),
         "software_version": "0.1.0",

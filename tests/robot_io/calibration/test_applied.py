@@ -102,6 +102,25 @@ def test_a_foreign_calibration_is_refused(tmp_path, kind, change, words):
         assert word in text
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_of_emulated_devices_is_for_emulated_devices_alone(tmp_path, kind):
+    robot_file = robot_with(tmp_path, kind, source="emulated")
+    with pytest.raises(InputError, match=rf"made with emulated devices .* palpate calibrate {kind}"):
+        load_calibrations(robot_file, NOW)
+    with pytest.raises(InputError, match="emulated devices"):
+        build_robot(robot_file, DriverCatalogue("tests.mock_robot"), SimulatedClock())
+    assert load_calibrations(robot_file, NOW, emulated=True).kinds == (kind,)
+
+
+def test_one_that_does_not_say_what_was_read_can_be_read_and_not_applied(tmp_path):
+    robot_file = robot_with(tmp_path, "force", source=None)
+    with pytest.raises(InputError, match="does not say whether real devices were read"):
+        load_calibrations(robot_file, NOW)
+    text = (tmp_path / "force.yaml").read_text()
+    assert "source" not in text
+    assert parse_calibrations("force:\n" + "".join(f"  {line}\n" for line in text.splitlines())).force
+
+
 def test_a_changed_setting_of_the_device_makes_it_foreign(tmp_path):
     robot_file = robot_with(tmp_path, "force")
     text = robot_file.path.read_text()
