@@ -27,7 +27,7 @@ from palpate.files import output_folder
 from palpate.findings.derived import folder_to_fill
 from palpate.findings.effect_library import EffectLibrary, library_with
 from palpate.findings.estimation_run import Material, load_material
-from palpate.findings.next_plan import plan_of, write_plan
+from palpate.findings.next_plan import plan_of, same_world, write_plan
 from palpate.findings.outcome import NAMES as OUTCOME
 from palpate.findings.outcome import write_json, write_outcome
 from palpate.findings.revisions import RevisionShelf
@@ -85,6 +85,7 @@ def command(  # noqa: PLR0917, one parameter an option
     subjects = channels_to_diagnose(known, channel, probed=probed)
     data = {"column": column, "unit": unit, "where": where, "context": context}
     typed = retyped(file, model=model, urdf=urdf, **data)
+    unjudged = channel is None and len(subjects) < len(known)
     library = library_with(effect)
     library.rehearse([subject.channel for subject in subjects])
     wanted = out is not None or apply or (material.session is not None and not as_json)
@@ -98,7 +99,7 @@ def command(  # noqa: PLR0917, one parameter an option
         _print(diagnosis)
     if folder is None:
         if not as_json:
-            _next(typed, typed, diagnosis, None, applied=apply)
+            _next(typed, typed, diagnosis, None, applied=apply, unjudged=unjudged)
         return
     write_json(diagnosis.model_dump(mode="json"), folder / RESULT)
     plan = _write_plan(material, diagnosis, folder)
@@ -111,7 +112,9 @@ def command(  # noqa: PLR0917, one parameter an option
     if not as_json:
         console.stdout().print()
         print_files({"result": folder / RESULT, **written})
-        _next(typed, retyped(file, folder=out, **data), diagnosis, plan, applied=apply)
+        again = _again(material, plan)
+        kept = retyped(file, folder=out, **data)
+        _next(typed, kept, diagnosis, again, applied=apply, unjudged=unjudged)
 
 
 def _print(diagnosis: Diagnosis) -> None:
@@ -156,7 +159,17 @@ def _write_plan(material: Material, diagnosis: Diagnosis, folder: Path) -> Path 
     return None
 
 
-def _next(typed: str, kept: str, diagnosis: Diagnosis, plan: Path | None, *, applied: bool) -> None:
+def _again(material: Material, plan: Path | None) -> str | None:
+    """The command that probes the same object by another plan; None where nobody knows it."""
+    if plan is None or material.session is None:
+        return None
+    world = same_world(material.session)
+    return None if world is None else f"palpate probe --experiment {path_typed(plan)} {world}".strip()
+
+
+def _next(
+    typed: str, kept: str, diagnosis: Diagnosis, again: str | None, *, applied: bool, unjudged: bool
+) -> None:
     steps = []
     missing = [found for found in diagnosis.channels if found.accepted]
     if missing and not applied:
@@ -165,9 +178,11 @@ def _next(typed: str, kept: str, diagnosis: Diagnosis, plan: Path | None, *, app
     if missing and applied:
         steps.append((f"palpate export {kept}", "the improved model as a simulated world"))
         steps.append((f"palpate revisions {kept}", "all stages, to go back to"))
-    if plan is not None:
+    if again is not None:
+        steps.append((again, "the experiment that would tell more"))
+    if unjudged:
         steps.append(
-            (f"palpate probe --experiment {path_typed(plan)}", "the experiment that would tell more")
+            (f"palpate diagnose {typed} --channel {ALL_CHANNELS}", "the arm's joints were not judged")
         )
     if any(found.verdict is Verdict.UNEXPLAINED for found in diagnosis.channels):
         steps.append(

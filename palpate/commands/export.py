@@ -80,6 +80,8 @@ def _revisions(material: Material, shelf: RevisionShelf, numbers: list[int] | No
         chosen = [revision for revision in newest if revision is not None]
     contacts = [channel.name for channel in material.channels if channel.kind is ChannelKind.CONTACT]
     if len(contacts) == 1 and not any(revision.channel in contacts for revision in chosen):
+        remark = "nothing was added to the contact's model yet: the base model is written as it is"
+        console.stderr().print(f"[yellow]{remark}[/yellow] (palpate diagnose --apply adds what is missing)")
         wish = Wish((), channel=contacts[0])
         chosen = [*grow(material, material.arm, shelf, library_with(None), wish).kept, *chosen]
     places = ["contact" if revision.channel in contacts else revision.channel for revision in chosen]

@@ -15,6 +15,7 @@ from palpate.words import shown as shown_path
 from palpate.words import significant
 
 SIGMAS_95 = 1.96
+_NO_FALL = 0.98  # of the error before
 
 
 def fall_sentence(story: Story) -> str:
@@ -25,9 +26,11 @@ def fall_sentence(story: Story) -> str:
     times = last.rmse / last.noise_floor if last.noise_floor > 0 else float("inf")
     ends = "down to the noise floor" if times < ALIKE else f"to {times:.1f} times the noise floor"
     color = "green" if times < ALIKE else "yellow"
+    whole = f"[bold]{name}[/bold] with [bold]{names}[/bold]: the error in held-out runs"
+    if last.rmse > _NO_FALL * first.rmse:
+        return f"{whole} [bold yellow]does not fall[/bold yellow]: from {first.rmse:.3g} to {last.rmse:.3g} {unit}."
     return (
-        f"[bold]{name}[/bold] with [bold]{names}[/bold]: the error in held-out runs falls from "
-        f"{first.rmse:.3g} to {last.rmse:.3g} {unit}, [bold {color}]{ends}[/bold {color}]."
+        f"{whole} falls from {first.rmse:.3g} to {last.rmse:.3g} {unit}, [bold {color}]{ends}[/bold {color}]."
     )
 
 
