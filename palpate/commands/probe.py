@@ -18,6 +18,7 @@ from palpate.arm.probing_run import ProbingJob, ProbingOutcome, online_estimator
 from palpate.arm.robots import DEFAULT, find_robot, shipped_robots
 from palpate.arm.wired import is_simulated, wires_in_words
 from palpate.files import existing_file, output_file
+from palpate.findings.next_plan import SEALED
 from palpate.text.progress import probing_progress
 from palpate.words import count, duration, safe, shown, typed
 from robot_io.errors import InputError
@@ -121,7 +122,7 @@ def _motion(robot_file: RobotFile, plan: ProbingPlan) -> str:
 def _command_line(arguments: list[str], hidden: str | None) -> str:
     """How the program was started; the session keeps it, so that it does not tell what is hidden."""
     line = " ".join(["palpate", *arguments])
-    return line if hidden in (None, "", RANDOM) else line.replace(str(hidden), "(sealed)")
+    return line if hidden in (None, "", RANDOM) else line.replace(str(hidden), SEALED)
 
 
 def _speeds(text: str) -> list[float]:
