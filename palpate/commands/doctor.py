@@ -11,7 +11,7 @@ from palpate.arm.driver_packages import importable
 from palpate.arm.robots import find_robot
 from palpate.arm.wired import is_simulated, wires_in_words
 from palpate.doctor import Finding, Level, examine_all
-from palpate.doctor.check_arm import ArmCheck, examine_arm
+from palpate.doctor.check_arm import NOT_POWERED, ArmCheck, examine_arm
 from palpate.doctor.hardware import memory_lock, real_time
 from palpate.words import as_shell_word, count, safe
 from robot_io.errors import InputError
@@ -21,7 +21,10 @@ MARKS = {
     Level.WARN: "[yellow]warn[/yellow]",
     Level.FAIL: "[bold red]fail[/bold red]",
 }
-QUESTION = "Power the arm now? Each joint moves by 3 degrees and back; then the torque goes off and it sinks."
+QUESTION = (
+    "Hands away from the arm. Power it now? Each joint moves by 3 degrees and back; then the torque goes off "
+    "and it sinks."
+)
 _SUBJECT_WIDTH = 20
 
 
@@ -43,7 +46,9 @@ def command(  # noqa: PLR0917, one parameter an option
     drivers: Annotated[
         list[str] | None, typer.Option(help="Python package with drivers of your own.", metavar="PACKAGE")
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before the arm gets power.")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="With --wire: do not ask before the arm gets power.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
     """Examine this machine; or with --robot an arm: limits, ports, devices, rates, and signs with --move.
@@ -60,10 +65,10 @@ def command(  # noqa: PLR0917, one parameter an option
     else:
         if not wire:
             _refuse({"--as-built": as_built}, "it is for emulated devices, with --wire")
-        if move and not yes and not sys.stdin.isatty():
-            raise InputError(
-                "--move: nobody is there to be asked; add --yes to power the arm without a question"
-            )
+            _refuse({"--yes": yes}, "a real arm gets power by the answer of somebody who stands at it")
+        if move and not yes and not _somebody_is_there():
+            remedy = "add --yes: its devices are emulated" if wire else "run it in a terminal at the arm"
+            raise InputError(f"--move: nobody is there to be asked; {remedy}")
         check = ArmCheck(
             find_robot(robot),
             wired=wire,
@@ -75,6 +80,9 @@ def command(  # noqa: PLR0917, one parameter an option
         findings = _examine(check, quiet=as_json)
         name = safe(check.robot_file.name)
         verdict = (f"'{name}' is well, as far as this shows", f"'{name}' must not be powered like this")
+        if NOT_POWERED in findings:
+            verdict = (f"'{name}' is not examined to the end", verdict[1])
+            move = False
     failed = any(finding.level is Level.FAIL for finding in findings)
     if as_json:
         console.print_json({"findings": [vars(finding) for finding in findings]})
@@ -84,6 +92,10 @@ def command(  # noqa: PLR0917, one parameter an option
             _next_steps(robot, wire=wire, move=move or is_simulated(check.robot_file), failed=failed)
     if failed:
         raise typer.Exit(1)
+
+
+def _somebody_is_there() -> bool:
+    return sys.stdin.isatty()
 
 
 def _refuse(options: Mapping[str, object], remedy: str) -> None:

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 from control.arm.rigid_body import RigidBody
 from palpate.arm.wired import DEFAULT_SCENARIO, emulate, is_simulated
+from palpate.doctor.clearance import count_down
 from palpate.doctor.devices import examine_devices
-from palpate.doctor.finding import Finding, Level, fail
+from palpate.doctor.finding import Finding, Level, fail, warn
 from palpate.doctor.hand import EmulatedHand, Hand, Person
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.nudge import examine_powered
@@ -25,6 +26,9 @@ from sim_backend.scenario import load_scenario
 
 _HELP = "see docs/hardware.md, 'First power-up'"
 _SIMULATED_DRIVERS = "sim_backend.drivers"
+NOT_POWERED = warn(
+    "drives", "not examined: the arm got no power", "palpate doctor --move, and a yes to its question"
+)
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,7 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
         if check.move:
             stages += [
                 lambda: _with_robot(make, lambda robot: examine_signs(robot, body, hand)),
-                lambda: _powered(make, robot_file, body, check.may_power),
+                lambda: _powered(make, robot_file, body, hand, check.may_power),
             ]
         for stage in stages:
             failed = False
@@ -124,7 +128,20 @@ def _with_robot(make: Callable[[], Robot], look: Callable[[Robot], Iterator[Find
 
 
 def _powered(
-    make: Callable[[], Robot], robot_file: RobotFile, body: RigidBody, may_power: Callable[[], bool]
+    make: Callable[[], Robot],
+    robot_file: RobotFile,
+    body: RigidBody,
+    hand: Hand,
+    may_power: Callable[[], bool],
 ) -> Iterator[Finding]:
-    if may_power():
-        yield from _with_robot(make, lambda robot: examine_powered(robot, robot_file, body))
+    if not may_power():
+        yield NOT_POWERED
+        return
+
+    def look(robot: Robot) -> Iterator[Finding]:
+        objections = list(count_down(robot, hand))
+        yield from objections
+        if not objections:
+            yield from examine_powered(robot, robot_file, body)
+
+    yield from _with_robot(make, look)

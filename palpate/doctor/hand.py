@@ -32,7 +32,15 @@ class Hand(ABC):
         return
 
     def rest(self) -> None:
-        """Let go."""
+        """Let the arm go back, and hold still."""
+        return
+
+    def leave(self) -> None:
+        """Take every hand off the arm."""
+        return
+
+    def count(self, left_s: int) -> None:
+        """So many seconds are left until the arm gets power."""
         return
 
 
@@ -49,6 +57,18 @@ class Person(Hand):
         """See `Hand.press`."""
         console.stderr().print(f"[bold]Press gently with a finger[/bold] {words}")
 
+    def rest(self) -> None:
+        """See `Hand.rest`."""
+        console.stderr().print("Let it go back, and hold still.")
+
+    def leave(self) -> None:
+        """See `Hand.leave`."""
+        console.stderr().print("[bold]Hands away from the arm[/bold]")
+
+    def count(self, left_s: int) -> None:
+        """See `Hand.count`."""
+        console.stderr().print(f"[bold]Hands away:[/bold] power in {left_s} s")
+
 
 class EmulatedHand(Hand):
     """Moves the simulated arm behind emulated devices, by its true angles.
@@ -64,15 +84,16 @@ class EmulatedHand(Hand):
         self._world = plant.world
         self._home_rad: FloatArray = np.array(robot_file.home_rad)
         self._joint: int | None = None
+        self._pressing = False
         self._away_m = self._world.truth().tip_position_world_m[2] - _AWAY_M
 
     def turn(self, joint: int, words: str) -> None:
         """See `Hand.turn`."""
-        self._joint = joint
+        self._joint, self._pressing = joint, False
 
     def press(self, words: str) -> None:
         """See `Hand.press`: the surface is brought up to the tool, which points down at home."""
-        self._joint = None
+        self._joint, self._pressing = None, True
 
     def go_on(self, elapsed_s: float) -> None:
         """See `Hand.go_on`."""
@@ -81,7 +102,10 @@ class EmulatedHand(Hand):
         if self._joint is not None:
             angles_rad[self._joint] += _TURN_RAD * min(1.0, elapsed_s / _TURN_S)
             self._world.place(angles_rad)
-            return
+        if self._pressing:
+            self._press(elapsed_s)
+
+    def _press(self, elapsed_s: float) -> None:
         law = self._world.object.law
         depth_m = _PRESS_N / getattr(law, "stiffness_n_m", 1e3) * min(1.0, elapsed_s / _PRESS_S)
         tip_m = self._world.truth().tip_position_world_m[2]
@@ -89,5 +113,6 @@ class EmulatedHand(Hand):
 
     def rest(self) -> None:
         """See `Hand.rest`."""
+        self._joint, self._pressing = None, False
         self._world.object.move_surface(self._away_m)
         self._world.place(self._home_rad)

@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from control.arm.rigid_body import RigidBody
-from palpate.doctor.finding import Finding, Level, fail, ok, warn
+from palpate.doctor.clearance import UNQUIET, hands_away, is_still, read_for, wait_until
+from palpate.doctor.finding import Finding, Level, fail, ok
 from palpate.doctor.hand import Hand
 from robot_io.robot import Robot
 from robot_io.types import FloatArray, Measurement, Status
@@ -29,13 +30,21 @@ def examine_signs(robot: Robot, body: RigidBody, hand: Hand) -> Iterator[Finding
         hand: who moves it.
     """
     for joint in range(robot.joint_count):
-        angles_rad = _read_for(robot, _START_S)[-1].joint_position_rad
+        if not wait_until(robot, hand, is_still):
+            yield UNQUIET
+            return
+        angles_rad = read_for(robot, _START_S)[-1].joint_position_rad
         hand.turn(joint, _in_words(body, angles_rad, joint))
         moved_rad = _watch(robot, hand, lambda m: m.joint_position_rad, _MOVED_RAD)
         yield _joint_finding(joint, moved_rad)
+    if not wait_until(robot, hand, is_still):
+        yield UNQUIET
+        return
+    rest_n = float(np.mean([m.force_n for m in read_for(robot, _START_S)]))
     hand.press("against the tip of the tool, towards the arm")
     pressed_n = _watch(robot, hand, lambda m: np.array([m.force_n]), _PRESSED_N)
     yield _force_finding(float(pressed_n[0]))
+    yield hands_away(robot, hand, rest_n)
 
 
 def _in_words(body: RigidBody, angles_rad: FloatArray, joint: int) -> str:
@@ -53,23 +62,14 @@ def _in_words(body: RigidBody, angles_rad: FloatArray, joint: int) -> str:
     return f"the tip goes {' and '.join(words)}"
 
 
-def _read_for(robot: Robot, duration_s: float) -> list[Measurement]:
-    measurements: list[Measurement] = []
-    end_s = robot.clock.now_s() + duration_s
-    while robot.clock.now_s() < end_s or not measurements:
-        robot.clock.sleep_until(robot.clock.now_s() + 1e-3)
-        measurements.append(robot.read(robot.clock.now_s() + 1e-3))
-    return measurements
-
-
 def _watch(robot: Robot, hand: Hand, amounts: Amounts, enough: float) -> FloatArray:
     """By how much each amount has changed once one has changed enough, or at the end of the patience."""
-    before: FloatArray = np.mean([amounts(m) for m in _read_for(robot, _START_S)], axis=0)
+    before: FloatArray = np.mean([amounts(m) for m in read_for(robot, _START_S)], axis=0)
     begun_s = robot.clock.now_s()
     change = np.zeros_like(before)
     while (elapsed_s := robot.clock.now_s() - begun_s) < hand.patience_s:
         hand.go_on(elapsed_s)
-        newest = _read_for(robot, 0.02)[-1]
+        newest = read_for(robot, 0.02)[-1]
         if max(newest.encoder_status, newest.force_status) < Status.FAULT:
             change = amounts(newest) - before
         if np.abs(change).max() >= enough:
@@ -97,7 +97,7 @@ def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:
 def _force_finding(pressed_n: float) -> Finding:
     subject, value = "sign of the force", f"{pressed_n:+.2f} N when pressed"
     if abs(pressed_n) < _PRESSED_N:
-        return warn(subject, f"{value}: too little to tell", "press harder; if it stays, check the sensor")
+        return fail(subject, f"{value}: too little to tell", "press harder; if it stays, check the sensor")
     if pressed_n < 0:
         return fail(subject, value, "change 'reversed' of the force sensor in the robot file")
     return ok(subject, value)

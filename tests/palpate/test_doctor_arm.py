@@ -8,6 +8,7 @@ import pytest
 from control.arm.rigid_body import RigidBody
 from palpate.doctor import Level, check_arm
 from palpate.doctor.check_arm import ArmCheck, examine_arm
+from palpate.doctor.hand import EmulatedHand, Person
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.ports import examine_ports
 from robot_io.robot_file import load_robot_file, parse_robot_file
@@ -66,7 +67,9 @@ def test_a_good_arm_passes_to_the_end_and_is_left_without_torque(path, plants):
 
 def test_nothing_is_powered_without_a_yes(plants):
     findings = examined(DYNAMIXEL, move=True, may_power=lambda: False)
-    assert findings[-1].subject == "sign of the force"
+    assert [finding.subject for finding in findings[-2:]] == ["hands away", "drives"]
+    assert findings[-1].level is Level.WARN
+    assert "not examined" in findings[-1].text
     assert not np.any(plants)
 
 
@@ -106,6 +109,102 @@ def test_a_reversed_force_sensor_is_found():
     built = changed(DYNAMIXEL, ("capacity_n: 100.0", "capacity_n: 100.0, reversed: true"))
     (found,) = failures(examined(DYNAMIXEL, as_built=built, move=True))
     assert found.subject == "sign of the force"
+
+
+class LazyHand(EmulatedHand):
+    """Turns when it is told to, and presses not at all."""
+
+    def press(self, words):
+        self.rest()
+
+
+class LastingHand(EmulatedHand):
+    """Stays on the tool when it is told to leave it."""
+
+    def rest(self):
+        if not self._pressing:
+            super().rest()
+
+
+class ReturningHand(EmulatedHand):
+    """Comes back while the seconds until the power are counted."""
+
+    def count(self, left_s):
+        if left_s == 1:
+            self.press("")
+            self.go_on(1.0)
+
+
+class ThoroughHand(EmulatedHand):
+    """Finishes a turn that has been seen long ago, and begins the next one only then."""
+
+    _unfinished, _turned, _next = 0, None, None
+
+    def turn(self, joint, words):
+        self._next = joint
+
+    def rest(self):
+        if self._pressing:
+            super().rest()
+            return
+        self._turned, self._unfinished, self._joint, self._next = self._joint, 25, None, None
+
+    def go_on(self, elapsed_s):
+        self._world.held = True
+        if self._unfinished:
+            self._unfinished -= 1
+            angles_rad = self._home_rad.copy()
+            if self._turned is not None:
+                angles_rad[self._turned] += 0.012 * self._unfinished
+            self._world.place(angles_rad)
+            return
+        if not self._pressing:
+            self._joint = self._next
+        super().go_on(elapsed_s)
+
+    def press(self, words):
+        super().press(words)
+        self._next = None
+
+
+def signs_by(hand, monkeypatch, **options):
+    monkeypatch.setattr(check_arm, "EmulatedHand", hand)
+    return examined(DYNAMIXEL, move=True, **options)
+
+
+def test_a_force_whose_sign_nobody_has_tried_gets_no_power(monkeypatch, plants):
+    (found,) = failures(signs_by(LazyHand, monkeypatch, may_power=lambda: pytest.fail("asked for power")))
+    assert found.subject == "sign of the force"
+    assert "too little" in found.text
+    assert not np.any(plants)
+
+
+def test_no_power_while_a_finger_is_on_the_tool(monkeypatch, plants):
+    (found,) = failures(signs_by(LastingHand, monkeypatch, may_power=lambda: pytest.fail("asked for power")))
+    assert found.subject == "hands away"
+    assert not np.any(plants)
+
+
+def test_a_touch_while_the_seconds_are_counted_keeps_the_power_off(monkeypatch, plants):
+    (found,) = failures(signs_by(ReturningHand, monkeypatch, may_power=lambda: True))
+    assert found.subject == "hands away"
+    assert "somebody touches" in found.text
+    assert not np.any(plants)
+
+
+def test_a_hand_that_finishes_its_turn_is_not_taken_for_the_next_joint(monkeypatch):
+    assert not failures(signs_by(ThoroughHand, monkeypatch))
+
+
+def test_a_person_is_told_when_to_let_go_and_when_to_stay_away(capsys):
+    person = Person()
+    person.rest()
+    person.leave()
+    person.count(3)
+    said = capsys.readouterr().err
+    assert "hold still" in said
+    assert "Hands away from the arm" in said
+    assert "power in 3 s" in said
 
 
 def test_swapped_drives_are_found():
@@ -190,6 +289,16 @@ def test_the_command_shows_lines_and_what_to_do_next():
     assert "palpate probe --robot" in result.stderr
 
 
+def test_a_no_to_power_is_not_called_well(monkeypatch):
+    monkeypatch.setattr("palpate.commands.doctor._somebody_is_there", lambda: True)
+    monkeypatch.setattr("typer.confirm", lambda question, **_: "Hands away" not in question)
+    result = run("doctor", "--robot", ODRIVE, "--wire", "--move")
+    assert "is not examined to the end" in result.stdout
+    assert "is well" not in result.stdout
+    assert "--wire --move" in result.stderr
+    assert "palpate probe" not in result.stderr
+
+
 def test_a_failure_is_exit_code_1_also_as_json():
     result = run("doctor", "--robot", DYNAMIXEL, "--json")  # no such port on this machine
     assert result.exit_code == 1
@@ -204,6 +313,8 @@ def test_a_failure_is_exit_code_1_also_as_json():
         (("--robot", "follower", "--wire"), "without wires"),
         (("--robot", DYNAMIXEL, "--as-built", DYNAMIXEL), "--wire"),
         (("--robot", DYNAMIXEL, "--as-built", ODRIVE, "--wire", "--move"), "--yes"),
+        (("--robot", DYNAMIXEL, "--move"), "terminal"),
+        (("--robot", DYNAMIXEL, "--move", "--yes"), "real arm"),
         (("--robot", "nobody.yaml"), "nobody.yaml"),
     ],
 )
