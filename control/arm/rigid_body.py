@@ -158,6 +158,16 @@ class RigidBody:
         model = self._model
         return frozen_array(model.lowerPositionLimit), frozen_array(model.upperPositionLimit)
 
+    @property
+    def torque_limits_nm(self) -> FloatArray:
+        """Largest torques of the URDF (its `effort`), shape (n,) [N m]."""
+        return frozen_array(self._model.effortLimit)
+
+    @property
+    def velocity_limits_rad_s(self) -> FloatArray:
+        """Largest speeds of the URDF, shape (n,) [rad/s]."""
+        return frozen_array(self._model.velocityLimit)
+
     def tip_motion(self, position_rad: FloatArray, velocity_rad_s: FloatArray) -> TipMotion:
         """Forward kinematics of positions (n,) [rad] and velocities (n,) [rad/s]."""
         model, data = self._model, self._data

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from control.arm.rigid_body import RigidBody
-from palpate.doctor.finding import Finding, Level, ok, warn
+from palpate.doctor.finding import Finding, Level, fail, ok, warn
+from palpate.doctor.loose_limits import examine_loose_limits
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray
 
@@ -15,7 +16,11 @@ _LONG_WATCHDOG_S = 0.2
 
 
 def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
-    """Torque against weight, the brake against inertia, ages against the rate, watchdogs."""
+    """Torque against weight, the brake against inertia, ages against the rate, watchdogs, loose limits."""
+    if joint := body.weightless_joint:
+        remedy = "give its links an <inertial>: the weight is held up by it, also in a stop"
+        yield fail("masses", f"{robot_file.urdf_path}: joint '{joint}' moves no mass", remedy)
+        return
     poses = _poses(robot_file)
     yield _weight(robot_file, body, poses)
     yield _brake(robot_file, body, poses)
@@ -24,6 +29,8 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
         watchdog_s = bus.settings.get("watchdog_s")
         if isinstance(watchdog_s, int | float):
             yield _watchdog(f"watchdog of {name}", watchdog_s, robot_file)
+    heaviest_nm = float(np.abs([body.gravity(pose) for pose in poses]).max())
+    yield from examine_loose_limits(robot_file, body, heaviest_nm)
 
 
 def _poses(robot_file: RobotFile) -> FloatArray:
@@ -60,6 +67,8 @@ def _brake(robot_file: RobotFile, body: RigidBody, poses: FloatArray) -> Finding
     value = f"damping {_listed(damping)} N m s/rad, steady up to {_listed(most)}"
     if (damping > most).any():
         return warn("braking", value, "lower safe_state.damping_nms_rad, or the brake shakes the arm")
+    if (damping == 0).any():
+        return warn("braking", value, "a joint without damping is not braked in a stop: give it some")
     return ok("braking", value)
 
 

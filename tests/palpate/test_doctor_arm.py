@@ -1,6 +1,7 @@
 """The doctor at an arm: what is wired wrongly is found and named, and nothing is left powered."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -273,6 +274,63 @@ def test_limits_are_held_against_the_arms_own_masses():
         for robot_file in (load_robot_file(DYNAMIXEL), weak, harsh, hasty)
     ]
     assert worst == [[], ["torque limits"], ["braking"], ["age limits"]]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "subject", "level", "words"),
+    [
+        ("force_n: 40.0", "force_n: 200.0", "force limit", Level.FAIL, "200 N, the sensor ends at 100 N"),
+        ("capacity_n: 100.0", "capacity_n: 30.0", "force limit", Level.FAIL, "ends at 30 N"),
+        ("torque_nm: [8.0,", "torque_nm: [80.0,", "highest torques", Level.FAIL, "80, 8, 3 N m"),
+        ("velocity_rad_s: [4.0,", "velocity_rad_s: [99.0,", "velocity limits", Level.FAIL, "99"),
+        ("[3.05, 2.75,", "[3.05, 6.0,", "position limits", Level.FAIL, "joint 2"),
+        ("position_min_rad: [-1.25,", "position_min_rad: [-1.5,", "position limits", Level.FAIL, "-1.5 to"),
+        ("tracking_rad: [0.1,", "tracking_rad: [2.0,", "tracking limits", Level.FAIL, "2 rad"),
+        ("tracking_rad: [0.1,", "tracking_rad: [0.5,", "tracking limits", Level.WARN, "0.5 rad"),
+        ("[0.5, 0.25, 0.03]", "[0.0, 0.0, 0.0]", "braking", Level.WARN, "damping 0, 0, 0"),
+    ],
+)  # fmt: skip
+def test_a_limit_that_is_none_is_found(old, new, subject, level, words):
+    robot_file = changed(DYNAMIXEL, (old, new))
+    (found,) = (
+        finding
+        for finding in examine_limits(robot_file, RigidBody.of_robot(robot_file))
+        if finding.level is not Level.OK
+    )
+    assert (found.subject, found.level) == (subject, level)
+    assert words in found.text
+    assert found.remedy
+
+
+def test_much_more_torque_than_the_weight_needs_is_found(tmp_path):
+    urdf = (ROBOTS / "dynamixel_3dof.urdf").read_text(encoding="utf-8").replace('effort="', 'effort="10')
+    (tmp_path / "strong.urdf").write_text(urdf, encoding="utf-8")
+    strong = changed(
+        DYNAMIXEL,
+        ("urdf: dynamixel_3dof.urdf", f"urdf: {tmp_path / 'strong.urdf'}"),
+        ("torque_nm: [8.0, 8.0,", "torque_nm: [80.0, 80.0,"),
+    )
+    found = [f for f in examine_limits(strong, RigidBody.of_robot(strong)) if f.level is not Level.OK]
+    assert [finding.subject for finding in found] == ["highest torques"]
+    assert "the weight needs 1.99 N m" in found[0].text
+
+
+@pytest.mark.parametrize("path", [ODRIVE, CUBEMARS], ids=lambda path: path.stem)
+def test_the_capacity_is_known_of_each_shipped_sensor(path):
+    robot_file = changed(path, ("force_n: 60.0", "force_n: 100.0"))
+    found = [f for f in examine_limits(robot_file, RigidBody.of_robot(robot_file)) if f.level is Level.FAIL]
+    assert [finding.subject for finding in found] == ["force limit"]
+
+
+def test_an_arm_without_masses_is_found(tmp_path):
+    urdf = (ROBOTS / "dynamixel_3dof.urdf").read_text(encoding="utf-8")
+    (tmp_path / "light.urdf").write_text(
+        re.sub(r"<inertial>.*?</inertial>", "", urdf, flags=re.DOTALL), encoding="utf-8"
+    )
+    light = changed(DYNAMIXEL, ("urdf: dynamixel_3dof.urdf", f"urdf: {tmp_path / 'light.urdf'}"))
+    (found,) = examine_limits(light, RigidBody.of_robot(light))
+    assert found.level is Level.FAIL
+    assert "moves no mass" in found.text
 
 
 def test_a_port_that_is_not_there_is_a_failure_with_a_remedy():
