@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from palpate import console
 from palpate.words import safe, significant
-from robot_io.calibration import Calibration, Quantities, Quantity
+from robot_io.calibration import Calibration, Quantities, Quantity, doubtful
 
 
 def print_calibration(calibration: Calibration, remarks: list[str]) -> None:
@@ -22,6 +22,8 @@ def print_calibration(calibration: Calibration, remarks: list[str]) -> None:
         for row in _rows(name, quantity):
             table.add_row(*(f"[dim]{cell}[/dim]" for cell in row), "[dim]found, not applied[/dim]")
     out.print(table)
+    if doubt := doubtful(calibration):
+        out.print(f"[bold red]look twice:[/bold red] {safe(doubt)}", soft_wrap=True)
     for remark in remarks:
         out.print(f"[yellow]{safe(remark)}[/yellow]")
 

@@ -16,6 +16,7 @@ from robot_io.calibration.file import (
     parse_calibration,
 )
 from robot_io.calibration.identity import device_identity, urdf_sha256
+from robot_io.calibration.plausible import doubtful
 
 __all__ = [
     "CALIBRATION_KINDS",
@@ -31,6 +32,7 @@ __all__ = [
     "RawData",
     "TorqueCalibration",
     "device_identity",
+    "doubtful",
     "load_calibration",
     "load_calibrations",
     "parse_calibration",

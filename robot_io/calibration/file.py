@@ -17,6 +17,7 @@ from robot_io.safe_yaml import YamlDocument, load_yaml, parse_yaml
 
 MAX_BYTES = 64 * 1024
 MOST_JOINTS = 32
+_SCALES = (0.5, 2.0)  # of readings in N
 _Text = Annotated[str, Field(min_length=1, max_length=200)]
 _Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
@@ -159,7 +160,8 @@ class ForceCalibration(Calibration):
 
     Attributes:
         reading_unit: of what was read; a robot's driver reads N.
-        values: see `ForceValues`; a scale that turns the sign round is refused.
+        values: see `ForceValues`; a scale that turns the sign round is refused, and for readings in N one
+            that is off by more than a factor of two: the sensor's own setting is wrong then.
     """
 
     kind: Literal["force"]
@@ -172,8 +174,12 @@ class ForceCalibration(Calibration):
         _expect_units(self.values, {"zero": unit, "scale": f"N/{unit}", "curvature": f"N/{unit}^2"})
         if not self.values.scale.value > 0.0:
             raise ValueError("values.scale: must be positive; turn the sign round in the driver's settings")
-        if unit == "N":
-            _expect_range("scale", (self.values.scale.value,), 0.1, 10.0)
+        if unit == "N" and not _SCALES[0] <= self.values.scale.value <= _SCALES[1]:
+            raise ValueError(
+                f"values.scale: must be within {_SCALES[0]:g} and {_SCALES[1]:g} (is "
+                f"{self.values.scale.value:.3g}); farther off, put the driver's own setting right, such as "
+                "capacity_n, and see that the weights are those that were said"
+            )
         return self
 
 

@@ -3,12 +3,13 @@
 A wrong one must not hide from the guard what the guard is there for, nor tell a drive more than it may give.
 """
 
-from robot_io.calibration.file import Calibration, ForceCalibration, TorqueCalibration
+from robot_io.calibration.file import Calibration, EncoderCalibration, ForceCalibration, TorqueCalibration
 from robot_io.limits import Limits
 
 _ZERO_SHARE = 0.5  # of the force limit, that a sensor may show with nothing on it
 _SLOPE_SHARE = 0.5  # of the scale, that must be left wherever the guard has to see the force grow
 _OFFSET_SHARE = 0.2  # of a torque limit
+_LARGE_ZERO_RAD = 0.2
 
 
 def implausible(calibration: Calibration, limits: Limits) -> str | None:
@@ -18,6 +19,26 @@ def implausible(calibration: Calibration, limits: Limits) -> str | None:
     if isinstance(calibration, TorqueCalibration):
         return _torque(calibration, limits)
     return None
+
+
+def doubtful(calibration: Calibration) -> str | None:
+    """What a person must look at before this calibration is used, in words, or None; it is not refused.
+
+    Zeros can be anywhere. But a wrong one sends the arm where nobody expects it, and when a zero is far off,
+    then more often the pose or the stop was another than was said.
+    """
+    if not isinstance(calibration, EncoderCalibration):
+        return None
+    offsets = enumerate(calibration.values.offset.value, 1)
+    far = [
+        f"joint {joint} by {offset:+.3g} rad" for joint, offset in offsets if abs(offset) > _LARGE_ZERO_RAD
+    ]
+    if not far:
+        return None
+    return (
+        f"the zero of {', '.join(far)}: that is far. Was the arm really where it was said to be? "
+        "With a wrong zero it moves to other places than its limits say"
+    )
 
 
 def _force(calibration: ForceCalibration, limit_n: float) -> str | None:

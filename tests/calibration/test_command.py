@@ -60,6 +60,18 @@ def test_a_pose_gives_zeros_and_nothing_moves(tmp_path):
     assert "palpate probe --robot follower" in result.stderr
 
 
+def test_a_zero_that_is_far_off_is_pointed_at(tmp_path):
+    options = ("--pose", "1.5,1.5,1.5", "-o", tmp_path / "p.yaml", "--session", tmp_path / "p.mcap")
+    result = run("calibrate", "encoder", *options)
+    assert result.exit_code == 0, result.stderr
+    assert "look twice" in result.stdout
+    offsets = load_calibration(tmp_path / "p.yaml").values.offset.value
+    for joint, offset in enumerate(offsets, 1):
+        assert (f"joint {joint} by" in result.stdout) == (abs(offset) > 0.2)
+    near = ("--pose", "home", "-o", tmp_path / "n.yaml", "--session", tmp_path / "n.mcap")
+    assert "look twice" not in run("calibrate", "encoder", *near).stdout
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
