@@ -33,6 +33,7 @@ SILENT_S = 0.2  # looked at the drives for so long after the end
 PLAN = ProbingPlan(speeds_m_s=(0.12,), hold_s=0.1, free_air_s=0.1)
 STEP_BACK_S = 0.02
 HELD_UP_S = 0.5
+NO_TORQUE_NM = 0.02  # zero on an MIT motor's wire is half a step off
 REQUESTED = "stopped on request"  # by the rig, as nothing else has stopped the arm
 
 
@@ -197,7 +198,7 @@ class Rig:
     # What came of it.
 
     def _watch_drives(self, time_s: float) -> None:
-        if np.abs(self.bench.drive_torque_nm).max() > 0.02:  # zero on an MIT motor's wire is half a step off
+        if np.abs(self.bench.drive_torque_nm).max() > NO_TORQUE_NM:
             self._torque_until_s = time_s
 
     def _close_log(self, result: LoopResult | None) -> str:

@@ -7,16 +7,18 @@ import sys
 import time
 from contextlib import suppress
 
+import numpy as np
 import pytest
 
 from robot_io.errors import DeviceError
 from robot_io.session import Session
 from tests.wire.fault_matrix.document import DOCUMENT, document
-from tests.wire.fault_matrix.rig import SESSION, TICK_S, Rig
+from tests.wire.fault_matrix.rig import HELD_UP_S, NO_TORQUE_NM, SESSION, TICK_S, Rig
 from tests.wire.fault_matrix.rows import MOVING_S, Program, Row, rows
 from tests.wire.parts import ROOT
 
 ROWS = tuple(rows())
+WATCHDOG_MS = 102.0  # the slowest, as in the rows of a program that is killed
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.label)
@@ -39,6 +41,28 @@ def test_a_fault_ends_as_the_matrix_says(row: Row, tmp_path):
         assert seen.torque_off_ms <= row.off_ms
     if row.fault is not Program.DISK_FULL:
         assert seen.last_tick_s >= row.at_s - TICK_S
+
+
+@pytest.mark.parametrize("family", ["dynamixel", "odrive", "mit"])
+def test_while_the_program_is_held_up_the_watchdogs_let_go(family, tmp_path):
+    row = next(row for row in ROWS if row.family == family and row.fault is Program.HELD_UP)
+    rig = Rig(row, tmp_path)
+    driven_ms = []
+
+    def watch(time_s):
+        if time_s > row.at_s and np.abs(rig.bench.drive_torque_nm).max() > NO_TORQUE_NM:
+            driven_ms.append(1e3 * (time_s - row.at_s))
+
+    rig.clock.subscribe(watch)
+    try:
+        rig.run()
+    finally:
+        with suppress(DeviceError):
+            rig.bench.robot.close()
+        rig.bench.arm.bench.close()
+    after_the_watchdog = [at_ms for at_ms in driven_ms if at_ms > WATCHDOG_MS]
+    assert not [at_ms for at_ms in after_the_watchdog if at_ms < 1e3 * HELD_UP_S]
+    assert len(after_the_watchdog) <= 2  # the command that was held up, where no watchdog latches
 
 
 PROGRAM = """
