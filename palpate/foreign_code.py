@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from robot_io.errors import InputError
+from robot_io.raised import in_words
 
 
 @contextmanager
@@ -21,4 +22,4 @@ def foreign_code(where: str) -> Iterator[None]:
     except (KeyboardInterrupt, InputError):
         raise
     except BaseException as error:
-        raise InputError(f"{where}: {type(error).__name__}: {error}") from error
+        raise InputError(f"{where}: {in_words(error)}") from error

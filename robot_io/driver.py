@@ -2,13 +2,15 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from pydantic import BaseModel
 
 from robot_io.clock import Clock
+from robot_io.errors import PalpateError
 from robot_io.file_model import input_error, validate
 from robot_io.interfaces import Bus, Component, ForceSensor, JointEncoder, JointTorque
+from robot_io.raised import in_words
 from robot_io.registry import Registry
 from robot_io.robot_file import RobotFile
 from robot_io.safe_yaml import KeyPath
@@ -80,6 +82,21 @@ class DriverCatalogue:
         self.torque = Registry("torque driver", JointTorque, *names)  # type: ignore[type-abstract]
         self.force = Registry("force sensor driver", ForceSensor, *names)  # type: ignore[type-abstract]
 
+    def check_names(self, robot_file: RobotFile) -> None:
+        """Refuse a robot file that names a driver which is not here.
+
+        Raises:
+            InputError: with file, line, key, value and the valid choices.
+        """
+        named: list[tuple[KeyPath, Registry[Any], str]] = [
+            *((("buses", name), self.bus, bus.driver) for name, bus in robot_file.buses.items()),
+            (("encoder",), self.encoder, robot_file.encoder.driver),
+            (("torque",), self.torque, robot_file.torque.driver),
+            (("force",), self.force, robot_file.force.driver),
+        ]
+        for section, registry, driver in named:
+            _check_name(registry, driver, robot_file, section)
+
 
 def make_driver(
     registry: Registry[ComponentType], driver: str, settings: Mapping[str, object], context: DriverContext
@@ -87,10 +104,21 @@ def make_driver(
     """Make the driver that the robot file names in `context.section`.
 
     Raises:
-        InputError: no driver has this name, or its settings are not valid.
+        InputError: no driver has this name, its settings are not valid, or its own code fails.
     """
-    if driver not in registry:
-        problem = registry.unknown(driver)
-        raise input_error(context.robot_file.document, (*context.section, "driver"), problem)
+    _check_name(registry, driver, context.robot_file, context.section)
     make = cast("Callable[[Mapping[str, object], DriverContext], ComponentType]", registry[driver])
-    return make(settings, context)
+    try:
+        return make(settings, context)
+    except PalpateError:
+        raise
+    except Exception as error:
+        problem = f"the driver cannot be made, {in_words(error)}"
+        raise input_error(
+            context.robot_file.document, (*context.section, "driver"), problem, driver
+        ) from error
+
+
+def _check_name(registry: Registry[Any], driver: str, robot_file: RobotFile, section: KeyPath) -> None:
+    if driver not in registry:
+        raise input_error(robot_file.document, (*section, "driver"), registry.unknown(driver))

@@ -14,17 +14,28 @@ def importable(packages: list[str]) -> tuple[str, ...]:
         InputError: one is not found, fails, or holds no driver.
     """
     for package in packages:
-        try:
-            found = importlib.util.find_spec(package)
-        except (ImportError, ValueError):
-            found = None
-        if found is None:
+        if package.endswith(".py"):
+            raise InputError(f"--drivers {package}: give its name without .py (and its folder in PYTHONPATH)")
+        if not _is_there(package):
             raise InputError(f"--drivers {package}: Python finds no such package (see PYTHONPATH)")
         with foreign_code(f"--drivers {package}"):
             own = _number_of_drivers(DriverCatalogue(package)) - _number_of_drivers(DriverCatalogue())
         if not own:
             raise InputError(f"--drivers {package}: holds no driver (docs/hardware.md says what one is)")
     return tuple(packages)
+
+
+def _is_there(package: str) -> bool:
+    """Whether Python finds it; the package around it is run for that."""
+    with foreign_code(f"--drivers {package}"):
+        try:
+            return importlib.util.find_spec(package) is not None
+        except ModuleNotFoundError as error:
+            if error.name and f"{package}.".startswith(f"{error.name}."):
+                return False
+            raise
+        except ValueError:
+            return False
 
 
 def _number_of_drivers(drivers: DriverCatalogue) -> int:

@@ -19,6 +19,7 @@ from robot_io.calibration import load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError, PalpateError
+from robot_io.raised import in_words
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
 from sim_backend.emulators.faults import Faults
@@ -63,8 +64,9 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
         InputError: the robot file names what does not exist, or cannot be emulated or moved by hand.
     """
     with ExitStack() as stack:
-        clock, robot_file, hand = _set_up(check, stack)
         drivers = DriverCatalogue(_SIMULATED_DRIVERS, *check.drivers)
+        drivers.check_names(check.robot_file)
+        clock, robot_file, hand = _set_up(check, stack)
         calibrations = load_calibrations(check.robot_file, emulated=check.wired)
         body = RigidBody.of_robot(check.robot_file, calibrations)
 
@@ -125,6 +127,8 @@ def _with_robot(make: Callable[[], Robot], look: Callable[[Robot], Iterator[Find
         raise
     except PalpateError as error:
         yield fail("arm", str(error), _HELP)
+    except Exception as error:  # a driver of somebody's own may fail with anything: that is a finding
+        yield fail("arm", in_words(error), "correct the driver")
 
 
 def _powered(

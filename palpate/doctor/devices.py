@@ -3,10 +3,11 @@
 from collections.abc import Iterator, Set
 
 from palpate.doctor.finding import Finding, Level, fail
-from robot_io.errors import DeviceError
+from robot_io.errors import DeviceError, PalpateError
 from robot_io.examination import Examinable, Observation, Verdict
 from robot_io.interfaces import Component
 from robot_io.lifecycle import undo_all
+from robot_io.raised import in_words
 from robot_io.robot import Robot
 from robot_io.robot_file import RobotFile
 
@@ -45,16 +46,20 @@ def _examine(label: str, component: Component) -> Iterator[Finding]:
     observations: tuple[Observation, ...] = ()
     try:
         component.configure()
-    except DeviceError as error:
-        problem = str(error)
+    except Exception as error:  # a driver of somebody's own may fail with anything: that is a finding
+        problem = _in_words(error)
     if isinstance(component, Examinable):
         try:
             observations = component.examine()
-        except DeviceError as error:
-            problem = problem or str(error)
+        except Exception as error:
+            problem = problem or _in_words(error)
     if problem and not any(seen.verdict is Verdict.FAIL for seen in observations):
         yield fail(label, problem, _REMEDY)
     yield from map(_finding, observations)
+
+
+def _in_words(error: Exception) -> str:
+    return str(error) if isinstance(error, PalpateError) else f"its driver fails, {in_words(error)}"
 
 
 def _finding(seen: Observation) -> Finding:

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from robot_io.calibration.file import EncoderCalibration, ForceCalibration, Quantities, TorqueCalibration
+from robot_io.examination import Examinable, Observation
 from robot_io.interfaces import Component, ForceSensor, JointEncoder, JointTorque
 from robot_io.types import FloatArray, Reading, frozen_array
 
 
-class _Before(Component):
-    """Passes the lifecycle on to the driver."""
+class _Before(Component, Examinable):
+    """Passes on to the driver the lifecycle, and the question what is connected."""
 
     def __init__(self, driver: Component) -> None:
         self._driver = driver
@@ -29,6 +30,14 @@ class _Before(Component):
 
     def close(self) -> None:
         self._driver.close()
+
+    def examine(self) -> tuple[Observation, ...]:
+        """See `Examinable.examine`; a driver that cannot say is silent."""
+        return self._driver.examine() if isinstance(self._driver, Examinable) else ()
+
+    def tick_wire_s(self) -> float | None:
+        """See `Examinable.tick_wire_s`."""
+        return self._driver.tick_wire_s() if isinstance(self._driver, Examinable) else None
 
 
 class CalibratedForceSensor(_Before, ForceSensor):

@@ -113,7 +113,10 @@ def wire_up(
                 start_s,
                 isinstance(clock, SimulatedClock),
             )
-            wires[bus], reach = makers[section.driver]().make(request)
+            try:
+                wires[bus], reach = makers[section.driver]().make(request)
+            except InputError as error:
+                raise InputError(f"{robot_file.path}, bus '{bus}': {error}") from error
             data["buses"][bus].update(reach)  # type: ignore[index]
         text = "# Wired to emulated devices.\n" + yaml.safe_dump(data, sort_keys=False)
         wired_file = parse_robot_file(text, robot_file.path)

@@ -9,11 +9,13 @@ import pytest
 from control.arm.rigid_body import RigidBody
 from palpate.doctor import Level, check_arm
 from palpate.doctor.check_arm import ArmCheck, examine_arm
+from palpate.doctor.devices import examine_devices
 from palpate.doctor.hand import EmulatedHand, Person
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.ports import examine_ports
 from robot_io.robot_file import load_robot_file, parse_robot_file
 from sim_backend.emulators import Fault, FaultKind, Faults
+from tests.mock_robot import MockForce, build_mock_robot, mock_robot_file
 from tests.palpate.cli import ROOT, assert_refused, run
 
 ROBOTS = ROOT / "robots"
@@ -331,6 +333,72 @@ def test_an_arm_without_masses_is_found(tmp_path):
     (found,) = examine_limits(light, RigidBody.of_robot(light))
     assert found.level is Level.FAIL
     assert "moves no mass" in found.text
+
+
+OWN = """
+from typing import ClassVar
+from robot_io.interfaces import ForceSensor
+
+class BadGauge(ForceSensor):
+    name: ClassVar[str] = "bad_gauge"
+
+    def __init__(self, settings, context):
+        {made}
+
+    def read_force(self):
+        return None
+"""
+
+
+def with_own_driver(tmp_path, monkeypatch, made="pass"):
+    module = f"own_{abs(hash(made))}"
+    (tmp_path / f"{module}.py").write_text(OWN.format(made=made), encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    text = ODRIVE.read_text(encoding="utf-8").replace("driver: loadstar", "driver: bad_gauge")
+    (tmp_path / "own.yaml").write_text(
+        text.replace("urdf: ..", f"urdf: {ROOT}").replace("dh: ..", f"dh: {ROOT}")
+    )
+    return ("--robot", tmp_path / "own.yaml"), module
+
+
+def test_an_own_driver_that_cannot_be_made_is_bad_input_with_its_line(tmp_path, monkeypatch):
+    robot, module = with_own_driver(tmp_path, monkeypatch, made="1 / 0")
+    said = run("doctor", *robot, "--drivers", module)
+    assert said.exit_code == 2
+    for words in ("own.yaml line", "force.driver", "ZeroDivisionError", f"{module}.py, line 9"):
+        assert words in said.stderr
+
+
+def test_an_own_driver_that_fails_is_a_finding_with_its_line(monkeypatch):
+    def configure(_):
+        raise KeyError("rate")
+
+    monkeypatch.setattr(MockForce, "configure", configure)
+    (found,) = failures(examine_devices(build_mock_robot(), mock_robot_file(), set()))
+    assert found.subject == "force sensor"
+    assert "its driver fails, KeyError: 'rate' (test_doctor_arm.py, line " in found.text
+
+
+def test_an_own_sensor_cannot_be_emulated_and_a_driver_that_is_not_there_is_named_first(
+    tmp_path, monkeypatch
+):
+    robot, module = with_own_driver(tmp_path, monkeypatch)
+    assert_refused(
+        run("doctor", *robot, "--wire", "--drivers", module), "own.yaml", "load_cell", "without --wire"
+    )
+    assert_refused(
+        run("doctor", *robot, "--wire"), "own.yaml line", "no force sensor driver is called 'bad_gauge'"
+    )
+
+
+def test_packages_that_fail_say_where(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "falling").mkdir()
+    (tmp_path / "falling" / "__init__.py").write_text("\n1 / 0\n", encoding="utf-8")
+    asked = ("doctor", "--robot", ODRIVE, "--wire", "--drivers")
+    assert_refused(run(*asked, "falling.drivers"), "ZeroDivisionError", "falling/__init__.py, line 2")
+    assert_refused(run(*asked, "falling.py"), "without .py")
+    assert_refused(run(*asked, "no_such.drivers"), "no such package")
 
 
 def test_a_port_that_is_not_there_is_a_failure_with_a_remedy():

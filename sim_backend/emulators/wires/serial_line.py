@@ -80,4 +80,7 @@ class SerialWires(WireMaker):
             case "force_lines":
                 gauge = validate(_Gauge, settings)
                 return EmulatedGauge(gauge.capacity_n, sign=-1.0 if gauge.reversed else 1.0)
-        raise InputError(f"no emulated force sensor for '{request.force.driver}'")
+        raise InputError(
+            f"no sensor is emulated for the driver '{request.force.driver}'. Emulated: force_lines, "
+            "loadstar, lorenz; name one of them to try the rest of the arm, or do without --wire"
+        )

@@ -11,6 +11,8 @@ from robot_io.calibration.devices import CalibratedForceSensor
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError
+from robot_io.examination import Examinable, Observation
+from robot_io.interfaces import ForceSensor
 from robot_io.robot import build_robot
 from robot_io.robot_file import load_robot_file, parse_robot_file
 from robot_io.types import Command, Reading, Status
@@ -177,6 +179,28 @@ def test_the_strongest_curvature_that_is_taken_still_shows_the_guard_its_limit(t
         seen.append(abs(calibrated.read_force().value[0]))
     beyond = np.array(seen) >= limit_n
     assert beyond[np.argmax(beyond) :].all()  # once past the limit it stays past it
+
+
+def test_it_does_not_hide_who_the_sensor_is(tmp_path):
+    calibration = load_calibrations(robot_with(tmp_path, "force"), NOW).force
+
+    class Silent(ForceSensor):
+        def read_force(self):
+            return Reading(np.array([0.0]), 0.0, Status.OK)
+
+    class Named(Silent, Examinable):
+        def examine(self):
+            return (Observation("force sensor", "DI-1000"),)
+
+        def tick_wire_s(self):
+            return 1e-4
+
+    named, silent = CalibratedForceSensor(Named(), calibration), CalibratedForceSensor(Silent(), calibration)
+    assert isinstance(named, Examinable)
+    assert [seen.value for seen in named.examine()] == ["DI-1000"]
+    assert named.tick_wire_s() == 1e-4
+    assert silent.examine() == ()
+    assert silent.tick_wire_s() is None
 
 
 def test_no_drive_is_told_more_than_the_limit(tmp_path):
