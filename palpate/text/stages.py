@@ -28,7 +28,8 @@ def fall_sentence(story: Story) -> str:
     color = "green" if times < ALIKE else "yellow"
     whole = f"[bold]{name}[/bold] with [bold]{names}[/bold]: the error in held-out runs"
     if last.rmse > _NO_FALL * first.rmse:
-        return f"{whole} [bold yellow]does not fall[/bold yellow]: from {first.rmse:.3g} to {last.rmse:.3g} {unit}."
+        stays = "[bold yellow]does not fall[/bold yellow]"
+        return f"{whole} {stays}: from {first.rmse:.3g} to {last.rmse:.3g} {unit}."
     return (
         f"{whole} falls from {first.rmse:.3g} to {last.rmse:.3g} {unit}, [bold {color}]{ends}[/bold {color}]."
     )
