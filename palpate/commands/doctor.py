@@ -25,6 +25,7 @@ QUESTION = (
     "Hands away from the arm. Power it now? Each joint moves by 3 degrees and back; then the torque goes off "
     "and it sinks."
 )
+FIRST_PROBE = "--speed-mm-s 20 --force-limit-n 3"
 _SUBJECT_WIDTH = 20
 
 
@@ -82,14 +83,13 @@ def command(  # noqa: PLR0917, one parameter an option
         verdict = (f"'{name}' is well, as far as this shows", f"'{name}' must not be powered like this")
         if NOT_POWERED in findings:
             verdict = (f"'{name}' is not examined to the end", verdict[1])
-            move = False
     failed = any(finding.level is Level.FAIL for finding in findings)
     if as_json:
         console.print_json({"findings": [vars(finding) for finding in findings]})
     else:
         _print_verdict(findings, verdict[failed])
         if robot is not None:
-            _next_steps(robot, wire=wire, move=move or is_simulated(check.robot_file), failed=failed)
+            _next_steps(check, robot, as_built, findings)
     if failed:
         raise typer.Exit(1)
 
@@ -145,13 +145,22 @@ def _print_verdict(findings: list[Finding], verdict: str) -> None:
     console.stdout().print(f"{verdict}: {counts}")
 
 
-def _next_steps(robot: str, *, wire: bool, move: bool, failed: bool) -> None:
-    options = f"--robot {as_shell_word(robot)}" + (" --wire" if wire else "")
-    if failed:
-        console.next_steps((f"palpate doctor {options}", "once that is put right"))
-    elif not move:
-        console.next_steps(
-            (f"palpate doctor {options} --move", "signs of joints and force, by hand and by power")
-        )
+def _next_steps(check: ArmCheck, robot: str, as_built: str | None, findings: list[Finding]) -> None:
+    """What to type after this, with what was typed now."""
+    arm = f"--robot {as_shell_word(robot)}" + (" --wire" if check.wired else "")
+    own = "".join(f" --drivers {as_shell_word(package)}" for package in check.drivers)
+    again = f"palpate doctor {arm}" + (f" --as-built {as_shell_word(as_built)}" if as_built else "") + own
+    if any(finding.level is Level.FAIL for finding in findings):
+        console.next_steps((again + " --move" * check.move, "once that is put right"))
+    elif is_simulated(check.robot_file):
+        console.next_steps((f"palpate probe {arm}{own}", "a first probe"))
+    elif not check.move or NOT_POWERED in findings:
+        console.next_steps((f"{again} --move", "signs of joints and force, by hand and by power"))
     else:
-        console.next_steps((f"palpate probe {options} --speed-mm-s 20", "a first, slow probe"))
+        console.next_steps(
+            ("palpate calibrate --help", "zeros, force sensor, drives, base: before it touches anything"),
+            (
+                f"palpate probe {arm}{own} {FIRST_PROBE}",
+                "then a first probe, slow and soft, onto something soft",
+            ),
+        )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from control.arm.rigid_body import RigidBody
+from palpate.commands.doctor import FIRST_PROBE
 from palpate.doctor import Level, check_arm
 from palpate.doctor.check_arm import ArmCheck, examine_arm
 from palpate.doctor.devices import examine_devices
@@ -412,7 +413,10 @@ def test_the_command_shows_lines_and_what_to_do_next():
     assert result.exit_code == 0, result.stderr
     assert "ok    joint 2 (node 1)" in result.stdout
     assert "'odrive_3dof' is well" in result.stdout
-    assert "palpate probe --robot" in result.stderr
+    assert result.stderr.index("palpate calibrate") < result.stderr.index("palpate probe --robot")
+    page = (ROOT / "docs" / "hardware.md").read_text(encoding="utf-8")
+    assert FIRST_PROBE in result.stderr
+    assert FIRST_PROBE in page  # one advice
 
 
 def test_a_no_to_power_is_not_called_well(monkeypatch):
@@ -423,6 +427,27 @@ def test_a_no_to_power_is_not_called_well(monkeypatch):
     assert "is well" not in result.stdout
     assert "--wire --move" in result.stderr
     assert "palpate probe" not in result.stderr
+
+
+def next_lines(result):
+    return result.stderr.split("Next\n")[1]
+
+
+def test_what_was_typed_is_in_what_to_type_next(tmp_path, monkeypatch):
+    robot, module = with_own_driver(tmp_path, monkeypatch)
+    spaced = tmp_path / "my arm.yaml"
+    spaced.write_text(robot[1].read_text(encoding="utf-8").replace("bad_gauge", "loadstar"), encoding="utf-8")
+    typed = ("doctor", "--robot", spaced, "--wire", "--drivers", module, "--as-built")
+    same = f"doctor --robot '{spaced}' --wire --as-built '{spaced}' --drivers {module}"
+    assert f"{same} --move" in next_lines(run(*typed, spaced))
+    other = tmp_path / "other.yaml"
+    other.write_text(spaced.read_text(encoding="utf-8").replace("node_id: 1", "node_id: 9"), encoding="utf-8")
+    said = next_lines(run(*typed, other, "--move", "--yes"))
+    assert f"--as-built {other} --drivers {module} --move" in said
+
+
+def test_a_simulated_arm_is_probed_as_it_is():
+    assert "probe --robot follower  " in next_lines(run("doctor", "--robot", "follower"))
 
 
 def test_a_failure_is_exit_code_1_also_as_json():
