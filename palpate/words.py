@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.markup import escape
 
+_LEAST_P = 0.005  # of 199 surrogates and the measurement itself
 _MOST_DECIMALS = 6  # what would need more is written with a power of ten
 _MOST_DIGITS = 8
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
@@ -59,6 +60,11 @@ def _from_here(path: Path) -> str:
     except ValueError:
         text = str(path)
     return f"./{text}" if text.startswith("-") else text
+
+
+def chance(p_value: float) -> str:
+    """A p value from surrogates, of which there are too few to say less than this."""
+    return f"≤ {_LEAST_P:g}" if p_value <= _LEAST_P else f"{p_value:.3f}"
 
 
 def significant(value: float, uncertainty: float | None = None) -> str:

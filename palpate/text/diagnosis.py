@@ -11,7 +11,7 @@ from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.result import Fitted, ParameterValue
 from palpate import console
 from palpate.text.comparison import bar
-from palpate.words import significant
+from palpate.words import chance, significant
 
 SIGMAS_95 = 1.96
 MOST_RANKED = 5
@@ -122,7 +122,7 @@ def _steps(found: ChannelDiagnosis) -> Table:
         shown.add_row(
             f"+ [bold]{entry.effect}[/bold]",
             f"{entry.rmse_after:.4g}",
-            f"{entry.p_value:.3f}",
+            chance(entry.p_value),
             f"[{color}]{bar(entry.rmse_after / base)}[/{color}]",
             ", ".join(entry.confused_with) or "[dim]–[/dim]",
         )

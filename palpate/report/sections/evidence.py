@@ -8,6 +8,7 @@ from palpate.findings.story import Story
 from palpate.report import pieces
 from palpate.report.report import Report
 from palpate.report.section import Section
+from palpate.words import chance
 
 MOST = 8
 
@@ -40,7 +41,7 @@ def _channel(story: Story, found: ChannelDiagnosis) -> str:
             escape(entry.effect),
             f"{entry.rmse_before:.4g}",
             f"{entry.rmse_after:.4g}",
-            f"{entry.p_value:.3f}",
+            chance(entry.p_value),
             escape(", ".join(entry.confused_with)) or "&ndash;",
         ]
         for entry in found.accepted
