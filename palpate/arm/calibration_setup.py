@@ -22,6 +22,7 @@ from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates, tick_s
 from estimation.data.tick_check import checked_ticks
 from palpate.arm.hiding import hide
 from palpate.arm.new_session import new_session
+from palpate.arm.opened import opened
 from palpate.arm.permission import Permission, without_question
 from palpate.arm.probing_run import NOBODY, SIMULATED_DRIVERS, Watcher
 from palpate.arm.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
@@ -149,9 +150,8 @@ def calibration_bench(job: CalibrationJob, now_utc: datetime | None = None) -> I
         now_utc: wall clock; None asks the machine's.
 
     Raises:
-        InputError: robot file, calibrations and scenario do not fit each other, or the session cannot be
-            written.
-        DeviceError: a device could not be started.
+        InputError: robot file, calibrations and scenario do not fit each other, a device could not be opened,
+            or the session cannot be written.
     """
     now_utc = now_utc or datetime.now(UTC)
     robot_file = job.robot_file
@@ -169,7 +169,7 @@ def calibration_bench(job: CalibrationJob, now_utc: datetime | None = None) -> I
         robot, scenario, world = _set_up(job, clock, calibrations, stack)
         if not job.simulated:
             job.permission()
-        stack.enter_context(robot)
+        stack.enter_context(opened(robot, job.robot_file))
         session = stack.enter_context(
             new_session(
                 job.session,

@@ -25,6 +25,7 @@ from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator
 from palpate.arm.hiding import hide
 from palpate.arm.new_session import new_session
+from palpate.arm.opened import opened
 from palpate.arm.permission import Permission, without_question
 from palpate.arm.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
 from palpate.words import count
@@ -134,8 +135,7 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
 
     Raises:
         InputError: robot file, plan and scenario do not fit each other, or the session cannot be written;
-            nothing has moved then, and no session is left.
-        DeviceError: a device could not be started.
+            nothing has moved then, and no session is left. Or a device could not be opened.
     """
     _check_plan(job.plan, job.robot_file)
     simulated = job.wired or is_simulated(job.robot_file)
@@ -148,7 +148,7 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
         robot, scenario = _set_up(job, clock, calibrations, stack)
         if not simulated:
             job.permission()
-        stack.enter_context(robot)
+        stack.enter_context(opened(robot, job.robot_file))
         session = stack.enter_context(
             new_session(
                 job.session,

@@ -112,10 +112,23 @@ def _stream_table(data: dict[str, Any]) -> Any:  # noqa: ANN401, rich's table
     return table
 
 
+def _start_s(session: Session) -> float:
+    """When the session begins on its own clock, which on a real arm has run since the machine was started."""
+    firsts = [
+        float(session.samples(name)["time_s"][0]) for name in session.stream_names if _any(session, name)
+    ]
+    return min([*firsts, *(event.time_s for event in session.events)], default=0.0)
+
+
+def _any(session: Session, name: str) -> bool:
+    return len(session.samples(name)) > 0
+
+
 def _event_table(session: Session) -> Any:  # noqa: ANN401, rich's table
     table = console.table("Events", "time", "kind", "what", right=("time",))
+    start_s = _start_s(session)
     for event in session.events[:MOST_EVENTS]:
-        table.add_row(f"{event.time_s:.3f} s", safe(event.kind), safe(event.text))
+        table.add_row(f"{event.time_s - start_s:.3f} s", safe(event.kind), safe(event.text))
     if len(session.events) > MOST_EVENTS:
         table.add_row("", "", f"... and {len(session.events) - MOST_EVENTS} more (see --json)")
     return table

@@ -140,7 +140,10 @@ def _speeds(text: str) -> list[float]:
 
 def _plan(experiment: Path | None, changes: dict[str, Any]) -> ProbingPlan:
     plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else ProbingPlan()
-    return validate(ProbingPlan, plan.model_dump() | changes)
+    try:
+        return validate(ProbingPlan, plan.model_dump() | changes)
+    except InputError as error:  # of plan and options together
+        raise InputError(f"probing plan: {str(error).removeprefix('the file: ')}") from error
 
 
 def _default_session(robot_file: RobotFile) -> Path:
@@ -197,11 +200,19 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
         out.print(f"  [yellow]{safe(failure)}[/yellow]")
     if not loop.is_clean:
         out.print(f"  [yellow]{safe(loop.one_line())}[/yellow]")
+    if stuck := loop.outcome is Outcome.TRIPPED and loop.ticks == 0:
+        out.print(
+            "  nothing has moved: put right what is said above (a joint that is beyond its limits by hand, "
+            "without power), and start again"
+        )
     session = typed(outcome.session)
     out.print(f"written: [bold]{shown(outcome.session)}[/bold]", soft_wrap=True)
     if outcome.sealed:
         reveal = f"to open it: palpate reveal {escape(session)}"
         out.print(f"sealed:  [bold]{shown(outcome.sealed)}[/bold] ({reveal})", soft_wrap=True)
+    if stuck:
+        console.next_steps((f"palpate info {session}", "what is in the file"))
+        return
     console.next_steps(
         (f"palpate estimate {session}", "stiffness and damping with their intervals"),
         (f"palpate inspect {session}", "see it in Rerun"),

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from robot_io.session import Event, SessionMetadata, write_session
 from tests.palpate import synthetic
 from tests.palpate.cli import assert_refused, run
 from tests.palpate.sessions import synthetic_session
@@ -52,3 +53,13 @@ def test_what_is_no_session_is_refused(tmp_path, content):
 
 def test_a_directory_is_refused(tmp_path):
     assert_refused(run("info", tmp_path), "is a directory")
+
+
+def test_events_are_told_from_the_start_and_not_from_the_machines(tmp_path):
+    path = tmp_path / "real.mcap"
+    events = [Event(50_000.25, "start", "it begins", None), Event(50_001.75, "trip", "it stops", None)]
+    write_session(path, [], SessionMetadata(), events)
+    said = run("info", path).stdout
+    assert "0.000 s" in said
+    assert "1.500 s" in said
+    assert json.loads(run("info", path, "--json").stdout)["events"][1]["time_s"] == 50_001.75

@@ -4,6 +4,7 @@ import io
 
 import pytest
 
+from palpate.arm import permission
 from palpate.arm.permission import ask_for_pose, ask_for_power
 from robot_io.errors import InputError
 from tests.mock_robot import MockTorque, write_mock_files
@@ -114,3 +115,29 @@ def test_a_simulated_arm_and_an_emulated_one_ask_nobody(tmp_path, monkeypatch):
     for name, arm in (("a", ()), ("b", ("--robot", SERVOS, "--wire"))):
         result = run("probe", *arm, "-o", tmp_path / f"{name}.mcap", *short)
         assert result.exit_code == 0, result.stderr
+
+
+def test_a_port_that_is_not_there_is_said_with_the_robot_file_and_the_way_out(tmp_path, monkeypatch):
+    monkeypatch.setattr(permission, "COUNTDOWN_S", 0)
+    out = tmp_path / "x.mcap"
+    result = run("probe", "--robot", SERVOS, "-o", out, "--yes")
+    assert result.exit_code == 2
+    (line,) = [line for line in result.stderr.splitlines() if line.startswith("palpate:")]
+    for words in ("dynamixel_3dof.yaml", "bus 'motors'", "No such file", "palpate doctor --robot"):
+        assert words in line
+    assert not out.exists()
+
+
+def test_an_arm_beyond_its_limits_is_sent_to_a_hand_and_not_to_the_estimate(tmp_path, monkeypatch):
+    monkeypatch.setattr(permission, "COUNTDOWN_S", 0)
+    robot = write_mock_files(tmp_path)
+    text = robot.read_text()
+    beyond = text.replace("driver: mock_bus", "driver: mock_bus, start_rad: [0.0, 3.1, 0.0]")
+    assert beyond != text
+    robot.write_text(beyond)
+    own = ("--robot", robot, "--drivers", "tests.mock_robot", "-o", tmp_path / "x.mcap", "--yes")
+    result = run("probe", *own)
+    assert result.exit_code == 1, result.stderr
+    assert "joint 2" in result.stdout
+    assert "by hand" in result.stdout
+    assert "palpate estimate" not in result.stderr
