@@ -67,7 +67,7 @@ class RobotFile(FileModel):
         encoder: joint encoders.
         torque: torque-controlled drives.
         force: force sensor.
-        home_rad: rest position, shape (n,) [rad].
+        home_rad: pose in which the arm can rest, tool down; nothing drives it there. Shape (n,) [rad].
         limits: what the guard holds the arm to.
         safe_state: how the guard brings it to rest.
         gains: controller gains; the controllers check them.

@@ -16,6 +16,7 @@ from robot_io.types import FloatArray, Measurement, Status
 _WATCH_S = 0.5
 _FULL_SHARE = 0.8  # of a tick; a bus that needs more has no time left for a late byte
 _REST_SHARE = 0.05  # of the force limit; more without touching anything is a wrong zero
+_FAR_RAD = 0.3
 _MICRO, _MILLI = 1e6, 1e3
 
 
@@ -60,6 +61,7 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     ):
         yield _device(watched, device, limit_s)
     yield from _joints(watched, robot_file)
+    yield from _home(watched, robot_file)
     yield _force(watched, limits.force_n)
 
 
@@ -146,6 +148,23 @@ def _joints(watched: _Watched, robot_file: RobotFile) -> Iterator[Finding]:
             yield fail(
                 f"joint {joint}", value, "move it inside by hand, or correct its zero_rad and reversed"
             )
+
+
+def _home(watched: _Watched, robot_file: RobotFile) -> Iterator[Finding]:
+    away_rad: FloatArray = (
+        np.mean([m.joint_position_rad for m in watched.measurements], axis=0) - robot_file.home_rad
+    )
+    if not np.isfinite(away_rad).all():
+        return  # there are no samples, which has been said
+    joint = int(np.argmax(np.abs(away_rad)))
+    value = f"joint {joint + 1} is {away_rad[joint]:+.2f} rad from home_rad, no joint is farther"
+    if abs(away_rad[joint]) > _FAR_RAD:
+        remedy = (
+            "nothing drives it there: bring it by hand; a run starts where it stands, and returns to that"
+        )
+        yield warn("home", value, remedy)
+    else:
+        yield ok("home", value)
 
 
 def _force(watched: _Watched, limit_n: float) -> Finding:

@@ -402,6 +402,18 @@ def test_packages_that_fail_say_where(tmp_path, monkeypatch):
     assert_refused(run(*asked, "no_such.drivers"), "no such package")
 
 
+def test_an_arm_that_stands_far_from_home_is_told_that_nothing_drives_it_there():
+    elsewhere = changed(DYNAMIXEL, ("home_rad: [1.1573,", "home_rad: [1.6573,"))
+    built = load_robot_file(DYNAMIXEL)
+    (found,) = (
+        f for f in examine_arm(ArmCheck(elsewhere, wired=True, as_built=built)) if f.subject == "home"
+    )
+    assert found.level is Level.WARN
+    assert "joint 1 is -0.50 rad from home_rad" in found.text
+    (found,) = (f for f in examined(DYNAMIXEL) if f.subject == "home")
+    assert found.level is Level.OK
+
+
 def test_a_port_that_is_not_there_is_a_failure_with_a_remedy():
     found = failures(finding for _, finding in examine_ports(load_robot_file(ODRIVE)))
     assert [finding.subject for finding in found] == ["port of motors", "port of load_cell"]
