@@ -89,7 +89,9 @@ def motion_of(ticks: Samples) -> ArmMotion:
     excited = ticks.select(ticks["run"] == 0)
     channels = joint_channels(excited)
     if not channels or len(channels[0]) < _FEWEST:
-        raise InputError("the session holds no motion to calibrate from: it is not from palpate calibrate")
+        raise InputError(
+            "the session holds too little motion to calibrate from: its calibration was interrupted"
+        )
     context, inner = channels[0].context, slice(_EDGE, -_EDGE)
     sent = _at_rows(excited, channels[0].time_s)
     return ArmMotion(

@@ -254,7 +254,10 @@ def encoder_fit_of(
         InputError: it is no such session.
     """
     if pose_rad is None:
-        return fit_stops(session, joint_count, known_std_rad)
+        try:
+            return fit_stops(session, joint_count, known_std_rad)
+        except InputError as error:
+            raise InputError(f"{error}; if the arm was held in a pose, say in which: --pose") from error
     return fit_pose(session, np.array(pose_rad, dtype=np.float64), known_std_rad)
 
 

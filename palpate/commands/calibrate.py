@@ -1,7 +1,8 @@
 """`palpate calibrate`: find out how force sensor, encoders, drives and base differ from what they say."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -41,9 +42,10 @@ from palpate.calibration_options import (
 from palpate.files import different_files, existing_file, output_file, whole_file
 from palpate.text.calibration import print_calibration
 from palpate.text.calibration_progress import motion_progress, weighing_progress
+from palpate.text.calibration_use import NamedRobot, say_how_to_use_it
 from palpate.views import style
 from palpate.views.plots.calibration import arm_figure, encoder_figure, force_figure
-from palpate.words import as_shell_word, safe, shown
+from palpate.words import shown
 from robot_io.calibration import Calibration
 from robot_io.errors import InputError
 from robot_io.robot_file import RobotFile
@@ -78,6 +80,15 @@ def root(context: typer.Context) -> None:
     """
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
+    made = [folder for folder in (CALIBRATIONS, SESSIONS) if not folder.exists()]
+    context.call_on_close(lambda: _remove_empty(made))
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    """Leave no folder behind where nothing came of the calibration."""
+    for folder in folders:
+        with suppress(OSError):  # there is something in it, or it was never made
+            folder.rmdir()
 
 
 @dataclass(frozen=True)
@@ -152,8 +163,8 @@ def force(  # noqa: PLR0917, one parameter an option
                 weights_kg, robot_file, gravity_m_s2, simulated=wire or _is_simulated(robot_file)
             )
             job = _job("force", robot_file, session, scenario, seed, hidden, wire, realtime, drivers)
-            with weighing_progress(len(forces_n), live=job.simulated) as told:
-                place = calibrating.put_simulated_weight if job.simulated else _ask_for_weight
+            with _told_of_the_end(job), weighing_progress(len(forces_n), live=job.simulated) as told:
+                place = calibrating.put_simulated_weight if job.simulated else _ask_for_weight(gravity_m_s2)
                 calibrating.run_weighing(job, forces_n, place, told=told)
         raw = from_ or job.session
         plateaus = read_weighing(open_recorded(raw, "force", robot_file))
@@ -161,7 +172,13 @@ def force(  # noqa: PLR0917, one parameter an option
     stamp = _stamp(robot_file, raw, valid_days)
     calibration = calibrating.force_calibration(fit, unit, stamp)
     _finish(
-        calibration, output, lambda: force_figure(fit, unit), raw, robot, robot_file, as_json, _remarks(fit)
+        calibration,
+        output,
+        lambda: force_figure(fit, unit),
+        raw,
+        NamedRobot(robot, robot_file, drivers),
+        as_json,
+        _remarks(fit),
     )
 
 
@@ -205,10 +222,12 @@ def encoder(  # noqa: PLR0917, one parameter an option
         ask = _question("encoder", robot_file, pose_rad, yes)
         job = _job("encoder", robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
         if pose_rad is not None:
-            calibrating.run_pose(job)
+            with _told_of_the_end(job):
+                calibrating.run_pose(job)
         else:
             stops = stops_of(lower_stops, upper_stops, robot_file)
-            with motion_progress("touching the stops", live=job.simulated) as watcher:
+            progress = motion_progress("touching the stops", live=job.simulated)
+            with _told_of_the_end(job), progress as watcher:
                 calibrating.run_stops(job, stops, watcher)
         raw = job.session
     known_rad = known_mrad / 1e3
@@ -216,7 +235,8 @@ def encoder(  # noqa: PLR0917, one parameter an option
         open_recorded(raw, "encoder", robot_file), robot_file.joint_count, pose_rad, known_rad
     )
     calibration = calibrating.encoder_calibration(fit, _stamp(robot_file, raw, valid_days))
-    _finish(calibration, output, lambda: encoder_figure(fit), raw, robot, robot_file, as_json)
+    whose = NamedRobot(robot, robot_file, drivers)
+    _finish(calibration, output, lambda: encoder_figure(fit), raw, whose, as_json)
 
 
 @group.command()
@@ -242,7 +262,7 @@ def torque(  # noqa: PLR0917, one parameter an option
     robot_file = find_robot(robot)
     ask = _question("torque", robot_file, None, yes)
     job = _job("torque", robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
-    _excite(job, robot, from_, out, valid_days, as_json)
+    _excite(job, NamedRobot(robot, robot_file, drivers), from_, out, valid_days, as_json)
 
 
 @group.command()
@@ -268,18 +288,24 @@ def gravity(  # noqa: PLR0917, one parameter an option
     robot_file = find_robot(robot)
     ask = _question("gravity", robot_file, None, yes)
     job = _job("gravity", robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
-    _excite(job, robot, from_, out, valid_days, as_json)
+    _excite(job, NamedRobot(robot, robot_file, drivers), from_, out, valid_days, as_json)
 
 
 def _excite(  # noqa: PLR0917, the options as they come
-    job: CalibrationJob, robot: str, from_: Path | None, out: Path | None, valid_days: float, as_json: bool
+    job: CalibrationJob,
+    whose: NamedRobot,
+    from_: Path | None,
+    out: Path | None,
+    valid_days: float,
+    as_json: bool,
 ) -> None:
     """Torque and gravity: one motion, one fit, two files."""
     robot_file = job.robot_file
     output = _output(out, robot_file, job.kind, job.session)
     raw = from_
     if raw is None:
-        with motion_progress("moving in free air", live=job.simulated) as watcher:
+        progress = motion_progress("moving in free air", live=job.simulated)
+        with _told_of_the_end(job), progress as watcher:
             calibrating.run_motion(job, watcher=watcher)
         raw = job.session
     fit = calibrating.arm_fit_of(
@@ -287,7 +313,7 @@ def _excite(  # noqa: PLR0917, the options as they come
     )
     make = calibrating.torque_calibration if job.kind == "torque" else calibrating.gravity_calibration
     calibration = make(fit, _stamp(robot_file, raw, valid_days))
-    _finish(calibration, output, lambda: arm_figure(fit), raw, robot, robot_file, as_json)
+    _finish(calibration, output, lambda: arm_figure(fit), raw, whose, as_json)
 
 
 def _job(  # noqa: PLR0917, the options as they come
@@ -362,13 +388,29 @@ def _forces(
     return [share * robot_file.limits.force_n for share in SHARES]
 
 
-def _ask_for_weight(bench: Bench, number: int, force_n: float) -> None:
-    """Wait until somebody has put the weight on."""
-    console.stderr().print(
-        f"{number + 1}: put {force_n:.3f} N on the sensor, let it come to rest, press Enter"
-    )
-    if not sys.stdin.readline():
-        raise InputError("weights are put on by hand: run this in a terminal")
+def _ask_for_weight(gravity_m_s2: float) -> calibrating.Place:
+    """Somebody who puts the weights on, and is waited for."""
+
+    def ask(bench: Bench, number: int, force_n: float) -> None:
+        weight = f"{force_n / gravity_m_s2:.4g} kg ({force_n:.3f} N)"
+        console.stderr().print(f"{number + 1}: put {weight} on the sensor, let it come to rest, press Enter")
+        if not sys.stdin.readline():
+            raise InputError("weights are put on by hand: run this in a terminal")
+
+    return ask
+
+
+@contextmanager
+def _told_of_the_end(job: CalibrationJob) -> Iterator[None]:
+    """Say after Ctrl-C how things stand."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        said = "the arm is at rest and without torque; no calibration is written"
+        if job.session.exists():
+            said += f". What was recorded until then stays in {shown(job.session)}"
+        console.stderr().print(said, soft_wrap=True)
+        raise
 
 
 def _remarks(fit: ForceFit) -> list[str]:
@@ -389,8 +431,7 @@ def _finish(  # noqa: PLR0917, what was found and where it goes
     output: Output,
     draw: Callable[[], Figure],
     raw: Path,
-    robot: str,
-    robot_file: RobotFile,
+    whose: NamedRobot,
     as_json: bool,
     remarks: list[str] | None = None,
 ) -> None:
@@ -407,22 +448,4 @@ def _finish(  # noqa: PLR0917, what was found and where it goes
     files = f"[bold]{shown(output.calibration)}[/bold], residuals: [bold]{shown(output.plot)}[/bold]"
     out.print(f"written: {files}", soft_wrap=True)
     out.print(f"from:    {shown(raw)}", soft_wrap=True)
-    if calibration.kind == "force" and getattr(calibration, "reading_unit", "N") != "N":
-        return
-    path = output.calibration.resolve()
-    console.stderr().print(
-        f"\nTo use it, write into {shown(robot_file.path)}:\n"
-        f"  calibration: {{{calibration.kind}: {safe(_seen_from(path, robot_file.path.resolve().parent))}}}",
-        soft_wrap=True,
-    )
-    wire = " --wire" if calibration.source == "emulated" else ""
-    if wire:
-        console.stderr().print(
-            "It is of emulated devices: with --wire it is used, on the arm itself refused."
-        )
-    console.next_steps((f"palpate probe --robot {as_shell_word(robot)}{wire}", "probe with it"))
-
-
-def _seen_from(path: Path, folder: Path) -> str:
-    """The path as the robot file can name it."""
-    return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
+    say_how_to_use_it(calibration, output.calibration.resolve(), whose)

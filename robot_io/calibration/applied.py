@@ -142,7 +142,8 @@ def _foreign(calibration: Calibration, robot_file: RobotFile) -> str | None:
     if calibration.urdf_sha256 not in (None, urdf_sha256(robot_file)):
         return f"was made with another URDF than '{robot_file.urdf}' is now; {_again(calibration)}"
     if isinstance(calibration, ForceCalibration) and calibration.reading_unit != "N":
-        return f"is for readings in {calibration.reading_unit}, and the robot's driver gives N"
+        said = f"is for readings in {calibration.reading_unit}, and the robot's driver gives N"
+        return f"{said}; {_again(calibration)}, on the robot"
     return None
 
 

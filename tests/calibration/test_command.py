@@ -1,7 +1,9 @@
 import json
+import shutil
 
 import pytest
 
+from palpate.arm.robots import find_robot
 from robot_io.calibration import load_calibration
 from robot_io.session import Session
 from tests.palpate.cli import assert_refused, run
@@ -36,6 +38,8 @@ def test_somebodys_load_cell_becomes_a_file_and_a_plot(table, tmp_path):
     assert (calibration.valid_until_utc - calibration.made_utc).days == 30
     assert out.with_suffix(".png").stat().st_size > 10_000
     assert "applied" in result.stdout
+    assert "No robot can name it" in result.stderr
+    assert "palpate calibrate force --robot follower --weights-kg" in result.stderr
 
 
 def test_a_weighing_is_a_session_and_can_be_worked_out_again(tmp_path):
@@ -57,7 +61,8 @@ def test_a_pose_gives_zeros_and_nothing_moves(tmp_path):
     assert result.exit_code == 0, result.stderr
     assert load_calibration(out).values.offset.value == pytest.approx((0, 0, 0), abs=1e-4)
     assert not Session.open(session).samples("tick")["torque_sent_nm"].any()
-    assert "palpate probe --robot follower" in result.stderr
+    assert "cp -r" in result.stderr  # what is installed is nobody's to edit
+    assert "palpate probe --robot my_follower/follower.yaml" in result.stderr
 
 
 def test_a_zero_that_is_far_off_is_pointed_at(tmp_path):
@@ -115,3 +120,55 @@ def test_what_exists_is_not_replaced(table, tmp_path):
     out.write_text("mine")
     assert_refused(run("calibrate", "force", "--from", table, "-o", out), "exists already")
     assert out.read_text() == "mine"
+
+
+def own_arm(folder):
+    """A robot file whose name and folder have spaces, that names a calibration already."""
+    folder.mkdir()
+    arm = find_robot("follower").path
+    for file in arm.parent.glob("follower*"):
+        shutil.copy(file, folder)
+    robot = folder / "my arm.yaml"
+    (folder / "follower.yaml").rename(robot)
+    return robot
+
+
+def test_what_is_named_already_stays_in_the_line_for_the_robot_file(tmp_path, monkeypatch):
+    robot = own_arm(tmp_path / "my folder")
+    monkeypatch.chdir(robot.parent)
+    pose = ("calibrate", "encoder", "--robot", robot.name, "--pose", "home")
+    assert run(*pose, "-o", "zeros.yaml", "--session", "e.mcap").exit_code == 0
+    robot.write_text(robot.read_text() + "\ncalibration: {encoder: zeros.yaml}\n")
+    weighing = ("--weights-kg", "0,1,2,3,2,1,0", "-o", "cell.yaml", "--session", "f.mcap")
+    result = run("calibrate", "force", "--robot", robot.name, *weighing)
+    assert result.exit_code == 0, result.stderr
+    assert "  calibration: {encoder: zeros.yaml, force: cell.yaml}" in result.stderr
+    assert "palpate probe --robot 'my arm.yaml'" in result.stderr
+
+
+def test_a_session_of_a_pose_says_that_it_wants_the_pose(tmp_path):
+    session = tmp_path / "p.mcap"
+    run("calibrate", "encoder", "--pose", "home", "--session", session, "-o", tmp_path / "p.yaml")
+    again = ("calibrate", "encoder", "--from", session, "-o", tmp_path / "q.yaml")
+    assert_refused(run(*again), "--pose")
+    assert run(*again, "--pose", "home").exit_code == 0
+
+
+def test_a_refusal_leaves_no_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert_refused(run("calibrate", "encoder", "--from", "missing.mcap"), "no such file")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_after_ctrl_c_it_says_how_things_stand(tmp_path, monkeypatch):
+    def interrupted(job, **_options):
+        job.session.write_bytes(b"")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("palpate.arm.calibration_run.run_motion", interrupted)
+    session = tmp_path / "t.mcap"
+    result = run("calibrate", "torque", "--session", session, "-o", tmp_path / "t.yaml")
+    assert result.exit_code == 130
+    assert "without torque" in result.stderr
+    assert "t.mcap" in result.stderr
+    assert not (tmp_path / "t.yaml").exists()
