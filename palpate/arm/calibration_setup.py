@@ -188,6 +188,7 @@ def _set_up(
 ) -> tuple[Robot, Scenario | None, Callable[[], World] | None]:
     """The robot, and the world that is simulated for it; None with hardware."""
     drivers = DriverCatalogue(SIMULATED_DRIVERS, *job.drivers)
+    drivers.check_names(job.robot_file)
     if job.wired:
         scenario = _altered(job, job.scenario or load_scenario(DEFAULT_SCENARIO))
         arm = emulate(job.robot_file, scenario, clock)

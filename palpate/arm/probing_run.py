@@ -249,6 +249,7 @@ def _set_up(
 ) -> tuple[Robot, Scenario | None]:
     """The robot, and the world that is simulated for it, which ends with `stack`; None with hardware."""
     drivers = DriverCatalogue(SIMULATED_DRIVERS, *job.drivers)
+    drivers.check_names(job.robot_file)
     if job.wired:
         scenario = _altered(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
         arm = emulate(job.robot_file, scenario, clock)

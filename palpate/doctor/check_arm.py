@@ -15,7 +15,7 @@ from palpate.doctor.nudge import examine_powered
 from palpate.doctor.ports import examine_ports
 from palpate.doctor.rates import examine_rates
 from palpate.doctor.signs import examine_signs
-from robot_io.calibration import load_calibrations
+from robot_io.calibration import Calibrations, doubtful, load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError, PalpateError
@@ -74,7 +74,7 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
             return build_robot(robot_file, drivers, clock, calibrations)
 
         stages: list[Callable[[], Iterator[Finding]]] = [
-            lambda: _unpowered(make(), robot_file, body),
+            lambda: _unpowered(make(), robot_file, body, calibrations),
             lambda: _with_robot(make, lambda robot: examine_rates(robot, robot_file)),
         ]
         if check.move:
@@ -108,8 +108,12 @@ def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, Hand]:
     return SimulatedClock(), check.robot_file, Person()
 
 
-def _unpowered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
+def _unpowered(
+    robot: Robot, robot_file: RobotFile, body: RigidBody, calibrations: Calibrations
+) -> Iterator[Finding]:
     yield from examine_limits(robot_file, body)
+    if calibrations.encoder and (doubt := doubtful(calibrations.encoder)):
+        yield warn("zeros", doubt, "hold the arm in a known pose and compare; else palpate calibrate encoder")
     closed: set[str] = set()
     for bus, finding in examine_ports(robot_file):
         if finding.level is Level.FAIL:

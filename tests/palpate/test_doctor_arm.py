@@ -14,10 +14,12 @@ from palpate.doctor.devices import examine_devices
 from palpate.doctor.hand import EmulatedHand, Person
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.ports import examine_ports
+from robot_io.calibration import Calibrations
 from robot_io.robot_file import load_robot_file, parse_robot_file
 from sim_backend.emulators import Fault, FaultKind, Faults
 from tests.mock_robot import MockForce, build_mock_robot, mock_robot_file
 from tests.palpate.cli import ROOT, assert_refused, run
+from tests.robot_io.calibration.parts import calibration_of
 
 ROBOTS = ROOT / "robots"
 DYNAMIXEL, ODRIVE, CUBEMARS = (ROBOTS / f"{name}_3dof.yaml" for name in ("dynamixel", "odrive", "cubemars"))
@@ -387,9 +389,9 @@ def test_an_own_sensor_cannot_be_emulated_and_a_driver_that_is_not_there_is_name
     assert_refused(
         run("doctor", *robot, "--wire", "--drivers", module), "own.yaml", "load_cell", "without --wire"
     )
-    assert_refused(
-        run("doctor", *robot, "--wire"), "own.yaml line", "no force sensor driver is called 'bad_gauge'"
-    )
+    missing = "no force sensor driver is called 'bad_gauge'"
+    assert_refused(run("probe", *robot, "--wire", "-o", tmp_path / "s.mcap"), missing)
+    assert_refused(run("doctor", *robot, "--wire"), "own.yaml line", missing)
 
 
 def test_packages_that_fail_say_where(tmp_path, monkeypatch):
@@ -412,6 +414,15 @@ def test_an_arm_that_stands_far_from_home_is_told_that_nothing_drives_it_there()
     assert "joint 1 is -0.50 rad from home_rad" in found.text
     (found,) = (f for f in examined(DYNAMIXEL) if f.subject == "home")
     assert found.level is Level.OK
+
+
+def test_zeros_that_a_calibration_moves_far_are_told(monkeypatch):
+    robot_file = load_robot_file(DYNAMIXEL)
+    applied = Calibrations(encoder=calibration_of("encoder", robot_file))
+    monkeypatch.setattr(check_arm, "load_calibrations", lambda *_, **__: applied)
+    (found,) = (finding for finding in examined(DYNAMIXEL) if finding.subject == "zeros")
+    assert found.level is Level.WARN
+    assert "joint 3 by +0.3 rad" in found.text
 
 
 def test_a_port_that_is_not_there_is_a_failure_with_a_remedy():
