@@ -16,6 +16,7 @@ from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import FloatArray, IntArray
 
 _STEP = 1e-3  # of an inner parameter in a difference quotient, relative to its value or typical range
+_JUMP, _MOST = 20.0, 0.95  # times the slope that most blocks stay below: a block that jumps, and has no slope
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
         trial: the model fitted.
     """
     names = [*trial.model.gains, *trial.model.inner]
-    slopes = bench.whiten(np.column_stack([trial.columns, *_inner_slopes(bench, trial)]))
+    slopes = bench.whiten(np.column_stack([trial.columns, *inner_slopes(bench, trial)]))
     residual = bench.whiten(trial.residual)
     errors = _errors(slopes, residual, bench.frame.run[bench.kept])
     errors = np.hypot(errors, _turned(slopes, bench.whiten(_doubt(bench, trial))))
@@ -60,19 +61,27 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     }
 
 
-def _inner_slopes(bench: Bench, trial: Trial) -> list[FloatArray]:
+def inner_slopes(bench: Bench, trial: Trial) -> list[FloatArray]:
     """Slope of the prediction by each inner parameter at fixed gains, each of shape (m,)."""
     frame, slopes = bench.frame, []
     for name, parameter in trial.model.inner.items():
         value = trial.parameters[name]
         low, high = parameter.typical
-        step = _STEP * (abs(value) or high - low)
+        step = _STEP * (abs(value) if parameter.log and value else high - low)
         ahead, behind = (
             trial.model.predict(frame.data, {**trial.parameters, name: value + side * step})
             for side in (1, -1)
         )
-        slopes.append(frame.reduce((ahead - behind) / (2.0 * step)))
+        slopes.append(_without_jumps(frame.reduce((ahead - behind) / (2.0 * step))))
     return slopes
+
+
+def _without_jumps(slope: FloatArray) -> FloatArray:
+    """Zero where a small step carried a sample over a border, such as into contact: a jump is no slope."""
+    size = np.abs(slope)
+    if not size.any():
+        return slope
+    return np.where(size > _JUMP * np.quantile(size[size > 0.0], _MOST), 0.0, slope)
 
 
 def _doubt(bench: Bench, trial: Trial) -> FloatArray:
