@@ -20,7 +20,7 @@ from robot_io.calibration.plausible import implausible
 from robot_io.errors import InputError
 from robot_io.file_model import input_error
 from robot_io.robot_file import RobotFile
-from robot_io.safe_yaml import load_yaml, parse_yaml
+from robot_io.safe_yaml import YamlDocument, load_yaml, parse_yaml
 
 GRAVITY_M_S2 = 9.81
 _CLOCK_MAY_DIFFER = timedelta(days=1)
@@ -93,13 +93,20 @@ def load_calibrations(
         name = getattr(robot_file.calibration, kind)
         if name is None or kind in leave_out:
             continue
-        document = load_yaml(robot_file.resolve(name), MAX_BYTES)
+        document = _load(robot_file, kind, name)
         calibration = calibration_from(document)
         if problem := _objection(calibration, kind, robot_file, now_utc, emulated=emulated):
             raise input_error(robot_file.document, ("calibration", kind), f"'{name}' {problem}")
         found[kind] = calibration
         texts.append(_under(kind, document.text))
     return Calibrations(**found, text="".join(texts))  # type: ignore[arg-type]
+
+
+def _load(robot_file: RobotFile, kind: str, name: str) -> YamlDocument:
+    try:
+        return load_yaml(robot_file.resolve(name), MAX_BYTES)
+    except InputError as error:
+        raise input_error(robot_file.document, ("calibration", kind), str(error)) from error
 
 
 def parse_calibrations(text: str, origin: str = "calibration") -> Calibrations:
