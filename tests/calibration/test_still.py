@@ -4,7 +4,7 @@ import pytest
 
 from calibration.still import StillRobot
 from control.loop.tick_record import tick_stream
-from palpate.commands.calibrate import _ask_for_weight
+from palpate.arm.calibrating import ask_for_weight
 from robot_io.clock import SimulatedClock
 from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
 from robot_io.guard import Guard
@@ -51,8 +51,8 @@ def test_a_device_that_never_samples_is_named(still, monkeypatch):
 
 def test_somebody_must_be_there_to_put_weights_on(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
-    _ask_for_weight(9.8)(None, 2, 4.9)
+    ask_for_weight(9.8)(None, 2, 4.9)
     assert "3: put 0.5 kg (4.900 N) on the sensor" in capsys.readouterr().err
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     with pytest.raises(InputError, match="run this in a terminal"):
-        _ask_for_weight(9.8)(None, 2, 4.9)
+        ask_for_weight(9.8)(None, 2, 4.9)

@@ -1,0 +1,218 @@
+"""What the four calibrations of the command line have in common: where from, asked what, written where."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from calibration.force.fit import ForceFit
+from palpate import console
+from palpate.arm import calibration_run as calibrating
+from palpate.arm.calibration_setup import Bench, CalibrationJob, Stamp, open_recorded
+from palpate.arm.driver_packages import importable
+from palpate.arm.permission import Permission, ask_for_pose, ask_for_power, without_question
+from palpate.calibration_options import (
+    numbers,
+)
+from palpate.files import different_files, output_file, whole_file
+from palpate.text.calibration import print_calibration
+from palpate.text.calibration_progress import motion_progress
+from palpate.text.calibration_use import NamedRobot, say_how_to_use_it
+from palpate.views import style
+from palpate.views.plots.calibration import arm_figure
+from palpate.words import shown
+from robot_io.calibration import Calibration
+from robot_io.errors import InputError
+from robot_io.robot_file import RobotFile
+from robot_io.session import Session
+from sim_backend.scenario import load_scenario
+
+CALIBRATIONS = Path("calibrations")
+SESSIONS = Path("sessions")
+SHARES = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0)  # of the force limit, simulated weights
+
+
+@dataclass(frozen=True)
+class Output:
+    """Where the results go."""
+
+    calibration: Path
+    plot: Path
+
+
+def excite(  # noqa: PLR0917, the options as they come
+    job: CalibrationJob,
+    whose: NamedRobot,
+    from_: Path | None,
+    out: Path | None,
+    valid_days: float,
+    as_json: bool,
+) -> None:
+    """Torque and gravity: one motion, one fit, two files."""
+    robot_file = job.robot_file
+    output = output_for(out, robot_file, job.kind, job.session)
+    raw = from_
+    if raw is None:
+        progress = motion_progress("moving in free air", live=job.simulated)
+        with told_of_the_end(job), progress as watcher:
+            calibrating.run_motion(job, watcher=watcher)
+        raw = job.session
+    fit = calibrating.arm_fit_of(
+        open_recorded(raw, job.kind, robot_file), robot_file.urdf_path, robot_file.tip_frame
+    )
+    make = calibrating.torque_calibration if job.kind == "torque" else calibrating.gravity_calibration
+    calibration = make(fit, stamp_of(robot_file, raw, valid_days))
+    finish(calibration, output, lambda: arm_figure(fit), raw, whose, as_json)
+
+
+def job_of(  # noqa: PLR0917, the options as they come
+    kind: str,
+    robot_file: RobotFile,
+    session: Path | None,
+    scenario: str | None,
+    seed: int | None,
+    hidden: str | None,
+    wire: bool,
+    realtime: bool,
+    drivers: list[str] | None,
+    permission: Permission = without_question,
+) -> CalibrationJob:
+    """The job that these options describe."""
+    return CalibrationJob(
+        kind=kind,
+        robot_file=robot_file,
+        session=output_file(session or SESSIONS / f"{stamped_name(robot_file, kind)}.mcap"),
+        scenario=load_scenario(scenario) if scenario is not None else None,
+        seed=seed,
+        hidden=hidden,
+        wired=wire,
+        paced=realtime,
+        drivers=importable(drivers or []),
+        command_line=" ".join(["palpate", *sys.argv[1:]]),
+        permission=permission,
+    )
+
+
+def question_before(kind: str, robot_file: RobotFile, pose_rad: list[float] | None, yes: bool) -> Permission:
+    """What is asked before a real arm is moved, or read in a pose."""
+    if pose_rad is not None:
+        return lambda: ask_for_pose(pose_rad, yes=yes)
+    motion = f"'{robot_file.name}' is going to move: {calibrating.motion_in_words(kind)}."
+    return lambda: ask_for_power(motion, yes=yes)
+
+
+def stamped_name(robot_file: RobotFile, kind: str) -> str:
+    """A name that nobody has used yet."""
+    stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+    return f"{stamp}-{robot_file.name}-{kind}"
+
+
+def output_for(out: Path | None, robot_file: RobotFile, kind: str, session: Path | None) -> Output:
+    """Where calibration and picture go; nothing is there yet.
+
+    Raises:
+        InputError: something is there, or nothing can be written there.
+    """
+    path = output_file(out or CALIBRATIONS / f"{stamped_name(robot_file, kind)}.yaml")
+    plot = output_file(path.with_suffix(".png"))
+    different_files(path, plot, session)
+    return Output(path, plot)
+
+
+def is_simulated(robot_file: RobotFile) -> bool:
+    """Whether nothing but a simulated world stands behind the robot file."""
+    return CalibrationJob("force", robot_file, Path()).simulated
+
+
+def stamp_of(robot_file: RobotFile, raw: Path, valid_days: float) -> Stamp:
+    """What a calibration says of its making; those applied in its session are named."""
+    made_with: tuple[str, ...] = ()
+    if raw.suffix == ".mcap":
+        found = Session.open(raw).metadata.calibration
+        made_with = tuple(
+            line.rstrip(":") for line in found.splitlines() if line and not line.startswith(" ")
+        )
+    return Stamp(robot_file, raw, calibrating.now(), valid_days, made_with)
+
+
+def forces_from(
+    weights_kg: str | None, robot_file: RobotFile, gravity_m_s2: float, *, simulated: bool
+) -> list[float]:
+    """The forces that are put on, one after the other [N].
+
+    Raises:
+        InputError: nobody said which, and they cannot be chosen.
+    """
+    if weights_kg is not None:
+        return [mass * gravity_m_s2 for mass in numbers("--weights-kg", weights_kg)]
+    if not simulated:
+        raise InputError("--weights-kg: say which masses you have, up and down, such as 0,0.5,1,2,1,0.5,0")
+    return [share * robot_file.limits.force_n for share in SHARES]
+
+
+def ask_for_weight(gravity_m_s2: float) -> calibrating.Place:
+    """Somebody who puts the weights on, and is waited for."""
+
+    def ask(bench: Bench, number: int, force_n: float) -> None:
+        weight = f"{force_n / gravity_m_s2:.4g} kg ({force_n:.3f} N)"
+        console.stderr().print(f"{number + 1}: put {weight} on the sensor, let it come to rest, press Enter")
+        if not sys.stdin.readline():
+            raise InputError("weights are put on by hand: run this in a terminal")
+
+    return ask
+
+
+@contextmanager
+def told_of_the_end(job: CalibrationJob) -> Iterator[None]:
+    """Say after Ctrl-C how things stand."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        said = "the arm is at rest and without torque; no calibration is written"
+        if job.session.exists():
+            said += f". What was recorded until then stays in {shown(job.session)}"
+        console.stderr().print(said, soft_wrap=True)
+        raise
+
+
+def remarks_on(fit: ForceFit) -> list[str]:
+    """What a person should know of a fit, beside its numbers."""
+    remarks = []
+    if fit.plateaus.glitches:
+        remarks.append(f"{fit.plateaus.glitches} samples were left out as glitches of the converter")
+    if fit.suspect is not None:
+        force_n, off_n = fit.plateaus.reference_n[fit.suspect], fit.residual_n[fit.suspect]
+        remarks.append(
+            f"plateau {fit.suspect + 1} ({force_n:.4g} N) is {off_n:+.2g} N off, unlike the others: "
+            "was it the right weight?"
+        )
+    return remarks
+
+
+def finish(  # noqa: PLR0917, what was found and where it goes
+    calibration: Calibration,
+    output: Output,
+    draw: Callable[[], Figure],
+    raw: Path,
+    whose: NamedRobot,
+    as_json: bool,
+    remarks: list[str] | None = None,
+) -> None:
+    """Write file and plot, say what was found, and what to do with it."""
+    with whole_file(output.plot) as unfinished, style.house_style():
+        draw().savefig(unfinished)
+    calibrating.write_calibration(calibration, output.calibration)
+    if as_json:
+        written = {"file": str(output.calibration), "plot": str(output.plot), "raw": str(raw)}
+        console.print_json(written | calibration.model_dump(mode="json"))
+        return
+    print_calibration(calibration, remarks or [])
+    out = console.stdout()
+    files = f"[bold]{shown(output.calibration)}[/bold], residuals: [bold]{shown(output.plot)}[/bold]"
+    out.print(f"written: {files}", soft_wrap=True)
+    out.print(f"from:    {shown(raw)}", soft_wrap=True)
+    say_how_to_use_it(calibration, output.calibration.resolve(), whose)
