@@ -14,6 +14,7 @@ from palpate import console
 from palpate.arm import calibration_run as calibrating
 from palpate.arm.calibration_setup import Bench, CalibrationJob, Stamp, open_recorded
 from palpate.arm.driver_packages import importable
+from palpate.arm.hiding import command_line
 from palpate.arm.permission import Permission, ask_for_pose, ask_for_power, without_question
 from palpate.calibration_options import (
     numbers,
@@ -26,7 +27,7 @@ from palpate.views import style
 from palpate.views.plots.calibration import arm_figure
 from palpate.words import shown
 from robot_io.calibration import Calibration
-from robot_io.errors import InputError
+from robot_io.errors import InputError, PalpateError
 from robot_io.robot_file import RobotFile
 from robot_io.session import Session
 from sim_backend.scenario import load_scenario
@@ -92,7 +93,7 @@ def job_of(  # noqa: PLR0917, the options as they come
         wired=wire,
         paced=realtime,
         drivers=importable(drivers or []),
-        command_line=" ".join(["palpate", *sys.argv[1:]]),
+        command_line=command_line(sys.argv[1:], hidden),
         permission=permission,
     )
 
@@ -136,7 +137,14 @@ def stamp_of(robot_file: RobotFile, raw: Path, valid_days: float) -> Stamp:
         made_with = tuple(
             line.rstrip(":") for line in found.splitlines() if line and not line.startswith(" ")
         )
-    return Stamp(robot_file, raw, calibrating.now(), valid_days, made_with)
+    return Stamp(robot_file, raw, _made_utc(raw), valid_days, made_with)
+
+
+def _made_utc(raw: Path) -> datetime:
+    """When what was recorded was recorded; a data file says nothing of that."""
+    if raw.suffix != ".mcap":
+        return calibrating.now()
+    return datetime.fromisoformat(Session.open(raw).metadata.created_utc)
 
 
 def forces_from(
@@ -161,7 +169,10 @@ def ask_for_weight(gravity_m_s2: float) -> calibrating.Place:
         weight = f"{force_n / gravity_m_s2:.4g} kg ({force_n:.3f} N)"
         console.stderr().print(f"{number + 1}: put {weight} on the sensor, let it come to rest, press Enter")
         if not sys.stdin.readline():
-            raise InputError("weights are put on by hand: run this in a terminal")
+            words = "weights are put on by hand: run this in a terminal"
+            if number == 0:
+                raise InputError(words)
+            raise PalpateError(f"no answer at weight {number + 1}: {words}")  # what was weighed stays
 
     return ask
 

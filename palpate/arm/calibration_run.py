@@ -9,7 +9,7 @@ import numpy as np
 from calibration.arm.excitation import GRAVITY_WISH, TORQUE_WISH, ExcitationWish, choose_path
 from calibration.arm.fit import ArmFit, fit_arm, motion_of
 from calibration.arm.model import GravityBodies
-from calibration.arm.path_task import PathTask
+from calibration.arm.path_task import SPEED_RAD_S, PathTask
 from calibration.encoder.fit import EncoderFit, fit_pose, fit_stops
 from calibration.encoder.stop_plan import plan_stops
 from calibration.encoder.stop_task import StopSettings, StopTask
@@ -47,9 +47,13 @@ def motion_in_words(kind: str) -> str:
     """What the arm does to have its encoders, drives or base calibrated, as a person reads it beforehand."""
     if kind in WISHES:
         wish = WISHES[kind]
-        return f"all joints at once in free air, up to {wish.speed_rad_s:g} rad/s, for {wish.duration_s:g} s"
+        return (
+            f"all joints at once in free air, up to {max(wish.speed_rad_s, SPEED_RAD_S):g} rad/s, for "
+            f"{wish.duration_s:g} s and the ways there and back"
+        )
     return (
-        f"each joint slowly against its hard stops, pushing with {100 * PUSH_SHARE:g} % of its torque limit; "
+        f"all joints at up to {SPEED_RAD_S:g} rad/s to where there is room, then each slowly against its "
+        f"hard stops, pushing with {100 * PUSH_SHARE:g} % of its torque limit; "
         f"its guard stops it beyond {STOP_SPEED_RAD_S:g} rad/s"
     )
 

@@ -31,6 +31,7 @@ from robot_io.calibration import (
     Calibrations,
     RawData,
     device_identity,
+    first_difference,
     load_calibrations,
     parse_calibrations,
     urdf_sha256,
@@ -246,16 +247,21 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
         robot_file: the robot that it must be of.
 
     Raises:
-        InputError: it was not made for that, is of another robot, or such a calibration was applied in it.
+        InputError: it was not made for that, is of another robot or device, or such a calibration was applied
+            in it.
     """
     session = open_session(path)
     made_for = session.metadata.extra.get(KIND)
     if made_for is None or _FAMILY.get(made_for, made_for) != _FAMILY.get(kind, kind):
         made = f"palpate calibrate {made_for}" if made_for else "no calibration"
         raise InputError(f"session {path}: is from {made}; palpate calibrate {kind} cannot work on it")
-    name = parse_robot_file(session.metadata.robot_file, f"{path}, its robot file").name
-    if name != robot_file.name:
-        raise InputError(f"session {path}: is of the robot '{name}', not '{robot_file.name}' (see --robot)")
+    recorded = parse_robot_file(session.metadata.robot_file, robot_file.path)
+    if recorded.name != robot_file.name:
+        raise InputError(
+            f"session {path}: is of the robot '{recorded.name}', not '{robot_file.name}' (see --robot)"
+        )
+    if changed := first_difference(device_identity(recorded, kind), device_identity(robot_file, kind)):
+        raise InputError(f"session {path}: was recorded with another device: {changed}")
     if kind in parse_calibrations(session.metadata.calibration, f"{path}, its calibration").kinds:
         raise InputError(f"session {path}: a calibration of kind '{kind}' was applied in it already")
     if STREAM_NAME in session.stream_names:

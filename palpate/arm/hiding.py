@@ -1,5 +1,6 @@
 """Hides effects in a simulated world, and seals what they are beside the session."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from palpate.files import existing_file
@@ -13,6 +14,7 @@ from sim_backend.scenario import Hidden, Scenario
 from sim_backend.secret import Answer, seal, sealed_path, unseal
 
 RANDOM = "random"
+SEALED = "(sealed)"  # what stands in a command line for what is hidden
 SEAL = "seal"  # key in a session's metadata of the mark that its sealed answer has as well
 
 
@@ -84,3 +86,9 @@ def open_answer(session: Session) -> Answer:
 
 def _mark(metadata: SessionMetadata) -> tuple[str, str]:
     return metadata.created_utc, metadata.extra.get(SEAL, "")
+
+
+def command_line(arguments: Sequence[str], hidden: str | None) -> str:
+    """How the program was started, for a session to keep: it does not tell what is hidden."""
+    line = " ".join(["palpate", *arguments])
+    return line if hidden in (None, "", RANDOM) else line.replace(str(hidden), SEALED)

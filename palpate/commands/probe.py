@@ -12,13 +12,12 @@ from control.loop.result import Outcome
 from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate import console
 from palpate.arm.driver_packages import importable
-from palpate.arm.hiding import RANDOM
+from palpate.arm.hiding import command_line
 from palpate.arm.permission import ask_for_power
 from palpate.arm.probing_run import ProbingJob, ProbingOutcome, online_estimators, run_probing
 from palpate.arm.robots import DEFAULT, find_robot, shipped_robots
 from palpate.arm.wired import is_simulated, wires_in_words
 from palpate.files import existing_file, output_file
-from palpate.findings.next_plan import SEALED
 from palpate.text.progress import probing_progress
 from palpate.words import count, duration, safe, shown, typed
 from robot_io.errors import InputError
@@ -101,7 +100,7 @@ def command(  # noqa: PLR0917, one parameter an option
         wired=wire,
         drivers=importable(drivers or []),
         online=None if online == NO_ESTIMATOR else online,
-        command_line=_command_line(sys.argv[1:], hidden),
+        command_line=command_line(sys.argv[1:], hidden),
         permission=lambda: ask_for_power(_motion(robot_file, plan), yes=yes),
     )
     remark = f"emulated devices: {safe(wires_in_words(robot_file))}" if wire else ""
@@ -117,12 +116,6 @@ def _motion(robot_file: RobotFile, plan: ProbingPlan) -> str:
         f"'{robot_file.name}' is going to move: {count(len(list(plan.runs())), 'run')} at {speeds} mm/s, "
         f"pressing with {plan.force_limit_n:g} N; its guard stops it beyond {robot_file.limits.force_n:g} N."
     )
-
-
-def _command_line(arguments: list[str], hidden: str | None) -> str:
-    """How the program was started; the session keeps it, so that it does not tell what is hidden."""
-    line = " ".join(["palpate", *arguments])
-    return line if hidden in (None, "", RANDOM) else line.replace(str(hidden), SEALED)
 
 
 def _speeds(text: str) -> list[float]:

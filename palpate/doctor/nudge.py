@@ -15,13 +15,16 @@ from control.loop.tick_record import NO_ESTIMATE, Estimates
 from control.paths.motion import JointMotion
 from palpate.doctor.finding import Finding, fail, ok, warn
 from robot_io.guard import Guard
+from robot_io.limits import Limits
 from robot_io.robot import Robot
 from robot_io.robot_file import RobotFile
 from robot_io.types import Command, FloatArray, Measurement
 
 NUDGE_RAD = 0.05
 _STAY_S, _NUDGE_S = 0.5, 1.2
-_TRACKING_RAD = 0.08  # farther from its path than this, the arm does not do what it is told
+_POSES = 400
+_TRACKING_RAD = 0.03  # less than the nudge, so that a blocked joint stops it before it is pushed hard
+_PUSH_SHARE = 0.15  # of its torque limit, that a joint may be pushed with beyond the arm's weight
 _FOLLOWED = 0.7  # share of a nudge
 _SHARE, _FLOOR_NM = 0.3, 0.3  # of the weight's torque, that friction and gearing may take
 
@@ -37,12 +40,16 @@ class NudgeTask:
     def __init__(self, robot_file: RobotFile, body: RigidBody) -> None:
         self._body = body
         self._law = ComputedTorque(body, gains_of(robot_file).tracking)
+        limits = robot_file.limits
+        self._middle_rad = (np.array(limits.position_min_rad) + np.array(limits.position_max_rad)) / 2.0
+        self._towards = np.ones(len(self._middle_rad))  # the side of each joint with more room
         self._start_rad: FloatArray = np.array(robot_file.home_rad)
         self._elapsed_s = 0.0
 
     def start(self, measurement: Measurement) -> None:
         """See `control.loop.task.Task`."""
         self._start_rad = measurement.joint_position_rad.copy()
+        self._towards = np.where(self._start_rad > self._middle_rad, -1.0, 1.0)
         self._law.reset()
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
@@ -70,9 +77,10 @@ class NudgeTask:
         position, velocity, acceleration = self._start_rad.copy(), *np.zeros((2, len(self._start_rad)))
         if 0 <= joint < len(position):
             rate, number = 2 * np.pi / _NUDGE_S, int(joint)
-            position[number] += NUDGE_RAD / 2 * (1 - np.cos(rate * within_s))
-            velocity[number] = NUDGE_RAD / 2 * rate * np.sin(rate * within_s)
-            acceleration[number] = NUDGE_RAD / 2 * rate**2 * np.cos(rate * within_s)
+            half_rad = self._towards[number] * NUDGE_RAD / 2
+            position[number] += half_rad * (1 - np.cos(rate * within_s))
+            velocity[number] = half_rad * rate * np.sin(rate * within_s)
+            acceleration[number] = half_rad * rate**2 * np.cos(rate * within_s)
         return JointMotion(position, velocity, acceleration)
 
 
@@ -96,9 +104,9 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
         DeviceError: a device failed before the first tick.
         KeyboardInterrupt: the user stopped it; the arm has been brought to rest.
     """
-    tracking_rad = tuple(min(_TRACKING_RAD, limit) for limit in robot_file.limits.tracking_rad)
-    limits = robot_file.limits.model_copy(update={"tracking_rad": tracking_rad})
-    guard = Guard(limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
+    guard = Guard(
+        gentle(robot_file.limits, body), robot_file.safe_state, robot_file.joint_count, body.gravity
+    )
     measured: list[Measurement] = []
 
     def observe(measurement: Measurement, _output: TaskOutput) -> Estimates:
@@ -110,6 +118,18 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
     if result.outcome is Outcome.STOPPED and not result.deactivation_error:
         raise KeyboardInterrupt
     yield from _findings(result, measured, body)
+
+
+def gentle(limits: Limits, body: RigidBody) -> Limits:
+    """The limits with which a joint that is held is let go: little way off its path, little push."""
+    low, high = np.array(limits.position_min_rad), np.array(limits.position_max_rad)
+    poses = np.random.default_rng(0).uniform(low, high, (_POSES, len(low)))
+    weight_nm = np.abs([body.gravity(pose) for pose in poses]).max(axis=0)
+    torque_nm = np.minimum(limits.torque_nm, weight_nm + _PUSH_SHARE * np.array(limits.torque_nm))
+    tracking_rad = np.minimum(limits.tracking_rad, _TRACKING_RAD)
+    return limits.model_copy(
+        update={"tracking_rad": tuple(tracking_rad.tolist()), "torque_nm": tuple(torque_nm.tolist())}
+    )
 
 
 def _findings(result: LoopResult, measured: list[Measurement], body: RigidBody) -> Iterator[Finding]:

@@ -8,6 +8,7 @@ import yaml
 
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis.result import NextExperiment
+from palpate.arm.hiding import SEALED
 from palpate.arm.probing_run import PLAN
 from palpate.files import write_text
 from palpate.words import as_shell_word
@@ -19,7 +20,6 @@ SLOWEST_M_S = 0.01  # runs slower than this need more time to load
 PATIENCE_S = 60.0
 _WORLD = ("--robot", "--scenario", "--seed", "--hidden", "--drivers")
 _WIRE = "--wire"
-SEALED = "(sealed)"  # what stands in a command line for what is hidden
 
 
 def plan_of(experiment: NextExperiment, session: Session | None) -> ProbingPlan | None:

@@ -15,7 +15,7 @@ from robot_io.calibration.file import (
     load_calibration,
     parse_calibration,
 )
-from robot_io.calibration.identity import device_identity, urdf_sha256
+from robot_io.calibration.identity import device_identity, first_difference, urdf_sha256
 from robot_io.calibration.plausible import doubtful
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "TorqueCalibration",
     "device_identity",
     "doubtful",
+    "first_difference",
     "load_calibration",
     "load_calibrations",
     "parse_calibration",

@@ -12,11 +12,12 @@ from calibration.force.fit import fit_force
 from calibration.force.weighing import read_weighing
 from control.probing.plan import ProbingPlan
 from palpate.arm import calibration_run as calibrating
+from palpate.arm.calibration_setup import open_recorded
 from palpate.arm.probing_run import ProbingJob, run_probing
 from palpate.findings.estimation_run import arm_of, estimate_with, load_material
 from robot_io.calibration import load_calibrations, parse_calibration
 from robot_io.errors import InputError, PalpateError
-from robot_io.robot_file import load_robot_file
+from robot_io.robot_file import load_robot_file, parse_robot_file
 from robot_io.session import Session
 from sim_backend.scenario import load_scenario
 from tests.calibration.simulated import FOLLOWER, in_joints, job_in, opened, stamp
@@ -152,6 +153,10 @@ def test_zeros_are_found_in_a_known_pose_without_power(tmp_path):
     np.testing.assert_allclose(fit.offset_rad, -np.array(ZEROS_RAD), atol=1e-4)
     np.testing.assert_allclose(fit.std_rad, 1e-3, rtol=0.1)
     assert not opened(job).samples("tick")["torque_sent_nm"].any()
+    other = FOLLOWER.text.replace("driver: sim_encoder", "driver: sim_encoder, zero_rad: 0.1")
+    assert other != FOLLOWER.text
+    with pytest.raises(InputError, match="recorded with another device: zero_rad was None"):
+        open_recorded(job.session, "encoder", parse_robot_file(other, FOLLOWER.path))
 
 
 def probed(folder, robot, hidden, name):

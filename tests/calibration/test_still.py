@@ -6,7 +6,7 @@ from calibration.still import StillRobot
 from control.loop.tick_record import tick_stream
 from palpate.arm.calibrating import ask_for_weight
 from robot_io.clock import SimulatedClock
-from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
+from robot_io.errors import DeviceTimeoutError, InputError, PalpateError, SafetyTripError
 from robot_io.guard import Guard
 from tests.control.loop_parts import MemoryLog
 from tests.mock_robot import build_mock_robot, mock_robot_file
@@ -55,4 +55,8 @@ def test_somebody_must_be_there_to_put_weights_on(monkeypatch, capsys):
     assert "3: put 0.5 kg (4.900 N) on the sensor" in capsys.readouterr().err
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     with pytest.raises(InputError, match="run this in a terminal"):
+        ask_for_weight(9.8)(None, 0, 0.0)
+    # An InputError would say that nothing was measured yet, and the session would be removed.
+    with pytest.raises(PalpateError, match="no answer at weight 3") as late:
         ask_for_weight(9.8)(None, 2, 4.9)
+    assert not isinstance(late.value, InputError)

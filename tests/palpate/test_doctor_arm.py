@@ -13,9 +13,11 @@ from palpate.doctor.check_arm import ArmCheck, examine_arm
 from palpate.doctor.devices import examine_devices
 from palpate.doctor.hand import EmulatedHand, Person
 from palpate.doctor.limits import examine_limits
+from palpate.doctor.nudge import NUDGE_RAD, NudgeTask, gentle
 from palpate.doctor.ports import examine_ports
 from robot_io.calibration import Calibrations
 from robot_io.robot_file import load_robot_file, parse_robot_file
+from robot_io.types import Measurement
 from sim_backend.emulators import Fault, FaultKind, Faults
 from tests.mock_robot import MockForce, build_mock_robot, mock_robot_file
 from tests.palpate.cli import ROOT, assert_refused, run
@@ -211,6 +213,33 @@ def test_a_person_is_told_when_to_let_go_and_when_to_stay_away(capsys):
     assert "hold still" in said
     assert "Hands away from the arm" in said
     assert "power in 3 s" in said
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.glob("robots/*_3dof.yaml")), ids=lambda path: path.stem)
+def test_a_joint_that_is_held_is_let_go_before_it_is_pushed_hard(path):
+    robot_file = load_robot_file(path)
+    body = RigidBody.of_robot(robot_file)
+    limits = gentle(robot_file.limits, body)
+    assert max(limits.tracking_rad) < NUDGE_RAD  # else a joint that is held would never be far enough off
+    home_nm = np.abs(body.gravity(np.array(robot_file.home_rad)))
+    assert np.all(np.array(limits.torque_nm) > home_nm)
+    assert np.all(np.array(limits.torque_nm) < 0.5 * np.array(robot_file.limits.torque_nm))
+
+
+@pytest.mark.parametrize("side", ["position_min_rad", "position_max_rad"])
+def test_an_arm_that_rests_at_its_limits_is_nudged_away_from_them(side):
+    robot_file = load_robot_file(DYNAMIXEL)
+    limits = robot_file.limits
+    start_rad = np.array(getattr(limits, side))
+    task = NudgeTask(robot_file, RigidBody.of_robot(robot_file))
+    zeros = np.zeros(3)
+    measurement = Measurement(0.0, start_rad, zeros, zeros, 0.0, 0.0, 0.0, 0.0)
+    task.start(measurement)
+    outputs = [task.step(measurement, 0.01) for _ in range(450)]
+    ways_rad = np.array([output.reference_position_rad for output in outputs])
+    assert np.all(ways_rad >= np.array(limits.position_min_rad))
+    assert np.all(ways_rad <= np.array(limits.position_max_rad))
+    assert np.ptp(ways_rad, axis=0) == pytest.approx(NUDGE_RAD, rel=0.02)
 
 
 def test_swapped_drives_are_found():
