@@ -68,6 +68,7 @@ class Guard:
                 f"and its safe state {len(safe_state.damping_nms_rad)}"
             )
         self._checks = LimitChecks(limits)
+        self._longest_hold_up_s = max(PAUSE_S, limits.encoder_age_s)
         self._stuck_encoders = StuckEncoders(limits)
         self._torque_limits = tuple(zip(limits.torque_nm, limits.torque_rate_nm_s, strict=True))
         self._safe_stop = SafeStop(limits, safe_state, gravity_nm)
@@ -91,6 +92,11 @@ class Guard:
     def finished(self) -> bool:
         """Whether a trip has come to its end: the torque is off."""
         return self._finished
+
+    @property
+    def longest_hold_up_s(self) -> float:
+        """A command that comes later than this after its measurement means nothing any more [s]."""
+        return self._longest_hold_up_s
 
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
         """A line for each device without a sample that is young enough; trips on nothing."""

@@ -191,6 +191,7 @@ class _Loop:
         watched = perf_counter()
         output = self._stopped_output if guard.tripped else self._step(measurement, dt_s)
         stepped = perf_counter()
+        measurement = self._unless_held_up(measurement)
         command = guard.limit(output.command, measurement, dt_s)
         limited = perf_counter()
         sent_nm = self._write(command, now_s)
@@ -237,6 +238,14 @@ class _Loop:
         except Exception as error:
             self._way_out.fail("the task", error)
             return self._stopped_output
+
+    def _unless_held_up(self, measurement: Measurement) -> Measurement:
+        """The measurement; dated now, and so too old to act on, where the program was held up since then."""
+        held_s = (now_s := self._clock.now_s()) - measurement.time_s
+        if held_s <= self._guard.longest_hold_up_s:
+            return measurement
+        self._guard.trip(f"the program was held up for {held_s:.3g} s within a tick")
+        return measurement._replace(time_s=now_s)
 
     def _write(self, command: Command, now_s: float) -> FloatArray:
         """Send a command; returns what was sent, NaN if nothing was."""

@@ -226,10 +226,9 @@ _FORCE_ROWS = {
     ),
 }
 
-_HELD_UP = "the whole program stands still: the drives' own watchdogs let go meanwhile"
-_HELD_UP_MIT = (
-    "the whole program stands still: the motors let go after 100 ms, but their timeout does not latch, and "
-    "the command that was held up drives them for one more tick, until the guard has looked"
+_HELD_UP = (
+    "the whole program stands still: the drives' own watchdogs let go meanwhile, and the command that was "
+    "held up is not sent"
 )
 _PROGRAM_ROWS = {
     Program.EXCEPTION: (2, BRAKED, "the task: ZeroDivisionError: float division by zero"),
@@ -240,9 +239,9 @@ _PROGRAM_ROWS = {
     Program.VIEWER_GONE: (*GOES_ON, "online estimation was switched off: BrokenPipeError"),
 }
 _WATCHDOG_ROWS = {  # program killed (nobody is left to read), program held up
-    "dynamixel": ((None, 62, "", _DEAF), (503, 62, "its bus watchdog has fired, it let go", _HELD_UP)),
-    "odrive": ((None, 52, "", _DEAF), (503, 52, "heartbeat lost", _HELD_UP)),
-    "mit": ((None, 102, "", _DEAF), (503, 503, "joint 1 moves at", _HELD_UP_MIT)),
+    "dynamixel": ((None, 62, "", _DEAF), (501, 62, "the program was held up for 0.5", _HELD_UP)),
+    "odrive": ((None, 52, "", _DEAF), (501, 52, "the program was held up for 0.5", _HELD_UP)),
+    "mit": ((None, 102, "", _DEAF), (501, 102, "the program was held up for 0.5", _HELD_UP)),
 }
 
 

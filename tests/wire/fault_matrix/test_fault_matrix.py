@@ -13,7 +13,7 @@ import pytest
 from robot_io.errors import DeviceError
 from robot_io.session import Session
 from tests.wire.fault_matrix.document import DOCUMENT, document
-from tests.wire.fault_matrix.rig import HELD_UP_S, NO_TORQUE_NM, SESSION, TICK_S, Rig
+from tests.wire.fault_matrix.rig import NO_TORQUE_NM, SESSION, TICK_S, Rig
 from tests.wire.fault_matrix.rows import MOVING_S, Program, Row, rows
 from tests.wire.parts import ROOT
 
@@ -60,9 +60,7 @@ def test_while_the_program_is_held_up_the_watchdogs_let_go(family, tmp_path):
         with suppress(DeviceError):
             rig.bench.robot.close()
         rig.bench.arm.bench.close()
-    after_the_watchdog = [at_ms for at_ms in driven_ms if at_ms > WATCHDOG_MS]
-    assert not [at_ms for at_ms in after_the_watchdog if at_ms < 1e3 * HELD_UP_S]
-    assert len(after_the_watchdog) <= 2  # the command that was held up, where no watchdog latches
+    assert not [at_ms for at_ms in driven_ms if at_ms > WATCHDOG_MS]  # nor by the command that was held up
 
 
 PROGRAM = """
