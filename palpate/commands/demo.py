@@ -129,7 +129,7 @@ def _next(demo: Demo, hidden: HiddenDemo | None) -> None:
     session = typed(demo.session)
     steps = [
         (f"palpate inspect {session}", "see arm, forces and estimates in Rerun"),
-        ("palpate probe --robot my_arm.yaml", "your own arm"),
+        ("palpate doctor --robot my_arm.yaml", "your own arm, before it gets power (docs/hardware.md)"),
     ]
     if hidden is not None:
         if "recording" in hidden.files:
