@@ -124,11 +124,6 @@ def output_for(out: Path | None, robot_file: RobotFile, kind: str, session: Path
     return Output(path, plot)
 
 
-def is_simulated(robot_file: RobotFile) -> bool:
-    """Whether nothing but a simulated world stands behind the robot file."""
-    return CalibrationJob("force", robot_file, Path()).simulated
-
-
 def stamp_of(robot_file: RobotFile, raw: Path, valid_days: float) -> Stamp:
     """What a calibration says of its making; those applied in its session are named."""
     made_with: tuple[str, ...] = ()

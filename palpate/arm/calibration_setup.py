@@ -1,7 +1,6 @@
 """Puts a calibration together: robot, clock, guard and session log, simulated or not."""
 
 import hashlib
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -11,21 +10,18 @@ from pathlib import Path
 
 import numpy as np
 
-from control.arm.dh_check import check_dh_table
 from control.arm.rigid_body import RigidBody
 from control.loop.journal import Observer
 from control.loop.loop import run_loop
 from control.loop.realtime import realtime
 from control.loop.result import Outcome
 from control.loop.task import Task, TaskOutput
-from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates, tick_stream
+from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates
 from estimation.data.tick_check import checked_ticks
-from palpate.arm.hiding import hide
-from palpate.arm.new_session import new_session
-from palpate.arm.opened import opened
+from palpate.arm.arm_session import SOURCE, arm_session, checked_body, released, without_hardware
 from palpate.arm.permission import Permission, without_question
-from palpate.arm.probing_run import NOBODY, SIMULATED_DRIVERS, Watcher
-from palpate.arm.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
+from palpate.arm.probing_run import NOBODY, Watcher
+from palpate.arm.wired import EMULATED
 from palpate.files import open_session
 from robot_io.calibration import (
     Calibrations,
@@ -36,21 +32,18 @@ from robot_io.calibration import (
     parse_calibrations,
     urdf_sha256,
 )
-from robot_io.clock import Clock, MonotonicClock, SimulatedClock
-from robot_io.driver import DriverCatalogue
+from robot_io.clock import Clock
 from robot_io.errors import InputError
 from robot_io.guard import Guard
 from robot_io.limits import Limits
-from robot_io.robot import Robot, build_robot
+from robot_io.robot import Robot
 from robot_io.robot_file import RobotFile, parse_robot_file
-from robot_io.session import Session, SessionMetadata, SessionWriter
+from robot_io.session import Session, SessionWriter
 from robot_io.types import Measurement
-from sim_backend.drivers.pybullet_bus import PyBulletBus
-from sim_backend.scenario import Scenario, load_scenario
+from sim_backend.scenario import Scenario
 from sim_backend.world import World
 
 KIND = "calibration_kind"  # key of what was calibrated in the session's metadata
-SOURCE = "source"
 _FAMILY = {"gravity": "torque"}  # kinds whose sessions serve each other
 
 
@@ -87,7 +80,7 @@ class CalibrationJob:
     @property
     def simulated(self) -> bool:
         """Whether there is no hardware."""
-        return self.wired or is_simulated(self.robot_file)
+        return without_hardware(self)
 
 
 @dataclass(frozen=True)
@@ -137,6 +130,7 @@ class Bench:
             result = run_loop(
                 self.robot, self.guard(limits), task, self.clock, self.log, rate_hz=rate_hz, observer=observer
             )
+            result = released(self.robot, result)
         if result.outcome is Outcome.STOPPED and not result.deactivation_error:
             raise KeyboardInterrupt
         result.raise_for_trip()
@@ -155,87 +149,10 @@ def calibration_bench(job: CalibrationJob, now_utc: datetime | None = None) -> I
             or the session cannot be written.
     """
     now_utc = now_utc or datetime.now(UTC)
-    robot_file = job.robot_file
-    calibrations = load_calibrations(robot_file, now_utc, leave_out=(job.kind,), emulated=job.wired)
-    body = RigidBody.of_robot(robot_file, calibrations)
-    if joint := body.weightless_joint:
-        raise InputError(
-            f"{robot_file.urdf_path}: joint '{joint}' moves no mass; give its links an <inertial>"
-        )
-    check_dh_table(robot_file, body)
-    clock: Clock = MonotonicClock()
-    if job.simulated:
-        clock = SimulatedClock(MonotonicClock() if job.paced else None)
-    with ExitStack() as stack:
-        robot, scenario, world = _set_up(job, clock, calibrations, stack)
-        if not job.simulated:
-            job.permission()
-        stack.enter_context(opened(robot, job.robot_file))
-        session = stack.enter_context(
-            new_session(
-                job.session,
-                [tick_stream(robot.joint_count)],
-                _metadata(job, scenario, calibrations, now_utc),
-                scenario,
-                job.hidden,
-                wait_for_room=job.simulated and not job.paced,
-            )
-        )
-        yield Bench(job, robot, body, clock, session.log, world, calibrations)
-
-
-def _set_up(
-    job: CalibrationJob, clock: Clock, calibrations: Calibrations, stack: ExitStack
-) -> tuple[Robot, Scenario | None, Callable[[], World] | None]:
-    """The robot, and the world that is simulated for it; None with hardware."""
-    drivers = DriverCatalogue(SIMULATED_DRIVERS, *job.drivers)
-    drivers.check_names(job.robot_file)
-    if job.wired:
-        scenario = _altered(job, job.scenario or load_scenario(DEFAULT_SCENARIO))
-        arm = emulate(job.robot_file, scenario, clock)
-        stack.callback(arm.bench.close)
-        return build_robot(arm.robot_file, drivers, clock, calibrations), scenario, lambda: arm.plant.world
-    robot = build_robot(job.robot_file, drivers, clock, calibrations)
-    bus = next((bus for bus in robot.buses.values() if isinstance(bus, PyBulletBus)), None)
-    return robot, _use_scenario(job, bus), (lambda: bus.world) if bus else None
-
-
-def _altered(job: CalibrationJob, scenario: Scenario) -> Scenario:
-    scenario = scenario if job.seed is None else scenario.with_seed(job.seed)
-    return scenario if job.hidden is None else hide(scenario, job.hidden)
-
-
-def _use_scenario(job: CalibrationJob, bus: PyBulletBus | None) -> Scenario | None:
-    if bus is None:
-        if any(wish is not None for wish in (job.scenario, job.seed, job.hidden)):
-            raise InputError(
-                f"robot '{job.robot_file.name}' is not simulated: scenario, seed and hidden effects mean "
-                "nothing to it"
-            )
-        return None
-    scenario = _altered(job, job.scenario or bus.scenario)
-    bus.use_scenario(scenario)
-    return scenario
-
-
-def _metadata(
-    job: CalibrationJob, scenario: Scenario | None, calibrations: Calibrations, now_utc: datetime
-) -> SessionMetadata:
-    return SessionMetadata(
-        robot_file=job.robot_file.text,
-        urdf=job.robot_file.urdf_path.read_text(encoding="utf-8"),
-        calibration=calibrations.text,
-        scenario=scenario.public_yaml() if scenario else "",
-        software_version=version("palpate"),
-        seed=scenario.seed if scenario else None,
-        created_utc=now_utc.isoformat(timespec="seconds"),
-        command_line=job.command_line,
-        extra={
-            SOURCE: EMULATED if job.wired else "simulated" if scenario else "measured",
-            KIND: job.kind,
-            "python": ".".join(str(part) for part in sys.version_info[:3]),
-        },
-    )
+    calibrations = load_calibrations(job.robot_file, now_utc, leave_out=(job.kind,), emulated=job.wired)
+    body = checked_body(job.robot_file, calibrations)
+    with arm_session(job, calibrations, {KIND: job.kind}, now_utc) as arm:
+        yield Bench(job, arm.robot, body, arm.clock, arm.new.log, arm.world, calibrations)
 
 
 def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:

@@ -18,7 +18,6 @@ from palpate.arm.calibrating import (
     excite,
     finish,
     forces_from,
-    is_simulated,
     job_of,
     output_for,
     question_before,
@@ -28,6 +27,7 @@ from palpate.arm.calibrating import (
 )
 from palpate.arm.calibration_setup import open_recorded
 from palpate.arm.robots import DEFAULT, find_robot
+from palpate.arm.wired import is_simulated
 from palpate.calibration_options import (
     DriversOption,
     FromOption,

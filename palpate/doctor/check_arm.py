@@ -5,6 +5,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 from control.arm.rigid_body import RigidBody
+from palpate.arm.arm_session import SIMULATED_DRIVERS
 from palpate.arm.wired import DEFAULT_SCENARIO, emulate, is_simulated
 from palpate.doctor.clearance import count_down
 from palpate.doctor.devices import examine_devices
@@ -26,7 +27,6 @@ from sim_backend.emulators.faults import Faults
 from sim_backend.scenario import load_scenario
 
 _HELP = "see docs/hardware.md, 'First power-up'"
-_SIMULATED_DRIVERS = "sim_backend.drivers"
 NOT_POWERED = warn(
     "drives", "not examined: the arm got no power", "palpate doctor --move, and a yes to its question"
 )
@@ -64,7 +64,7 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
         InputError: the robot file names what does not exist, or cannot be emulated or moved by hand.
     """
     with ExitStack() as stack:
-        drivers = DriverCatalogue(_SIMULATED_DRIVERS, *check.drivers)
+        drivers = DriverCatalogue(SIMULATED_DRIVERS, *check.drivers)
         drivers.check_names(check.robot_file)
         clock, robot_file, hand = _set_up(check, stack)
         calibrations = load_calibrations(check.robot_file, emulated=check.wired)
