@@ -7,19 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from control.loop.interrupt import InterruptFlag
+from control.loop.loop import READ_SHARE, first_measurement
 from control.loop.phases import Phase
 from control.loop.task import NO_RUN, TaskOutput
 from control.loop.tick_log import TickLog
 from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, tick_record
 from control.loop.timing import TickDurations
 from robot_io.clock import Clock
-from robot_io.errors import DeviceTimeoutError, SafetyTripError
+from robot_io.errors import SafetyTripError
 from robot_io.guard import Guard
 from robot_io.robot import Robot
 from robot_io.types import Command, Measurement
 
-FIRST_SAMPLE_S = 1.0  # how long the devices may take to their first sample
-_READ_SHARE = 0.6  # of the period, as in the loop
 _NO_DURATIONS = TickDurations(*[0.0] * len(TickDurations._fields))
 
 
@@ -65,7 +64,7 @@ class StillRobot:
         with InterruptFlag() as interrupt:
             for tick in range(1, count + 1):
                 self.clock.sleep_until(start_s + tick * period_s)
-                measurement = self.robot.read(self.clock.now_s() + _READ_SHARE * period_s)
+                measurement = self.robot.read(self.clock.now_s() + READ_SHARE * period_s)
                 self.guard.watch(measurement)
                 tripped = self.guard.tripped
                 record = tick_record(
@@ -80,29 +79,12 @@ class StillRobot:
                     told(tick / count)
 
     def await_samples(self) -> Measurement:
-        """Read until every device has sampled.
+        """Read until every device has a young sample; see `first_measurement`.
 
         Raises:
-            DeviceTimeoutError: one has not within `FIRST_SAMPLE_S`.
-            KeyboardInterrupt: the user stopped it.
+            DeviceTimeoutError: one has none in time.
         """
-        end_s, period_s = self.clock.now_s() + FIRST_SAMPLE_S, 1.0 / self.rate_hz
-        while True:
-            self.settle(period_s)
-            measurement = self.robot.read(self.clock.now_s() + _READ_SHARE * period_s)
-            at_s = {
-                "encoder": measurement.encoder_at_s,
-                "torque": measurement.torque_at_s,
-                "force": measurement.force_at_s,
-            }
-            silent = [device for device, sampled_at_s in at_s.items() if not math.isfinite(sampled_at_s)]
-            if not silent:
-                return measurement
-            if self.clock.now_s() >= end_s:
-                reasons = ", ".join(
-                    [*silent, *self.robot.bus_errors.values(), *self.robot.bus_delays.values()]
-                )
-                raise DeviceTimeoutError(f"no sample within {FIRST_SAMPLE_S} s from: {reasons}")
+        return first_measurement(self.robot, self.guard, self.clock, 1.0 / self.rate_hz)
 
     def settle(self, duration_s: float) -> None:
         """Let time pass, with the devices read; what comes meanwhile is not logged and not judged."""
@@ -110,7 +92,7 @@ class StillRobot:
         with InterruptFlag() as interrupt:
             while self.clock.now_s() < end_s:
                 self.clock.sleep_until(min(end_s, self.clock.now_s() + period_s))
-                self.robot.read(self.clock.now_s() + _READ_SHARE * period_s)
+                self.robot.read(self.clock.now_s() + READ_SHARE * period_s)
                 if interrupt.signal_name:
                     raise KeyboardInterrupt
 

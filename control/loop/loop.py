@@ -73,7 +73,7 @@ def run_loop(
         raise SafetyTripError(f"the guard is tripped ({guard.tripped.cause}): re-arm it first")
     begun_s, begun_wall_s = clock.now_s(), perf_counter()
     with InterruptFlag() as interrupt:
-        measurement = _first_measurement(robot, guard, clock, 1.0 / rate_hz)
+        measurement = first_measurement(robot, guard, clock, 1.0 / rate_hz)
         journal = Journal(log, observer)
         way_out = WayOut(guard, robot, clock, journal, interrupt=interrupt, stop=stop)
         loop = _Loop(robot, guard, task, clock, journal, way_out=way_out, period_s=1.0 / rate_hz)
@@ -85,10 +85,19 @@ def run_loop(
     return result
 
 
-def _first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float) -> Measurement:
+def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float) -> Measurement:
     """Read until every device has a sample that is young enough to begin with.
 
     What has waited in a line since the devices were opened is old, and some speak only when they are asked.
+
+    Args:
+        robot: configured.
+        guard: knows how old a sample may be; trips on nothing here.
+        clock: the robot's.
+        period_s: time from one read to the next [s].
+
+    Raises:
+        DeviceTimeoutError: some have none within `FIRST_SAMPLE_S`, by name.
     """
     give_up_s = clock.now_s() + FIRST_SAMPLE_S
     while True:

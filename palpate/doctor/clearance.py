@@ -9,21 +9,23 @@ from palpate.doctor.hand import Hand
 from robot_io.robot import Robot
 from robot_io.types import FloatArray, Measurement, Status
 
+_STEP_S, _PATIENCE_S = 1e-3, 0.02  # without power nothing waits for a reading; slow buses may take their time
 _STILL_S = 0.5  # so long nothing may have moved
 _STILL_RAD = 0.02  # a hand that turns a joint does so within a tenth of that time
 _TOUCHED_N = 1.0  # half of what counts as pressed
 _COUNT_S = 3
+_DEVICES = ("encoder_status", "force_status")
 
 UNQUIET = fail("rest", "the arm does not come to rest", "let it lie or hang by itself, and hold still")
 
 
 def read_for(robot: Robot, duration_s: float) -> list[Measurement]:
-    """Every measurement of a while, one a millisecond; at least one."""
+    """Every measurement of a while, one a millisecond or as fast as the bus is; at least one."""
     measurements: list[Measurement] = []
     end_s = robot.clock.now_s() + duration_s
     while robot.clock.now_s() < end_s or not measurements:
-        robot.clock.sleep_until(robot.clock.now_s() + 1e-3)
-        measurements.append(robot.read(robot.clock.now_s() + 1e-3))
+        robot.clock.sleep_until(robot.clock.now_s() + _STEP_S)
+        measurements.append(robot.read(robot.clock.now_s() + _PATIENCE_S))
     return measurements
 
 
@@ -46,8 +48,9 @@ def is_still(measurements: list[Measurement]) -> bool:
 
 
 def all_good(measurements: list[Measurement]) -> bool:
-    """Whether there are samples of encoders and force, and none is a fault."""
-    return all(
+    """Whether encoders and force have sampled anew meanwhile, and none of them reports a fault."""
+    fresh = all(any(getattr(m, device) is Status.OK for m in measurements) for device in _DEVICES)
+    return fresh and all(
         max(m.encoder_status, m.force_status) < Status.FAULT and np.isfinite(m.force_n) for m in measurements
     )
 
@@ -72,7 +75,7 @@ def count_down(robot: Robot, hand: Hand) -> Iterator[Finding]:
         hand.count(left_s)
         now = read_for(robot, 1.0)
         touched = max(abs(_force_n(now) - _force_n(before)), _forces_n(now).std()) > _TOUCHED_N
-        if touched or not is_still([*before, *now]):
+        if touched or not is_still(now) or not is_still([*before, *now]):
             value = "somebody touches the arm, or it moves: it gets no power"
             yield fail("hands away", value, "let it rest by itself, everybody clear of it, and start again")
             return

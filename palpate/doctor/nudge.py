@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from calibration.arm.free_motion import FreeMotion
 from control.arm.rigid_body import RigidBody
-from control.laws.computed_torque import ComputedTorque
 from control.laws.gains import gains_of
 from control.loop.loop import run_loop
 from control.loop.phases import Phase
@@ -18,7 +18,7 @@ from robot_io.guard import Guard
 from robot_io.limits import Limits
 from robot_io.robot import Robot
 from robot_io.robot_file import RobotFile
-from robot_io.types import Command, FloatArray, Measurement
+from robot_io.types import FloatArray, Measurement
 
 NUDGE_RAD = 0.05
 _STAY_S, _NUDGE_S = 0.5, 1.2
@@ -38,8 +38,7 @@ class NudgeTask:
     """
 
     def __init__(self, robot_file: RobotFile, body: RigidBody) -> None:
-        self._body = body
-        self._law = ComputedTorque(body, gains_of(robot_file).tracking)
+        self._free = FreeMotion(body, gains_of(robot_file).tracking)
         limits = robot_file.limits
         self._middle_rad = (np.array(limits.position_min_rad) + np.array(limits.position_max_rad)) / 2.0
         self._towards = np.ones(len(self._middle_rad))  # the side of each joint with more room
@@ -50,26 +49,19 @@ class NudgeTask:
         """See `control.loop.task.Task`."""
         self._start_rad = measurement.joint_position_rad.copy()
         self._towards = np.where(self._start_rad > self._middle_rad, -1.0, 1.0)
-        self._law.reset()
+        self._free.start(measurement)
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `control.loop.task.Task`."""
+        """See `control.loop.task.Task`.
+
+        Raises:
+            SafetyTripError: something touches the tool.
+        """
         self._elapsed_s += dt_s
         motion = self._motion()
-        n = len(self._start_rad)
-        torque_nm = self._law.step(measurement, motion, np.zeros(n), dt_s)
-        tip = self._body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
-        return TaskOutput(
-            command=Command(torque_nm),
-            reference_position_rad=motion.position_rad,
-            reference_velocity_rad_s=motion.velocity_rad_s,
-            tip_position_world_m=tip.position_world_m,
-            tip_velocity_world_m_s=tip.velocity_world_m_s,
-            press_direction_world=np.full(3, np.nan),
-            desired_force_n=float("nan"),
-            phase=Phase.MOVE,
-            done=self._elapsed_s >= 2 * _STAY_S + n * _NUDGE_S,
-        )
+        torque_nm = self._free.torque_nm(measurement, motion, dt_s)
+        done = self._elapsed_s >= 2 * _STAY_S + len(self._start_rad) * _NUDGE_S
+        return self._free.output(measurement, motion, torque_nm, Phase.MOVE, done=done)
 
     def _motion(self) -> JointMotion:
         """Half a wave for one joint at a time, at rest at both of its ends."""

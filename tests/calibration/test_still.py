@@ -45,7 +45,7 @@ def test_a_device_that_never_samples_is_named(still, monkeypatch):
     read = robot.read
     late = float("-inf")
     monkeypatch.setattr(robot, "read", lambda deadline_s: read(deadline_s)._replace(force_at_s=late))
-    with pytest.raises(DeviceTimeoutError, match="from: force"):
+    with pytest.raises(DeviceTimeoutError, match="force sensor"):
         still.await_samples()
 
 

@@ -10,14 +10,16 @@ from control.arm.rigid_body import RigidBody
 from palpate.commands.doctor import FIRST_PROBE
 from palpate.doctor import Level, check_arm
 from palpate.doctor.check_arm import ArmCheck, examine_arm
+from palpate.doctor.clearance import is_still
 from palpate.doctor.devices import examine_devices
 from palpate.doctor.hand import EmulatedHand, Person
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.nudge import NUDGE_RAD, NudgeTask, gentle
 from palpate.doctor.ports import examine_ports
 from robot_io.calibration import Calibrations
+from robot_io.errors import SafetyTripError
 from robot_io.robot_file import load_robot_file, parse_robot_file
-from robot_io.types import Measurement
+from robot_io.types import Measurement, Status
 from sim_backend.emulators import Fault, FaultKind, Faults
 from tests.mock_robot import MockForce, build_mock_robot, mock_robot_file
 from tests.palpate.cli import ROOT, assert_refused, run
@@ -240,6 +242,26 @@ def test_an_arm_that_rests_at_its_limits_is_nudged_away_from_them(side):
     assert np.all(ways_rad >= np.array(limits.position_min_rad))
     assert np.all(ways_rad <= np.array(limits.position_max_rad))
     assert np.ptp(ways_rad, axis=0) == pytest.approx(NUDGE_RAD, rel=0.02)
+
+
+def test_samples_that_are_all_old_tell_nothing_of_rest():
+    rest = Measurement(0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
+    old = rest._replace(encoder_status=Status.STALE)
+    assert is_still([rest, old, old])  # a sensor may be slower than it is asked
+    assert not is_still([old, old, old])
+    assert not is_still([rest, rest._replace(force_status=Status.FAULT)])
+
+
+def test_the_small_motion_stops_at_a_touch_of_the_tool():
+    robot_file = load_robot_file(DYNAMIXEL)
+    task = NudgeTask(robot_file, RigidBody.of_robot(robot_file))
+    zeros = np.zeros(3)
+    rest = Measurement(0.0, np.array(robot_file.home_rad), zeros, zeros, 0.2, 0.0, 0.0, 0.0)
+    task.start(rest)
+    task.step(rest, 0.01)
+    with pytest.raises(SafetyTripError, match="something is in the way"):
+        for _ in range(5):
+            task.step(rest._replace(force_n=8.0), 0.01)
 
 
 def test_swapped_drives_are_found():
