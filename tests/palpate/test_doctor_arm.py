@@ -2,6 +2,7 @@
 
 import json
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -259,9 +260,9 @@ def test_the_small_motion_stops_at_a_touch_of_the_tool():
     rest = Measurement(0.0, np.array(robot_file.home_rad), zeros, zeros, 0.2, 0.0, 0.0, 0.0)
     task.start(rest)
     task.step(rest, 0.01)
+    touched = iter([rest._replace(force_n=8.0)] * 5)
     with pytest.raises(SafetyTripError, match="something is in the way"):
-        for _ in range(5):
-            task.step(rest._replace(force_n=8.0), 0.01)
+        list(map(partial(task.step, dt_s=0.01), touched))
 
 
 def test_swapped_drives_are_found():
