@@ -11,7 +11,7 @@ from estimation.channel import ChannelKind
 from estimation.diagnosis.frame import Frame
 from estimation.diagnosis.moments import Moments, moments_of, score
 from estimation.diagnosis.trial import Bench, Trial
-from estimation.signals.runwise import low_pass, play, rate, running_max, sample_time, shift
+from estimation.signals.runwise import low_pass, play, rate, relax, running_max, sample_time, shift
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _KNOTS = 9  # at quantiles, where the samples are
@@ -64,7 +64,7 @@ def features(frame: Frame, effort: FloatArray) -> dict[str, FloatArray]:
         "velocity": np.column_stack([curves_v, v[:, None] * coarse_x]),
         "direction": np.column_stack([sharp, turn, turn[:, None] * coarse_x, turn[:, None] * coarse_e]),
         "acceleration": _hats(a),
-        "past motion": np.hstack([_past(pressed, a, time_s, run) * on[:, None], _after(frame, x)]),
+        "past motion": np.hstack([_past(frame, pressed, a, time_s) * on[:, None], _after(frame, x)]),
         "effort": np.hstack([curves_e, _past_effort(effort, time_s, run)]),
     }
     for name in _CONTEXT & data.context.keys():
@@ -75,9 +75,13 @@ def features(frame: Frame, effort: FloatArray) -> dict[str, FloatArray]:
     return found
 
 
-def _past(pressed: FloatArray, a: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
+def _past(frame: Frame, pressed: FloatArray, a: FloatArray, time_s: FloatArray) -> FloatArray:
     """What of the way to the present position is remembered, for some time or until the next reversal."""
-    fading = [pressed - low_pass(pressed, time_s, run, tau) for tau in _MEMORIES_S]
+    run = frame.run
+    if frame.data.kind is ChannelKind.CONTACT:
+        fading = [relax(pressed, time_s, run, tau) for tau in _MEMORIES_S]
+    else:
+        fading = [pressed - low_pass(pressed, time_s, run, tau) for tau in _MEMORIES_S]
     turns = [_memory(pressed, run, share) for share in _TURNS]
     bent = [f * np.abs(f) for f in fading]
     return np.column_stack([*fading, *bent, *turns, *(np.abs(t) * s for t in turns for s in (pressed, a))])

@@ -11,7 +11,10 @@ from robot_io.types import FloatArray
 
 
 class StressRelaxation(AdditiveEffect):
-    """A Maxwell branch beside the spring: F = k1 z with z' = x' - z / tau, z = 0 at first touch."""
+    """A Maxwell branch beside the spring: F = k1 z with z' = x' - z / tau, z = 0 before the first run.
+
+    A press soon after another meets an object that has not recovered yet: see `relax`.
+    """
 
     name = "stress_relaxation"
     physics = "Part of the elastic force flows away with time, as in flesh, rubber and foam."

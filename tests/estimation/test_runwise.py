@@ -66,6 +66,20 @@ def test_a_held_strain_relaxes_with_its_time_constant():
     assert left[500] / left[300] == pytest.approx(np.exp(-2.0 / 2.0), rel=1e-6)
 
 
+def test_a_strain_is_not_forgotten_between_two_presses():
+    strain = np.maximum(np.sin(2.0 * TIME), 0.0)
+    seen = (TIME < 1.8) | (TIME > 2.9)  # nothing was recorded in between
+    run = np.where(TIME < 2.5, 3, 7)
+    whole = relax(strain, TIME, ONE_RUN, 0.8)
+    left = relax(strain[seen], TIME[seen], run[seen], 0.8)
+    assert left == pytest.approx(whole[seen], abs=1e-9)
+    first, second = run[seen] == 3, run[seen] == 7
+    later = np.concatenate([strain[seen][second], strain[seen][first]])
+    times = np.concatenate([TIME[seen][second], TIME[seen][first]])
+    alone = relax(later, times, np.repeat([0, 1], [second.sum(), first.sum()]), 0.8)
+    assert alone[second.sum() :] == pytest.approx(whole[seen][first], abs=1e-9)  # time went back: by itself
+
+
 def test_direction_turns_over_its_path_and_stays_at_rest():
     v = np.where(TIME < 3, 1.0, np.where(TIME < 6, 0.0, -1.0))
     s = direction(v, TIME, ONE_RUN, 0.1)
