@@ -12,6 +12,10 @@ from estimation.tare import Tare
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
+OF_AN_ARM = frozenset(
+    ("joint_position", "joint_velocity", "joint_acceleration", "contact_force", "press_direction_world")
+)
+
 
 class ChannelKind(StrEnum):
     """What the effort is, and so which effects apply."""
@@ -93,6 +97,11 @@ class ChannelData:
         if self.kind is ChannelKind.CONTACT:
             return self.position > 0.0
         return np.ones(len(self), dtype=np.bool_)
+
+    @property
+    def recorded(self) -> dict[str, FloatArray]:
+        """What else was measured, such as a temperature: context (n,) that no arm has and nobody derived."""
+        return {name: self.context[name] for name in sorted(self.context.keys() - OF_AN_ARM - {"load"})}
 
     @property
     def runs(self) -> IntArray:

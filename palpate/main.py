@@ -25,8 +25,8 @@ def main() -> None:
     try:
         run()
     except SystemExit as end:
-        if end.code == INTERRUPTED:
-            _leave_at_once()
+        if isinstance(end.code, int) and end.code:
+            _leave_at_once(end.code)
         raise
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done and said; the interpreter only tidies up
@@ -45,12 +45,12 @@ def run() -> None:
         sys.exit(INTERRUPTED)
 
 
-def _leave_at_once() -> NoReturn:
-    """End without the interpreter's tidying up, in which threads of libraries that were interrupted abort."""
+def _leave_at_once(code: int) -> NoReturn:
+    """End without the interpreter's tidying up, in which threads of libraries that have just begun abort."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):
             stream.flush()
-    os._exit(INTERRUPTED)
+    os._exit(code)
 
 
 def _keep_libraries_quiet() -> None:

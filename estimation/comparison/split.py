@@ -1,6 +1,7 @@
 """Ways to split samples, so that one sees where a model fails."""
 
 from collections.abc import Mapping
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,7 +13,7 @@ _BINS = 4
 
 
 def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
-    """Masks of samples (n,) by label, for each way to split: phase, run, direction, speed and so on."""
+    """Masks of samples (n,) by label, for each way to split: phase, run, speed, what else was recorded."""
     found = {
         "phase": _phases(data),
         "run": {f"run {run}": data.run == run for run in data.runs},
@@ -25,6 +26,8 @@ def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
     }
     if "load" in data.context:
         found["load"] = _bins(np.abs(data.context["load"]), data.kind.effort_unit, data.engaged)
+    for name, signal in data.recorded.items():
+        found[f"recorded {name}" if name in found else name] = _bins(signal, "", data.engaged)
     return {by: kept for by, masks in found.items() if len(kept := _occupied(masks)) > 1}
 
 
@@ -57,7 +60,8 @@ def _bins(signal: FloatArray, unit: str, engaged: BoolArray) -> dict[str, BoolAr
         return {}
     edges = np.linspace(low, high, _BINS + 1)
     place = np.clip(np.digitize(signal, edges[1:-1]), 0, _BINS - 1)
-    return {f"{edges[i]:.3g} to {edges[i + 1]:.3g} {unit}": (place == i) & engaged for i in range(_BINS)}
+    labels = [f"{low:.3g} to {high:.3g} {unit}".strip() for low, high in pairwise(edges)]
+    return {label: (place == i) & engaged for i, label in enumerate(labels)}
 
 
 def _occupied(masks: Mapping[str, BoolArray]) -> dict[str, BoolArray]:

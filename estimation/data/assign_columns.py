@@ -67,6 +67,12 @@ class Columns:
         return self.assigned[key].column
 
     @property
+    def unused(self) -> tuple[str, ...]:
+        """Names of the columns of numbers that hold no quantity and do change."""
+        used = {found.column for found in self.assigned.values()} | {self.run, self.phase}
+        return tuple(name for name in self.table.names if name not in used and self.table.varies(name))
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What the reader should know about the columns."""
         return tuple(found.note for found in self.assigned.values() if found.note)

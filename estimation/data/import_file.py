@@ -30,11 +30,13 @@ class Imported:
         channels: "contact", and "joint_1" ...
         run_labels: what the file calls each run, by its number.
         notes: sentences that the reader should see.
+        unused: columns of numbers that could be kept as context.
     """
 
     channels: tuple[ChannelData, ...]
     run_labels: dict[int, str]
     notes: tuple[str, ...]
+    unused: tuple[str, ...]
 
 
 def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT) -> Imported:
@@ -59,7 +61,8 @@ def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT)
     signals = {re.sub(r"\W+", "_", name): columns.table.numbers(name) for name in options.context}
     context = {name: values[rows.order] for name, values in signals.items()}
     channels = [replace(channel, context=context) for channel in channels]
-    return Imported(with_arm(channels), rows.labels, columns.notes)
+    unused = tuple(name for name in columns.unused if name not in options.context)
+    return Imported(with_arm(channels), rows.labels, columns.notes, unused)
 
 
 def _filter(table: Table, options: ImportOptions) -> Table:

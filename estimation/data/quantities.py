@@ -23,7 +23,8 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """Dimensions that each quantity may have."""
 
-_NAME = re.compile(rf"({'|'.join(QUANTITIES)})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
+_ALSO = {"depth": "displacement"}
+_NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_ALSO])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,8 @@ def parse_role(name: str) -> Role | None:
     match = _NAME.fullmatch(name.strip())
     if not match:
         return None
-    quantity, joint, ending = match.group(1).lower(), int(match.group(2) or 0), match.group(3) or ""
+    named, joint, ending = match.group(1).lower(), int(match.group(2) or 0), match.group(3) or ""
+    quantity = _ALSO.get(named, named)
     unit = normalise(ending)
     if unit and dimension_of(unit) not in QUANTITIES[quantity]:
         return None

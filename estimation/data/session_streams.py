@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimation.channel import ChannelData, ChannelKind
+from estimation.channel import OF_AN_ARM, ChannelData, ChannelKind
 from estimation.data.arm_context import with_arm
 from estimation.data.import_file import Imported
 from estimation.data.numbers import fault_of, more_like_it, useless_rows
@@ -79,7 +79,7 @@ def _arrays(channel: ChannelData) -> dict[str, ArrayLike]:
 
 def _own_context(channel: ChannelData) -> list[str]:
     """Signals of the file; the arm's motion is in the joints' own streams."""
-    return [name for name in channel.context if not name.startswith("joint_")]
+    return sorted(channel.context.keys() - OF_AN_ARM)
 
 
 def _channel(name: str, samples: Samples) -> ChannelData:

@@ -70,6 +70,13 @@ class Table:
             raise InputError(f"{place}: {shown!r} is {fault}; {_remedy(shown)}")
         return values
 
+    def varies(self, name: str) -> bool:
+        """Whether a column holds numbers that are not all the same."""
+        try:
+            return bool(np.ptp(self.numbers(name)) > 0.0)
+        except InputError:
+            return False
+
     def labels(self, name: str) -> NDArray[np.str_]:
         """A column as text, shape (n,).
 

@@ -36,8 +36,11 @@ SI: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 
 def normalise(unit: str) -> str:
-    """The spelling used here: "mm/s^2" and "mm/s2" are "mm_s2", "N m" and "N*m" are "Nm"."""
-    return unit.strip().replace("²", "2").replace("^", "").replace("/", "_").replace(" ", "").replace("*", "")
+    """The spelling used here: "mm/s^2" and "mm/s2" are "mm_s2", "N m" and "N*m" are "Nm", "n" is "N"."""
+    plain = (
+        unit.strip().replace("²", "2").replace("^", "").replace("/", "_").replace(" ", "").replace("*", "")
+    )
+    return {"n": "N", "nm": "Nm"}.get(plain, plain)  # as in names that are all lower case
 
 
 def dimension_of(unit: str) -> str | None:

@@ -70,6 +70,8 @@ def features(frame: Frame, effort: FloatArray) -> dict[str, FloatArray]:
     for name in _CONTEXT & data.context.keys():
         columns = frame.reduce(data.context[name]).reshape(len(x), -1)
         found[name.replace("_", " ")] = np.hstack([_hats(column) for column in columns.T])
+    for name, signal in data.recorded.items():
+        found[f"recorded {name}" if name in found else name] = _beside(frame.reduce(signal), x, v, effort)
     if "load" in found:
         found["load"] = np.column_stack([found["load"], sharp * np.abs(frame.reduce(data.context["load"]))])
     return found
@@ -94,6 +96,12 @@ def _after(frame: Frame, x: FloatArray) -> FloatArray:
     touched = running_max((x > 0.0).astype(np.float64), frame.run) * (x <= 0.0)
     reaches = np.max(x, initial=1e-9) * np.array([0.02, 0.06, 0.2])
     return np.asarray(touched[:, None] * np.exp(np.minimum(x, 0.0)[:, None] / reaches))
+
+
+def _beside(signal: FloatArray, *others: FloatArray) -> FloatArray:
+    """What a signal that no model knows may add, and how it may scale what is there."""
+    unit = (signal - signal.mean()) / (float(np.std(signal)) or 1.0)
+    return np.column_stack([_hats(unit), *(unit * other for other in others)])
 
 
 def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:

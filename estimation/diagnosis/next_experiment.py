@@ -72,6 +72,16 @@ _PLANS: Mapping[frozenset[str], Plan] = {
     frozenset({"hysteresis", "dry_friction"}): _SLOW_REVERSALS,
 }
 
+_BY_SIGNAL: Mapping[str, Plan] = {
+    **dict.fromkeys(("position", "effort", "direction", "acceleration", "load"), _DEEP),
+    **dict.fromkeys(("joint position", "joint velocity"), _JOINT),
+    "velocity": _TWO_SPEEDS,
+    "past motion": _LONG_HOLD,
+    "time": _FREE_AIR,
+    "offset": _FREE_AIR,
+    "run": _REPEATS,
+}
+
 
 def separating(effect: Effect, rivals: Sequence[str], kind: ChannelKind) -> NextExperiment:
     """The experiment that tells an effect from those it is confused with."""
@@ -88,15 +98,11 @@ def separating(effect: Effect, rivals: Sequence[str], kind: ChannelKind) -> Next
 
 def exploring(signals: Sequence[str], kind: ChannelKind) -> NextExperiment:
     """The experiment that shows more of an effect that nobody has named."""
-    by_signal = {
-        "velocity": _TWO_SPEEDS,
-        "past motion": _LONG_HOLD,
-        "time": _FREE_AIR,
-        "offset": _FREE_AIR,
-        "run": _REPEATS,
-    }
     first = signals[0] if signals else "position"
-    plan = by_signal.get(first, _DEEP) if kind is ChannelKind.CONTACT else _JOINT
+    if first not in _BY_SIGNAL:
+        plan = Plan(f"repeat the same motion at different values of {first}, each kept while it lasts")
+    else:
+        plan = _BY_SIGNAL[first] if kind is ChannelKind.CONTACT else _JOINT
     return NextExperiment(
         purpose="show what the remaining error depends on: " + (", ".join(signals) or "nothing found yet"),
         separates=[],

@@ -36,10 +36,12 @@ from palpate.findings.subject import ALL_CHANNELS, Subject, channels_to_diagnose
 from palpate.text.diagnosis import show
 from palpate.text.diagnosis_progress import diagnosis_progress
 from palpate.text.stages import print_files
+from palpate.words import as_shell_word
 from palpate.words import typed as path_typed
 
 RESULT = "diagnosis.json"
 PLAN = "next-experiment.yaml"
+MOST_ASKED = 3  # unused columns that are pointed out
 
 
 def command(  # noqa: PLR0917, one parameter an option
@@ -99,7 +101,7 @@ def command(  # noqa: PLR0917, one parameter an option
         _print(diagnosis)
     if folder is None:
         if not as_json:
-            _next(typed, typed, diagnosis, None, applied=apply, unjudged=unjudged)
+            _next(material, typed, typed, diagnosis, None, applied=apply, unjudged=unjudged)
         return
     write_json(diagnosis.model_dump(mode="json"), folder / RESULT)
     plan = _write_plan(material, diagnosis, folder)
@@ -114,7 +116,7 @@ def command(  # noqa: PLR0917, one parameter an option
         print_files({"result": folder / RESULT, **written})
         again = _again(material, plan)
         kept = retyped(file, folder=out, **data)
-        _next(typed, kept, diagnosis, again, applied=apply, unjudged=unjudged)
+        _next(material, typed, kept, diagnosis, again, applied=apply, unjudged=unjudged)
 
 
 def _print(diagnosis: Diagnosis) -> None:
@@ -168,7 +170,14 @@ def _again(material: Material, plan: Path | None) -> str | None:
 
 
 def _next(
-    typed: str, kept: str, diagnosis: Diagnosis, again: str | None, *, applied: bool, unjudged: bool
+    material: Material,
+    typed: str,
+    kept: str,
+    diagnosis: Diagnosis,
+    again: str | None,
+    *,
+    applied: bool,
+    unjudged: bool,
 ) -> None:
     steps = []
     missing = [found for found in diagnosis.channels if found.accepted]
@@ -185,6 +194,10 @@ def _next(
             (f"palpate diagnose {typed} --channel {ALL_CHANNELS}", "the arm's joints were not judged")
         )
     if any(found.verdict is Verdict.UNEXPLAINED for found in diagnosis.channels):
+        steps.extend(
+            (f"palpate diagnose {typed} --context {as_shell_word(name)}", f"whether it depends on {name}")
+            for name in material.unused[:MOST_ASKED]
+        )
         steps.append(
             (f"palpate diagnose {typed} --effect my_effects.py:MyEffect", "try a hypothesis of your own")
         )

@@ -9,7 +9,8 @@ import numpy as np
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.channels import is_session, load_channels, session_channels
+from estimation.data.channels import is_session, session_channels
+from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
 from estimation.estimate import Estimate
 from estimation.estimate_channel import estimate_channel, fitting_rows
@@ -69,6 +70,7 @@ class Material:
         channels: what was measured.
         truth: true parameters of the object, where the session was simulated.
         arm: what the channels belong to.
+        unused: columns of numbers of a data file that nothing was made of.
     """
 
     path: Path
@@ -76,6 +78,7 @@ class Material:
     channels: tuple[ChannelData, ...]
     truth: dict[str, float]
     arm: Arm
+    unused: tuple[str, ...] = ()
 
     def described_by(self, model: str) -> tuple[ChannelData, ...]:
         """The channels that a base model describes.
@@ -159,7 +162,8 @@ def load_material(path: Path, options: ImportOptions = NO_OPTIONS, *, tared: boo
     """
     existing_file(path, "session or data file")
     if not is_session(path):
-        return Material(path, None, load_channels(path, options, tared=tared), {}, NO_ARM)
+        imported = import_file(path, options)
+        return Material(path, None, imported.channels, {}, NO_ARM, imported.unused)
     if options != NO_OPTIONS:
         raise InputError(f"{path}: is a session; --column, --unit, --where and --context are for data files")
     session = Session.open(path)

@@ -195,6 +195,20 @@ def test_where_chooses_rows_and_context_keeps_signals(contact):
     np.testing.assert_allclose(channel.context["temperature_C"], 20 + T[:30])
 
 
+def test_columns_of_numbers_that_nothing_was_made_of_are_told(contact):
+    path = contact(specimen=["P1"] * 50, temperature_C=20 + T, humidity=40 + T, tool=np.full(50, 3.0))
+    assert import_file(path).unused == ("temperature_C", "humidity")
+    assert import_file(path, ImportOptions(context=("humidity",))).unused == ("temperature_C",)
+
+
+def test_names_in_lower_case_and_a_depth_are_understood(tmp_path):
+    plain = {"time_s": T, "depth_mm": 1e3 * X, "force_n": F}
+    channel = only(import_file(write_csv(tmp_path / "plain.csv", plain)))
+    assert channel.kind is ChannelKind.CONTACT
+    np.testing.assert_allclose(channel.position, X)
+    np.testing.assert_allclose(channel.effort, F)
+
+
 def test_an_empty_or_bad_number_is_named_by_row_and_column(contact):
     force = F.astype(object)
     force[16] = "oops"

@@ -87,6 +87,27 @@ def test_data_that_cannot_say_gets_the_reason(tmp_path):
     assert "single run" in result.stdout
 
 
+def test_a_column_that_nothing_was_made_of_is_pointed_out_and_found_guilty(tmp_path):
+    speeds_m_s = (0.02, 0.04, 0.08, 0.03, 0.05, 0.06)
+    plain = write_presses(tmp_path / "plain.csv", cubic=0, speeds_m_s=speeds_m_s)
+    rows = np.loadtxt(plain, delimiter=",", skiprows=1)
+    warmth = np.array([21.0, 29.0, 23.0, 27.0, 25.0, 22.0])[rows[:, 3].astype(int)]
+    rows[:, 2] *= 1 - 0.02 * (warmth - 25)
+    warm = tmp_path / "warm.csv"
+    np.savetxt(
+        warm,
+        np.column_stack([rows, warmth]),
+        delimiter=",",
+        header="time_s,displacement_m,force_N,run,warmth",
+        comments="",
+    )
+    result = run("diagnose", warm)
+    assert result.stdout.startswith("UNEXPLAINED  contact")
+    assert "warm.csv --context warmth" in result.stderr
+    blamed = run("diagnose", warm, "--context", "warmth")
+    assert "it depends on warmth" in " ".join(blamed.stdout.split())
+
+
 def test_an_effect_of_ones_own_is_found_by_its_own_name(tmp_path):
     """A law that palpate does not know: force proportional to depth times the sine of depth."""
     file = tmp_path / "my_effects.py"
