@@ -12,10 +12,6 @@ from estimation.tare import Tare
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-OF_AN_ARM = frozenset(
-    ("joint_position", "joint_velocity", "joint_acceleration", "contact_force", "press_direction_world")
-)
-
 
 class ChannelKind(StrEnum):
     """What the effort is, and so which effects apply."""
@@ -54,6 +50,8 @@ class ChannelData:
             `load` (n,), the effort a joint carries apart from friction.
         surface: where the surface was found from which position counts; None where displacement was given.
         tare: what was taken off the effort as measured; None where nothing was.
+        recorded: names of those signals of the context that a user recorded beside, such as a temperature;
+            each of shape (n,).
     """
 
     name: str
@@ -68,6 +66,7 @@ class ChannelData:
     context: Mapping[str, FloatArray] = field(default_factory=dict)
     surface: Surface | None = None
     tare: Tare | None = None
+    recorded: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         """Check lengths and finiteness.
@@ -97,11 +96,6 @@ class ChannelData:
         if self.kind is ChannelKind.CONTACT:
             return self.position > 0.0
         return np.ones(len(self), dtype=np.bool_)
-
-    @property
-    def recorded(self) -> dict[str, FloatArray]:
-        """What else was measured, such as a temperature: context (n,) that no arm has and nobody derived."""
-        return {name: self.context[name] for name in sorted(self.context.keys() - OF_AN_ARM - {"load"})}
 
     @property
     def runs(self) -> IntArray:

@@ -10,9 +10,9 @@ from estimation.comparison.split import splits
 from estimation.diagnosis.gate import refuse, usable
 from estimation.diagnosis.held_out import held_out_residual, rmse
 from estimation.diagnosis.noise_floor import NoiseFloor, noise_floor
+from estimation.diagnosis.objection import floor_unseen
 from estimation.diagnosis.standing import stand
 from estimation.diagnosis.unexplained import is_explained
-from estimation.diagnosis.unlike_noise import quiet_floor
 from estimation.model import Model
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
@@ -78,8 +78,8 @@ def compare(data: ChannelData, model: Model, known_floor: float = np.inf) -> Com
     """Fit a model and compare it with the measurement, on runs that the fit has not seen.
 
     What a flexible regression cannot explain is noise at most, and so is what does not return when a motion
-    is repeated, and what a fuller model is known to leave: the floor is the smallest of them, or the noise in
-    free air where what is left in contact does not look like noise.
+    is repeated, and what a fuller model is known to leave. The floor is the smallest of them and of
+    `floor_unseen` (runs that follow different laws, a rest in contact that is no noise).
 
     Args:
         data: the measurement.
@@ -96,9 +96,9 @@ def compare(data: ChannelData, model: Model, known_floor: float = np.inf) -> Com
     standing = stand(data, model, {}, good)
     residual = held_out_residual(standing.plain.frame, standing.trial)
     own = noise_floor(standing)
-    quiet = quiet_floor(standing)
-    explained = is_explained(standing) and not np.isfinite(quiet)
-    floor = replace(own, value=min(own.value, own.repeats or np.inf, quiet, known_floor))
+    unseen = floor_unseen(standing, own.value)
+    explained = is_explained(standing) and not np.isfinite(unseen)
+    floor = replace(own, value=min(own.value, own.repeats or np.inf, unseen, known_floor))
     parts = {
         by: tuple(_part(label, residual, mask, floor.value) for label, mask in masks.items())
         for by, masks in splits(standing.data).items()

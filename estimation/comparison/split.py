@@ -26,8 +26,8 @@ def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
     }
     if "load" in data.context:
         found["load"] = _bins(np.abs(data.context["load"]), data.kind.effort_unit, data.engaged)
-    for name, signal in data.recorded.items():
-        found[f"recorded {name}" if name in found else name] = _bins(signal, "", data.engaged)
+    for name in sorted(data.recorded):
+        found[f"recorded {name}" if name in found else name] = _bins(data.context[name], "", data.engaged)
     return {by: kept for by, masks in found.items() if len(kept := _occupied(masks)) > 1}
 
 

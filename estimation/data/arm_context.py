@@ -7,17 +7,16 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 
+OF_THE_ARM = ("joint_position", "joint_velocity", "joint_acceleration")
+
 
 def with_arm(channels: Sequence[ChannelData]) -> tuple[ChannelData, ...]:
     """The channels, each joint's with the motion of all joints in its context, (n, joints) each."""
     joints = [channel for channel in channels if channel.kind is not ChannelKind.CONTACT]
     if not joints:
         return tuple(channels)
-    arm = {
-        "joint_position": np.column_stack([joint.position for joint in joints]),
-        "joint_velocity": np.column_stack([joint.velocity for joint in joints]),
-        "joint_acceleration": np.column_stack([joint.acceleration for joint in joints]),
-    }
+    motions = ((joint.position, joint.velocity, joint.acceleration) for joint in joints)
+    arm = dict(zip(OF_THE_ARM, map(np.column_stack, zip(*motions, strict=True)), strict=True))
     return tuple(
         channel
         if channel.kind is ChannelKind.CONTACT

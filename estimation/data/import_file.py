@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.arm_context import with_arm
+from estimation.data.arm_context import OF_THE_ARM, with_arm
 from estimation.data.assign_columns import Columns, Key, assign_columns
 from estimation.data.derivatives import differentiate
 from estimation.data.import_options import ImportOptions
@@ -58,11 +58,20 @@ def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT)
     sources = _sources(columns)
     rows = arrange_rows(columns)
     channels = [_channel(source, columns, rows) for source in sources]
-    signals = {re.sub(r"\W+", "_", name): columns.table.numbers(name) for name in options.context}
-    context = {name: values[rows.order] for name, values in signals.items()}
-    channels = [replace(channel, context=context) for channel in channels]
+    context = {_signal(name): columns.table.numbers(name)[rows.order] for name in options.context}
+    channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     unused = tuple(name for name in columns.unused if name not in options.context)
     return Imported(with_arm(channels), rows.labels, columns.notes, unused)
+
+
+def _signal(column: str) -> str:
+    """What a further column is called as a signal."""
+    name = re.sub(r"\W+", "_", column)
+    if name in OF_THE_ARM:
+        raise InputError(
+            f"--context {column}: that is what all joints' own motion is called; rename the column"
+        )
+    return name
 
 
 def _filter(table: Table, options: ImportOptions) -> Table:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimation.channel import OF_AN_ARM, ChannelData, ChannelKind
+from estimation.channel import ChannelData, ChannelKind
 from estimation.data.arm_context import with_arm
 from estimation.data.import_file import Imported
 from estimation.data.numbers import fault_of, more_like_it, useless_rows
@@ -61,7 +61,7 @@ def _stream(channel: ChannelData) -> Stream:
         Column("phase", "1", 1, "as in the stream of ticks; -1 where unknown", "int32"),
     ]
     columns += [Column(n, u, 1, _DOCS.get(n, "")) for n, u in zip(names, units, strict=True)]
-    columns += [Column(_CONTEXT + name, "1", 1, "as in the data file") for name in _own_context(channel)]
+    columns += [Column(_CONTEXT + name, "1", 1, "as in the data file") for name in sorted(channel.recorded)]
     return Stream(channel.name, tuple(columns))
 
 
@@ -73,13 +73,8 @@ def _arrays(channel: ChannelData) -> dict[str, ArrayLike]:
         "phase": channel.phase.astype(np.int32),
     }
     arrays.update(zip(_COLUMNS[channel.kind], motion, strict=True))
-    arrays.update({_CONTEXT + name: channel.context[name] for name in _own_context(channel)})
+    arrays.update({_CONTEXT + name: channel.context[name] for name in sorted(channel.recorded)})
     return arrays
-
-
-def _own_context(channel: ChannelData) -> list[str]:
-    """Signals of the file; the arm's motion is in the joints' own streams."""
-    return sorted(channel.context.keys() - OF_AN_ARM)
 
 
 def _channel(name: str, samples: Samples) -> ChannelData:
@@ -88,6 +83,9 @@ def _channel(name: str, samples: Samples) -> ChannelData:
         raise SessionError(f"stream '{name}' is no channel: it has columns {', '.join(samples)}")
     _check(name, samples, ("time_s", "run", "phase", *_COLUMNS[kinds[0]]))
     position, velocity, acceleration, effort = (samples[column] for column in _COLUMNS[kinds[0]])
+    context = {
+        column.removeprefix(_CONTEXT): samples[column] for column in samples if column.startswith(_CONTEXT)
+    }
     return ChannelData(
         name,
         kinds[0],
@@ -98,7 +96,8 @@ def _channel(name: str, samples: Samples) -> ChannelData:
         effort,
         samples["run"],
         samples["phase"].astype(np.int64),
-        {column.removeprefix(_CONTEXT): samples[column] for column in samples if column.startswith(_CONTEXT)},
+        context,
+        recorded=frozenset(context),
     )
 
 

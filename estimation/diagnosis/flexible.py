@@ -70,8 +70,10 @@ def features(frame: Frame, effort: FloatArray) -> dict[str, FloatArray]:
     for name in _CONTEXT & data.context.keys():
         columns = frame.reduce(data.context[name]).reshape(len(x), -1)
         found[name.replace("_", " ")] = np.hstack([_hats(column) for column in columns.T])
-    for name, signal in data.recorded.items():
-        found[f"recorded {name}" if name in found else name] = _beside(frame.reduce(signal), x, v, effort)
+    for name in sorted(data.recorded):
+        found[f"recorded {name}" if name in found else name] = _beside(
+            frame.reduce(data.context[name]), x, v, effort
+        )
     if "load" in found:
         found["load"] = np.column_stack([found["load"], sharp * np.abs(frame.reduce(data.context["load"]))])
     return found

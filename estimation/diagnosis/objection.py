@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from estimation.diagnosis.agreement import Disagreement, disagreement
 from estimation.diagnosis.chain import Chain
+from estimation.diagnosis.standing import Standing
 from estimation.diagnosis.unlike_noise import Excess, quiet_floor, unlike_noise
 
 _CLEARLY = 0.5  # times the error that is left
@@ -35,6 +36,18 @@ def objection_to(chain: Chain) -> Objection | None:
         return Objection(_runs(apart, unit), ("run",), apart.alone)
     excess = unlike_noise(chain.end) if chain.is_complete else None
     return Objection(_rest(excess, unit), ("time",), quiet_floor(chain.end)) if excess else None
+
+
+def floor_unseen(standing: Standing, floor: float) -> float:
+    """The error that a complete model would leave by what no signal of the data shows; infinite if nothing.
+
+    Args:
+        standing: a model, complete or not.
+        floor: what a smooth law of the signals would leave.
+    """
+    apart = disagreement(standing)
+    alone = apart.alone if apart and apart.alone < _CLEARLY * floor else float("inf")
+    return min(alone, quiet_floor(standing))
 
 
 def _runs(apart: Disagreement, unit: str) -> str:

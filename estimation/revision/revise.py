@@ -9,9 +9,9 @@ from estimation.diagnosis.held_out import held_out_residual, rmse
 from estimation.diagnosis.intervals import Value, final, values
 from estimation.diagnosis.library import library
 from estimation.diagnosis.noise_floor import noise_floor
+from estimation.diagnosis.objection import floor_unseen
 from estimation.diagnosis.selection import screen
 from estimation.diagnosis.standing import Standing, stand
-from estimation.diagnosis.unlike_noise import quiet_floor
 from estimation.effect import Effect
 from estimation.model import Model
 from robot_io.errors import InputError
@@ -102,6 +102,6 @@ def _revision(number: int, added: str, standing: Standing) -> Revision:
         predicted=trial.model.predict(standing.data, trial.parameters),
         residual=residual,
         rmse=rmse(residual),
-        noise_floor=min(floor.value, quiet_floor(standing)),
+        noise_floor=min(floor.value, floor_unseen(standing, floor.value)),
         share_left=floor.share_left,
     )

@@ -169,6 +169,18 @@ def _again(material: Material, plan: Path | None) -> str | None:
     return None if world is None else f"palpate probe --experiment {path_typed(plan)} {world}".strip()
 
 
+def _suspected(typed: str, diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """Commands that add what would help though it does not complete a model."""
+    return [
+        (
+            f"palpate add {typed} {' '.join(suspect.effect for suspect in found.suspects)}",
+            "see how far that takes the model",
+        )
+        for found in diagnosis.channels
+        if found.suspects
+    ][:1]
+
+
 def _next(
     material: Material,
     typed: str,
@@ -184,6 +196,8 @@ def _next(
     if missing and not applied:
         names = " ".join(entry.effect for entry in missing[0].accepted)
         steps.append((f"palpate add {typed} {names}", "refit with it, and keep that as a revision"))
+    elif diagnosis.channels and not missing:
+        steps.extend(_suspected(typed, diagnosis))
     if missing and applied:
         steps.append((f"palpate export {kept}", "the improved model as a simulated world"))
         steps.append((f"palpate revisions {kept}", "all stages, to go back to"))

@@ -195,6 +195,11 @@ def test_where_chooses_rows_and_context_keeps_signals(contact):
     np.testing.assert_allclose(channel.context["temperature_C"], 20 + T[:30])
 
 
+def test_a_context_cannot_take_the_place_of_the_arms_motion(contact):
+    path = contact(joint_velocity=20 + T)
+    assert "rename the column" in refusal(path, context=("joint_velocity",))
+
+
 def test_columns_of_numbers_that_nothing_was_made_of_are_told(contact):
     path = contact(specimen=["P1"] * 50, temperature_C=20 + T, humidity=40 + T, tool=np.full(50, 3.0))
     assert import_file(path).unused == ("temperature_C", "humidity")

@@ -108,6 +108,14 @@ def test_a_column_that_nothing_was_made_of_is_pointed_out_and_found_guilty(tmp_p
     assert "it depends on warmth" in " ".join(blamed.stdout.split())
 
 
+def test_what_is_suspected_can_be_added_by_the_next_command(tmp_path):
+    law = lambda x, v: 400 * x + 6 * v + 2e6 * x**3 + 0.1 * np.sin(1500 * x)  # noqa: E731
+    result = run("diagnose", write_presses(tmp_path / "wavy.csv", force_of=law))
+    assert result.stdout.startswith("UNEXPLAINED  contact")
+    (line,) = [line for line in result.stderr.splitlines() if "palpate add" in line]
+    assert "wavy.csv cubic_stiffness" in line
+
+
 def test_an_effect_of_ones_own_is_found_by_its_own_name(tmp_path):
     """A law that palpate does not know: force proportional to depth times the sine of depth."""
     file = tmp_path / "my_effects.py"

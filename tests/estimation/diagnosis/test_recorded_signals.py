@@ -9,6 +9,7 @@ from estimation.base_model import ModelContext
 from estimation.comparison import compare
 from estimation.diagnosis import Verdict, diagnose
 from estimation.models import MODELS
+from estimation.revision import revise
 from tests.estimation.diagnosis.presses import session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
@@ -21,7 +22,7 @@ def warming(data):
 
 
 def named(data, name="temperature"):
-    return replace(data, context={name: warming(data)})
+    return replace(data, context={name: warming(data)}, recorded=frozenset({name}))
 
 
 def softened(data, share_per_kelvin=0.01):
@@ -41,6 +42,11 @@ def test_an_object_that_softens_with_warmth_is_an_effect_that_depends_on_the_rec
     assert found.noise_floor < 0.5 * found.baseline.rmse
     assert "different values of temperature" in found.next_experiment.instruction
     assert found.next_experiment.probe == {}
+
+
+def test_runs_that_differ_for_no_known_reason_are_no_noise_of_a_revision():
+    revisions = revise(softened(session(11)), MODEL, ["cubic_stiffness"])
+    assert all(0.04 < revision.noise_floor < 0.5 * revision.rmse for revision in revisions)
 
 
 def test_a_temperature_that_does_nothing_is_not_blamed():
