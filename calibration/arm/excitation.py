@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.clearance import is_clear, straight_way
+from calibration.arm.clearance import is_clear
 from calibration.arm.fourier import FourierPath
 from calibration.arm.model import GravityBodies, design
+from calibration.arm.pace import SHARE, overloaded_joint, paced
+from calibration.arm.way_up import check_way_up, highest_posture, room
 from control.arm.rigid_body import RigidBody
 from control.paths.motion import JointMotion
 from robot_io.errors import InputError
@@ -16,8 +18,8 @@ from robot_io.limits import Limits
 from robot_io.types import FloatArray
 
 HARMONICS = 4
+_SLOWEST_RAD_S = 0.1  # friction near standstill hides the torques of slower motions
 _LIMIT_MARGIN_RAD = 0.15  # stays so far from the position limits
-_SPEED_SHARE = 0.5  # of the velocity limit
 _CANDIDATES = 24
 _LOOKS = 120  # postures of a candidate that are looked at
 _SHRINKING = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2)
@@ -61,22 +63,18 @@ def choose_path(
         body: the arm.
         bodies: its parts for the model.
         start_rad: where the arm stands, shape (n,) [rad]; nothing goes lower than it does there.
-        limits: of position and velocity.
+        limits: of position, velocity and torque.
         wish: duration and speed.
         rng: for the candidates; equal seeds choose the same path.
 
     Raises:
-        InputError: no motion is clear of the ground and inside the limits.
+        InputError: no motion is clear of the ground and inside the limits, or all are too slow to tell.
     """
     floor_m = float(body.heights_m(start_rad)[1:].min())
-    low, high = (np.array(x) for x in (limits.position_min_rad, limits.position_max_rad))
-    low, high = low + _LIMIT_MARGIN_RAD, high - _LIMIT_MARGIN_RAD
-    speed = np.minimum(_SPEED_SHARE * np.array(limits.velocity_rad_s), wish.speed_rad_s)
+    low, high = room(limits, _LIMIT_MARGIN_RAD)
+    speed = _told_speeds(limits, wish)
     centre = highest_posture(body, low, high)
-    if not is_clear(body, straight_way(start_rad, centre), floor_m):
-        raise InputError(
-            "the way up from where the arm stands would come nearer to the ground: raise the arm first"
-        )
+    check_way_up(body, start_rad, centre, limits)
     times = np.linspace(0.0, wish.duration_s, _LOOKS)
     best: tuple[float, FourierPath] | None = None
     for _ in range(_CANDIDATES):
@@ -86,24 +84,33 @@ def choose_path(
         )
         for path in _shrinking(centre, shape, wish, (low, high), speed):
             motions = [path.at(time_s) for time_s in times]
-            if is_clear(body, (motion.position_rad for motion in motions), floor_m):
+            clear = is_clear(body, (motion.position_rad for motion in motions), floor_m)
+            if clear and overloaded_joint(body, motions, limits) is None:
                 score = _telling(bodies, motions)
                 best = (score, path) if best is None or score > best[0] else best
                 break
     if best is None:
-        raise InputError("no motion of the arm stays above where it stands now: raise the arm first")
+        raise InputError(
+            "no motion of the arm stays above where it stands now and within its torque limits: "
+            "raise the arm first, or limits.torque_nm"
+        )
     return best[1]
 
 
-def highest_posture(body: RigidBody, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Of a grid over the joints' ranges the posture whose joints and tip stand highest, shape (n,) [rad]."""
-    posture = np.clip(np.zeros(body.joint_count), low, high)
-    for _ in range(2):  # joint by joint: for a chain the sum of heights has one top
-        for joint in range(body.joint_count):
-            tries = np.repeat(posture[None], 61, axis=0)
-            tries[:, joint] = np.linspace(low[joint], high[joint], 61)
-            posture = max(tries, key=lambda q: float(body.heights_m(q).sum()))
-    return posture
+def _told_speeds(limits: Limits, wish: ExcitationWish) -> FloatArray:
+    """Speeds that the joints may have, shape (n,) [rad/s].
+
+    Raises:
+        InputError: a joint may only move so slowly that its torque says nothing.
+    """
+    speed = paced(wish.speed_rad_s, limits)
+    joint = int(speed.argmin())
+    if speed[joint] < _SLOWEST_RAD_S:
+        raise InputError(
+            f"limits.velocity_rad_s of joint {joint + 1} is {limits.velocity_rad_s[joint]:g} rad/s: too slow "
+            f"to tell friction from weight; this motion needs {_SLOWEST_RAD_S / SHARE:g} rad/s or more"
+        )
+    return speed
 
 
 def _shrinking(

@@ -4,6 +4,7 @@ import numpy as np
 
 from calibration.arm.fourier import FourierPath
 from calibration.arm.free_motion import FreeMotion
+from calibration.arm.pace import ACCELERATION_RAD_S2
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import TrackingGains
 from control.loop.phases import Phase
@@ -13,8 +14,6 @@ from control.paths.trajectory import JointMove
 from robot_io.errors import SafetyTripError
 from robot_io.types import FloatArray, Measurement
 
-SPEED_RAD_S = 0.6
-ACCELERATION_RAD_S2 = 2.0
 _SETTLE_S = 0.3
 _REST_RAD_S = 0.05
 _REST_WAIT_S = 2.0
@@ -27,14 +26,15 @@ class PathTask:
         body: the arm.
         gains: of tracking.
         path: what to follow.
+        travel_rad_s: speed of the fastest joint on the ways to the path and back [rad/s].
 
     Attributes:
         duration_s: of the path and the ways to it and back, once started [s].
     """
 
-    def __init__(self, body: RigidBody, gains: TrackingGains, path: FourierPath) -> None:
+    def __init__(self, body: RigidBody, gains: TrackingGains, path: FourierPath, travel_rad_s: float) -> None:
         self._free = FreeMotion(body, gains)
-        self._path = path
+        self._path, self._travel_rad_s = path, travel_rad_s
         self._time_s = 0.0
         self.duration_s = path.duration_s
 
@@ -43,8 +43,8 @@ class PathTask:
         self._free.start(measurement)
         start_rad = measurement.joint_position_rad.copy()
         self._time_s = 0.0
-        self._there = _move(start_rad, self._path.centre_rad)
-        self._back = _move(self._path.centre_rad, start_rad)
+        self._there = self._move(start_rad, self._path.centre_rad)
+        self._back = self._move(self._path.centre_rad, start_rad)
         self._begin_s = self._there.duration_s + _SETTLE_S
         self._end_s = self._begin_s + self._path.duration_s
         self.duration_s = self._end_s + self._back.duration_s + _SETTLE_S
@@ -74,6 +74,5 @@ class PathTask:
             return self._path.at(self._time_s - self._begin_s), Phase.FREE_AIR, 0
         return self._back.at(self._time_s - self._end_s), Phase.MOVE, NO_RUN
 
-
-def _move(start_rad: FloatArray, end_rad: FloatArray) -> JointMove:
-    return JointMove(start_rad, end_rad, SPEED_RAD_S, ACCELERATION_RAD_S2)
+    def _move(self, start_rad: FloatArray, end_rad: FloatArray) -> JointMove:
+        return JointMove(start_rad, end_rad, self._travel_rad_s, ACCELERATION_RAD_S2)

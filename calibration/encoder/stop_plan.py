@@ -6,14 +6,18 @@ from itertools import product
 
 import numpy as np
 
-from calibration.arm.clearance import is_clear, lowest_m, straight_way
-from calibration.arm.excitation import highest_posture
+from calibration.arm.clearance import MARGIN_M, lowest_m, straight_way
+from calibration.arm.pace import overloaded_joint
+from calibration.arm.way_up import check_way_up, highest_posture, room
 from control.arm.rigid_body import RigidBody
+from control.paths.motion import JointMotion
 from robot_io.errors import InputError
 from robot_io.limits import Limits
 from robot_io.types import FloatArray
 
 _NEAR_RAD = 0.12  # the approach begins so far before the stop
+_LIMIT_MARGIN_RAD = 0.1  # postures stay so far from the position limits
+_INSTEAD = "or calibrate in a known pose instead, without power: --pose home"
 _TRIES = 5  # postures of each other joint
 
 
@@ -43,12 +47,13 @@ def plan_stops(
 ) -> tuple[FloatArray, tuple[StopApproach, ...]]:
     """The posture to go up to first, and the approaches, each from there.
 
-    For each joint the side and posture with the most room to the ground are taken.
+    For each joint the side and posture with the most room to the ground are taken, of those in which the
+    torque limits carry the arm.
 
     Args:
         body: the arm.
         start_rad: where the arm stands, shape (n,) [rad]; nothing goes lower than it does there.
-        limits: of position; approaches begin within them.
+        limits: of position, which approaches begin within, velocity and torque.
         stops_rad: lower and upper hard stops, (n,) each [rad]; NaN where there is none.
         reach_rad: how far beyond a stop the joint may seem to go [rad].
 
@@ -56,26 +61,36 @@ def plan_stops(
         InputError: a joint has no stop that can be reached clear of the ground.
     """
     floor_m = float(body.heights_m(start_rad)[1:].min())
-    low, high = np.array(limits.position_min_rad) + 0.1, np.array(limits.position_max_rad) - 0.1
+    low, high = room(limits, _LIMIT_MARGIN_RAD)
     up = highest_posture(body, low, high)
-    if not is_clear(body, straight_way(start_rad, up), floor_m):
-        raise InputError(
-            "the way up from where the arm stands would come nearer to the ground: raise the arm first"
-        )
+    check_way_up(body, start_rad, up, limits)
     approaches = []
     for joint in range(body.joint_count):
-        best = max(
-            _candidates(body, up, joint, bounds=(low, high), stops_rad=stops_rad, reach_rad=reach_rad),
-            key=lambda found: found[0],
-            default=None,
-        )
-        if best is None or best[0] < floor_m:
-            raise InputError(
-                f"joint {joint + 1}: neither stop can be reached without coming nearer to the ground than "
-                "the arm stands now; use a known pose instead (--pose)"
+        candidates = (
+            (lowest_m(body, way), approach)
+            for way, approach in _candidates(
+                body, up, joint, bounds=(low, high), stops_rad=stops_rad, reach_rad=reach_rad
             )
-        approaches.append(best[1])
+            if _carried(body, way, limits)
+        )
+        lowest, approach = max(candidates, key=lambda found: found[0], default=(None, None))
+        if lowest is None or approach is None:
+            raise InputError(
+                f"joint {joint + 1}: no stop of it is stated, or limits.torque_nm hardly carry the arm "
+                f"there: state or raise them; {_INSTEAD}"
+            )
+        if lowest < floor_m - MARGIN_M:
+            raise InputError(
+                f"joint {joint + 1}: on the way to its stops the arm would come {floor_m - lowest:.2g} m "
+                f"nearer to the ground than it stands now: begin with it so much higher; {_INSTEAD}"
+            )
+        approaches.append(approach)
     return up, tuple(approaches)
+
+
+def _carried(body: RigidBody, way_rad: FloatArray, limits: Limits) -> bool:
+    at_rest = np.zeros(body.joint_count)
+    return overloaded_joint(body, (JointMotion(q, at_rest, at_rest) for q in way_rad), limits) is None
 
 
 def _candidates(
@@ -86,8 +101,8 @@ def _candidates(
     bounds: tuple[FloatArray, FloatArray],
     stops_rad: tuple[FloatArray, FloatArray],
     reach_rad: float,
-) -> Iterator[tuple[float, StopApproach]]:
-    """Lowest point and approach, for both sides and some postures of the joints behind this one."""
+) -> Iterator[tuple[FloatArray, StopApproach]]:
+    """Postures on the way, (k, n), and approach, for both sides and some postures of the joints behind."""
     low, high = bounds
     behind = [np.linspace(0.6 * low[j], 0.6 * high[j], _TRIES) for j in range(joint + 1, body.joint_count)]
     for side, stops in ((-1, stops_rad[0]), (1, stops_rad[1])):
@@ -100,4 +115,4 @@ def _candidates(
             end = posture.copy()
             end[joint] = stops[joint] + side * reach_rad
             way = np.concatenate([straight_way(up, posture), straight_way(posture, end)])
-            yield lowest_m(body, way), StopApproach(joint, float(stops[joint]), side, posture)
+            yield way, StopApproach(joint, float(stops[joint]), side, posture)

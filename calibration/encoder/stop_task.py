@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 
 from calibration.arm.free_motion import FreeMotion
-from calibration.arm.path_task import ACCELERATION_RAD_S2, SPEED_RAD_S
+from calibration.arm.pace import ACCELERATION_RAD_S2, SHARE, paced, travel_speed_rad_s
 from calibration.encoder.stop_plan import StopApproach
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import TrackingGains
@@ -17,10 +18,13 @@ from control.paths.motion import JointMotion
 from control.paths.trajectory import JointMove
 from robot_io.clip import clip
 from robot_io.errors import SafetyTripError
+from robot_io.limits import Limits
 from robot_io.types import FloatArray, Measurement
 
 EVENT = "stop_touched"
-_LEAD_RAD = 0.03  # the reference waits when it is so far ahead of the joint
+PUSH_SHARE = 0.1  # of the torque limit
+_PRESS_RAD_S = 0.05
+_LEAD_RAD = 0.03
 _STILL_RAD_S = 0.01  # slower than this,
 _STILL_S = 0.3  # for so long, while pushed: it stands against something
 _BACK_RAD = 0.08  # between two touches
@@ -35,6 +39,8 @@ class StopSettings:
 
     Attributes:
         push_nm: torque beyond the arm's weight that pushes a joint against its stop, shape (n,) [N m].
+        lead_rad: the reference waits when it is so far ahead of the joint, shape (n,) [rad].
+        travel_rad_s: on the ways to the stops and back [rad/s].
         speed_rad_s: of the approach [rad/s].
         touches: at each stop.
         hold_s: how long the joint is read at the stop [s].
@@ -42,10 +48,22 @@ class StopSettings:
     """
 
     push_nm: FloatArray
-    speed_rad_s: float = 0.05
+    lead_rad: FloatArray
+    travel_rad_s: float
+    speed_rad_s: float
     touches: int = 3
     hold_s: float = 0.25
     reach_rad: float = 0.15
+
+    @classmethod
+    def within(cls, limits: Limits) -> Self:
+        """Gently, and such that a guard with these limits of torque, speed and tracking stays calm."""
+        return cls(
+            push_nm=PUSH_SHARE * np.array(limits.torque_nm),
+            lead_rad=np.minimum(_LEAD_RAD, SHARE * np.array(limits.tracking_rad)),
+            travel_rad_s=travel_speed_rad_s(limits),
+            speed_rad_s=float(paced(_PRESS_RAD_S, limits).min()),
+        )
 
 
 class StopTask:
@@ -101,7 +119,8 @@ class StopTask:
         return self._approaches[min(self._touch, self.touch_count - 1) // self._settings.touches]
 
     def _move_along(self, postures: Sequence[FloatArray]) -> None:
-        self._moves = [JointMove(a, b, SPEED_RAD_S, ACCELERATION_RAD_S2) for a, b in pairwise(postures)]
+        speed_rad_s = self._settings.travel_rad_s
+        self._moves = [JointMove(a, b, speed_rad_s, ACCELERATION_RAD_S2) for a, b in pairwise(postures)]
         self._move_s = 0.0
 
     def _move(self, measurement: Measurement, dt_s: float) -> TaskOutput:
@@ -129,7 +148,7 @@ class StopTask:
         joint, position = approach.joint, float(measurement.joint_position_rad[approach.joint])
         ahead = approach.side * (self._reference_rad[joint] - position)
         speed = np.zeros(self._body.joint_count)
-        if ahead < _LEAD_RAD:
+        if ahead < settings.lead_rad[joint]:
             speed[joint] = approach.side * settings.speed_rad_s
             self._reference_rad = self._reference_rad + speed * dt_s
         motion = JointMotion(self._reference_rad.copy(), speed, np.zeros_like(speed))
@@ -166,19 +185,26 @@ class StopTask:
         torque_nm = self._free.torque_nm(measurement, others, dt_s).copy()
         most_nm = float(self._settings.push_nm[joint])
         ahead, faster = motion.position_rad[joint] - position, motion.velocity_rad_s[joint] - speed
-        push_nm = most_nm / _LEAD_RAD * float(ahead) + self._brake_nms_rad(measurement) * float(faster)
+        push_nm = self._spring_nm_rad * float(ahead) + self._brake_nms_rad(measurement) * float(faster)
         torque_nm[joint] += clip(push_nm, -most_nm, most_nm)
         return torque_nm
+
+    @property
+    def _spring_nm_rad(self) -> float:
+        """Stiffness that pulls the pushed joint after its reference."""
+        joint = self._approach.joint
+        return float(self._settings.push_nm[joint] / self._settings.lead_rad[joint])
 
     def _brake_nms_rad(self, measurement: Measurement) -> float:
         """Damping that keeps the pushed joint from swinging: critical for its spring and inertia."""
         joint = self._approach.joint
         inertia = float(self._body.mass_matrix(measurement.joint_position_rad)[joint, joint])
-        return 2.0 * float(np.sqrt(inertia * self._settings.push_nm[joint] / _LEAD_RAD))
+        return 2.0 * float(np.sqrt(inertia * self._spring_nm_rad))
 
     def _note_stillness(self, measurement: Measurement, ahead_rad: float, dt_s: float) -> None:
-        speed = abs(float(measurement.joint_velocity_rad_s[self._approach.joint]))
-        stands = speed < _STILL_RAD_S and ahead_rad >= 0.9 * _LEAD_RAD
+        joint = self._approach.joint
+        speed = abs(float(measurement.joint_velocity_rad_s[joint]))
+        stands = speed < _STILL_RAD_S and ahead_rad >= 0.9 * self._settings.lead_rad[joint]
         self._still_s = self._still_s + dt_s if stands else 0.0
 
     def _believe(self, position_rad: float, at_stop: bool) -> None:

@@ -102,7 +102,7 @@ def question_before(kind: str, robot_file: RobotFile, pose_rad: list[float] | No
     """What is asked before a real arm is moved, or read in a pose."""
     if pose_rad is not None:
         return lambda: ask_for_pose(pose_rad, yes=yes)
-    motion = f"'{robot_file.name}' is going to move: {calibrating.motion_in_words(kind)}."
+    motion = f"'{robot_file.name}' is going to move: {calibrating.motion_in_words(kind, robot_file.limits)}."
     return lambda: ask_for_power(motion, yes=yes)
 
 

@@ -9,10 +9,11 @@ import numpy as np
 from calibration.arm.excitation import GRAVITY_WISH, TORQUE_WISH, ExcitationWish, choose_path
 from calibration.arm.fit import ArmFit, fit_arm, motion_of
 from calibration.arm.model import GravityBodies
-from calibration.arm.path_task import SPEED_RAD_S, PathTask
+from calibration.arm.pace import paced, travel_speed_rad_s
+from calibration.arm.path_task import PathTask
 from calibration.encoder.fit import EncoderFit, fit_pose, fit_stops
 from calibration.encoder.stop_plan import plan_stops
-from calibration.encoder.stop_task import StopSettings, StopTask
+from calibration.encoder.stop_task import PUSH_SHARE, StopSettings, StopTask
 from calibration.force.fit import Estimate, ForceFit, check_references
 from calibration.force.weighing import weigh
 from calibration.still import StillRobot
@@ -29,12 +30,12 @@ from robot_io.calibration import (
 )
 from robot_io.errors import InputError
 from robot_io.file_model import validate
+from robot_io.limits import Limits
 from robot_io.session import Session
 from robot_io.types import FloatArray
 
 WISHES = {"torque": TORQUE_WISH, "gravity": GRAVITY_WISH}
 SPEED_MARGIN = 1.5  # of the guard over the motion's own speed
-PUSH_SHARE = 0.1  # of the torque limit
 STOP_SPEED_RAD_S = (
     3.0  # of the guard while stops are touched; a light wrist is jerked when the shoulder stops
 )
@@ -43,18 +44,22 @@ POSE_S = 1.0
 Place = Callable[[Bench, int, float], None]
 
 
-def motion_in_words(kind: str) -> str:
+def motion_in_words(kind: str, limits: Limits) -> str:
     """What the arm does to have its encoders, drives or base calibrated, as a person reads it beforehand."""
+    travel_rad_s = travel_speed_rad_s(limits)
     if kind in WISHES:
         wish = WISHES[kind]
+        fastest_rad_s = max(float(paced(wish.speed_rad_s, limits).max()), travel_rad_s)
         return (
-            f"all joints at once in free air, up to {max(wish.speed_rad_s, SPEED_RAD_S):g} rad/s, for "
+            f"all joints at once in free air, up to {fastest_rad_s:.3g} rad/s, for "
             f"{wish.duration_s:g} s and the ways there and back"
         )
+    settings = StopSettings.within(limits)
+    trips_rad_s = max(slowed(limits, STOP_SPEED_RAD_S).velocity_rad_s)
     return (
-        f"all joints at up to {SPEED_RAD_S:g} rad/s to where there is room, then each slowly against its "
-        f"hard stops, pushing with {100 * PUSH_SHARE:g} % of its torque limit; "
-        f"its guard stops it beyond {STOP_SPEED_RAD_S:g} rad/s"
+        f"all joints at up to {settings.travel_rad_s:.3g} rad/s to where there is room, then each at "
+        f"{settings.speed_rad_s:.2g} rad/s against its hard stops, pushing with {100 * PUSH_SHARE:g} % of "
+        f"its torque limit; its guard stops it beyond {trips_rad_s:.3g} rad/s"
     )
 
 
@@ -84,7 +89,8 @@ def run_motion(
         start_rad = _where_it_stands(bench)
         rng = np.random.default_rng(0)
         path = choose_path(bench.body, bodies, start_rad, robot_file.limits, wish=wish, rng=rng)
-        task = PathTask(bench.body, gains_of(robot_file).tracking, path)
+        travel_rad_s = travel_speed_rad_s(robot_file.limits)
+        task = PathTask(bench.body, gains_of(robot_file).tracking, path, travel_rad_s)
         limits = slowed(robot_file.limits, SPEED_MARGIN * max(wish.speed_rad_s, 1.0))
         bench.run(task, limits, watcher(wish.duration_s + 10.0))
 
@@ -110,7 +116,7 @@ def run_stops(
     """
     with calibration_bench(job, now_utc) as bench:
         limits = job.robot_file.limits
-        settings = StopSettings(push_nm=PUSH_SHARE * np.array(limits.torque_nm))
+        settings = StopSettings.within(limits)
         stops_rad = stops_rad or bench.body.position_limits_rad
         start_rad = _where_it_stands(bench)
         up_rad, approaches = plan_stops(bench.body, start_rad, limits, stops_rad, settings.reach_rad)

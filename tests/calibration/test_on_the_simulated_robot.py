@@ -1,6 +1,7 @@
 """Each procedure finds what the simulator hides, through loop, guard and session file."""
 
 import shutil
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -122,13 +123,13 @@ WRONG_ZEROS = [
 ]
 
 
-def test_zeros_are_found_at_the_hard_stops(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        calibrating, "StopSettings", lambda push_nm: StopSettings(push_nm, speed_rad_s=0.1, touches=2)
-    )
-    job = job_in(
-        tmp_path, "encoder", WRONG_ZEROS + in_joints("coulomb_friction", coulomb_nm=(0.3, 0.2, 0.03))
-    )
+def test_zeros_are_found_at_the_hard_stops_also_under_a_careful_guard(tmp_path, monkeypatch):
+    low = {"velocity_rad_s": (1.1, 1.1, 1.1), "tracking_rad": (0.025, 0.025, 0.025)}
+    careful = FOLLOWER.model_copy(update={"limits": FOLLOWER.limits.model_copy(update=low)})
+    quick = replace(StopSettings.within(careful.limits), speed_rad_s=0.1, touches=2)
+    monkeypatch.setattr(StopSettings, "within", lambda _limits: quick)
+    friction = in_joints("coulomb_friction", coulomb_nm=(0.3, 0.2, 0.03))
+    job = job_in(tmp_path, "encoder", WRONG_ZEROS + friction, robot=careful)
     calibrating.run_stops(job)
     fit = calibrating.encoder_fit_of(opened(job), 3, None, 1e-4)
     np.testing.assert_allclose(fit.offset_rad, -np.array(ZEROS_RAD), atol=2e-4)
