@@ -6,11 +6,13 @@ from math import inf, nan
 import numpy as np
 
 from robot_io.clip import clip
+from robot_io.deaf_drive import DeafDrives
 from robot_io.errors import InputError, SafetyTripError
 from robot_io.limit_checks import LimitChecks
 from robot_io.limits import Limits, SafeState
 from robot_io.safe_stop import GravityModel, SafeStop
 from robot_io.stuck_encoder import StuckEncoders
+from robot_io.stuck_force import StuckForce
 from robot_io.types import Command, FloatArray, Measurement
 
 PAUSE_S = (
@@ -70,6 +72,8 @@ class Guard:
         self._checks = LimitChecks(limits)
         self._longest_hold_up_s = max(PAUSE_S, limits.encoder_age_s)
         self._stuck_encoders = StuckEncoders(limits)
+        self._deaf_drives = DeafDrives(limits)
+        self._stuck_force = StuckForce(limits.stuck_force_s)
         self._torque_limits = tuple(zip(limits.torque_nm, limits.torque_rate_nm_s, strict=True))
         self._safe_stop = SafeStop(limits, safe_state, gravity_nm)
         self._shape = (joint_count,)
@@ -118,7 +122,7 @@ class Guard:
             self._tick += 1
         if self._trip is not None:
             return
-        problem = problem or self._checks.violation(measurement)
+        problem = problem or self._checks.violation(measurement) or self._witnessed(measurement)
         if problem is None and reference_position_rad is not None:
             problem = self._following_problem(measurement, reference_position_rad)
         if problem is not None:
@@ -173,8 +177,14 @@ class Guard:
         self._trip = None
         self._finished = False
         self._stuck_encoders.restart()
+        self._deaf_drives.restart()
+        self._stuck_force.restart()
         self._watched = measurement
         self._previous_nm = None
+
+    def _witnessed(self, measurement: Measurement) -> str | None:
+        """What samples that look sound say against each other."""
+        return self._deaf_drives.problem(measurement) or self._stuck_force.problem(measurement)
 
     def _following_problem(self, measurement: Measurement, reference_position_rad: FloatArray) -> str | None:
         encoders = self._stuck_encoders
@@ -218,6 +228,7 @@ class Guard:
         self.torque_clips += torque_clipped
         self.rate_clips += rate_clipped
         self._previous_nm, self._previous_s = sent_nm, measurement.time_s
+        self._deaf_drives.sent(measurement.time_s, sent_nm)
         return _command(sent_nm)
 
     def _measured_within_limits(self, measurement: Measurement) -> list[float]:

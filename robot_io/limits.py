@@ -14,6 +14,7 @@ Speed = Annotated[Positive, Field(le=100.0)]
 Distance = Annotated[Positive, Field(le=2.0)]
 Force = Annotated[Positive, Field(le=5000.0)]
 Age = Annotated[Positive, Field(le=10.0)]
+Patience = Annotated[Positive, Field(le=10.0)]
 
 
 class Limits(FileModel):
@@ -30,6 +31,11 @@ class Limits(FileModel):
         encoder_age_s: oldest position and velocity that are still acted on [s].
         torque_age_s: oldest measured torque that is still acted on [s].
         force_age_s: oldest force that is still acted on [s].
+        deaf_drive_s: how long a drive may show less than half of the torque that it was sent [s]; longer than
+            its delay.
+        stuck_encoder_s: how long an encoder may stand still while its reference and its drive's torque move
+            on [s].
+        stuck_force_s: how long a force sensor that has never done so may repeat one number [s].
     """
 
     torque_nm: Annotated[tuple[Torque, ...], Field(min_length=1)]
@@ -42,6 +48,9 @@ class Limits(FileModel):
     encoder_age_s: Age
     torque_age_s: Age
     force_age_s: Age
+    deaf_drive_s: Patience = 0.01
+    stuck_encoder_s: Patience = 0.02
+    stuck_force_s: Patience = 0.02
 
     @property
     def joint_count(self) -> int:

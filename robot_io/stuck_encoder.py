@@ -13,7 +13,6 @@ from math import inf, isfinite
 from robot_io.limits import Limits
 from robot_io.types import FloatArray, Measurement
 
-_STILL_S = 0.02  # without a step: a joint answers its reference within a period of the control's bandwidth
 _SAMPLES = 5  # new ones in that time; fewer are a drive that measures slower than it is asked
 _STEPS = 4  # of the encoder, that the reference must have moved, and
 _TRACKING_SHARE = 0.01  # this share of the tracking limit; or
@@ -31,12 +30,14 @@ class _Joint:
         "samples",
         "since_s",
         "step_rad",
+        "still_s",
         "suspect",
         "torque_nm",
         "unknown_rad",
     )
 
-    def __init__(self, tracking_rad: float) -> None:
+    def __init__(self, tracking_rad: float, still_s: float) -> None:
+        self.still_s = still_s
         self.least_rad = _TRACKING_SHARE * tracking_rad
         self.unknown_rad = _UNKNOWN_SHARE * tracking_rad
         self.step_rad = inf  # smallest one seen
@@ -55,7 +56,7 @@ class _Joint:
         """Whether a sound encoder would have shown that the reference has moved so far, friction aside."""
         known = isfinite(self.step_rad)
         most_rad = max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
-        still = self.samples >= _SAMPLES and time_s - self.since_s >= _STILL_S
+        still = self.samples >= _SAMPLES and time_s - self.since_s >= self.still_s
         return still and moved_rad > most_rad
 
 
@@ -63,7 +64,8 @@ class StuckEncoders:
     """Remembers for each joint since when its reading has stood still, and what has happened since.
 
     Args:
-        limits: of the arm; shares of them are the thresholds.
+        limits: of the arm; `stuck_encoder_s` is how long a joint must stand still, in which a sound one has
+            answered its reference; shares of the others are the thresholds.
 
     Attributes:
         suspicion: which encoder is suspect and why; None if none is.
@@ -71,7 +73,9 @@ class StuckEncoders:
     """
 
     def __init__(self, limits: Limits) -> None:
-        self._joints = tuple(_Joint(tracking_rad) for tracking_rad in limits.tracking_rad)
+        self._joints = tuple(
+            _Joint(tracking_rad, limits.stuck_encoder_s) for tracking_rad in limits.tracking_rad
+        )
         self._most_nm = tuple(_TORQUE_SHARE * torque_nm for torque_nm in limits.torque_nm)
         self.restart()
 

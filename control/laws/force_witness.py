@@ -36,6 +36,7 @@ class ForceWitness:
     ) -> None:
         self._body = body
         self._threshold_n = gains.share * force_limit_n + gains.floor_n
+        self._opposed_n = 0.5 * gains.floor_n
         self._filter_s, self._samples = gains.filter_s, gains.samples
         self._left_to_pid = 1.0 - force_feedforward
         self.restart()
@@ -52,6 +53,7 @@ class ForceWitness:
         """Forget what was learnt in free air: what is unexplained at the next look counts as free air."""
         self._free_n = math.nan
         self._beyond_n = math.nan
+        self._sensed_n = 0.0
         self._count = 0
 
     def watch(
@@ -74,18 +76,29 @@ class ForceWitness:
         beyond_n = self._mass_kg * float(output.push_lever_m.dot(output.correction_rad_s2))
         beyond_n -= self._left_to_pid * output.force_n
         if math.isnan(self._free_n):
-            self._free_n = self._beyond_n = beyond_n
-        self._beyond_n += (beyond_n - self._beyond_n) * dt_s / (dt_s + self._filter_s)
+            self._free_n, self._beyond_n, self._sensed_n = beyond_n, beyond_n, output.force_n
+        share = dt_s / (dt_s + self._filter_s)
+        self._beyond_n += (beyond_n - self._beyond_n) * share
+        self._sensed_n += (output.force_n - self._sensed_n) * share
         if in_free_air:
             self._free_n += (beyond_n - self._free_n) * dt_s / (dt_s + _FREE_FILTER_S)
         unexplained_n = self._beyond_n - self._free_n
-        suspicious = abs(unexplained_n) > self._threshold_n and not self._is_stalled(dt_s)
+        contradicted = abs(unexplained_n) > self._threshold_n or self._is_opposed(unexplained_n)
+        suspicious = contradicted and not self._is_stalled(dt_s)
         self._count = self._count + 1 if suspicious else 0
         if self._count >= self._samples:
             raise SafetyTripError(
                 f"joint torques say about {output.force_n + unexplained_n:.1f} N where the force sensor says "
                 f"{output.force_n:.1f} N: is the sensor alive, and does nothing else touch the arm?"
             )
+
+    def _is_opposed(self, unexplained_n: float) -> bool:
+        """Whether the sensor says pull and the joints say push, as where its sign is wrong.
+
+        Each must say it louder than half of what weight and friction may leave unexplained: a push that small
+        and a pull that small can be both at once, on something sticky.
+        """
+        return self._sensed_n < -self._opposed_n and self._sensed_n + unexplained_n > self._opposed_n
 
     def _is_stalled(self, dt_s: float) -> bool:
         self._period_s = min(self._period_s, dt_s)

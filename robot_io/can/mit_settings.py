@@ -63,8 +63,8 @@ class MitBusSettings(CanLineSettings):
             protocol can neither set nor read it. Without commands for so long the host sends zero torque as
             well, for a motor can only be read by commanding it.
         ask_with: what makes a motor without torque say its state: "exit" keeps it off, as in the firmware
-            that the protocol comes from; "enter" is what the AK manual names, and zero torque and "exit"
-            follow it.
+            that the protocol comes from, which answers every frame; "enter" is what the AK manual names for
+            motors that are deaf to commands outside of motor mode, and zero torque and "exit" follow it.
     """
 
     motors: Annotated[tuple[MitMotor, ...], Field(min_length=1)]

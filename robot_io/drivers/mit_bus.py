@@ -100,12 +100,13 @@ class MitBus(MotorBus):
         self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
 
     def power_off(self) -> None:
-        """See `MotorBus.power_off`; each motor must answer."""
+        """See `MotorBus.power_off`; each motor must answer, be it on or off already and deaf to commands."""
         self._powered = False
         self._staged = []
         if not self.line.is_open:
             return
-        frames = [*self._zero_torque(), *self._to_every_motor(mit.EXIT_MOTOR_MODE)]
+        leave = self._to_every_motor(mit.EXIT_MOTOR_MODE)
+        frames = [*self._zero_torque(), *leave, *leave]
         self._tell(frames, "torque off is not confirmed by")
 
     def poll(self, deadline_s: float) -> None:
@@ -146,7 +147,7 @@ class MitBus(MotorBus):
         return [self._encode_torque(joint, 0.0)[0] for joint in range(self.joint_count)]
 
     def _tell(self, frames: list[CanFrame], problem: str) -> None:
-        """Send frames, two to each motor, and wait until each has answered twice."""
+        """Send frames, two or more to each motor, and wait until each has answered twice."""
         self._answers = [0] * self.joint_count
         self._send_all(frames)
 

@@ -9,6 +9,10 @@ from robot_io.clock import Clock, SimulatedClock
 from robot_io.serial_force.framing import Stream
 
 _LOOK_S = 1e-3  # the thread looks at least this often
+_DOUBTED = 2  # readings after something that was none; each time again soon after, so many times
+_MORE_DOUBTED = 4  # more, but no more than
+_MOST_DOUBTED = 1000
+_SOON = 100  # good readings
 _PROMPT_S = 2.5e-3  # between two looks: what is found at the second has just arrived
 
 
@@ -31,6 +35,9 @@ class SerialReader:
     they are taken to be as old as the look before. So a reader that falls behind shows an old sample and
     never a fresh one.
 
+    Many lines have no checksum: where something has been no reading, the next ones that look like readings
+    may be damaged too. The first two after it are not believed, and more of them where that happens again.
+
     Args:
         file_descriptor: of the port, not blocking.
         stream: makes readings of bytes.
@@ -43,6 +50,9 @@ class SerialReader:
         self._clock = clock
         self._looked_s = clock.now_s()
         self._newest: ForceSample | None = None
+        self._doubted = 0  # readings still to come that are not believed
+        self._to_doubt = _DOUBTED  # after the next that is none
+        self._good = 0  # readings since the last that was none
         self._failure: str | None = None
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -96,10 +106,23 @@ class SerialReader:
         if ended:
             self._failure = "the port was unplugged"
             return
-        samples = self._stream.feed(data)
-        if samples:
+        if samples := self._believed(data):
             prompt = now_s - before_s <= _PROMPT_S
             self._newest = ForceSample(samples[-1], now_s if prompt else before_s)
+
+    def _believed(self, data: bytes) -> list[float]:
+        """The readings in `data`, without those that come soon after something that was none."""
+        rejected = self._stream.rejected
+        samples = self._stream.feed(data)
+        if self._stream.rejected != rejected:
+            self._doubted, self._good = self._to_doubt, 0
+            self._to_doubt = min(_MORE_DOUBTED * self._to_doubt, _MOST_DOUBTED)
+            return []
+        self._good += len(samples)
+        if self._good >= _SOON:
+            self._to_doubt = _DOUBTED
+        doubted, self._doubted = self._doubted, max(0, self._doubted - len(samples))
+        return samples[doubted:]
 
     def _run(self) -> None:
         try:

@@ -1,7 +1,11 @@
-"""A motor in MIT mode as the CubeMars AK manual describes it: it answers every frame to its id.
+"""A motor in MIT mode as the CubeMars AK manual describes it: it answers the frames to its id.
 
 Written from the "AK Series Actuator Driver Manual" V1.0.8, section 5.3, and its float and integer conversions
 (which cut off where another would round). The CAN timeout lets the motor go when no frame comes.
+
+Out of motor mode, the firmware that the protocol comes from (bgkatz/motorcontrol) answers commands as ever,
+and does not say that it exerts nothing. The manual says that the mode comes first and that the state is asked
+for by the frame that enters it: so a motor may as well be deaf to commands until then.
 """
 
 import math
@@ -37,6 +41,7 @@ class EmulatedMitMotor(CanNode):
         zero_rad: joint angle where its output is at zero [rad].
         host_id: arbitration id of its answers.
         timeout_s: CAN timeout [s]; None is none.
+        deaf_when_off: out of motor mode it answers nothing but the special codes.
     """
 
     def __init__(
@@ -50,12 +55,13 @@ class EmulatedMitMotor(CanNode):
         zero_rad: float = 0.0,
         host_id: int = 0,
         timeout_s: float | None = 0.1,
+        deaf_when_off: bool = False,
     ) -> None:
         self.number = number
         self._joint, self._plant = joint, plant
         self._position_limit, self._velocity_limit, self._torque_limit = limits
         self._gear_ratio, self._zero_rad = gear_ratio, zero_rad
-        self._host_id, self.timeout_s = host_id, timeout_s
+        self._host_id, self.timeout_s, self._deaf_when_off = host_id, timeout_s, deaf_when_off
         self._heard_s = self._silent_until_s = -math.inf
         self._stuck: JointState | None = None
         self.enabled = False
@@ -67,9 +73,12 @@ class EmulatedMitMotor(CanNode):
         for_me = message.arbitration_id == self.number and not message.is_extended_id
         if not for_me or message.is_remote_frame or len(message.data) != 8 or now_s < self._silent_until_s:
             return []
-        self._heard_s = now_s
         data = bytes(message.data)
-        if data[:7] == b"\xff" * 7 and data[7] in (0xFC, 0xFD, 0xFE):
+        is_special = data[:7] == b"\xff" * 7 and data[7] in (0xFC, 0xFD, 0xFE)
+        if self._deaf_when_off and not (self.enabled or is_special):
+            return []
+        self._heard_s = now_s
+        if is_special:
             if data[7] != 0xFE:
                 self.enabled = data[7] == 0xFC
             self._command = (0.0, 0.0, 0.0, 0.0, 0.0)

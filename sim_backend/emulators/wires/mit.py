@@ -48,6 +48,7 @@ class _Settings(FileModel, extra="ignore"):
     motors: tuple[_Motor, ...]
     host_id: int = 0
     watchdog_s: Positive = 0.1
+    ask_with: str = "exit"
 
 
 class MitWires(WireMaker):
@@ -68,6 +69,7 @@ class MitWires(WireMaker):
                 zero_rad=motor.zero_rad,
                 host_id=own.host_id,
                 timeout_s=own.watchdog_s,
+                deaf_when_off=own.ask_with == "enter",
             )
             for joint, motor in enumerate(own.motors)
         ]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from robot_io.limits import Limits
 from tests.wire.fault_matrix.rows import FAMILIES, Program, Row
 from tests.wire.parts import ROOT
 
@@ -15,8 +16,11 @@ these faults happen to the real drivers, on emulated devices in lock-step, in a 
 - **arm**: *stops* is the guard's safe state. The joints are braked for 300 ms and then let go, or let go at
   once where nobody knows how they move; `palpate probe` also holds and lowers the arm's weight meanwhile.
   *goes on*: no harm is done.
+- **limit**: how long the fault may last, from the section `limits` of the robot file. Mostly that is the age
+  of the device's samples; a witness that holds them against each other has a limit of its own, which is
+  named. Without a limit somebody says at once what is wrong.
 - **ticks**: from the fault to the tick that commands the safe state, at most. Without a reason given below
-  that is the age limit of the device's samples and two ticks.
+  that is the limit and two ticks.
 - **off**: from the fault until no drive exerts torque any more, at most.
 - **reads**: part of the line that the user reads, and that is among the session's events. In every row the
   session can be read up to the fault or further.
@@ -24,7 +28,7 @@ these faults happen to the real drivers, on emulated devices in lock-step, in a 
 Simulated ticks are the same on every machine, however busy it is.
 """
 _REASONS = """
-## Slower than the age limit and two ticks
+## Slower than the limit and two ticks
 
 """
 _TAIL = """
@@ -50,7 +54,7 @@ def document(rows: Sequence[Row]) -> str:
 def _table(rows: Sequence[Row], reasons: Sequence[str]) -> str:
     family = FAMILIES[rows[0].family]
     title = f"\n## {family.title} (age limit {family.age_ticks} ms)\n"
-    lines = [title, "| fault | arm | ticks | off | reads |", "|---|---|---|---|---|"]
+    lines = [title, "| fault | arm | limit | ticks | off | reads |", "|---|---|---|---|---|---|"]
     return "\n".join([*lines, *(_line(row, reasons) for row in rows)]) + "\n"
 
 
@@ -58,7 +62,15 @@ def _line(row: Row, reasons: Sequence[str]) -> str:
     reason = f" [{reasons.index(row.because) + 1}]" if row.because else ""
     ticks = "" if row.ticks is None else str(row.ticks)
     off = "" if row.off_ms is None else f"{row.off_ms:g} ms"
-    return f"| {row.name} | {_arm(row)}{reason} | {ticks} | {off} | {row.reads} |"
+    return f"| {row.name} | {_arm(row)}{reason} | {_limit(row)} | {ticks} | {off} | {row.reads} |"
+
+
+def _limit(row: Row) -> str:
+    if row.ticks is None or not row.limit_ms or isinstance(row.fault, Program):
+        return ""
+    if row.limit is None:
+        return f"{row.limit_ms} ms"
+    return f"{row.limit_ms} ms, `{row.limit}`" if row.limit in Limits.model_fields else row.limit
 
 
 def _arm(row: Row) -> str:

@@ -97,7 +97,7 @@ class Rig:
         self.row, self.path = row, folder / SESSION
         self._really = really
         family = FAMILIES[row.family]
-        self.bench = WireBench(family.robot, family.changes)
+        self.bench = WireBench(family.robot, (*family.changes, *row.changes))
         self.robot, self.clock = self.bench.robot, self.bench.clock
         self.log: MemoryLog | SessionWriter = MemoryLog()
         self.robot_file = self.bench.arm.robot_file

@@ -4,15 +4,16 @@ The tests hold every row against what happens; `docs/make_fault_matrix.py` write
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
+from robot_io.limits import Limits
 from sim_backend.emulators import Fault, FaultKind
 from tests.wire.parts import CUBEMARS, ODRIVE, ROOT
 
 MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.5  # where the probing run is then
-SPARE_TICKS = 2  # beyond the age limit, for every row that gives no reason to take longer
+SPARE_TICKS = 2  # beyond its limit, for every row that gives no reason to take longer
 DYNAMIXEL = ROOT / "robots" / "dynamixel_3dof.yaml"
 _LINES = (
     "{driver: loadstar, bus: load_cell, capacity_n: 100.0}",
@@ -75,7 +76,10 @@ class Row:
         ticks: from the fault until the guard has the arm, at most; None: the arm goes on.
         off_ms: from the fault until the drives are without torque, at most [ms]; None: the arm goes on.
         reads: what the user reads, among other things.
-        because: why it takes longer than the age limit and two ticks.
+        because: why it takes longer than its limit and two ticks.
+        limit: which limit of the robot file it is that the fault exceeds, by its key, or a force in words;
+            None: the age of the samples.
+        changes: to the robot file, beside those of the family.
     """
 
     family: str
@@ -86,6 +90,8 @@ class Row:
     off_ms: float | None
     reads: str = ""
     because: str = ""
+    limit: str | None = None
+    changes: tuple[tuple[str, str], ...] = ()
 
     @property
     def label(self) -> str:
@@ -93,21 +99,37 @@ class Row:
         return f"{self.family}, {self.name}"
 
     @property
+    def limit_ms(self) -> int:
+        """What its limit is; 0 where somebody says at once what is wrong [ms]."""
+        if self.limit in Limits.model_fields:
+            return round(1e3 * Limits.model_fields[self.limit].default)
+        return FAMILIES[self.family].age_ticks if (self.ticks or 0) > SPARE_TICKS else 0
+
+    @property
     def prompt_ticks(self) -> int:
-        """What it may take without a reason."""
-        return FAMILIES[self.family].age_ticks + SPARE_TICKS
+        """What it may take without a reason, in ticks of 1 ms."""
+        return self.limit_ms + SPARE_TICKS
 
 
 K = FaultKind
-_FROZEN = "a joint at rest reads one number too: reference and torque must have moved on"
+_FROZEN = (
+    "a joint at rest reads one number too, and so does one that friction holds: the drive's torque must have "
+    "changed by three tenths of its limit"
+)
 _NO_CHECKSUM = (
-    "a line has no checksum: a digit that is flipped is a number, and only some are beyond the range"
+    "a line has no checksum: a digit that is flipped is a number, until the first line that is none makes "
+    "all of them doubtful"
 )
 _CONTRADICTED = (
-    "the sensor looks alive; joint torques contradict it once 4 N and half of the force limit are amiss"
+    "a sensor that is pulled may be right: joint torques contradict it once they say a push, and it a pull, "
+    "of more than 2 N each"
 )
-_DEAF = "nothing reaches the drives: their own watchdogs let go"
-_DOES_NOT_SAY = "its frames do not say that it is off: it shows when the joint lags"
+_CUT_OFF = "nothing reaches the drives: their own watchdogs let go"
+_IDLE = (
+    "the tool hangs straight down, and nothing is asked of its drive, so that nothing is missing: the drive "
+    "is named 10 ms after the first torque that tells, 1.6 s later"
+)
+_DEAF, _FROZEN_ENCODER, _FROZEN_FORCE = "deaf_drive_s", "stuck_encoder_s", "stuck_force_s"
 BRAKED = 310.0  # [ms]: the safe state brakes for 300
 OLD, OLD_OFF = 6, 8  # an age limit of 5 ms, and the tick in which it is seen
 
@@ -137,8 +159,8 @@ _MOTOR_ROWS = {
         (2, 3, "servo 3 (joint 3): has switched its torque off (hardware error: overload)"),
         (OLD, OLD_OFF, "servo 3 did not answer in time"),
         (2, 3, "servo 3 (joint 3): has forgotten its settings; it has restarted"),
-        (2, 62, "the port has failed", _DEAF),
-        (40, BRAKED + 40, "encoder of joint 1: stuck at", _FROZEN),
+        (2, 62, "the port has failed", _CUT_OFF),
+        (33, BRAKED + 33, "encoder of joint 1: stuck at", _FROZEN, _FROZEN_ENCODER),
     ),
     "odrive": (
         (OLD, OLD_OFF, "joint 3 (node 2): nothing valid for"),
@@ -150,8 +172,8 @@ _MOTOR_ROWS = {
         (2, BRAKED, "joint 3 (node 2): IDLE INVERTER_OVER_TEMP"),
         (OLD, BRAKED, "joint 3 (node 2): nothing valid for"),
         (2, BRAKED, "joint 3 (node 2): left closed-loop control, is IDLE"),
-        (2, 52, "bus-off, the adapter has left the bus", _DEAF),
-        (40, BRAKED + 40, "encoder of joint 1: stuck at", _FROZEN),
+        (2, 52, "bus-off, the adapter has left the bus", _CUT_OFF),
+        (33, BRAKED + 33, "encoder of joint 1: stuck at", _FROZEN, _FROZEN_ENCODER),
     ),
     "mit": (
         (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
@@ -162,9 +184,9 @@ _MOTOR_ROWS = {
         (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
         (2, BRAKED, "joint 3 (motor 3): MOSFET over temperature"),
         (OLD, BRAKED, "joint 3 (motor 3): nothing valid for"),
-        (1700, 2010, "joint 3 is 0.1", _DOES_NOT_SAY),
-        (2, 102, "bus-off, the adapter has left the bus", _DEAF),
-        (40, BRAKED + 40, "encoder of joint 1: stuck at", _FROZEN),
+        (12, BRAKED + 12, "joint 1: its drive exerts", "", _DEAF),
+        (2, 102, "bus-off, the adapter has left the bus", _CUT_OFF),
+        (33, BRAKED + 33, "encoder of joint 1: stuck at", _FROZEN, _FROZEN_ENCODER),
     ),
 }
 _NUMBERS = {"dynamixel": (1, 2, 3), "odrive": (0, 1, 2), "mit": (1, 2, 3)}  # of the devices, by joint
@@ -183,46 +205,46 @@ _FORCE: tuple[tuple[str, FaultKind, dict[str, float]], ...] = (
     ("stuck", K.STUCK, {}),
 )
 _SILENT = (11, BRAKED + 5, "no reading for")
-_CORRUPT = (40, BRAKED + 40, "no reading for", _NO_CHECKSUM)
+_STUCK = (22, BRAKED + 22, "force sensor: stuck at", "", _FROZEN_FORCE)
 _FORCE_ROWS = {
     "loadstar": (
         _SILENT,
         _SILENT,
-        _CORRUPT,
+        _SILENT,
         GOES_ON,
         GOES_ON,
         _SILENT,
         (2, BRAKED, "the port was unplugged"),
         _SILENT,
         (2, BRAKED, "force sensor: at the end of its range"),
-        (60, BRAKED + 60, "joint torques say about 4.", _CONTRADICTED),
-        (200, BRAKED + 200, "is the sensor alive", _CONTRADICTED),
+        (22, BRAKED + 22, "is the sensor alive", _CONTRADICTED, "2 N"),
+        _STUCK,
     ),
     "lorenz": (
         (OLD, BRAKED, "no reading for"),
         (OLD, BRAKED, "no reading for"),
-        _CORRUPT,
+        (OLD + 1, BRAKED, "no reading for"),
         (OLD, BRAKED, "no reading for"),
         (OLD, BRAKED, "no reading for"),
         (OLD, BRAKED, "no reading for"),
         (2, BRAKED, "the port was unplugged"),
         (2, BRAKED, "force sensor: at the end of its range"),
         (2, BRAKED, "force sensor: at the end of its range"),
-        (40, BRAKED + 40, "joint torques say about 4.", _CONTRADICTED),
-        (200, BRAKED + 200, "is the sensor alive", _CONTRADICTED),
+        (16, BRAKED + 16, "is the sensor alive", _CONTRADICTED, "2 N"),
+        _STUCK,
     ),
     "lines": (
         _SILENT,
         _SILENT,
-        _CORRUPT,
+        (17, BRAKED + 17, "no reading for", _NO_CHECKSUM),
         GOES_ON,
         GOES_ON,
         _SILENT,
         (2, BRAKED, "the port was unplugged"),
         _SILENT,
         (2, BRAKED, "force sensor: at the end of its range"),
-        (60, BRAKED + 60, "joint torques say about 4.", _CONTRADICTED),
-        (200, BRAKED + 200, "is the sensor alive", _CONTRADICTED),
+        (22, BRAKED + 22, "is the sensor alive", _CONTRADICTED, "2 N"),
+        _STUCK,
     ),
 }
 
@@ -239,9 +261,9 @@ _PROGRAM_ROWS = {
     Program.VIEWER_GONE: (*GOES_ON, "online estimation was switched off: BrokenPipeError"),
 }
 _WATCHDOG_ROWS = {  # program killed (nobody is left to read), program held up
-    "dynamixel": ((None, 62, "", _DEAF), (501, 62, "the program was held up for 0.5", _HELD_UP)),
-    "odrive": ((None, 52, "", _DEAF), (501, 52, "the program was held up for 0.5", _HELD_UP)),
-    "mit": ((None, 102, "", _DEAF), (501, 102, "the program was held up for 0.5", _HELD_UP)),
+    "dynamixel": ((None, 62, "", _CUT_OFF), (501, 62, "the program was held up for 0.5", _HELD_UP)),
+    "odrive": ((None, 52, "", _CUT_OFF), (501, 52, "the program was held up for 0.5", _HELD_UP)),
+    "mit": ((None, 102, "", _CUT_OFF), (501, 102, "the program was held up for 0.5", _HELD_UP)),
 }
 
 
@@ -250,7 +272,11 @@ def rows() -> Iterator[Row]:
     for family, expected in _MOTOR_ROWS.items():
         for (name, kind, details), ends in zip(_MOTORS, expected, strict=True):
             joint, at_s = (0, FAST_S) if kind is K.STUCK else (2, MOVING_S)
+            if _DEAF in ends:
+                joint = 0  # which carries the arm
             yield _wire_row(family, name, kind, at_s, ends, details | _whose(family, kind, joint))
+        if family == "mit":
+            yield from _mit_rows()
         for what, ends in _PROGRAM_ROWS.items():
             yield Row(
                 family, what.value, what, 2 * MOVING_S if what is Program.DISK_FULL else MOVING_S, *ends
@@ -262,6 +288,16 @@ def rows() -> Iterator[Row]:
         for (name, kind, details), ends in zip(_FORCE, expected, strict=True):
             at_s = PRESSING_S if kind in (K.REVERSED, K.STUCK) else MOVING_S
             yield _wire_row(family, name, kind, at_s, ends, details)
+
+
+def _mit_rows() -> Iterator[Row]:
+    """What a motor that has restarted does is not the same for all of them."""
+    name, back_at_once = "reboot, back at once", {"times": 1, "delay_s": 0.001, "device": 3}
+    idle = (1610, BRAKED + 1610, "joint 3: its drive exerts", _IDLE, _DEAF)
+    yield _wire_row("mit", f"{name}; without a load", K.REBOOT, MOVING_S, idle, back_at_once)
+    mute = (OLD, BRAKED, "joint 3 (motor 3): nothing valid for")
+    row = _wire_row("mit", f"{name}; mute until told the mode", K.REBOOT, MOVING_S, mute, back_at_once)
+    yield replace(row, changes=(("driver: mit_bus", "driver: mit_bus\n    ask_with: enter"),))
 
 
 def _wire_row(family, name, kind, at_s, ends, details) -> Row:

@@ -89,7 +89,7 @@ def test_a_program_that_is_killed_leaves_its_session_up_to_there(tmp_path):
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.label)
-def test_what_takes_longer_than_the_age_limit_and_two_ticks_has_a_reason(row: Row):
+def test_what_takes_longer_than_its_limit_and_two_ticks_has_a_reason(row: Row):
     slow = row.ticks is not None and row.ticks > row.prompt_ticks
     deaf = row.ticks is None and row.off_ms is not None
     assert row.because or not (slow or deaf)

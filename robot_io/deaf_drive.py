@@ -1,0 +1,156 @@
+"""Finds a drive that does not obey: it goes on answering, but exerts no torque, or the opposite.
+
+A drive that has restarted may say so in none of its frames. What gives it away is its own measured torque. It
+is held against everything that was sent in the time that a sound drive takes to follow, so that delays and
+fast changes of the command excuse themselves; and a torque near zero tells nothing.
+
+Not every sound drive shows what it was sent: constants are off by tens of percent, zeros drift, amplifiers
+saturate, and some readings are mostly noise or rounding. So half of the torque may always be missing; a
+reading may be off by what it has usually been off; and what is no more than its own jumps from one sample to
+the next is not held against it.
+"""
+
+from math import inf, nan
+
+from robot_io.limits import Limits
+from robot_io.types import Measurement, Status
+
+_MISSING_SHARE = 0.5  # of the torque sent that may always be missing, and
+_FLOOR_SHARE = 0.01  # this share of the torque limit, and
+_JUMPS = 2.0  # so many of the reading's mean jumps
+_JUMP_SHARE = 0.02  # of a new jump in that mean
+_SAMPLES = 5  # in a row before it counts, however slowly they come
+_HABIT_S = 1.0  # how far a reading is off becomes usual within this time,
+_FIRST_S = 0.05  # but after the first command, for so long,
+_FIRST_HABIT_S = 0.01  # within this one
+_PAUSE_S = 0.1  # without a command: what comes then is a first command again
+
+
+class _Drive:
+    """One drive: what was sent to it of late, and what it usually shows."""
+
+    __slots__ = (
+        "before_nm",
+        "count",
+        "floor_nm",
+        "high_nm",
+        "jump_nm",
+        "jumps",
+        "low_nm",
+        "measured_nm",
+        "obeyed_at_s",
+        "sent_nm",
+        "usually_off_nm",
+    )
+
+    def __init__(self, floor_nm: float) -> None:
+        self.floor_nm = floor_nm
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget everything but the drive's size."""
+        self.sent_nm = self.before_nm = (
+            inf,
+            -inf,
+        )  # lowest and highest: in this stretch of time, the last
+        self.low_nm, self.high_nm = inf, -inf  # in both
+        self.measured_nm = nan
+        self.jump_nm = inf  # nobody knows how coarse a reading is that has not changed yet
+        self.usually_off_nm = self.obeyed_at_s = 0.0
+        self.count = self.jumps = 0
+
+    def widen(self, torque_nm: float, *, is_next: bool) -> None:
+        """Count a command in, as the first of the next stretch of time or as one more of this one."""
+        if is_next:
+            self.before_nm, self.sent_nm = self.sent_nm, (torque_nm, torque_nm)
+        else:
+            self.sent_nm = min(self.sent_nm[0], torque_nm), max(self.sent_nm[1], torque_nm)
+        self.low_nm = min(self.sent_nm[0], self.before_nm[0])
+        self.high_nm = max(self.sent_nm[1], self.before_nm[1])
+
+    def hear(self, measured_nm: float) -> None:
+        """Learn how the reading jumps."""
+        jump_nm = abs(measured_nm - self.measured_nm)
+        self.measured_nm = measured_nm
+        if jump_nm > 0.0:
+            self.jumps += 1
+            before_nm = self.jump_nm if self.jumps > 1 else 0.0
+            self.jump_nm = before_nm + (jump_nm - before_nm) * max(_JUMP_SHARE, 1.0 / self.jumps)
+
+    @property
+    def least_sent_nm(self) -> float:
+        """The smallest torque of late if all had one sign, otherwise zero [N m]."""
+        return self.low_nm if self.low_nm > 0.0 else min(self.high_nm, 0.0)
+
+    def is_missing(self) -> bool:
+        """Whether the reading says that torque is missing."""
+        sent_nm, measured_nm, off_nm = self.low_nm, self.measured_nm, self.usually_off_nm
+        if sent_nm <= 0.0:
+            sent_nm, measured_nm, off_nm = -self.high_nm, -measured_nm, -off_nm
+        if not sent_nm > 2.0 * self.floor_nm:
+            return False
+        shown_nm = max(measured_nm, measured_nm - off_nm)
+        return sent_nm - shown_nm > _MISSING_SHARE * sent_nm + self.floor_nm + _JUMPS * self.jump_nm
+
+    def get_used_to(self, share: float) -> None:
+        """Take how far the reading is off now for a part of what is usual."""
+        off_nm = max(self.measured_nm - self.high_nm, 0.0) or min(self.measured_nm - self.low_nm, 0.0)
+        self.usually_off_nm += (off_nm - self.usually_off_nm) * share
+
+
+class DeafDrives:
+    """Remembers for each drive what was sent to it, and since when it shows something else.
+
+    Args:
+        limits: of the arm; `deaf_drive_s` is the time, shares of its torques are thresholds.
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self._time_s = limits.deaf_drive_s
+        self._drives = tuple(_Drive(_FLOOR_SHARE * torque_nm) for torque_nm in limits.torque_nm)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget everything, as after the torque was off."""
+        self._sampled_at_s = self._sent_at_s = self._begun_s = self._stretch_s = -inf
+        for drive in self._drives:
+            drive.restart()
+
+    def sent(self, time_s: float, torque_nm: list[float]) -> None:
+        """Remember a command (n) [N m] that goes out now."""
+        if time_s - self._sent_at_s > _PAUSE_S:
+            self.restart()
+            self._begun_s = self._stretch_s = time_s
+        self._sent_at_s = time_s
+        is_next = time_s - self._stretch_s >= self._time_s
+        if is_next:
+            self._stretch_s = time_s
+        for drive, torque in zip(self._drives, torque_nm, strict=True):
+            if is_next or not drive.sent_nm[0] <= torque <= drive.sent_nm[1]:
+                drive.widen(torque, is_next=is_next)
+
+    def problem(self, measurement: Measurement) -> str | None:
+        """The first drive that has not obeyed for so long, or None; a sample seen before says nothing."""
+        sampled_at_s = measurement.torque_at_s
+        if not (sampled_at_s > self._sampled_at_s and sampled_at_s - self._sent_at_s <= _PAUSE_S):
+            return None
+        dt_s = min(sampled_at_s - self._sampled_at_s, _PAUSE_S)
+        self._sampled_at_s = sampled_at_s
+        is_first = sampled_at_s - self._begun_s < _FIRST_S
+        is_judged = not is_first and measurement.torque_status is not Status.SATURATED
+        share = dt_s / (dt_s + (_FIRST_HABIT_S if is_first else _HABIT_S))
+        for joint, (drive, measured_nm) in enumerate(
+            zip(self._drives, measurement.joint_torque_nm.tolist(), strict=True), 1
+        ):
+            drive.hear(measured_nm)
+            if not (is_judged and drive.is_missing()):
+                drive.count, drive.obeyed_at_s = 0, sampled_at_s
+                drive.get_used_to(share)
+                continue
+            drive.count += 1
+            if drive.count >= _SAMPLES and sampled_at_s - drive.obeyed_at_s >= self._time_s - 1e-9:
+                return (
+                    f"joint {joint}: its drive exerts {measured_nm:.2f} N m where {drive.least_sent_nm:.2f} "
+                    "N m was sent: it may have restarted, or lost its mode"
+                )
+        return None
