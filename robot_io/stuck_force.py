@@ -10,7 +10,7 @@ from math import inf, log, nan
 from robot_io.types import Measurement
 
 _LEAST_KNOWN = 100  # samples, before anything is said
-_MEMORY = 500  # samples that the share is a mean over
+_MOST_KNOWN = 1000  # samples; then half of them are forgotten
 _LEAST_SHARE = 0.05  # less is not believed of any sensor
 _IMPROBABLE = -log(1e-9)
 _LONGER = 3  # times the longest row so far
@@ -32,8 +32,9 @@ class StuckForce:
         self._sampled_at_s = -inf
         self._force_n = nan
         self._since_s = 0.0
-        self._known = self._row = self._longest = 0
-        self._share = 1.0
+        self._row = self._longest = 0  # samples that were equal to the one before
+        self._equal = self._known = 0.0  # the same before this row, and all samples
+        self._enough = inf  # such a row is no chance
 
     def problem(self, measurement: Measurement) -> str | None:
         """What to say of a force that is stuck, or None; a sample that was seen before says nothing."""
@@ -41,21 +42,22 @@ class StuckForce:
         if not sampled_at_s > self._sampled_at_s:
             return None
         self._sampled_at_s = sampled_at_s
-        self._known += 1
-        weight = max(1.0 / self._known, 1.0 / _MEMORY)
         if force_n != self._force_n:
+            self._learn()
             self._force_n, self._since_s = force_n, sampled_at_s
-            self._longest, self._row = max(self._longest, self._row), 0
-            self._share -= self._share * weight
             return None
         self._row += 1
-        if self._is_improbable() and sampled_at_s - self._since_s >= self._time_s - 1e-9:
+        if self._row > self._enough and sampled_at_s - self._since_s >= self._time_s - 1e-9:
             return f"force sensor: stuck at {force_n:.4g} N, {self._row + 1} equal samples in a row"
-        self._share += (1.0 - self._share) * weight
         return None
 
-    def _is_improbable(self) -> bool:
-        if self._known < _LEAST_KNOWN or self._row <= _LONGER * self._longest:
-            return False
-        share = max(self._share, _LEAST_SHARE)
-        return share < 1.0 and -self._row * log(share) > _IMPROBABLE
+    def _learn(self) -> None:
+        """From the row that has ended."""
+        self._equal += self._row
+        self._known += self._row + 1
+        self._longest, self._row = max(self._longest, self._row), 0
+        if self._known > _MOST_KNOWN:
+            self._equal, self._known = 0.5 * self._equal, 0.5 * self._known
+        if self._known >= _LEAST_KNOWN:
+            share = max(self._equal / self._known, _LEAST_SHARE)  # below one: this sample was different
+            self._enough = max(_IMPROBABLE / -log(share), _LONGER * self._longest)

@@ -46,6 +46,30 @@ def test_a_dead_but_fresh_force_sensor_is_found_out_before_twice_the_limit(name,
     assert force_n[(time_s > tripped_s) & (time_s < tripped_s + 0.3)].max() < 1.5 * LIMIT_N
 
 
+def test_a_sensor_of_the_wrong_sign_is_found_out_at_half_the_force_limit():
+    """It says that the object pulls the tool in, while the joints push."""
+    arm = SimulatedArm("follower", ProbingPlan(speeds_m_s=(0.1,)), kelvin_voigt(1000.0))
+    sensor = arm.robot.force
+    honest = sensor.read_force
+    sensor.read_force = lambda: honest()._replace(value=-honest().value)
+    with closing(arm.robot):
+        result = arm.run()
+    assert "joint torques say about" in result.cause
+    assert "where the force sensor says -" in result.cause
+    time_s, _, force_n, _ = arm.truth.T
+    assert force_n[time_s <= arm.guard.tripped.time_s].max() < 0.5 * LIMIT_N
+
+
+@pytest.mark.parametrize("speed_m_s", [0.03, 0.15])
+def test_a_sticky_object_really_pulls_and_nobody_is_accused(speed_m_s):
+    hidden = [{"effect": "adhesion", "pull_off_n": 3.0, "neck_m": 3e-3}]
+    scenario = kelvin_voigt(1000.0) | NOISY | {"hidden": hidden}
+    arm = SimulatedArm("follower", ProbingPlan(speeds_m_s=(speed_m_s,), hold_s=0.1), scenario)
+    with closing(arm.robot):
+        arm.run().raise_for_trip()
+    assert arm.truth[:, 2].min() < -2.5  # it does pull
+
+
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(
     ("mass_scale", "stiffness", "damping", "speed_m_s"),

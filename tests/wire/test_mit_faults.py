@@ -74,6 +74,30 @@ def test_what_a_motor_does_not_confirm_is_an_error(bench):
     assert not any(node.enabled for node in nodes(arm))  # they were told all the same
 
 
+def test_a_motor_that_has_restarted_goes_on_answering_and_exerts_nothing(bench):
+    """As the firmware does that the protocol comes from; the guard's witness is for this."""
+    arm = bench(CUBEMARS).start()
+    arm.ticks(5, PUSH_NM)
+    arm.strike("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
+    measurement = arm.ticks(20, PUSH_NM)
+    assert measurement.torque_status is Status.OK
+    assert not arm.problem
+    assert abs(measurement.joint_torque_nm[0]) < 0.1
+    assert measurement.joint_torque_nm[1] == pytest.approx(PUSH_NM[1], abs=0.1)
+
+
+def test_a_motor_that_is_deaf_outside_of_motor_mode_is_heard_out_and_let_go(bench):
+    arm = bench(CUBEMARS, [("driver: mit_bus", "driver: mit_bus\n    ask_with: enter")]).start()
+    arm.ticks(5, PUSH_NM)
+    arm.strike("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
+    assert 2 <= arm.ticks_until(lambda m: bool(arm.problem), torque_nm=PUSH_NM) <= 5
+    assert "joint 1 (motor 1): nothing valid" in arm.problem
+    arm.robot.deactivate()  # all of them confirm, also the one that heard no zero torque
+    assert not any(node.enabled for node in nodes(arm))
+    arm.robot.activate()
+    assert arm.ticks(5, PUSH_NM).torque_status is Status.OK
+
+
 def test_a_frame_under_a_stranger_s_id_is_not_taken_for_a_motor_s(bench):
     arm = bench(CUBEMARS).start()
     section = arm.arm.robot_file.buses["motors"].settings

@@ -1,0 +1,231 @@
+"""A drive that does not obey is named in time; one that shows its torque badly is not."""
+
+import math
+from collections import deque
+
+import numpy as np
+import pytest
+
+from robot_io.deaf_drive import DeafDrives
+from robot_io.guard import Guard
+from robot_io.limits import Limits, SafeState
+from robot_io.types import Command, Measurement, Status
+
+DT = 1e-3
+LIMITS = Limits(
+    torque_nm=(37.0, 18.0),
+    torque_rate_nm_s=(1e6, 1e6),
+    position_min_rad=(-3.0, -3.0),
+    position_max_rad=(3.0, 3.0),
+    velocity_rad_s=(6.0, 6.0),
+    force_n=60.0,
+    tracking_rad=(0.1, 0.1),
+    encoder_age_s=0.005,
+    torque_age_s=0.01,
+    force_age_s=0.01,
+)
+OFTEN = 1  # ticks from one sample of the torques to the next
+
+
+def measured(time_s, torque_nm, *, at_s=None, status=Status.OK):
+    at_s = time_s if at_s is None else at_s
+    zeros = np.zeros(2)
+    torques = np.array(torque_nm, float)
+    return Measurement(time_s, zeros, zeros, torques, 0.0, time_s, at_s, time_s, torque_status=status)
+
+
+def gravity(k):
+    """What an arm is sent that holds its weight, presses at 1.0 s and comes off at 2.0 s, twice."""
+    phase = (k * DT) % 2.0
+    pressed = min(max((phase - 1.0) / 0.08, 0.0), 1.0) - min(max((phase - 1.9) / 0.05, 0.0), 1.0)
+    return 2.1 - 2.6 * pressed + 0.1 * math.sin(0.9 * k)
+
+
+class Sound:
+    """A drive as others are: what was sent, through everything that may be wrong with its reading."""
+
+    def __init__(
+        self, seed=0, *, gain=1.0, bias=0.0, noise=0.0, step=0.0, late=1, lag_s=0.0, most=99.0, **wear
+    ):
+        self._random = np.random.default_rng(seed)
+        self._gain, self._bias, self._noise, self._step = gain, bias, noise, step
+        self._late = deque([0.0] * late)
+        self._lag_s, self._most, self._follows = lag_s, most, 0.0
+        self._drift, self._dead = wear.get("drift", 0.0), wear.get("dead", 0.0)
+
+    def show(self, k, sent_nm):
+        self._late.append(sent_nm)
+        self._follows += (self._late.popleft() - self._follows) * DT / (DT + self._lag_s)
+        value = self._gain * self._follows
+        value -= min(max(value, -self._dead), self._dead)
+        value += self._bias + self._drift * k * DT + self._noise * self._random.standard_normal()
+        value = min(max(value, -self._most), self._most)
+        return round(value / self._step) * self._step if self._step else value
+
+
+def ticks_until_named(witness, show, sent=gravity, *, first=0, count=6000, every=OFTEN):
+    """The tick at which joint 1 is named and what is said, or None; joint 2 is sent nothing and shows it."""
+    shown, at_s = 0.0, 0.0
+    for k in range(first, first + count):
+        now = show(k, sent(k))
+        if k % every == 0:
+            shown, at_s = now, k * DT
+        said = witness.problem(measured(k * DT, [shown, 0.0], at_s=at_s))
+        if said:
+            return k, said
+        witness.sent(k * DT, [sent(k), 0.0])
+    return None
+
+
+WEAR = {
+    "good": {"noise": 0.01, "step": 0.002},
+    "weak constant": {"gain": 0.6, "noise": 0.01},
+    "strong constant": {"gain": 3.0, "noise": 0.01},
+    "zero off": {"bias": -2.0, "noise": 0.01},
+    "zero off, other way": {"bias": 2.0, "noise": 0.01},
+    "zero drifts": {"drift": -0.4, "noise": 0.01},
+    "much noise": {"noise": 1.5},
+    "coarse": {"step": 1.7, "noise": 0.01},
+    "noiseless and coarse": {"step": 1.0},
+    "late": {"late": 15, "noise": 0.01},
+    "follows slowly": {"lag_s": 0.02, "noise": 0.01},
+    "saturated": {"most": 0.42, "noise": 0.01},
+    "dead band": {"dead": 0.6, "noise": 0.01},
+    "shows nothing at all": {"gain": 0.0},
+}
+
+
+@pytest.mark.parametrize("every", [1, 4], ids=["", "every fourth tick"])
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("wear", WEAR)
+def test_a_drive_that_shows_its_torque_badly_is_not_accused(wear, seed, every):
+    drive = Sound(seed, **WEAR[wear])
+    assert ticks_until_named(DeafDrives(LIMITS), drive.show, every=every) is None
+
+
+@pytest.mark.parametrize(
+    ("wear", "at"),
+    [(wear, at) for wear in ("good", "zero off", "late", "follows slowly") for at in (150, 700, 2300)],
+)
+def test_a_drive_that_restarts_is_named_in_time(wear, at):
+    drive = Sound(**WEAR[wear])
+    off = Sound(bias=WEAR[wear].get("bias", 0.0), noise=0.01)
+    tick, said = ticks_until_named(
+        DeafDrives(LIMITS), lambda k, sent: drive.show(k, sent) if k < at else off.show(k, 0.0)
+    )
+    assert at < tick <= at + 12  # the limit of 10 ms, and two ticks
+    assert said.startswith("joint 1: its drive exerts ")
+    assert said.endswith("N m was sent: it may have restarted, or lost its mode")
+
+
+def test_it_says_what_was_sent_and_what_is_exerted():
+    drive = Sound(noise=1e-4)
+    _, said = ticks_until_named(
+        DeafDrives(LIMITS), lambda k, sent: drive.show(k, sent if k < 300 else 0.0), lambda k: -4.5
+    )
+    assert "exerts -0.00 N m where -4.50 N m" in said or "exerts 0.00 N m where -4.50 N m" in said
+
+
+def test_a_drive_that_pushes_the_other_way_is_named():
+    drive = Sound(noise=0.01)
+    tick, _ = ticks_until_named(
+        DeafDrives(LIMITS), lambda k, sent: drive.show(k, sent if k < 300 else -sent), lambda k: 1.0
+    )
+    assert tick <= 312
+
+
+def test_a_drive_that_is_sent_next_to_nothing_tells_nothing_until_it_is_sent_more():
+    drive = Sound(noise=0.01)
+
+    def sent(k):
+        return 0.2 * math.sin(0.05 * k) if k < 1000 else 2.0
+
+    tick, _ = ticks_until_named(
+        DeafDrives(LIMITS), lambda k, sent_nm: drive.show(k, sent_nm if k < 300 else 0.0), sent
+    )
+    assert 1010 <= tick <= 1032  # what was sent before excuses it for twice the limit, at most
+
+
+def test_weak_drives_hide_what_is_missing_no_longer_than_tracking_does():
+    """A constant that is wrong by a fifth delays nothing."""
+    drive = Sound(gain=0.8, noise=0.01)
+    tick, _ = ticks_until_named(
+        DeafDrives(LIMITS), lambda k, sent: drive.show(k, sent if k < 700 else 0.0), lambda k: 4.0
+    )
+    assert tick <= 712
+
+
+def test_the_time_is_the_robot_files():
+    slow = DeafDrives(LIMITS.model_copy(update={"deaf_drive_s": 0.04}))
+    drive = Sound(noise=0.01)
+    tick, _ = ticks_until_named(slow, lambda k, sent: drive.show(k, sent if k < 300 else 0.0), lambda k: 3.0)
+    assert 340 <= tick <= 342
+
+
+def test_few_samples_prove_nothing():
+    drive = Sound(noise=0.01)
+    tick, _ = ticks_until_named(
+        DeafDrives(LIMITS), lambda k, sent: drive.show(k, sent if k < 300 else 0.0), lambda k: 3.0, every=8
+    )
+    assert 300 + 4 * 8 <= tick <= 300 + 6 * 8
+
+
+def test_the_same_old_sample_proves_nothing():
+    witness, drive = DeafDrives(LIMITS), Sound(noise=0.01)
+    assert ticks_until_named(witness, drive.show, lambda k: 3.0, count=300) is None
+    for k in range(300, 400):
+        assert witness.problem(measured(k * DT, [0.0, 0.0], at_s=0.3)) is None
+        witness.sent(k * DT, [3.0, 0.0])
+
+
+def test_a_drive_at_the_end_of_its_range_is_not_accused():
+    witness, drive = DeafDrives(LIMITS), Sound(noise=0.01)
+    assert ticks_until_named(witness, drive.show, lambda k: 3.0, count=300) is None
+    for k in range(300, 400):
+        shown = measured(k * DT, [1.0 + 0.01 * (k % 2), 0.0], status=Status.SATURATED)
+        assert witness.problem(shown) is None
+        witness.sent(k * DT, [3.0, 0.0])
+
+
+def test_after_a_pause_it_begins_anew():
+    """The drive's own watchdog has let go meanwhile, and it takes some time to come back."""
+    witness, drive = DeafDrives(LIMITS), Sound(noise=0.01)
+    assert ticks_until_named(witness, drive.show, lambda k: 3.0, count=300) is None
+    again = Sound(noise=0.01)
+    shows = lambda k, sent: again.show(k, sent if k > 530 else 0.0)  # noqa: E731
+    assert ticks_until_named(witness, shows, lambda k: 3.0, first=500, count=600) is None
+
+
+def test_without_commands_nothing_is_expected():
+    witness = DeafDrives(LIMITS)
+    for k in range(500):
+        assert witness.problem(measured(k * DT, [0.01 * (k % 3), 0.0])) is None
+
+
+class TestInTheGuard:
+    def run(self, guard, first, count, obeys):
+        drive = Sound(noise=0.01)
+        for k in range(first, first + count):
+            shown = drive.show(k, 3.0 if obeys(k) else 0.0)
+            measurement = measured(k * DT, [shown, 0.0])
+            guard.watch(measurement)
+            guard.limit(Command(np.array([3.0, 0.0])), measurement, DT)
+
+    def guard(self):
+        return Guard(LIMITS, SafeState(damping_nms_rad=(1.0, 1.0), stop_time_s=0.05), 2)
+
+    def test_it_stops_the_arm(self):
+        guard = self.guard()
+        self.run(guard, 0, 400, lambda k: k < 300)
+        assert "joint 1: its drive exerts" in guard.tripped.cause
+        assert 0.3 < guard.tripped.time_s <= 0.312
+
+    def test_rearmed_it_begins_anew(self):
+        guard = self.guard()
+        self.run(guard, 0, 500, lambda k: k < 300)
+        assert guard.finished
+        guard.rearm(measured(0.5, [0.0, 0.0]))
+        self.run(guard, 501, 300, lambda k: k > 530)
+        assert guard.tripped is None
+        self.run(guard, 801, 100, lambda k: False)
+        assert guard.tripped

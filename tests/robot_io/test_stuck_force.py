@@ -1,0 +1,93 @@
+"""A force sensor that freezes is named in time; one that repeats itself by nature is not."""
+
+import numpy as np
+import pytest
+
+from robot_io.guard import Guard
+from robot_io.limits import SafeState
+from robot_io.stuck_force import StuckForce
+from tests.robot_io.test_deaf_drive import LIMITS, measured
+
+LIMIT_S = 0.02
+
+
+def ticks_until_named(witness, forces_n, *, every=1, first=0):
+    """The tick at which it is named and what is said, or None; a sample comes every so many ticks."""
+    for k, force_n in enumerate(forces_n, first):
+        at_s = (k - k % every) * 1e-3
+        said = witness.problem(measured(k * 1e-3, [0.0, 0.0])._replace(force_n=force_n, force_at_s=at_s))
+        if said:
+            return k, said
+    return None
+
+
+def noise(count, *, seed=0, std=0.02, step=0.005, every=1, smooth=1):
+    """Forces in steps; each drawn number stands for some ticks, and is a mean over some others."""
+    drawn = np.random.default_rng(seed).normal(0.0, std, count // every + smooth)
+    means = np.convolve(drawn, np.ones(smooth) / smooth, "valid")
+    return np.round(np.repeat(means, every)[:count] / step) * step
+
+
+def frozen(forces_n, at):
+    return np.where(np.arange(len(forces_n)) < at, forces_n, forces_n[at])
+
+
+@pytest.mark.parametrize("every", [1, 2], ids=["1 kHz", "500 Hz"])
+@pytest.mark.parametrize("at", [300, 2000])
+def test_a_sensor_that_freezes_is_named_within_its_limit(every, at):
+    tick, said = ticks_until_named(StuckForce(LIMIT_S), frozen(noise(4000, every=every), at), every=every)
+    assert at < tick <= at + 22
+    assert said.startswith("force sensor: stuck at ")
+    assert said.endswith("equal samples in a row")
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    "kind",
+    [
+        {},
+        {"std": 0.002},  # below a step: most samples are equal
+        {"std": 0.0},
+        {"smooth": 30},
+        {"smooth": 30, "step": 0.01},
+        {"std": 0.2, "step": 3.5},
+        {"every": 13},  # measures slower than it sends
+    ],
+    ids=str,
+)
+def test_a_sound_sensor_is_not_accused(kind, seed):
+    assert ticks_until_named(StuckForce(LIMIT_S), noise(20_000, seed=seed, **kind)) is None
+
+
+def test_a_coarse_sensor_that_is_pressed_and_held_is_not_accused():
+    depth = np.concatenate([np.zeros(500), np.linspace(0, 10, 100), np.full(1000, 10.0), np.zeros(500)])
+    forces_n = np.round((np.tile(depth, 3) + noise(6300, std=0.05, step=1e-6)) / 1.0) * 1.0
+    assert ticks_until_named(StuckForce(LIMIT_S), forces_n) is None
+
+
+def test_the_more_it_repeats_itself_the_longer_it_takes():
+    lazy = noise(6000, every=13)
+    tick, _ = ticks_until_named(StuckForce(LIMIT_S), frozen(lazy, 3000))
+    assert 3000 + 3 * 13 < tick < 3000 + 400
+
+
+def test_old_samples_are_old_and_not_stuck():
+    witness = StuckForce(LIMIT_S)
+    assert ticks_until_named(witness, noise(1000)) is None
+    old = measured(1.0, [0.0, 0.0])._replace(force_n=0.1, force_at_s=1.0)
+    assert all(witness.problem(old._replace(time_s=1.0 + 1e-3 * k)) is None for k in range(200))
+
+
+def test_nobody_knows_a_sensor_by_its_first_samples():
+    assert ticks_until_named(StuckForce(LIMIT_S), frozen(noise(4000), 60)) is None
+
+
+def test_it_stops_the_arm_and_is_forgotten_when_rearmed():
+    guard = Guard(LIMITS, SafeState(damping_nms_rad=(1.0, 1.0), stop_time_s=0.05), 2)
+    for k, force_n in enumerate(frozen(noise(1000), 500)):
+        guard.watch(measured(k * 1e-3, [0.0, 0.0])._replace(force_n=force_n))
+    assert "force sensor: stuck at" in guard.tripped.cause
+    assert 0.5 < guard.tripped.time_s <= 0.522
+    guard.rearm(measured(1.1, [0.0, 0.0]))
+    guard.watch(measured(1.101, [0.0, 0.0]))
+    assert guard.tripped is None
