@@ -25,14 +25,21 @@ from sim_backend.scenario import load_scenario
 
 ROBOT = find_robot("follower")
 FORCES_N = (0.0, 5.0, 10.0, 20.0, 30.0, 40.0, 30.0, 20.0, 10.0, 5.0, 0.0)
+BENDS = {"straight": 0.0, "bent 0.2 %": 5e-5, "bent 0.8 %": 2e-4, "bent 4 %": 1e-3}  # 1/N; % over 40 N
 STOP_STD_RAD = 0.0  # the simulated stops are where the URDF says
 Found = Iterator[tuple[str, str, float, float, float]]  # what, unit, found, stated uncertainty, hidden
 
 
 def force(rng: np.random.Generator, seed: int, folder: Path) -> Found:
-    """Gain, zero, bend and play of the force sensor; every second one is straight, without play."""
+    """Gain, zero, bend and play of force sensors; every second one without play."""
+    for shape, bend in BENDS.items():
+        yield from _sensor(shape, rng.choice([-1, 1]) * bend, rng, seed, folder / shape.replace(" ", "-"))
+
+
+def _sensor(shape: str, bend: float, rng: np.random.Generator, seed: int, folder: Path) -> Found:
+    folder.mkdir()
     gain, bias = rng.uniform(0.9, 1.1), rng.uniform(-2.0, 2.0)
-    bend, play = (rng.choice([-1, 1]) * 2e-4, rng.uniform(0.01, 0.05)) if seed % 2 else (0.0, 0.0)
+    play = rng.uniform(0.01, 0.05) if seed % 2 else 0.0
     hidden = [
         {"effect": "sensor_gain", "channel": "contact", "gain": gain, "bend": bend},
         {"effect": "bias", "channel": "contact", "bias": bias},
@@ -42,7 +49,6 @@ def force(rng: np.random.Generator, seed: int, folder: Path) -> Found:
     place = calibrating.put_simulated_weight
     calibrating.run_weighing(job, FORCES_N, place, settle_s=0.1, measure_s=0.5)
     fit = fit_force(read_weighing(Session.open(job.session)))
-    shape = "bent" if bend else "straight"
     yield f"force zero, {shape}", "N", fit.zero.value, fit.zero.std_err, bias
     yield f"force scale, {shape}", "-", fit.scale.value, fit.scale.std_err, 1.0 / gain
     yield f"hysteresis, {shape}", "N", fit.hysteresis_n.value, fit.hysteresis_n.std_err, 2.0 * play / gain

@@ -3,10 +3,13 @@
     force = scale (r - zero) + curvature (r - zero)^2,   r = reading + hysteresis / 2 * direction
 
 An effect that the data do not show (a t test at 1 %) is taken out of the equation and reported as what was
-found for it; without curvature, scale is the mean slope over the range. Least squares in the force.
+found for it; without curvature, scale is the mean slope over the range, with it the slope at the zero. Least
+squares in the force.
 
 Each plateau is one observation, so that what differs from plateau to plateau (creep, friction, a weight's
-error) is in the uncertainty. VIM 2.39, 4.16, 4.21; VDI/VDE 2638.
+error) is in the uncertainty. No sensor is quite a line or a parabola, and what is left between the two need
+not show in the scatter: what one more power of the reading would change of zero and scale counts as one more
+standard uncertainty. VIM 2.39, 4.16, 4.21; VDI/VDE 2638; JCGM 100:2008, 4.3 and F.2.
 """
 
 from collections.abc import Sequence
@@ -24,6 +27,8 @@ from robot_io.types import BoolArray, FloatArray
 _SIGNIFICANT = 0.01
 _SPARE = 2  # plateaus beyond the number of parameters
 _FEWEST_LEVELS = 3
+_FEWEST_LEVELS_OF_A_CURVE = 4  # three points lie on a parabola, whatever the sensor's shape is
+_CURVATURE, _CUBIC, _HYSTERESIS = 2, 3, 4  # places among the parameters
 _SUSPECT = 5.0  # times the other plateaus' scatter
 
 
@@ -83,28 +88,30 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     if np.ptp(plateaus.reading) == 0.0:
         raise InputError("the reading is the same under every force: the sensor does not answer")
     has_branches = bool(np.any(plateaus.direction < 0) and np.any(plateaus.direction > 0))
-    used = np.array([True, True, True, has_branches])
+    used = np.array([True, True, True, False, has_branches])
     full_values, full_errors, freedom = _solve(plateaus, used)
     shown = np.abs(full_values) > t.ppf(1 - _SIGNIFICANT / 2, freedom) * full_errors
-    used &= np.array([True, True, shown[2], shown[3]])
-    values, errors, freedom = _solve(plateaus, used)
+    shown[_CURVATURE] &= _levels(plateaus.reference_n) >= _FEWEST_LEVELS_OF_A_CURVE
+    used &= np.array([True, True, shown[_CURVATURE], False, shown[_HYSTERESIS]])
+    values, errors, _ = _solve(plateaus, used)
     if not values[1] > 0.0:
         raise InputError(
             f"the reading falls by {abs(1 / values[1]):.4g} per N that the reference rises: turn the sign"
         )
-    all_values = np.where(used, values, full_values).tolist()
-    all_errors = np.where(used, errors, full_errors).tolist()
-    all_errors[1] = float(np.hypot(all_errors[1], values[1] * reference_rel_std))
+    zero, scale, curvature, _, half = np.where(used, values, full_values).tolist()
+    errors = np.hypot(errors, _shape_errors(plateaus, used, values))
+    errors[1] = np.hypot(errors[1], scale * reference_rel_std)
+    zero_err, scale_err, curvature_err, _, half_err = np.where(used, errors, full_errors).tolist()
     span_n = float(np.ptp(plateaus.reference_n))
-    bow = span_n / (4.0 * all_values[1] ** 2)  # of a parabola over its chord, as a share of the range
+    bow = span_n / (4.0 * scale**2)  # of a parabola over its chord, as a share of the range
     residual = _residuals(values, plateaus, hysteresis=False)
     return ForceFit(
-        zero=Estimate(all_values[0], all_errors[0]),
-        scale=Estimate(all_values[1], all_errors[1]),
-        curvature=Estimate(all_values[2], all_errors[2]) if used[2] else None,
-        hysteresis_n=Estimate(-2 * all_values[1] * all_values[3], 2 * all_values[1] * all_errors[3]),
-        nonlinearity=Estimate(abs(all_values[2]) * bow, all_errors[2] * bow),
-        curvature_found=Estimate(all_values[2], all_errors[2]),
+        zero=Estimate(zero, zero_err),
+        scale=Estimate(scale, scale_err),
+        curvature=Estimate(curvature, curvature_err) if used[_CURVATURE] else None,
+        hysteresis_n=Estimate(-2 * scale * half, 2 * scale * half_err),
+        nonlinearity=Estimate(abs(curvature) * bow, curvature_err * bow),
+        curvature_found=Estimate(curvature, curvature_err),
         plateaus=plateaus,
         residual_n=residual,
         range_n=(float(plateaus.reference_n.min()), float(plateaus.reference_n.max())),
@@ -118,7 +125,7 @@ def check_references(reference_n: Sequence[float] | FloatArray) -> None:
     Raises:
         InputError: too few plateaus or forces.
     """
-    levels = len(np.unique(reference_n))
+    levels = _levels(reference_n)
     if levels < _FEWEST_LEVELS or len(reference_n) < 4 + _SPARE:
         raise InputError(
             f"{len(reference_n)} plateaus at {levels} different forces: at least {4 + _SPARE} at "
@@ -126,25 +133,41 @@ def check_references(reference_n: Sequence[float] | FloatArray) -> None:
         )
 
 
+def _levels(reference_n: Sequence[float] | FloatArray) -> int:
+    return len(np.unique(reference_n))
+
+
+def _shape_errors(plateaus: Plateaus, used: BoolArray, values: FloatArray) -> FloatArray:
+    """What the next power of the reading would change of the values in the file, shape (5,).
+
+    The mean slope is the mean slope whatever the shape is; everything else is said of one point, the zero.
+    """
+    richer, curved = used.copy(), bool(used[_CURVATURE])
+    richer[_CUBIC if curved else _CURVATURE] = True
+    if len(plateaus) <= richer.sum():
+        return np.zeros(len(used))
+    change = np.abs(_solve(plateaus, richer)[0] - values)
+    return np.where([True, curved, curved, False, False], change, 0.0)
+
+
 def _solve(plateaus: Plateaus, used: BoolArray) -> tuple[FloatArray, FloatArray, int]:
-    """Values and standard errors of (zero, scale, curvature, half hysteresis); those not used are 0."""
+    """Values and standard errors of zero, scale, curvature, cubic, half hysteresis; 0 where not used."""
     slope, zero = _line(plateaus)
-    typical = np.array(
-        [np.ptp(plateaus.reading), slope, slope / np.ptp(plateaus.reading), np.ptp(plateaus.reading)]
-    )
-    values = np.zeros(4)
+    width = np.ptp(plateaus.reading)
+    typical = np.array([width, slope, slope / width, slope / width**2, width])
+    values = np.zeros(len(used))
 
     def unpacked(free: FloatArray) -> FloatArray:
         values[used] = free * typical[used]
         return values
 
-    start = (np.array([zero, slope, 0.0, 0.0]) / typical)[used]
+    start = (np.array([zero, slope, 0.0, 0.0, 0.0]) / typical)[used]
     found = least_squares(lambda free: _residuals(unpacked(free), plateaus), start, x_scale="jac", xtol=1e-14)
     freedom = len(plateaus) - int(used.sum())
     own_n = slope * plateaus.std_err
     variance = max(2.0 * found.cost / freedom, float(np.mean(own_n**2)))
     covariance = np.linalg.pinv(found.jac.T @ found.jac) * variance
-    errors = np.zeros(4)
+    errors = np.zeros(len(used))
     errors[used] = np.sqrt(np.diag(covariance)) * np.abs(typical[used]) * few_sample_factor(freedom)
     return unpacked(found.x).copy(), errors, freedom
 
@@ -158,9 +181,9 @@ def _line(plateaus: Plateaus) -> tuple[float, float]:
 def _residuals(
     values: Sequence[float] | FloatArray, plateaus: Plateaus, *, hysteresis: bool = True
 ) -> FloatArray:
-    zero, scale, curvature, half = values
+    zero, scale, curvature, cubic, half = values
     above = plateaus.reading - zero - (half * plateaus.direction if hysteresis else 0.0)
-    return np.asarray(plateaus.reference_n - above * (scale + curvature * above))
+    return np.asarray(plateaus.reference_n - above * (scale + above * (curvature + above * cubic)))
 
 
 def _suspect(residual: FloatArray) -> int | None:

@@ -40,6 +40,46 @@ def test_curvature_and_hysteresis_are_told_apart_and_applied_or_not():
     assert fit.nonlinearity.value == pytest.approx(3e-4 * 40 / 4, rel=0.3)
 
 
+@pytest.mark.parametrize("bend", [6e-6, 5e-5, 2e-4, 5e-4, 2e-3])
+def test_a_bent_sensor_keeps_its_uncertainty_though_its_curve_is_no_parabola(bend):
+    """40 sensors, with play: at most five of either value outside of two deviations (binomial, 1 %)."""
+    outside = np.zeros(2)
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        zero, gain, side = rng.uniform(-2, 2), rng.uniform(0.9, 1.1), rng.choice([-1, 1])
+        shape = {"bend": side * bend, "play": rng.uniform(0.01, 0.05), "step": 0.001}
+        fit = fit_force(record(rng, zero=zero, gain=gain, **shape))
+        force = np.array(UP_AND_DOWN_N)
+        mean_slope = np.polyfit(gain * force * (1 + side * bend * force), force, 1)[0]
+        slope = 1 / gain if fit.curvature else mean_slope
+        outside += [
+            abs(fit.zero.value - zero) > 2 * fit.zero.std_err,
+            abs(fit.scale.value - slope) > 2 * fit.scale.std_err,
+        ]
+    assert np.all(outside <= 5), outside
+
+
+def test_nor_does_a_straight_one_pay_for_the_bent_ones():
+    """Its scale is stated as a line with Student's t states it, no wider."""
+    scatter, stated = [], []
+    for seed in range(100):
+        fit = fit_force(record(np.random.default_rng(seed)))
+        scatter.append(fit.scale.value - 1 / 0.9)
+        stated.append(fit.scale.std_err)
+    assert np.mean(stated) < 1.35 * np.std(scatter)
+
+
+def test_three_forces_show_no_curvature():
+    """A parabola goes through any three points: nothing would tell that the sensor follows one."""
+    forces = [0.0, 20.0, 40.0, 20.0, 0.0, 20.0, 40.0]
+    rng = np.random.default_rng(6)
+    pieces = [force * (1 + 1e-3 * force) + rng.normal(0, 0.001, 50) for force in forces]
+    fit = fit_force(plateaus_of(forces, pieces))
+    assert fit.curvature is None
+    assert fit.scale.value == pytest.approx(1 / 1.04, rel=0.01)
+    assert fit.scale.std_err > 0.001
+
+
 def test_a_straight_sensor_is_rarely_called_bent():
     bent = [fit_force(record(np.random.default_rng(seed))).curvature is not None for seed in range(150)]
     assert np.mean(bent) < 0.04
