@@ -13,6 +13,7 @@ the next is not held against it.
 from math import inf, nan
 
 from robot_io.limits import Limits
+from robot_io.problem import Problem
 from robot_io.types import Measurement, Status
 
 _MISSING_SHARE = 0.5  # of the torque sent that may always be missing, and
@@ -24,6 +25,8 @@ _HABIT_S = 1.0  # how far a reading is off becomes usual within this time,
 _FIRST_S = 0.05  # but after the first command, for so long,
 _FIRST_HABIT_S = 0.01  # within this one
 _PAUSE_S = 0.1  # without a command: what comes then is a first command again
+
+_REMEDY = "check its supply and connectors; a drive that is only slow needs a longer limits.deaf_drive_s"
 
 
 class _Drive:
@@ -129,7 +132,7 @@ class DeafDrives:
             if is_next or not drive.sent_nm[0] <= torque <= drive.sent_nm[1]:
                 drive.widen(torque, is_next=is_next)
 
-    def problem(self, measurement: Measurement) -> str | None:
+    def problem(self, measurement: Measurement) -> Problem | None:
         """The first drive that has not obeyed for so long, or None; a sample seen before says nothing."""
         sampled_at_s = measurement.torque_at_s
         if not (sampled_at_s > self._sampled_at_s and sampled_at_s - self._sent_at_s <= _PAUSE_S):
@@ -149,8 +152,9 @@ class DeafDrives:
                 continue
             drive.count += 1
             if drive.count >= _SAMPLES and sampled_at_s - drive.obeyed_at_s >= self._time_s - 1e-9:
-                return (
+                return Problem(
                     f"joint {joint}: its drive exerts {measured_nm:.2f} N m where {drive.least_sent_nm:.2f} "
-                    "N m was sent: it may have restarted, or lost its mode"
+                    "N m was sent: it may have restarted, or lost its mode",
+                    _REMEDY,
                 )
         return None

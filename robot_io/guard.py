@@ -10,6 +10,7 @@ from robot_io.deaf_drive import DeafDrives
 from robot_io.errors import InputError, SafetyTripError
 from robot_io.limit_checks import LimitChecks
 from robot_io.limits import Limits, SafeState
+from robot_io.problem import Problem
 from robot_io.safe_stop import GravityModel, SafeStop
 from robot_io.stuck_encoder import StuckEncoders
 from robot_io.stuck_force import StuckForce
@@ -18,6 +19,8 @@ from robot_io.types import Command, FloatArray, Measurement
 PAUSE_S = (
     0.1  # longer between two commands: the arm was let go, and the torque sent before says nothing any more
 )
+
+_STUCK_ENCODER = "turn the joint by hand without power: if it turns freely, check encoder and coupling"
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +31,13 @@ class Trip:
         cause: one sentence.
         time_s: time of the measurement at which it happened, on the robot's clock [s]; NaN before the first.
         tick: number of that measurement, from 0; -1 before the first.
+        remedy: what its user can do about it; empty if nothing is known.
     """
 
     cause: str
     time_s: float
     tick: int
+    remedy: str = ""
 
 
 class Guard:
@@ -126,18 +131,22 @@ class Guard:
         if problem is None and reference_position_rad is not None:
             problem = self._following_problem(measurement, reference_position_rad)
         if problem is not None:
-            self.trip(problem)
+            self.trip(problem.text, problem.remedy)
 
-    def trip(self, cause: str) -> Trip:
+    def trip(self, cause: str, remedy: str = "") -> Trip:
         """Latch a trip from outside, such as Ctrl-C or an exception; an earlier one stays as it is.
 
         An encoder that is suspect at this time is named as well.
+
+        Args:
+            cause: what is wrong.
+            remedy: what to do about it.
         """
         if self._trip is None:
             suspicion = self._stuck_encoders.suspicion
             if suspicion and suspicion != cause:
                 cause = f"{cause}; {suspicion}"
-            self._trip = Trip(cause, self._watched.time_s if self._watched else nan, self._tick)
+            self._trip = Trip(cause, self._watched.time_s if self._watched else nan, self._tick, remedy)
             self._stopping_s = 0.0
             self._safe_stop.restart()
         return self._trip
@@ -158,7 +167,7 @@ class Guard:
             problem = self._command_problem(command, dt_s)
             if problem is None:
                 return self._clip(command, measurement, dt_s)
-            self.trip(problem)
+            self.trip(problem.text, problem.remedy)
         return self._stop(measurement, dt_s)
 
     def rearm(self, measurement: Measurement) -> None:
@@ -173,7 +182,7 @@ class Guard:
             raise SafetyTripError(f"not re-armed: the arm is still being stopped ({self._trip.cause})")
         problem = self._time_problem(measurement) or self._checks.violation(measurement)
         if problem is not None:
-            raise SafetyTripError(f"not re-armed: {problem}")
+            raise SafetyTripError(f"not re-armed: {problem.text}")
         self._trip = None
         self._finished = False
         self._stuck_encoders.restart()
@@ -182,32 +191,34 @@ class Guard:
         self._watched = measurement
         self._previous_nm = None
 
-    def _witnessed(self, measurement: Measurement) -> str | None:
+    def _witnessed(self, measurement: Measurement) -> Problem | None:
         """What samples that look sound say against each other."""
         return self._deaf_drives.problem(measurement) or self._stuck_force.problem(measurement)
 
-    def _following_problem(self, measurement: Measurement, reference_position_rad: FloatArray) -> str | None:
+    def _following_problem(
+        self, measurement: Measurement, reference_position_rad: FloatArray
+    ) -> Problem | None:
         encoders = self._stuck_encoders
         encoders.look(measurement, reference_position_rad)
         if encoders.is_proven:
-            return encoders.suspicion
+            return Problem(encoders.suspicion or "", _STUCK_ENCODER)
         return self._checks.tracking_problem(measurement, reference_position_rad)
 
-    def _time_problem(self, measurement: Measurement) -> str | None:
+    def _time_problem(self, measurement: Measurement) -> Problem | None:
         last_s = self._watched.time_s if self._watched else -inf
         if measurement.time_s >= last_s:
             return None
-        return f"time went from {last_s:.6f} s to {measurement.time_s:.6f} s"
+        return Problem(f"time went from {last_s:.6f} s to {measurement.time_s:.6f} s")
 
-    def _command_problem(self, command: Command, dt_s: float) -> str | None:
+    def _command_problem(self, command: Command, dt_s: float) -> Problem | None:
         torque_nm = command.joint_torque_nm
         if torque_nm.shape != self._shape:
-            return f"the controller's command has shape {torque_nm.shape}, expected {self._shape}"
+            return Problem(f"the controller's command has shape {torque_nm.shape}, expected {self._shape}")
         for joint, torque in enumerate(torque_nm.tolist(), 1):
             if not -inf < torque < inf:
-                return f"the controller's torque for joint {joint} is {torque}"
+                return Problem(f"the controller's torque for joint {joint} is {torque}")
         if not 0 <= dt_s < inf:
-            return f"the time step is {dt_s} s"
+            return Problem(f"the time step is {dt_s} s")
         return None
 
     def _clip(self, command: Command, measurement: Measurement, dt_s: float) -> Command:

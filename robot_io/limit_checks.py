@@ -6,7 +6,16 @@ Plain floats instead of arrays: for a few joints that is several times faster, a
 from math import inf, isfinite
 
 from robot_io.limits import Limits
+from robot_io.problem import Problem
 from robot_io.types import FloatArray, Measurement, Status
+
+_EXAMINE = "check its cable and its supply; palpate doctor examines it"
+_LATE = "check cable and supply; palpate doctor shows what rates the buses can carry"
+_END_OF_RANGE = "palpate doctor shows the ranges; does the robot file say what the device is?"
+_LAGS = "is it blocked, too heavily loaded, or weaker than the robot file says? See palpate doctor --move"
+_OUTSIDE = "bring it back by hand; if it may go there, widen limits.position_min_rad and position_max_rad"
+_TOO_FAST = "plan slower moves; if it may go as fast, raise limits.velocity_rad_s"
+_TOO_STRONG = "press less or more slowly; if arm and sensor bear it, raise limits.force_n"
 
 
 class LimitChecks:
@@ -27,7 +36,7 @@ class LimitChecks:
         self._torque_age_s = limits.torque_age_s
         self._force_age_s = limits.force_age_s
 
-    def violation(self, measurement: Measurement) -> str | None:
+    def violation(self, measurement: Measurement) -> Problem | None:
         """The first thing that is wrong, or None."""
         return self._sample_problem(measurement) or self._value_problem(measurement)
 
@@ -39,7 +48,7 @@ class LimitChecks:
             _sample_problem("force sensor", ok, time_s - measurement.force_at_s, self._force_age_s),
             _sample_problem("drives", ok, time_s - measurement.torque_at_s, self._torque_age_s),
         )
-        return tuple(problem for problem in problems if problem)
+        return tuple(problem.text for problem in problems if problem)
 
     def motion_is_known(self, measurement: Measurement) -> bool:
         """Whether position and velocity can still be acted on, wherever they are."""
@@ -48,7 +57,9 @@ class LimitChecks:
         problem = _sample_problem("encoder", measurement.encoder_status, age_s, self._encoder_age_s)
         return problem is None and all(map(isfinite, values))
 
-    def tracking_problem(self, measurement: Measurement, reference_position_rad: FloatArray) -> str | None:
+    def tracking_problem(
+        self, measurement: Measurement, reference_position_rad: FloatArray
+    ) -> Problem | None:
         """The first joint that is too far from its reference, or None."""
         for (joint, limit), position, reference in zip(
             self._tracking_limits,
@@ -58,10 +69,12 @@ class LimitChecks:
         ):
             distance = abs(position - reference)
             if not distance <= limit:
-                return f"joint {joint} is {distance:.4g} rad from its reference, limit {limit:.4g} rad"
+                return Problem(
+                    f"joint {joint} is {distance:.4g} rad from its reference, limit {limit:.4g} rad", _LAGS
+                )
         return None
 
-    def _sample_problem(self, measurement: Measurement) -> str | None:
+    def _sample_problem(self, measurement: Measurement) -> Problem | None:
         time_s = measurement.time_s
         return (
             _sample_problem(
@@ -79,7 +92,7 @@ class LimitChecks:
             )
         )
 
-    def _value_problem(self, measurement: Measurement) -> str | None:
+    def _value_problem(self, measurement: Measurement) -> Problem | None:
         for (joint, low, high, fastest), position, velocity in zip(
             self._motion_limits,
             measurement.joint_position_rad.tolist(),
@@ -87,26 +100,30 @@ class LimitChecks:
             strict=True,
         ):
             if not low <= position <= high:
-                return f"joint {joint} is at {position:.4g} rad, limits {low:.4g} to {high:.4g} rad"
+                return Problem(
+                    f"joint {joint} is at {position:.4g} rad, limits {low:.4g} to {high:.4g} rad", _OUTSIDE
+                )
             if not -fastest <= velocity <= fastest:
-                return f"joint {joint} moves at {velocity:.4g} rad/s, limit {fastest:.4g} rad/s"
+                return Problem(
+                    f"joint {joint} moves at {velocity:.4g} rad/s, limit {fastest:.4g} rad/s", _TOO_FAST
+                )
         for torque in measurement.joint_torque_nm.tolist():
             if not -inf < torque < inf:
-                return f"a measured torque is {torque} N m"
+                return Problem(f"a measured torque is {torque} N m")
         force_n = measurement.force_n
         if not -self._force_n <= force_n <= self._force_n:
-            return f"the contact force is {force_n:.4g} N, limit {self._force_n:.4g} N"
+            return Problem(f"the contact force is {force_n:.4g} N, limit {self._force_n:.4g} N", _TOO_STRONG)
         return None
 
 
-def _sample_problem(device: str, status: Status, age_s: float, oldest_s: float) -> str | None:
+def _sample_problem(device: str, status: Status, age_s: float, oldest_s: float) -> Problem | None:
     if status is Status.FAULT:
-        return f"{device}: reports a fault, or its bus has failed"
+        return Problem(f"{device}: reports a fault, or its bus has failed", _EXAMINE)
     if status is Status.SATURATED:
-        return f"{device}: at the end of its range"
+        return Problem(f"{device}: at the end of its range", _END_OF_RANGE)
     # Younger than the start of the tick is no fault: the robot judges against the end of its reading.
     if -inf < age_s <= oldest_s:
         return None
     if age_s == inf:
-        return f"{device}: no sample yet"
-    return f"{device}: newest sample is {age_s:.4g} s old, limit {oldest_s:.4g} s"
+        return Problem(f"{device}: no sample yet", _EXAMINE)
+    return Problem(f"{device}: newest sample is {age_s:.4g} s old, limit {oldest_s:.4g} s", _LATE)

@@ -7,6 +7,7 @@ Readings that are filtered repeat themselves in flocks, so a row must also be mu
 
 from math import inf, log, nan
 
+from robot_io.problem import Problem
 from robot_io.types import Measurement
 
 _LEAST_KNOWN = 100  # samples, before anything is said
@@ -14,6 +15,8 @@ _MOST_KNOWN = 1000  # samples; then half of them are forgotten
 _LEAST_SHARE = 0.05  # less is not believed of any sensor
 _IMPROBABLE = -log(1e-9)
 _LONGER = 3  # times the longest row so far
+
+_REMEDY = "check the load cell's cable and amplifier, and switch it off and on again"
 
 
 class StuckForce:
@@ -36,7 +39,7 @@ class StuckForce:
         self._equal = self._known = 0.0  # the same before this row, and all samples
         self._enough = inf  # such a row is no chance
 
-    def problem(self, measurement: Measurement) -> str | None:
+    def problem(self, measurement: Measurement) -> Problem | None:
         """What to say of a force that is stuck, or None; a sample that was seen before says nothing."""
         sampled_at_s, force_n = measurement.force_at_s, measurement.force_n
         if not sampled_at_s > self._sampled_at_s:
@@ -48,7 +51,9 @@ class StuckForce:
             return None
         self._row += 1
         if self._row > self._enough and sampled_at_s - self._since_s >= self._time_s - 1e-9:
-            return f"force sensor: stuck at {force_n:.4g} N, {self._row + 1} equal samples in a row"
+            return Problem(
+                f"force sensor: stuck at {force_n:.4g} N, {self._row + 1} equal samples in a row", _REMEDY
+            )
         return None
 
     def _learn(self) -> None:

@@ -89,7 +89,8 @@ class WayOut:
             troubles = {**robot.bus_delays, **robot.bus_errors}
             buses = (f"bus '{name}': {problem}" for name, problem in troubles.items())
             samples = (f"{device}: {problem}" for device, problem in robot.sample_errors.items())
-            self._cause = "; ".join((trip.cause, *buses, *samples))
+            remedies = (trip.remedy,) if trip.remedy else ()
+            self._cause = "; ".join((trip.cause, *buses, *samples, *remedies))
             self._journal.event(self._clock.now_s(), "stop" if self._on_request else "trip", self._cause)
 
 

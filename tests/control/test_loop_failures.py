@@ -101,8 +101,10 @@ def test_a_tracking_error_is_judged_against_the_reference_of_the_tick_before():
             return output._replace(reference_position_rad=measurement.joint_position_rad + jump)
 
     arm, task = Arm(), Jumping(torque_nm=0.0)
-    result, _ = run(arm, task)
+    result, log = run(arm, task)
     assert "from its reference" in result.cause
+    assert result.cause.endswith("See palpate doctor --move")  # what to do is said once, last, to everybody
+    assert log.texts("trip") == [result.cause]
     assert task.steps == 50
 
 

@@ -72,7 +72,7 @@ def ticks_until_named(witness, show, sent=gravity, *, first=0, count=6000, every
             shown, at_s = now, k * DT
         said = witness.problem(measured(k * DT, [shown, 0.0], at_s=at_s))
         if said:
-            return k, said
+            return k, said.text
         witness.sent(k * DT, [sent(k), 0.0])
     return None
 

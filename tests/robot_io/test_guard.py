@@ -97,6 +97,27 @@ def test_whatever_is_wrong_trips_with_its_cause_even_in_the_first_measurement(gu
     assert guard.tripped.tick == 0
 
 
+@pytest.mark.parametrize(
+    ("changes", "reference", "remedy"),
+    [
+        ({"joint_position_rad": [1.01, 0]}, None, "position_min_rad"),
+        ({"joint_velocity_rad_s": [0, 4.01]}, None, "velocity_rad_s"),
+        ({"force_n": 20.1}, None, "force_n"),
+        ({"force_at_s": 0.5}, None, "check cable and supply"),
+        ({"encoder_status": Status.FAULT}, None, "palpate doctor"),
+        ({"force_status": Status.SATURATED}, None, "ranges"),
+        ({}, [0.11, 0], "palpate doctor --move"),
+        ({"joint_torque_nm": [nan, 0]}, None, ""),
+    ],
+    ids=str,
+)
+def test_what_its_user_can_do_is_said(guard, changes, reference, remedy):
+    at = {"time_s": 1.0, "encoder_at_s": 1.0, "torque_at_s": 1.0, "force_at_s": 1.0}
+    guard.watch(measured(**(at | changes)), None if reference is None else np.array(reference))
+    assert bool(remedy) == bool(guard.tripped.remedy)
+    assert remedy in guard.tripped.remedy
+
+
 def test_what_is_right_does_not_trip(guard):
     guard.watch(measured(1.0))
     edge = {"joint_position_rad": [1.0, -2.0], "joint_velocity_rad_s": [3.0, -4.0], "force_n": 20.0}

@@ -17,7 +17,7 @@ def ticks_until_named(witness, forces_n, *, every=1, first=0):
         at_s = (k - k % every) * 1e-3
         said = witness.problem(measured(k * 1e-3, [0.0, 0.0])._replace(force_n=force_n, force_at_s=at_s))
         if said:
-            return k, said
+            return k, said.text
     return None
 
 
