@@ -1,0 +1,17 @@
+"""What the witnesses may take is the robot file's, and documented as it is."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from robot_io.limits import Limits
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "hardware.md"
+WITNESSES = ("deaf_drive_s", "stuck_encoder_s", "stuck_force_s")
+
+
+@pytest.mark.parametrize("key", WITNESSES)
+def test_a_limit_that_may_be_left_out_is_documented_with_its_value(key):
+    (value,) = re.findall(rf"^\| `{key}` \| ([\d.]+) \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert Limits.model_fields[key].default == float(value)
