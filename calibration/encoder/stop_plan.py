@@ -1,6 +1,6 @@
 """Where the joints' hard stops are touched: which side, and in which posture the arm is clear meanwhile."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product
 
@@ -86,6 +86,24 @@ def plan_stops(
             )
         approaches.append(approach)
     return up, tuple(approaches)
+
+
+def with_room_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyond_rad: float) -> Limits:
+    """The limits with room for each joint to go to its stop, and nowhere else.
+
+    Args:
+        limits: of the arm.
+        approaches: one for each joint.
+        beyond_rad: how far beyond a stop a joint may seem to be [rad].
+    """
+    low, high = list(limits.position_min_rad), list(limits.position_max_rad)
+    for approach in approaches:
+        joint, end_rad = approach.joint, approach.stop_rad + approach.side * beyond_rad
+        if approach.side > 0:
+            high[joint] = max(high[joint], end_rad)
+        else:
+            low[joint] = min(low[joint], end_rad)
+    return limits.model_copy(update={"position_min_rad": tuple(low), "position_max_rad": tuple(high)})
 
 
 def _carried(body: RigidBody, way_rad: FloatArray, limits: Limits) -> bool:

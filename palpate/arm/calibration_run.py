@@ -12,13 +12,13 @@ from calibration.arm.model import GravityBodies
 from calibration.arm.pace import paced, travel_speed_rad_s
 from calibration.arm.path_task import PathTask
 from calibration.encoder.fit import EncoderFit, fit_pose, fit_stops
-from calibration.encoder.stop_plan import plan_stops
+from calibration.encoder.stop_plan import plan_stops, with_room_for_stops
 from calibration.encoder.stop_task import PUSH_SHARE, StopSettings, StopTask
 from calibration.force.fit import Estimate, ForceFit, check_references
 from calibration.force.weighing import weigh
 from calibration.still import StillRobot
 from control.laws.gains import gains_of
-from palpate.arm.calibration_setup import Bench, CalibrationJob, Stamp, calibration_bench, slowed, widened
+from palpate.arm.calibration_setup import Bench, CalibrationJob, Stamp, anywhere, calibration_bench, slowed
 from palpate.arm.probing_run import NOBODY, Watcher
 from palpate.files import write_text
 from robot_io.calibration import (
@@ -39,6 +39,7 @@ SPEED_MARGIN = 1.5  # of the guard over the motion's own speed
 STOP_SPEED_RAD_S = (
     3.0  # of the guard while stops are touched; a light wrist is jerked when the shoulder stops
 )
+BEYOND_RAD = 0.05  # of the guard over where the search for a stop gives up by itself
 POSE_S = 1.0
 
 Place = Callable[[Bench, int, float], None]
@@ -121,8 +122,8 @@ def run_stops(
         start_rad = _where_it_stands(bench)
         up_rad, approaches = plan_stops(bench.body, start_rad, limits, stops_rad, settings.reach_rad)
         task = StopTask(bench.body, gains_of(job.robot_file).tracking, up_rad, approaches, settings)
-        beyond_rad = 2.0 * settings.reach_rad
-        guard_limits = slowed(widened(limits, beyond_rad), STOP_SPEED_RAD_S)
+        beyond_rad = settings.reach_rad + BEYOND_RAD
+        guard_limits = slowed(with_room_for_stops(limits, approaches, beyond_rad), STOP_SPEED_RAD_S)
         bench.run(task, guard_limits, watcher(12.0 * len(approaches)))
 
 
@@ -134,7 +135,7 @@ def run_pose(job: CalibrationJob, now_utc: datetime | None = None) -> None:
         SafetyTripError: a sample is missing or old.
     """
     with calibration_bench(job, now_utc) as bench:
-        still = _still(bench, beyond_rad=7.0)
+        still = _still(bench)
         still.await_samples()
         still.watch(POSE_S, 0)
 
@@ -172,7 +173,7 @@ def run_weighing(
             f"{max(forces_n, key=abs):.4g} N: limits.force_n of '{job.robot_file.name}' is {limit_n:g} N"
         )
     with calibration_bench(job, now_utc) as bench:
-        still = _still(bench, beyond_rad=7.0)
+        still = _still(bench)
         still.await_samples()
 
         def put(number: int, force_n: float) -> None:
@@ -287,12 +288,12 @@ def now() -> datetime:
 
 def _where_it_stands(bench: Bench) -> FloatArray:
     """Joint positions before anything moves, shape (n,) [rad]."""
-    return _still(bench, beyond_rad=7.0).await_samples().joint_position_rad
+    return _still(bench).await_samples().joint_position_rad
 
 
-def _still(bench: Bench, beyond_rad: float) -> StillRobot:
+def _still(bench: Bench) -> StillRobot:
     robot_file = bench.job.robot_file
-    guard = bench.guard(widened(robot_file.limits, beyond_rad))
+    guard = bench.guard(anywhere(robot_file.limits))
     return StillRobot(bench.robot, guard, bench.clock, bench.log, robot_file.control_rate_hz)
 
 

@@ -194,13 +194,12 @@ def source_of(raw: Path) -> str | None:
     return "emulated" if said == EMULATED else said if said in ("measured", "simulated") else None
 
 
-def widened(limits: Limits, by_rad: float) -> Limits:
-    """The limits with room beyond the positions, for a joint that goes to its stop."""
+def anywhere(limits: Limits) -> Limits:
+    """The limits but for those of position, for an arm without power."""
+    count = limits.joint_count
+    far_rad = 100.0  # more than any encoder counts
     return limits.model_copy(
-        update={
-            "position_min_rad": tuple(float(x) - by_rad for x in limits.position_min_rad),
-            "position_max_rad": tuple(float(x) + by_rad for x in limits.position_max_rad),
-        }
+        update={"position_min_rad": (-far_rad,) * count, "position_max_rad": (far_rad,) * count}
     )
 
 

@@ -1,11 +1,13 @@
 """Whatever limits a robot file has, a calibration stays calm below them, or says before that it cannot."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calibration.arm.excitation import GRAVITY_WISH, TORQUE_WISH, ExcitationWish, choose_path
 from calibration.arm.model import GravityBodies
-from calibration.encoder.stop_plan import plan_stops
+from calibration.encoder.stop_plan import plan_stops, with_room_for_stops
 from control.arm.rigid_body import RigidBody
 from palpate.arm import calibration_run as calibrating
 from palpate.arm.robots import find_robot
@@ -75,6 +77,23 @@ def test_the_shipped_dynamixel_arm_reaches_its_stops_from_home():
     home, limits = np.array(robot.home_rad), robot.limits
     _, approaches = plan_stops(body, home, limits, body.position_limits_rad, reach_rad=0.15)
     assert [approach.joint for approach in approaches] == [0, 1, 2]
+
+
+def test_the_guard_opens_for_each_joint_towards_its_stop_alone():
+    limits, stops = FOLLOWER.limits, BODY.position_limits_rad
+    _, approaches = plan_stops(BODY, HOME_RAD, limits, stops, reach_rad=0.15)
+    wider = with_room_for_stops(limits, approaches, 0.2)
+    for approach in approaches:
+        joint = approach.joint
+        before = (limits.position_min_rad[joint], limits.position_max_rad[joint])
+        after = (wider.position_min_rad[joint], wider.position_max_rad[joint])
+        towards = approach.side > 0
+        assert after[not towards] == before[not towards]
+        assert after[towards] == pytest.approx(approach.stop_rad + 0.2 * approach.side)
+    nearer = [
+        replace(approach, stop_rad=0.0) for approach in approaches
+    ]  # within the limits: no need for room
+    assert with_room_for_stops(limits, nearer, 0.2) == limits
 
 
 def test_an_arm_that_stands_too_high_for_its_stops_is_told_what_to_do_instead():
