@@ -15,6 +15,8 @@ from robot_io.types import Command, FloatArray, Measurement
 
 TOUCH_N = 5.0  # away from what the force sensor showed at the start
 _TOUCH_TICKS = 3
+_REST_RAD_S = 0.05
+_REST_WAIT_S = 2.0
 
 
 class FreeMotion:
@@ -51,8 +53,25 @@ class FreeMotion:
         away_n = measurement.force_n - self._air_n
         self._touched_ticks = self._touched_ticks + 1 if abs(away_n) > TOUCH_N else 0
         if self._touched_ticks >= _TOUCH_TICKS:
-            raise SafetyTripError(f"{away_n:.1f} N on the tool: something is in the way")
+            raise SafetyTripError(
+                f"{away_n:.1f} N on the tool: something is in the way; clear it, or, if there is nothing, "
+                "take off what hangs on the tool: its weight turns with it"
+            )
         return self._torque.step(measurement, motion, self._no_contact, dt_s)
+
+    def at_rest(self, measurement: Measurement, waited_s: float) -> bool:
+        """Whether the arm stands, `waited_s` [s] after its motion should have ended.
+
+        Raises:
+            SafetyTripError: it ought to by now.
+        """
+        stands = float(np.abs(measurement.joint_velocity_rad_s).max()) < _REST_RAD_S
+        if not stands and waited_s > _REST_WAIT_S:
+            raise SafetyTripError(
+                "back where the motion started the arm does not come to rest; if it shakes, lower "
+                "gains.tracking.bandwidth_rad_s in the robot file"
+            )
+        return stands
 
     def output(
         self,

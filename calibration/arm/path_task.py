@@ -1,7 +1,5 @@
 """Moves to where a path begins, follows it, and goes back to where the arm stood."""
 
-import numpy as np
-
 from calibration.arm.fourier import FourierPath
 from calibration.arm.free_motion import FreeMotion
 from calibration.arm.pace import ACCELERATION_RAD_S2
@@ -11,12 +9,9 @@ from control.loop.phases import Phase
 from control.loop.task import NO_RUN, TaskEvent, TaskOutput
 from control.paths.motion import JointMotion
 from control.paths.trajectory import JointMove
-from robot_io.errors import SafetyTripError
 from robot_io.types import FloatArray, Measurement
 
 _SETTLE_S = 0.3
-_REST_RAD_S = 0.05
-_REST_WAIT_S = 2.0
 
 
 class PathTask:
@@ -58,10 +53,8 @@ class PathTask:
         self._time_s += dt_s
         motion, phase, run = self._aim()
         torque_nm = self._free.torque_nm(measurement, motion, dt_s)
-        at_rest = float(np.abs(measurement.joint_velocity_rad_s).max()) < _REST_RAD_S
-        done = self._time_s >= self.duration_s and at_rest
-        if not done and self._time_s > self.duration_s + _REST_WAIT_S:
-            raise SafetyTripError("back where the motion started the arm does not come to rest")
+        over_s = self._time_s - self.duration_s
+        done = over_s >= 0.0 and self._free.at_rest(measurement, over_s)
         events = (TaskEvent("motion_done", "the motion is done"),) if done else ()
         return self._free.output(
             measurement, motion, torque_nm, Phase.IDLE if done else phase, run, done=done, events=events

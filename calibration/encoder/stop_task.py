@@ -28,8 +28,6 @@ _LEAD_RAD = 0.03
 _STILL_RAD_S = 0.01  # slower than this,
 _STILL_S = 0.3  # for so long, while pushed: it stands against something
 _BACK_RAD = 0.08  # between two touches
-_REST_RAD_S = 0.05
-_REST_WAIT_S = 2.0
 _SETTLE_S = 0.3
 
 
@@ -128,15 +126,14 @@ class StopTask:
         motion = self._moves[0].at(self._move_s)
         torque_nm = self._free.torque_nm(measurement, motion, dt_s)
         phase = Phase.MOVE
-        if self._move_s >= self._moves[0].duration_s + _SETTLE_S:
+        over_s = self._move_s - self._moves[0].duration_s - _SETTLE_S
+        if over_s >= 0.0:
             if len(self._moves) > 1:
                 self._moves, self._move_s = self._moves[1:], 0.0
             elif self._touch < self.touch_count:
                 self._begin_press(motion.position_rad)
-            elif float(np.abs(measurement.joint_velocity_rad_s).max()) < _REST_RAD_S:
+            elif self._free.at_rest(measurement, over_s):
                 phase = Phase.IDLE
-            elif self._move_s > self._moves[0].duration_s + _SETTLE_S + _REST_WAIT_S:
-                raise SafetyTripError("back where the motion started the arm does not come to rest")
         return self._free.output(measurement, motion, torque_nm, phase, done=phase is Phase.IDLE)
 
     def _begin_press(self, posture_rad: FloatArray) -> None:
@@ -216,9 +213,12 @@ class StopTask:
         approach, reach = self._approach, self._settings.reach_rad
         if abs(position_rad - approach.stop_rad) > reach:
             what = "stands still" if at_stop else "met no stop"
+            remedy = "clear what is in its way, " if at_stop else ""
+            option = "--upper-stops" if approach.side > 0 else "--lower-stops"
             raise SafetyTripError(
                 f"joint {approach.joint + 1} {what} at {position_rad:.3f} rad, its stop is said to be at "
-                f"{approach.stop_rad:.3f} rad (within {reach:g} rad): something is in the way"
+                f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}say where its stop is "
+                f"({option}), or, if its zero is off by so much, calibrate in a known pose first (--pose)"
             )
 
     def _leave(self, position_rad: FloatArray) -> None:

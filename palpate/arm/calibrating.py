@@ -174,9 +174,14 @@ def ask_for_weight(gravity_m_s2: float) -> calibrating.Place:
 
 @contextmanager
 def told_of_the_end(job: CalibrationJob) -> Iterator[None]:
-    """Say after Ctrl-C how things stand."""
+    """Say after Ctrl-C how things stand, and after a failure what is left of it."""
     try:
         yield
+    except PalpateError:
+        if job.session.exists():
+            left = f"no calibration is written. What was recorded until then stays in {shown(job.session)}"
+            console.stderr().print(left, soft_wrap=True)
+        raise
     except KeyboardInterrupt:
         said = "the arm is at rest and without torque; no calibration is written"
         if job.session.exists():
