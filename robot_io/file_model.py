@@ -1,10 +1,19 @@
 """Validates what a user's file says, with errors that name file, line, key, value and the valid choices."""
 
+import re
 from collections.abc import Mapping
 from difflib import get_close_matches
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from robot_io.errors import InputError
@@ -23,6 +32,23 @@ Number = Annotated[float, BeforeValidator(_refuse_boolean), Field(allow_inf_nan=
 """A finite number that was written as a number: `true` is not 1."""
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
+
+
+def matching(pattern: str, words: str) -> AfterValidator:
+    """What a text must match as a whole, and how a person is told so: "give " and the words."""
+    compiled = re.compile(pattern)
+
+    def check(text: str) -> str:
+        if not compiled.fullmatch(text):
+            raise PydanticCustomError("no_match", "give {words}", {"words": words})
+        return text
+
+    return AfterValidator(check)
+
+
+def problem_at(key: str, text: str) -> PydanticCustomError:
+    """What a model finds wrong with a key below it, such as `values.scale`, whose line the error names."""
+    return PydanticCustomError("problem_at", "{text}", {"text": text, "key": key})
 
 
 class FileModel(BaseModel):
@@ -77,10 +103,19 @@ def validate(
 def input_error(
     document: YamlDocument | None, key_path: KeyPath, problem: str, value: object = None
 ) -> InputError:
-    """The error for what stands at `key_path`: file, line, key, problem, and the value if there is one."""
-    place = f"{document.origin} line {document.line_of(key_path)}, " if document else ""
+    """The error for what stands at `key_path`: file, line, key, problem, and the value if there is one.
+
+    What concerns the whole file, or a key that it does not have, stands in no line.
+    """
+    places = [_place(document, key_path)] if document else []
+    places += [_key_text(key_path)] if key_path else []
     shown = "" if value is None else f" (is {_shorten(repr(value))})"
-    return InputError(one_line(f"{place}{_key_text(key_path)}: {problem}{shown}"))
+    return InputError(one_line(": ".join(filter(None, (", ".join(places), f"{problem}{shown}")))))
+
+
+def _place(document: YamlDocument, key_path: KeyPath) -> str:
+    has_line = key_path[:1] in document.lines and key_path
+    return f"{document.origin} line {document.line_of(key_path)}" if has_line else document.origin
 
 
 def _key_text(key_path: KeyPath) -> str:
@@ -91,13 +126,15 @@ def _key_text(key_path: KeyPath) -> str:
             text += f" entry {key + 1}"
         else:
             text += ("." if text else "") + (key if key.isidentifier() else repr(key))
-    return text[:200] or "the file"
+    return text[:200]
 
 
 def _describe(problem: Any, document: YamlDocument | None, at: KeyPath) -> str:  # noqa: ANN401 (pydantic's dict)
     key_path: KeyPath = (*at, *problem["loc"])
     if problem["type"] == "unknown_key":
         return str(input_error(document, (*key_path, problem["ctx"]["key"]), problem["msg"]))
+    if problem["type"] == "problem_at":
+        return str(input_error(document, (*key_path, *problem["ctx"]["key"].split(".")), problem["msg"]))
     if problem["type"] == "missing":
         return str(input_error(document, key_path, "is missing"))
     message = str(problem["msg"]).removeprefix("Value error, ")

@@ -8,12 +8,17 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, PrivateAttr, field_validator
 
-from robot_io.file_model import FileModel, Number, Positive, input_error, validate
+from robot_io.file_model import FileModel, Number, Positive, input_error, matching, validate
 from robot_io.limits import Limits, SafeState
 from robot_io.safe_yaml import YamlDocument, load_yaml, parse_yaml
 from robot_io.text_file import MOST_BYTES
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.\-]{0,63}$")]
+Name = Annotated[
+    str,
+    matching(
+        r"[A-Za-z0-9][A-Za-z0-9_.\-]{0,63}", "1 to 64 letters, digits, _ . or -, a letter or digit first"
+    ),
+]
 Text = Annotated[str, Field(min_length=1)]
 
 

@@ -136,7 +136,7 @@ def _plan(experiment: Path | None, changes: dict[str, Any]) -> ProbingPlan:
     try:
         return validate(ProbingPlan, plan.model_dump() | changes)
     except InputError as error:  # of plan and options together
-        raise InputError(f"probing plan: {str(error).removeprefix('the file: ')}") from error
+        raise InputError(f"probing plan: {error}") from error
 
 
 def _default_session(robot_file: RobotFile) -> Path:

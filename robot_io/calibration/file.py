@@ -12,14 +12,18 @@ from pydantic import AwareDatetime, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from robot_io.errors import InputError
-from robot_io.file_model import FileModel, NotNegative, Number, input_error, validate
+from robot_io.file_model import FileModel, NotNegative, Number, input_error, matching, problem_at, validate
 from robot_io.safe_yaml import YamlDocument, load_yaml, parse_yaml
 
 MAX_BYTES = 64 * 1024
 MOST_JOINTS = 32
 _SCALES = (0.5, 2.0)  # of readings in N
 _Text = Annotated[str, Field(min_length=1, max_length=200)]
-_Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+_Sha256 = Annotated[str, matching(r"[0-9a-f]{64}", "64 hexadecimal digits, in small letters")]
+_Unit = Annotated[
+    str,
+    matching(r"[A-Za-z%][A-Za-z0-9_/%]{0,19}", "1 to 20 letters, digits, _ / or %, a letter or % first"),
+]
 
 
 def _date_as_text(value: object) -> object:
@@ -130,7 +134,7 @@ class Calibration(FileModel):
     @model_validator(mode="after")
     def _dates_in_order(self) -> "Calibration":
         if self.valid_until_utc <= self.made_utc:
-            raise ValueError("valid_until_utc is not after made_utc")
+            raise problem_at("valid_until_utc", "is not after made_utc")
         return self
 
 
@@ -138,13 +142,13 @@ def _expect_units(values: FileModel, units: Mapping[str, str]) -> None:
     for name, unit in units.items():
         quantity = getattr(values, name)
         if quantity is not None and quantity.unit != unit:
-            raise ValueError(f"values.{name}: unit must be '{unit}' (is {quantity.unit!r:.40})")
+            raise problem_at(f"values.{name}.unit", f"must be '{unit}' (is {quantity.unit!r:.40})")
 
 
 def _expect_range(name: str, values: tuple[float, ...], low: float, high: float) -> None:
     for value in values:
         if not low <= value <= high:
-            raise ValueError(f"values.{name}: must be within {low:g} and {high:g} (is {value:g})")
+            raise problem_at(f"values.{name}.value", f"must be within {low:g} and {high:g} (is {value:g})")
 
 
 class ForceValues(FileModel):
@@ -165,7 +169,7 @@ class ForceCalibration(Calibration):
     """
 
     kind: Literal["force"]
-    reading_unit: Annotated[str, Field(pattern=r"^[A-Za-z%][A-Za-z0-9_/%]{0,19}$")] = "N"
+    reading_unit: _Unit = "N"
     values: ForceValues
 
     @model_validator(mode="after")
@@ -173,12 +177,17 @@ class ForceCalibration(Calibration):
         unit = self.reading_unit
         _expect_units(self.values, {"zero": unit, "scale": f"N/{unit}", "curvature": f"N/{unit}^2"})
         if not self.values.scale.value > 0.0:
-            raise ValueError("values.scale: must be positive; turn the sign round in the driver's settings")
+            raise problem_at(
+                "values.scale.value",
+                f"must be positive (is {self.values.scale.value:.3g}); turn the sign round in the driver's "
+                "settings",
+            )
         if unit == "N" and not _SCALES[0] <= self.values.scale.value <= _SCALES[1]:
-            raise ValueError(
-                f"values.scale: must be within {_SCALES[0]:g} and {_SCALES[1]:g} (is "
+            raise problem_at(
+                "values.scale.value",
+                f"must be within {_SCALES[0]:g} and {_SCALES[1]:g} (is "
                 f"{self.values.scale.value:.3g}); farther off, put the driver's own setting right, such as "
-                "capacity_n, and see that the weights are those that were said"
+                "capacity_n, and see that the weights are those that were said",
             )
         return self
 
@@ -241,7 +250,7 @@ class TorqueCalibration(Calibration):
         _expect_units(values, {"gain": "1", "offset": "N m", "command_offset": "N m"})
         _expect_range("gain", values.gain.value, 0.2, 5.0)
         if not len(values.gain.value) == len(values.offset.value) == len(values.command_offset.value):
-            raise ValueError("values: gain, offset and command_offset must have one value per joint each")
+            raise problem_at("values", "gain, offset and command_offset must have one value per joint each")
         return self
 
 
@@ -266,7 +275,7 @@ class GravityCalibration(Calibration):
     @model_validator(mode="after")
     def _plausible(self) -> "GravityCalibration":
         if self.values.pitch is None and self.values.roll is None:
-            raise ValueError("values: pitch or roll must be there")
+            raise problem_at("values", "pitch or roll must be there")
         _expect_units(self.values, {"pitch": "rad", "roll": "rad"})
         for name in ("pitch", "roll"):
             angle = getattr(self.values, name)

@@ -33,7 +33,7 @@ def changed(robot, kind, change):
         ("force", lambda d: d.update(kind="forse"), ("kind", "force, encoder, torque, gravity", "'forse'")),
         ("force", lambda d: d.pop("kind"), ("kind", "missing")),
         ("force", lambda d: d["values"].update(gain=1), ("values.gain", "is not known", "curvature")),
-        ("force", lambda d: d["values"]["zero"].update(unit="lbf"), ("values.zero", "'N'", "lbf")),
+        ("force", lambda d: d["values"]["zero"].update(unit="lbf"), ("values.zero.unit", "'N'", "lbf")),
         ("force", lambda d: d["values"]["zero"].update(value=float("nan")), ("values.zero",)),
         ("force", lambda d: d["values"]["scale"].update(value=-1.0), ("values.scale", "positive")),
         ("force", lambda d: d["values"]["scale"].update(value=50.0), ("values.scale", "0.5 and 2")),
@@ -60,6 +60,34 @@ def test_what_is_wrong_is_named(robot, kind, change, words):
     assert "\n" not in text
     for word in words:
         assert word in text
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "line"),
+    [
+        ("force", lambda d: d["values"]["scale"].update(value=50.0), "    value: 50.0"),
+        ("force", lambda d: d["values"]["zero"].update(unit="lbf"), "    unit: lbf"),
+        ("force", lambda d: d.update(reading_unit="N m?"), "reading_unit: N m?"),
+        ("torque", lambda d: d["values"]["gain"].update(value=[1, 0.0, 1]), "    value:"),
+        ("gravity", lambda d: d["values"].clear(), "values: {}"),
+    ],
+)
+def test_the_line_is_that_of_the_key_that_is_wrong(robot, kind, change, line):
+    text = changed(robot, kind, change)
+    with pytest.raises(InputError) as caught:
+        parse_calibration(text, "c.yaml")
+    number = int(str(caught.value).removeprefix("c.yaml line ").partition(",")[0])
+    assert text.splitlines()[number - 1] == line
+
+
+def test_what_is_missing_stands_in_no_line(robot):
+    with pytest.raises(InputError, match=r"^c\.yaml, urdf_sha256: is missing$"):
+        parse_calibration(changed(robot, "torque", lambda d: d.pop("urdf_sha256")), "c.yaml")
+
+
+def test_what_a_unit_may_look_like_is_said_in_words(robot):
+    with pytest.raises(InputError, match=r"give 1 to 20 letters, .* \(is 'N m\?'\)"):
+        parse_calibration(changed(robot, "force", lambda d: d.update(reading_unit="N m?")), "c.yaml")
 
 
 def test_a_file_that_is_too_large_or_not_plain_is_refused(robot, tmp_path):
