@@ -11,6 +11,7 @@ from pathlib import Path
 import rerun_cli  # type: ignore[import-untyped]
 from rerun.experimental import ViewerClient
 
+from palpate.files import whole_file
 from palpate.views.recording.entities import REVISION, TIMELINE
 from robot_io.errors import PalpateError
 
@@ -37,16 +38,17 @@ def take_picture(
 
     Args:
         recording: .rrd file.
-        picture: .png file, replaced if it is there.
+        picture: .png file, replaced if it is there; it appears whole or not at all.
         time_s: moment on the session's timeline [s].
         size: width and height in pixels.
         revision: stage to show instead, in a recording of revisions.
 
     Raises:
         PalpateError: the viewer could not be started or did not answer.
+        InputError: the picture cannot be written.
     """
     started_s = time.monotonic()
-    with _headless_viewer(size) as viewer:
+    with whole_file(picture) as unfinished, _headless_viewer(size) as viewer:
         try:
             viewer.open(str(recording.absolute()))
             _wait_until_loaded(viewer)
@@ -55,11 +57,11 @@ def take_picture(
             else:
                 viewer.set_time(REVISION, sequence=revision, play_state="paused")
             time.sleep(max(SETTLE_S, TOAST_S - (time.monotonic() - started_s)))
-            viewer.save_screenshot(str(picture.absolute()))
+            viewer.save_screenshot(str(unfinished.absolute()))
         except (OSError, RuntimeError, ValueError) as error:
             raise PalpateError(f"the viewer did not give a picture: {_first_line(error)}") from error
-    if not picture.is_file():
-        raise PalpateError(f"the viewer did not write {picture}")
+        if not unfinished.is_file():
+            raise PalpateError(f"the viewer did not write {picture}")
 
 
 @contextmanager

@@ -3,6 +3,9 @@
 import errno
 import json
 import resource
+from contextlib import nullcontext
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from rerun.chunk import RrdReader
 
 from palpate.doctor.viewer import has_vulkan_driver
 from palpate.views import viewer
+from robot_io.errors import PalpateError
 from robot_io.session import Session
 from tests.palpate.cli import assert_refused, run, run_process
 from tests.palpate.sessions import synthetic_session
@@ -162,3 +166,37 @@ def test_a_plot_on_a_full_disk_is_refused_in_words_and_leaves_no_half_of_it(prob
     assert result.exit_code == 2
     assert "No space left on device" in result.stderr
     assert not list((tmp_path / "plots").iterdir())
+
+
+class HalfAPicture:
+    """A viewer that writes the beginning of its picture, and perhaps breaks off there."""
+
+    def __init__(self, failure):
+        self.failure = failure
+
+    def open(self, recording):
+        pass
+
+    def get_state(self):
+        return SimpleNamespace(active_recording="x", loading=False)
+
+    def set_time(self, *_timeline, **_moment):
+        pass
+
+    def save_screenshot(self, path):
+        Path(path).write_bytes(b"half")
+        if self.failure:
+            raise self.failure
+
+
+@pytest.mark.parametrize("failure", [None, RuntimeError("the viewer is gone")])
+def test_a_picture_of_the_viewer_is_there_whole_or_not_at_all(tmp_path, monkeypatch, failure):
+    monkeypatch.setattr(viewer, "_headless_viewer", lambda _size: nullcontext(HalfAPicture(failure)))
+    monkeypatch.setattr(viewer, "SETTLE_S", 0.0)
+    monkeypatch.setattr(viewer, "TOAST_S", 0.0)
+    picture = tmp_path / "x.png"
+    picture.write_bytes(b"before")
+    with pytest.raises(PalpateError, match="the viewer is gone") if failure else nullcontext():
+        viewer.take_picture(tmp_path / "x.rrd", picture, 0.0, (800, 600))
+    assert list(tmp_path.iterdir()) == [picture]
+    assert picture.read_bytes() == (b"before" if failure else b"half")
