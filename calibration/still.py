@@ -72,7 +72,7 @@ class StillRobot:
                 )
                 self.log.append(STREAM_NAME, record)
                 if tripped:
-                    raise SafetyTripError(tripped.cause)
+                    raise SafetyTripError("; ".join(filter(None, (tripped.cause, tripped.remedy))))
                 if interrupt.signal_name:
                     raise KeyboardInterrupt
                 if told:
