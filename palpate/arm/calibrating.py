@@ -16,9 +16,8 @@ from palpate.arm.calibration_setup import Bench, CalibrationJob, Stamp, open_rec
 from palpate.arm.driver_packages import importable
 from palpate.arm.hiding import command_line
 from palpate.arm.permission import Permission, ask_for_pose, ask_for_power, without_question
-from palpate.calibration_options import (
-    numbers,
-)
+from palpate.arm.robots import find_robot
+from palpate.calibration_options import numbers
 from palpate.files import different_files, output_file, whole_file
 from palpate.text.calibration import print_calibration
 from palpate.text.calibration_progress import motion_progress
@@ -46,27 +45,38 @@ class Output:
 
 
 def excite(  # noqa: PLR0917, the options as they come
-    job: CalibrationJob,
-    whose: NamedRobot,
+    kind: str,
+    robot: str,
     from_: Path | None,
     out: Path | None,
+    session: Path | None,
     valid_days: float,
+    scenario: str | None,
+    seed: int | None,
+    hidden: str | None,
+    wire: bool,
+    realtime: bool,
+    drivers: list[str] | None,
+    yes: bool,
     as_json: bool,
 ) -> None:
     """Torque and gravity: one motion, one fit, two files."""
-    robot_file = job.robot_file
-    output = output_for(out, robot_file, job.kind, job.session)
+    robot_file = find_robot(robot)
+    output = output_for(out, robot_file, kind, session)
     raw = from_
     if raw is None:
+        ask = question_before(kind, robot_file, None, yes)
+        job = job_of(kind, robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
         progress = motion_progress("moving in free air", live=job.simulated)
         with told_of_the_end(job), progress as watcher:
             calibrating.run_motion(job, watcher=watcher)
         raw = job.session
     fit = calibrating.arm_fit_of(
-        open_recorded(raw, job.kind, robot_file), robot_file.urdf_path, robot_file.tip_frame
+        open_recorded(raw, kind, robot_file), robot_file.urdf_path, robot_file.tip_frame
     )
-    make = calibrating.torque_calibration if job.kind == "torque" else calibrating.gravity_calibration
+    make = calibrating.torque_calibration if kind == "torque" else calibrating.gravity_calibration
     calibration = make(fit, stamp_of(robot_file, raw, valid_days))
+    whose = NamedRobot(robot, robot_file, drivers)
     finish(calibration, output, lambda: arm_figure(fit), raw, whose, as_json)
 
 

@@ -246,10 +246,8 @@ def torque(  # noqa: PLR0917, one parameter an option
 
     Friction is found beside them and reported; it is not compensated. The URDF's masses are taken as exact.
     """
-    robot_file = find_robot(robot)
-    ask = question_before("torque", robot_file, None, yes)
-    job = job_of("torque", robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
-    excite(job, NamedRobot(robot, robot_file, drivers), from_, out, valid_days, as_json)
+    where = (from_, out, session, valid_days)
+    excite("torque", robot, *where, scenario, seed, hidden, wire, realtime, drivers, yes, as_json)
 
 
 @group.command()
@@ -272,7 +270,5 @@ def gravity(  # noqa: PLR0917, one parameter an option
 
     An arm that moves in one plane feels the tilt in that plane alone. The URDF's masses are taken as exact.
     """
-    robot_file = find_robot(robot)
-    ask = question_before("gravity", robot_file, None, yes)
-    job = job_of("gravity", robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
-    excite(job, NamedRobot(robot, robot_file, drivers), from_, out, valid_days, as_json)
+    where = (from_, out, session, valid_days)
+    excite("gravity", robot, *where, scenario, seed, hidden, wire, realtime, drivers, yes, as_json)
