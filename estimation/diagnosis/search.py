@@ -77,9 +77,16 @@ class Search:
         best = candidate.search.best
         known = self._standings.get(_key(best.model))
         if known is not None and best.sse < BETTER * known.trial.sse:
-            self._screened.pop(_key(best.model), None)
-            self._standings[_key(best.model)] = stand(self.data, best.model, best.parameters, self.good)
+            return self.stand_anew(best.model, best.parameters)
         return self.stand(best.model, best.parameters)
+
+    def stand_anew(self, model: Model, parameters: Mapping[str, float]) -> Standing:
+        """A model, fitted from these parameters on whatever is known, and remembered if that is better."""
+        anew, known = stand(self.data, model, parameters, self.good), self._standings.get(_key(model))
+        if known is None or anew.trial.sse < BETTER * known.trial.sse:
+            self._screened.pop(_key(model), None)
+            self._standings[_key(model)] = anew
+        return self._standings[_key(model)]
 
     def without(self, standing: Standing, name: str) -> Standing:
         """The model of `standing` less one effect."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.channel import ChannelKind
 from estimation.diagnosis.polish import polish
-from estimation.diagnosis.standing import Standing
+from estimation.diagnosis.standing import Fit, Standing
 from estimation.diagnosis.surrogates import best_gains, p_value, surrogates
 from estimation.diagnosis.trial import Bench, Search, Trial, look, refine
 from estimation.effect import Effect, SensorEffect
@@ -61,7 +61,7 @@ def size(effect: Effect) -> int:
 
 
 def screen(
-    standing: Standing,
+    standing: Fit,
     effects: Sequence[Effect],
     progress: Callable[[float, str], None] = lambda share, what: None,
 ) -> list[Candidate]:

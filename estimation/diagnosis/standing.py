@@ -19,24 +19,33 @@ from robot_io.types import BoolArray
 
 
 @dataclass(frozen=True)
-class Standing:
-    """A model on its bench.
-
-    Parameters come from plain least squares: before the model is complete, what it misses would pass for
-    coloured noise and be weighed away. The colour is for judging.
+class Fit:
+    """A model fitted to a channel.
 
     Attributes:
         data: the channel with its load.
         plain: blocks, and no colour.
         trial: the model fitted there.
-        flexible: what any smooth law could explain beyond it, there.
-        judge: the same blocks with the colour of what the flexible regression leaves.
-        judged: the model on that bench, at the same inner parameters.
     """
 
     data: ChannelData
     plain: Bench
     trial: Trial
+
+
+@dataclass(frozen=True)
+class Standing(Fit):
+    """A model on its bench, and what it leaves.
+
+    Parameters come from plain least squares: before the model is complete, what it misses would pass for
+    coloured noise and be weighed away. The colour is for judging.
+
+    Attributes:
+        flexible: what any smooth law could explain beyond it, there.
+        judge: the same blocks with the colour of what the flexible regression leaves.
+        judged: the model on that bench, at the same inner parameters.
+    """
+
     flexible: Flexible
     judge: Bench
     judged: Trial
@@ -71,10 +80,10 @@ class Standing:
         return float(1.0 - np.sqrt(after / before)) if before > 0.0 else 0.0
 
 
-def stand(
+def fit(
     data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None = None
-) -> Standing:
-    """Fit a model from these parameters on, and measure what it leaves.
+) -> Fit:
+    """Fit a model from these parameters on.
 
     Args:
         data: the channel, without a `load` that was derived.
@@ -85,11 +94,19 @@ def stand(
     known = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
     first = attempt(_bench(data, model, known, good), model, known, rounds=3)
     plain = _bench(data, model, first.parameters, good)
-    trial = polish(plain, first)
+    return Fit(plain.frame.data, plain, polish(plain, first))
+
+
+def stand(
+    data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None = None
+) -> Standing:
+    """Fit a model, see `fit`, and measure what it leaves."""
+    fitted = fit(data, model, parameters, good)
+    plain, trial = fitted.plain, fitted.trial
     rough = flexible(plain, trial)
     judge = Bench(plain.frame, colour_of(rough.residual, plain.frame.run, plain.frame.trusted))
     judged = attempt(judge, model, trial.parameters)
-    return Standing(plain.frame.data, plain, trial, rough, judge, judged)
+    return Standing(fitted.data, plain, trial, rough, judge, judged)
 
 
 def _bench(data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None) -> Bench:

@@ -1,0 +1,92 @@
+"""All pairs of effects, tried on a coarse copy of the channel, where a model costs a fraction of the time.
+
+Beside the wrong first effect the right second one explains little, so no pair is left out for how its first
+does alone. What comes out is where to begin on the channel itself.
+"""
+
+from dataclasses import dataclass
+
+from estimation.channel import ChannelData
+from estimation.diagnosis.frame import Frame
+from estimation.diagnosis.library import candidates
+from estimation.diagnosis.search import Search
+from estimation.diagnosis.selection import TIE, Candidate, screen
+from estimation.diagnosis.standing import fit
+from estimation.diagnosis.trial import Trial
+
+BESIDE = 4  # candidates that are looked at beside each
+FITTED = 30  # pairs of which all parameters are fitted together
+PROMISING = 1.3  # times the energy that the best pair leaves
+MOST = 4
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two effects beside the base model, and about where their parameters are.
+
+    Attributes:
+        one: the name of one effect.
+        other: that of the other.
+        size: number of their parameters.
+        trial: the base model with both, on the coarse copy.
+    """
+
+    one: str
+    other: str
+    size: int
+    trial: Trial
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Of the two."""
+        return frozenset((self.one, self.other))
+
+    @property
+    def left(self) -> float:
+        """Energy that is left in held-out runs."""
+        return self.trial.held_out
+
+
+def promising_pairs(search: Search) -> list[Pair]:
+    """The pairs that leave least; of those that leave as little, the simplest first."""
+    start = search.start
+    coarse, good = coarse_copy(start.plain.frame), start.plain.frame.trusted
+    base = fit(coarse, search.model, start.trial.parameters, good)
+    found: list[tuple[Candidate, Candidate]] = []
+    firsts = screen(base, candidates(coarse, search.model, search.effects))
+    for number, one in enumerate(firsts):
+        search.progress(f"{coarse.name}: pairs with {one.effect.name}", number / len(firsts))
+        best = one.search.best
+        beside = fit(coarse, best.model, best.parameters, good)
+        others = screen(beside, candidates(coarse, best.model, search.effects))
+        found += [(one, other) for other in others[:BESIDE]]
+    found.sort(key=lambda two: two[1].held_out)
+    pairs: dict[frozenset[str], Pair] = {}
+    for one, other in found[:FITTED]:
+        best = other.search.best
+        trial = fit(coarse, best.model, best.parameters, good).trial
+        pair = Pair(one.effect.name, other.effect.name, one.size + other.size, trial)
+        pairs[pair.names] = min(pair, pairs.get(pair.names, pair), key=lambda one: one.left)
+    least = min((pair.left for pair in pairs.values()), default=0.0)
+    promising = [pair for pair in pairs.values() if pair.left <= PROMISING * least]
+    return sorted(promising, key=lambda pair: (pair.left > (1.0 + TIE) * least, pair.size, pair.left))[:MOST]
+
+
+def coarse_copy(frame: Frame) -> ChannelData:
+    """The channel averaged over blocks, one sample for each."""
+    data, mean = frame.data, frame.reduce
+    return ChannelData(
+        data.name,
+        data.kind,
+        mean(data.time_s),
+        mean(data.position),
+        mean(data.velocity),
+        mean(data.acceleration),
+        mean(data.effort),
+        frame.run,
+        data.phase[frame.rows[:, 0]],
+        {name: mean(signal) for name, signal in data.context.items()},
+        data.surface,
+        data.tare,
+        data.recorded,
+    )
