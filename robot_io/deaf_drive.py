@@ -71,8 +71,8 @@ class _Drive:
         self.low_nm = min(self.sent_nm[0], self.before_nm[0])
         self.high_nm = max(self.sent_nm[1], self.before_nm[1])
 
-    def hear(self, measured_nm: float) -> None:
-        """Learn how the reading jumps."""
+    def shows(self, measured_nm: float) -> None:
+        """Take the newest reading, and learn how it jumps."""
         jump_nm = abs(measured_nm - self.measured_nm)
         self.measured_nm = measured_nm
         if jump_nm > 0.0:
@@ -92,12 +92,16 @@ class _Drive:
             sent_nm, measured_nm, off_nm = -self.high_nm, -measured_nm, -off_nm
         if not sent_nm > 2.0 * self.floor_nm:
             return False
-        shown_nm = max(measured_nm, measured_nm - off_nm)
-        return sent_nm - shown_nm > _MISSING_SHARE * sent_nm + self.floor_nm + _JUMPS * self.jump_nm
+        missing_nm = sent_nm - measured_nm + min(off_nm, 0.0)
+        return missing_nm > _MISSING_SHARE * sent_nm + self.floor_nm + _JUMPS * self.jump_nm
 
     def get_used_to(self, share: float) -> None:
         """Take how far the reading is off now for a part of what is usual."""
-        off_nm = max(self.measured_nm - self.high_nm, 0.0) or min(self.measured_nm - self.low_nm, 0.0)
+        measured_nm, off_nm = self.measured_nm, 0.0
+        if measured_nm > self.high_nm:
+            off_nm = measured_nm - self.high_nm
+        elif measured_nm < self.low_nm:
+            off_nm = measured_nm - self.low_nm
         self.usually_off_nm += (off_nm - self.usually_off_nm) * share
 
 
@@ -145,7 +149,7 @@ class DeafDrives:
         for joint, (drive, measured_nm) in enumerate(
             zip(self._drives, measurement.joint_torque_nm.tolist(), strict=True), 1
         ):
-            drive.hear(measured_nm)
+            drive.shows(measured_nm)
             if not (is_judged and drive.is_missing()):
                 drive.count, drive.obeyed_at_s = 0, sampled_at_s
                 drive.get_used_to(share)

@@ -5,7 +5,10 @@ some time not one of its steps was seen, although the reference of its joint has
 into the sentence of whatever stops the arm, and its joint is not braked against its velocity until a step is
 seen; friction makes sound encoders suspect, so the weight is held up as always. It is
 **stuck**, and stops the arm itself, when meanwhile the drive has answered with a change of torque that no
-friction of a sound joint holds back. A joint that is jammed looks the same, and is as good a reason to stop.
+friction of a sound joint holds back. Less of it will do where a joint that had followed its reference stands
+still from one sample to the next, while the reference goes on the same way and the force stays as it is:
+friction stops a joint that creeps or turns round, and an object that is hit is felt. A joint that is jammed
+looks the same, and is as good a reason to stop.
 """
 
 from math import inf, isfinite
@@ -18,13 +21,22 @@ _STEPS = 4  # of the encoder, that the reference must have moved, and
 _TRACKING_SHARE = 0.01  # this share of the tracking limit; or
 _UNKNOWN_SHARE = 0.05  # this one, as long as no step has been seen that would tell their size
 _TORQUE_SHARE = 0.3  # of the torque limit; friction changes sign with the motion, and so counts twice
+_STOPPED_SHARE = 0.1  # the same where the joint was stopped in its motion,
+_FORCE_SHARE = 0.02  # and the force has not changed by more than this share of its limit
+_FOLLOWED = (0.6, 1.5)  # times the way of its reference: the joint was following
+_PACE_SHARE = 0.5  # of the reference's speed before: it has gone on
 
 
 class _Joint:
     """One joint since its reading last changed."""
 
     __slots__ = (
+        "before_rad",
+        "followed_rad",
+        "followed_s",
+        "force_n",
         "least_rad",
+        "marks",
         "position_rad",
         "reference_rad",
         "samples",
@@ -43,21 +55,39 @@ class _Joint:
         self.step_rad = inf  # smallest one seen
         self.samples = 0
         self.suspect = False
+        # Time, position and reference, up to one and up to two times `still_s` ago.
+        self.marks = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        self.followed_rad = self.followed_s = 0.0
         self.since_s = self.position_rad = self.reference_rad = self.torque_nm = 0.0
+        self.before_rad = self.force_n = 0.0
 
     def begin(self, time_s: float, position_rad: float, reference_rad: float, torque_nm: float) -> None:
         """A reading that differs from the one before, or is the first."""
         if self.samples:
             self.step_rad = min(self.step_rad, abs(position_rad - self.position_rad))
+        before_s, before_rad, reference_before_rad = self.marks[1]
+        self.before_rad, self.followed_rad = position_rad - before_rad, reference_rad - reference_before_rad
+        self.followed_s = time_s - before_s
         self.samples, self.since_s, self.suspect = 1, time_s, False
         self.position_rad, self.reference_rad, self.torque_nm = position_rad, reference_rad, torque_nm
 
+    @property
+    def most_rad(self) -> float:
+        """The way that a sound encoder shows."""
+        known = isfinite(self.step_rad)
+        return max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
+
     def is_suspect(self, time_s: float, moved_rad: float) -> bool:
         """Whether a sound encoder would have shown that the reference has moved so far, friction aside."""
-        known = isfinite(self.step_rad)
-        most_rad = max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
-        still = self.samples >= _SAMPLES and time_s - self.since_s >= self.still_s
-        return still and moved_rad > most_rad
+        still = self.samples >= _SAMPLES and time_s - self.since_s >= self.still_s - 1e-9
+        return still and abs(moved_rad) > self.most_rad
+
+    def was_stopped(self, time_s: float, moved_rad: float) -> bool:
+        """Whether it had followed its reference, which has gone on the same way."""
+        way_rad = self.followed_rad
+        if abs(way_rad) <= self.most_rad or not _FOLLOWED[0] < self.before_rad / way_rad < _FOLLOWED[1]:
+            return False
+        return moved_rad / way_rad > _PACE_SHARE * (time_s - self.since_s) / self.followed_s
 
 
 class StuckEncoders:
@@ -76,12 +106,14 @@ class StuckEncoders:
         self._joints = tuple(
             _Joint(tracking_rad, limits.stuck_encoder_s) for tracking_rad in limits.tracking_rad
         )
-        self._most_nm = tuple(_TORQUE_SHARE * torque_nm for torque_nm in limits.torque_nm)
+        self._torques_nm = limits.torque_nm
+        self._still_s = limits.stuck_encoder_s
+        self._unfelt_n = _FORCE_SHARE * limits.force_n
         self.restart()
 
     def restart(self) -> None:
         """Forget since when; what is known about the size of the steps stays."""
-        self._sampled_at_s = -inf
+        self._sampled_at_s = self._marked_at_s = -inf
         self.suspicion: str | None = None
         self.is_proven = False
         for joint in self._joints:
@@ -108,18 +140,35 @@ class StuckEncoders:
         positions_rad = measurement.joint_position_rad.tolist()
         references_rad = reference_position_rad.tolist()
         torques_nm = measurement.joint_torque_nm.tolist()
+        if time_s - self._marked_at_s >= self._still_s:
+            self._mark(time_s, positions_rad, references_rad)
         for i, joint in enumerate(self._joints):
             if not joint.samples or positions_rad[i] != joint.position_rad:
                 joint.begin(time_s, positions_rad[i], references_rad[i], torques_nm[i])
+                joint.force_n = measurement.force_n
                 continue
             joint.samples += 1
-            moved_rad = abs(references_rad[i] - joint.reference_rad)
+            moved_rad = references_rad[i] - joint.reference_rad
             joint.suspect = joint.is_suspect(time_s, moved_rad)
             if joint.suspect and not self.is_proven:
                 changed_nm = abs(torques_nm[i] - joint.torque_nm)
-                self.is_proven = changed_nm > self._most_nm[i]
+                unfelt = abs(measurement.force_n - joint.force_n) <= self._unfelt_n
+                stopped = unfelt and joint.was_stopped(time_s, moved_rad)
+                self.is_proven = changed_nm > self._torques_nm[i] * (
+                    _STOPPED_SHARE if stopped else _TORQUE_SHARE
+                )
                 self.suspicion = (
                     f"encoder of joint {i + 1}: stuck at {joint.position_rad:.4g} rad (or the joint is "
-                    f"jammed) while its reference moved by {moved_rad:.2g} rad and its torque by "
+                    f"jammed) while its reference moved by {abs(moved_rad):.2g} rad and its torque by "
                     f"{changed_nm:.2g} N m"
                 )
+
+    def _mark(self, time_s: float, positions_rad: list[float], references_rad: list[float]) -> None:
+        """Remember where the joints and their references are."""
+        missed = time_s - self._marked_at_s > 2.0 * self._still_s  # nobody looked: the way since says nothing
+        self._marked_at_s = time_s
+        for joint, position_rad, reference_rad in zip(
+            self._joints, positions_rad, references_rad, strict=True
+        ):
+            mark = (time_s, position_rad, reference_rad)
+            joint.marks = (mark, mark if missed else joint.marks[0])

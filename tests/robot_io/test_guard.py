@@ -586,13 +586,11 @@ class TestOnTheMockArm:
         assert not plant.torque_nm.any()
 
 
-def watch_many(guard, count, reading, reference, torque_nm, *, first=0):
+def watch_many(guard, count, reading, reference, torque_nm, *, first=0, force_n=lambda k: 0.0):
     """`count` ticks; each argument gives joint 1's value at tick k. Returns the tick of the trip, or None."""
     for k in range(first, first + count):
-        guard.watch(
-            measured(k * DT, joint_position_rad=[reading(k), 0], joint_torque_nm=[torque_nm(k), 0]),
-            np.array([reference(k), 0.0]),
-        )
+        state = {"joint_position_rad": [reading(k), 0], "joint_torque_nm": [torque_nm(k), 0]}
+        guard.watch(measured(k * DT, **state, force_n=force_n(k)), np.array([reference(k), 0.0]))
         if guard.tripped:
             return k
     return None
@@ -626,6 +624,63 @@ def test_an_encoder_that_freezes_is_named_before_the_joint_is_far_off(guard, see
         DT,
     )
     assert frozen.joint_torque_nm.tolist() == [0.0, -1.0]
+
+
+class TestStoppedInItsMotion:
+    """A joint that stands still from one sample to the next, on a drive that answers with 150 N m/rad.
+
+    Its torque limit is 10 N m: three tenths are reached 20 mrad behind the reference, one tenth at 7 mrad.
+    """
+
+    def named(self, guard, reference, at, seen=float, **more):
+        def reading(k):
+            return seen(reference(min(k, at)))
+
+        tick = watch_many(
+            guard, 2000, reading, reference, lambda k: 150 * (reference(k) - reading(k)), **more
+        )
+        assert guard.tripped.cause.startswith("encoder of joint 1: stuck at")
+        return tick - at, abs(reference(tick) - reading(tick))
+
+    @pytest.mark.parametrize("seen", [in_steps, float], ids=["12 bits", "fine"])
+    @pytest.mark.parametrize("at", [60, 407])
+    def test_it_is_named_within_the_limit_and_two_ticks(self, guard, seen, at):
+        ticks, _ = self.named(guard, lambda k: SPEED * k, at, seen)
+        assert ticks <= 22
+
+    def test_the_limit_is_the_robot_files(self):
+        guard = Guard(LIMITS.model_copy(update={"stuck_encoder_s": 0.03}), SAFE_STATE, 2)
+        ticks, _ = self.named(guard, lambda k: SPEED * k, 100)
+        assert 30 <= ticks <= 32
+
+    def test_an_object_that_is_hit_is_felt(self, guard):
+        _, behind_rad = self.named(
+            guard, lambda k: SPEED * k, 100, force_n=lambda k: 0.0 if k <= 100 else 0.6
+        )
+        assert behind_rad > 0.02
+
+    def test_a_joint_that_turns_round_may_be_held_by_friction(self, guard):
+        _, behind_rad = self.named(guard, lambda k: SPEED * (k if k <= 200 else 400 - k), 200)
+        assert behind_rad > 0.02
+
+    def test_a_joint_that_starts_again_may_be_held_by_friction(self, guard):
+        def reference(k):
+            return SPEED * (k if k <= 200 else max(200, k - 300))
+
+        _, behind_rad = self.named(guard, reference, 200)
+        assert behind_rad > 0.02
+
+    def test_a_joint_that_slips_and_sticks_had_not_followed(self, guard):
+        """A slip of 20 mrad in one tick, while the reference creeps on."""
+
+        def reference(k):
+            return 0.2 * SPEED * k
+
+        def reading(k):
+            return 0.0 if k < 150 else 0.02
+
+        tick = watch_many(guard, 600, reading, reference, lambda k: 150 * (reference(k) - reading(k)))
+        assert tick is None or abs(reference(tick) - reading(tick)) > 0.02
 
 
 def test_a_suspect_encoder_is_named_by_whatever_stops_the_arm(guard):

@@ -112,10 +112,6 @@ class Row:
 
 
 K = FaultKind
-_FROZEN = (
-    "a joint at rest reads one number too, and so does one that friction holds: the drive's torque must have "
-    "changed by three tenths of its limit"
-)
 _NO_CHECKSUM = (
     "a line has no checksum: a digit that is flipped is a number, until the first line that is none makes "
     "all of them doubtful"
@@ -160,7 +156,7 @@ _MOTOR_ROWS = {
         (OLD, OLD_OFF, "servo 3 did not answer in time"),
         (2, 3, "servo 3 (joint 3): has forgotten its settings; it has restarted"),
         (2, 62, "the port has failed", _CUT_OFF),
-        (33, BRAKED + 33, "encoder of joint 1: stuck at", _FROZEN, _FROZEN_ENCODER),
+        (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
     ),
     "odrive": (
         (OLD, OLD_OFF, "joint 3 (node 2): nothing valid for"),
@@ -173,7 +169,7 @@ _MOTOR_ROWS = {
         (OLD, BRAKED, "joint 3 (node 2): nothing valid for"),
         (2, BRAKED, "joint 3 (node 2): left closed-loop control, is IDLE"),
         (2, 52, "bus-off, the adapter has left the bus", _CUT_OFF),
-        (33, BRAKED + 33, "encoder of joint 1: stuck at", _FROZEN, _FROZEN_ENCODER),
+        (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
     ),
     "mit": (
         (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
@@ -186,7 +182,7 @@ _MOTOR_ROWS = {
         (OLD, BRAKED, "joint 3 (motor 3): nothing valid for"),
         (12, BRAKED + 12, "joint 1: its drive exerts", "", _DEAF),
         (2, 102, "bus-off, the adapter has left the bus", _CUT_OFF),
-        (33, BRAKED + 33, "encoder of joint 1: stuck at", _FROZEN, _FROZEN_ENCODER),
+        (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
     ),
 }
 _NUMBERS = {"dynamixel": (1, 2, 3), "odrive": (0, 1, 2), "mit": (1, 2, 3)}  # of the devices, by joint
