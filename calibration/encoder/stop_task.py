@@ -63,6 +63,11 @@ class StopSettings:
             speed_rad_s=float(paced(_PRESS_RAD_S, limits).min()),
         )
 
+    @property
+    def standing_s(self) -> float:
+        """How long a joint stands at its stop at most, while its reference and its torque go on [s]."""
+        return float(self.lead_rad.max()) / self.speed_rad_s + _STILL_S + self.hold_s
+
 
 class StopTask:
     """See `control.loop.task.Task`. The ticks at a stop are HOLD; runs number the touches of all joints.
