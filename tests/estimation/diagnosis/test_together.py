@@ -57,6 +57,13 @@ def test_a_zero_that_drifts_is_seen_in_runs_that_come_later_than_all_others():
     assert set(found) == {"cubic_stiffness", "drift"}
 
 
+def test_two_curves_that_look_alike_are_found_beside_each_other():
+    # a surface that lies deeper looks like stiffening, and more stiffening beside it does not help much
+    found = named(session(37, lambda t, x, v, run: kelvin_voigt(x - 0.003, v, stiffening(x - 0.003))))
+    assert set(found) == {"cubic_stiffness", "contact_offset"}
+    assert found["contact_offset"]["offset"].value == pytest.approx(0.003, rel=0.02)
+
+
 def test_friction_beside_a_bias_is_not_called_uneven():
     # a bias and an even friction draw the levels of an uneven one, with two parameters less
     rng, step = np.random.default_rng(36), 0.01
