@@ -139,7 +139,7 @@ def _ranking(found: ChannelDiagnosis) -> Table:
         shown.add_row(
             entry.effect,
             f"{entry.rmse_held_out:.4g}",
-            f"{100 * entry.score:.0f} %",
+            f"{100 * entry.score:z.0f} %",
             f"[blue]{bar(entry.score)}[/blue]",
         )
     return shown

@@ -49,7 +49,7 @@ def _channel(story: Story, found: ChannelDiagnosis) -> str:
     columns = ["accepted", f"before [{unit}]", f"after [{unit}]", "p", "not to be told from"]
     first = pieces.table(columns, accepted, (1, 2, 3)) if accepted else ""
     ranked = [
-        [escape(entry.effect), f"{entry.rmse_held_out:.4g}", f"{100 * entry.score:.1f} %"]
+        [escape(entry.effect), f"{entry.rmse_held_out:.4g}", f"{100 * entry.score:z.1f} %"]
         for entry in found.ranking[:MOST]
     ]
     alone = ["alone beside the base model", f"held-out error [{unit}]", "error falls by"]
