@@ -39,7 +39,8 @@ def force_figure(fit: ForceFit, reading_unit: str) -> Figure:
     right.set(xlabel="reference  [N]", ylabel="reference − calibrated  [mN]")
     figure.legend(loc="outside lower center", ncols=3)
     remark = (
-        f"residual rms {MILLI * fit.rms_n:.2g} mN; the grey band is ±2 standard uncertainties of the line"
+        f"residual rms {MILLI * fit.rms_n:.2g} mN, hysteresis {MILLI * fit.hysteresis_n.value:.2g} mN; "
+        "the grey band is ±2 standard uncertainties of zero and scale"
     )
     style.title(figure, "Force sensor against its reference", remark)
     return figure
