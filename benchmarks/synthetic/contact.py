@@ -38,7 +38,8 @@ def _one_press(
     dt, depth = 1.0 / RATE_HZ, 10.0 / k
     x = x - 0.2 * depth * hidden.get("contact_offset", 0.0)
     if "plastic_set" in hidden:
-        x = x - min(hidden["plastic_set"], 0.9) * np.maximum(np.maximum.accumulate(x), 0.0)
+        dent = min(hidden["plastic_set"], 0.9) * np.maximum(np.maximum.accumulate(x), 0.0)
+        x, v = x - dent, v - np.gradient(dent, dt)
     if "tool_compliance" in hidden:
         x, v = _behind_tool(x, v, k, c, hidden["tool_compliance"] / k)
     pressed = x > 0.0

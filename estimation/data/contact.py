@@ -1,6 +1,7 @@
 """Which samples of a probing run are in contact, found from the force alone.
 
 The rows are chosen by time, not by force: from the first lasting rise above the free-air noise to the last.
+A sensor that was loaded may read more in free air than before, so the noise of the retract counts as well.
 Taking every sample with F > 0 instead would keep the positive half of the noise near the surface and bias the
 stiffness. The samples at either end, which were chosen for their noise, are left out.
 """
@@ -61,7 +62,8 @@ def contact_rows(force_n: FloatArray, run: IntArray, phase: IntArray) -> BoolArr
 def _contact_of(number: int, rows: IntArray, force_n: FloatArray, phase: IntArray) -> Contact:
     free = _free_air(force_n[rows], phase[rows])
     baseline_n, noise_n = float(np.mean(free)), float(np.std(free))
-    touching = _lasting(force_n[rows] > baseline_n + touch_force_n(noise_n))
+    highest_n = max(baseline_n, _after(force_n[rows], phase[rows], baseline_n))
+    touching = _lasting(force_n[rows] > highest_n + touch_force_n(noise_n))
     inside = np.flatnonzero(touching)[1:-1]
     if len(inside):  # a bounce is no contact, a single low sample within it is noise
         lifted = _lasting(~touching[inside[0] : inside[-1] + 1])
@@ -76,6 +78,14 @@ def _free_air(force_n: FloatArray, phase: IntArray) -> FloatArray:
         if len(samples) > 2 * _LASTING:
             return samples if free is Phase.FREE_AIR else samples[: len(samples) // 2]
     return force_n[:_LASTING]
+
+
+def _after(force_n: FloatArray, phase: IntArray, before_n: float) -> float:
+    """Mean force at the end of the retract; `before_n` if the run has none."""
+    retracted: FloatArray = force_n[phase == Phase.RETRACT]
+    if len(retracted) <= 2 * _LASTING:
+        return before_n
+    return float(np.mean(retracted[len(retracted) // 2 :]))
 
 
 def _mean_std_err(samples: FloatArray) -> float:

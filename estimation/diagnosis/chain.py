@@ -14,6 +14,7 @@ from estimation.diagnosis.selection import (
     evidence,
     hopeless,
     is_possible,
+    is_slight,
     size,
 )
 from estimation.diagnosis.standing import Standing
@@ -117,7 +118,8 @@ def _next(search: Search, before: Standing, found: list[Candidate]) -> tuple[Ste
     """The first candidate with enough evidence, or the first that was refused."""
     refused = None
     for chosen in choose(before, found) if found else []:
-        if chosen.held_out > (1.0 - LEAST_GAIN) ** 2 * before.trial.held_out:
+        slight = is_slight(search.start, before, chosen.held_out)
+        if slight or chosen.held_out > (1.0 - LEAST_GAIN) ** 2 * before.trial.held_out:
             refused = refused or (chosen, hopeless(before, chosen))
             continue
         after = search.with_candidate(chosen)

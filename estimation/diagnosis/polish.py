@@ -48,8 +48,15 @@ class Scale:
 
 
 def polish(bench: Bench, trial: Trial) -> Trial:
-    """Fit all inner parameters of a trial together, the gains by variable projection."""
-    scales = {name: Scale(p, trial.parameters[name]) for name, p in trial.model.inner.items()}
+    """Fit all inner parameters of a trial together, the gains by variable projection.
+
+    What is at an end of its range stays there: it would cut short every step of the others.
+    """
+    scales = {
+        name: Scale(parameter, trial.parameters[name])
+        for name, parameter in trial.model.inner.items()
+        if parameter.lower < trial.parameters[name] < parameter.upper
+    }
     if not scales:
         return attempt(bench, trial.model, trial.parameters, rounds=3)
 

@@ -18,6 +18,7 @@ from robot_io.types import BoolArray, FloatArray
 LEAST_GAIN = 0.02  # of the held-out error; less is not worth a name, whatever its significance
 # Of the held-out error sample by sample, which is what a user sees; a joint's model has noise in it as well.
 LEAST_SAMPLE_GAIN, LEAST_JOINT_SAMPLE_GAIN = 0.01, 0.05
+SLIGHT = 0.003  # of the energy that all effects together take away, that each must account for
 LEAST_JUDGED_GAIN = 0.0  # of what is new in each sample, which slow data says little about
 LEAST_BROAD_GAIN = 0.005
 LEAST_FOLDS = 0.6  # share of the folds in which the error must fall
@@ -195,6 +196,20 @@ def evidence(
         p_value(observed, chance),
         LEAST_SAMPLE_GAIN if in_contact else LEAST_JOINT_SAMPLE_GAIN,
     )
+
+
+def is_slight(start: Standing, before: Standing, held_out: float) -> bool:
+    """Whether an effect takes away so little of all that is explained that another may just be imprecise.
+
+    A strong effect that is computed from a motion measured with errors leaves a little of itself behind,
+    for which some small effect always has the shape.
+
+    Args:
+        start: the base model.
+        before: the model without the effect.
+        held_out: energy left with it.
+    """
+    return before.trial.held_out - held_out < SLIGHT * (start.trial.held_out - held_out)
 
 
 def hopeless(before: Standing, chosen: Candidate) -> Evidence:

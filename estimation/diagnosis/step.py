@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from estimation.diagnosis.search import Search
-from estimation.diagnosis.selection import Evidence, evidence, is_possible
+from estimation.diagnosis.selection import Evidence, evidence, is_possible, is_slight
 from estimation.diagnosis.standing import Standing
 
 
@@ -56,7 +56,7 @@ def _needed(search: Search, end: Standing, name: str) -> Evidence | None:
     before = search.without(end, name)
     found = search.screen(before)
     chosen = next((c for c in found if c.effect.name == name), None)
-    if chosen is None:
+    if chosen is None or is_slight(search.start, before, end.trial.held_out):
         return None
     weighed = evidence(before, end, found, chosen, search.rng)
     return weighed if weighed.enough and is_possible(chosen.effect, end.trial, end.plain) else None

@@ -6,16 +6,20 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
-from estimation.signals.runwise import direction
+from estimation.signals.blocks import stretches
+from estimation.signals.runwise import direction, steadied
 from robot_io.types import FloatArray
 
 
 class DryFriction(AdditiveEffect):
-    """F = f s; the direction of motion s takes a short path to turn round, and stays at rest."""
+    """F = f s; the direction of motion s takes a short path to turn round, and stays at rest.
+
+    Each touch begins unstrained, s = 0: what rubs has nothing to hold on to before.
+    """
 
     name = "dry_friction"
     physics = "Tool and object, or the layers of the object, rub with a force that does not depend on speed."
-    equation = "F = f s, ds/dx = (1 - s sign(v))/presliding, while pressed"
+    equation = "F = f s, ds/dx = (1 - s sign(v))/presliding while pressed, s = 0 at touch"
     source = "P. R. Dahl, A Solid Friction Model, Aerospace Corp. TOR-158 (1968)"
     signature = (
         "force is higher by a constant while moving in than while moving out at the same depth, at any speed"
@@ -31,7 +35,9 @@ class DryFriction(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `AdditiveEffect.columns`; shape (n, 1)."""
-        s = direction(data.velocity, data.time_s, data.run, inner["presliding"])
+        touch = stretches(data.engaged, data.run)
+        way = steadied(data.position, data.time_s, data.run)
+        s = direction(way, touch, inner["presliding"])
         return np.where(data.engaged, s, 0.0)[:, None]
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:

@@ -6,12 +6,19 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
+from estimation.signals.blocks import blocks
 from estimation.signals.runwise import play
 from robot_io.types import FloatArray
 
+_STILL = 0.1  # of the width, within which an effort has not moved
+
 
 class Hysteresis(SensorEffect):
-    """reading = play(effort, width): it follows after a gap of twice the width is crossed."""
+    """reading = play(effort, width): it follows after a gap of twice the width is crossed.
+
+    Where in the gap a run begins depends on what came before it (a reading stays up after a press), so that
+    is taken from the reading itself, as long as the effort has not moved.
+    """
 
     name = "hysteresis"
     physics = "Inner friction of the sensor holds its reading back at each reversal of the effort."
@@ -30,16 +37,31 @@ class Hysteresis(SensorEffect):
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.sense`."""
-        return play(effort, data.run, inner["width"])
+        width = inner["width"]
+        return play(effort, data.run, width, _first_readings(effort, data, width))
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`: while the reading is held, that of the moment when it last followed."""
+        """See `SensorEffect.slope`: while the reading is held, that of the moment when it last followed.
+
+        None before it first did.
+        """
         reading = self.sense(effort, data, inner)
         held = np.abs(effort - reading) < inner["width"] * (1.0 - 1e-9)
-        held &= np.append(False, np.diff(data.run) == 0)
-        return columns[np.maximum.accumulate(np.where(held, 0, np.arange(len(effort))))]
+        first = np.append(True, np.diff(data.run) != 0)
+        last = np.maximum.accumulate(np.where(held & ~first, 0, np.arange(len(effort))))
+        return np.where((held & first)[last][:, None], 0.0, columns[last])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
         peak = float(np.max(np.abs(data.effort))) or 1.0
         return tuple({"width": float(part * peak)} for part in np.geomspace(0.01, 0.3, 7))
+
+
+def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> FloatArray:
+    """Mean reading of each run until the effort first moves, shape (runs,)."""
+    found = []
+    for rows in blocks(data.run):
+        moved = np.abs(effort[rows] - effort[rows.start]) > _STILL * width
+        count = int(np.argmax(moved)) if moved.any() else len(moved)
+        found.append(float(np.mean(data.effort[rows][:count])))
+    return np.array(found)

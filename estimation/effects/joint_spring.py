@@ -2,27 +2,34 @@
 
 from typing import ClassVar
 
+import numpy as np
+
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
 
 
 class JointSpring(AdditiveEffect):
-    """effort = k q, at rest at q = 0 (a bias beside it moves the rest)."""
+    """effort = k q + p: a spring at rest where q = -p / k."""
 
     name = "joint_spring"
     physics = "A balancing spring, or a cable that is bent with the joint, pulls it towards one place."
-    equation = "effort = k q"
+    equation = "effort = k q + p, at rest where q = -p/k"
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 9"
     signature = "effort grows in proportion to position, whatever the speed"
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    gains = (Parameter("k", "{effort}/{position}", -1000000.0, 1000000.0, (0.01, 1000.0)),)
+    gains = (
+        Parameter("k", "{effort}/{position}", -1000000.0, 1000000.0, (0.01, 1000.0)),
+        Parameter("preload", "{effort}", -1000000.0, 1000000.0, (-10.0, 10.0)),
+    )
+    essential = ("k",)
     confused_with: ClassVar[dict[str, str]] = {
+        "bias": "move over a wide range: a bias is the same everywhere",
         "gravity_tilt": "move over a wide range",
         "cubic_stiffness": "move over a wide range",
         "stiffness": "none in one channel: it is the same term, named for a contact",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
-        return data.position[:, None]
+        """See `AdditiveEffect.columns`; shape (n, 2)."""
+        return np.column_stack([data.position, np.ones(len(data))])

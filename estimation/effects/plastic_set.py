@@ -1,27 +1,35 @@
 """The object keeps a dent."""
 
 from dataclasses import replace
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
-from estimation.signals.runwise import running_max
+from estimation.signals.blocks import blocks
+from robot_io.types import FloatArray
 
 
 class PlasticSet(MotionEffect):
-    """The surface sinks by a share of the deepest indentation so far: x_true = x - share * max(x so far)."""
+    """The surface sinks by a share of the deepest indentation so far: x_true = x - share * max(x so far).
+
+    Of the dent that a run leaves, a part is still there when the next one presses.
+    """
 
     name = "plastic_set"
     physics = "Part of the indentation stays: on the way out the object is met later than on the way in."
-    equation = "x_true = x - share max_t(x)"
+    equation = "x_true = x - dent, v_true = x_true', dent = share max_t(x); of it, kept is left for the next run"
     source = "permanent set in indentation; K. L. Johnson, Contact Mechanics (1985), ch. 6"
     signature = (
         "force reaches zero at a depth above zero on the way out, and the next press on the spot begins there"
     )
     channels = frozenset({ChannelKind.CONTACT})
-    inner = (Parameter("share", "1", 0.0, 0.9, (0.02, 0.5)),)
+    inner = (
+        Parameter("share", "1", 1e-4, 0.9, (0.02, 0.5), log=True),
+        Parameter("kept", "1", 0.0, 1.0, (0.0, 1.0)),
+    )
     confused_with: ClassVar[dict[str, str]] = {
         "stress_relaxation": "wait and press again: a set stays, relaxation recovers",
         "adhesion": "press twice on one spot: a set moves the second touch",
@@ -30,5 +38,25 @@ class PlasticSet(MotionEffect):
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
         """See `MotionEffect.move`."""
-        deepest = np.maximum(running_max(data.position, data.run), 0.0)
-        return replace(data, position=data.position - inner["share"] * deepest)
+        deepest = _deepest(data, inner["kept"])
+        deeper = (data.position >= deepest) & (data.velocity > 0.0) & data.engaged
+        return replace(
+            data,
+            position=data.position - inner["share"] * deepest,
+            velocity=data.velocity * (1.0 - inner["share"] * deeper),
+        )
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: dents that are gone by the next run, and dents that stay."""
+        share, kept = self.inner
+        values = product(share.spread(10), kept.spread(2))
+        return tuple({"share": float(part), "kept": float(rest)} for part, rest in values)
+
+
+def _deepest(data: ChannelData, kept: float) -> FloatArray:
+    """The deepest indentation that each sample's surface remembers, shape (n,)."""
+    deepest, left = np.zeros(len(data)), 0.0
+    for rows in blocks(data.run):
+        deepest[rows] = np.maximum(np.maximum.accumulate(data.position[rows]), left)
+        left = kept * float(deepest[rows][-1])
+    return deepest

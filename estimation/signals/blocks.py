@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from robot_io.types import IntArray
+from robot_io.types import BoolArray, IntArray
 
 
 def blocks(number: IntArray) -> Iterator[slice]:
@@ -18,3 +18,9 @@ def blocks(number: IntArray) -> Iterator[slice]:
     for start, stop in pairwise(borders):
         if stop > start:
             yield slice(start, stop)
+
+
+def stretches(mask: BoolArray, number: IntArray) -> IntArray:
+    """Numbers, shape (n,), that change wherever the mask or the number of the run changes."""
+    changes = (np.diff(mask) != 0) | (np.diff(number) != 0)
+    return np.concatenate([[0], np.cumsum(changes)])[: len(mask)]

@@ -5,12 +5,13 @@ from functools import cache
 from math import perm
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.signal import lfilter, savgol_filter
 
 from estimation.signals.blocks import blocks
 from robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a rate is smoothed
+_STEADY_S = 0.025
 
 
 def sample_time(time_s: FloatArray, run: IntArray) -> float:
@@ -82,10 +83,13 @@ def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float)
     return per_run(one_run, signal, run)
 
 
-def play(signal: FloatArray, run: IntArray, half_width: float) -> FloatArray:
+def play(
+    signal: FloatArray, run: IntArray, half_width: float, start: FloatArray | None = None
+) -> FloatArray:
     """Backlash operator: follows the signal only once it has crossed a gap of twice `half_width`.
 
-    Columns of (n, k) are independent. The gap starts centred on each run's first sample.
+    Columns of (n, k) are independent. Each run starts from its `start`, shape (runs,) or (runs, k), as far
+    as the gap allows; without one the gap starts centred on the run's first sample.
 
     A sample clamps the state between its own two ends of the gap, and clamps in a row are one clamp:
     stretches of samples are first condensed to one clamp each, all side by side, then entered with their own
@@ -95,7 +99,8 @@ def play(signal: FloatArray, run: IntArray, half_width: float) -> FloatArray:
         return signal.astype(np.float64)
     first = [rows.start for rows in blocks(run)]
     low, high = signal - half_width, signal + half_width
-    low[first] = high[first] = signal[first]
+    start = signal[first] if start is None else np.clip(start, low[first], high[first])
+    low[first] = high[first] = start
     length = int(np.sqrt(len(signal))) + 1
     low, high = _stretches(low, length), _stretches(high, length)
     least, most = low[0], high[0]
@@ -124,10 +129,21 @@ def _stretches(signal: FloatArray, length: int) -> FloatArray:
     return np.ascontiguousarray(cut)
 
 
-def direction(velocity: FloatArray, time_s: FloatArray, run: IntArray, presliding: float) -> FloatArray:
+def steadied(position: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
+    """Position (n,) without the encoder's jitter, whose way back and forth adds up: a cubic through 25 ms."""
+    window = 2 * int(0.5 * _STEADY_S / sample_time(time_s, run)) + 1
+
+    def one_run(values: FloatArray) -> FloatArray:
+        if not 3 < window <= len(values):
+            return values
+        return np.asarray(savgol_filter(values, window, 3))
+
+    return per_run(one_run, position, run)
+
+
+def direction(position: FloatArray, run: IntArray, presliding: float) -> FloatArray:
     """Direction of motion in [-1, 1], (n,): it turns round over a path of `presliding`, and stays at rest."""
-    signed = velocity * (sample_time(time_s, run) / presliding)
-    return per_run(_direction, signed, run)
+    return per_run(lambda way: _direction(np.diff(way, prepend=way[:1]) / presliding), position, run)
 
 
 def _direction(steps: FloatArray) -> FloatArray:
