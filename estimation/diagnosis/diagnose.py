@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.diagnosis.chain import Chain, build
-from estimation.diagnosis.confusion import rivals
+from estimation.diagnosis.confusion import SAME, likeness, rivals
 from estimation.diagnosis.gate import refuse, usable
 from estimation.diagnosis.intervals import Value, final, values
 from estimation.diagnosis.library import library
@@ -27,6 +27,7 @@ from estimation.diagnosis.result import (
     Verdict,
 )
 from estimation.diagnosis.search import Progress, Search
+from estimation.diagnosis.selection import LEAST_GAIN
 from estimation.diagnosis.standing import Standing
 from estimation.diagnosis.step import Step
 from estimation.diagnosis.unexplained import depends_on
@@ -162,17 +163,18 @@ def _accepted(search: Search, chain: Chain, named: Sequence[Step]) -> list[Accep
 
 
 def _rivals(search: Search, chain: Chain, named: Sequence[Step], name: str) -> list[str]:
-    """Effects that would do as well in the place of `name`, all others kept."""
+    """Effects that would do as well in the place of `name`, all others kept, or in the place of all."""
     others = [step.effect for step in named if step.effect != name]
     if others:
         without = search.without(named[-1].standing, name)
         found = search.screen(without)
+        alone = _in_place_of_all(search, chain, named)
     else:
-        without, found = chain.start, list(chain.ranking)
+        without, found, alone = chain.start, list(chain.ranking), []
     if name not in [candidate.effect.name for candidate in found]:
-        return []
+        return alone
     step_s = sample_time(search.data.time_s, search.data.run)
-    return rivals(found, name, without.trial, step_s)
+    return list(dict.fromkeys([*rivals(found, name, without.trial, step_s), *alone]))
 
 
 def _suspects(chain: Chain) -> list[Suspect]:
@@ -180,6 +182,19 @@ def _suspects(chain: Chain) -> list[Suspect]:
     return [
         Suspect(effect=s.effect, rmse_after=s.standing.rmse) for s in chain.steps if s.effect not in names
     ]
+
+
+def _in_place_of_all(search: Search, chain: Chain, named: Sequence[Step]) -> list[str]:
+    """Single effects that explain what several do together: one cause is as likely as two."""
+    end, names = named[-1].standing, {step.effect for step in named}
+    found = []
+    for candidate in chain.ranking:
+        like = likeness(chain.start.trial, end.trial, candidate.search.best) > SAME
+        if candidate.effect.name in names or not like:
+            continue
+        if search.with_candidate(candidate).rmse <= (1.0 + LEAST_GAIN) * end.rmse:
+            found.append(candidate.effect.name)
+    return found
 
 
 def _ranking(chain: Chain) -> list[Ranked]:

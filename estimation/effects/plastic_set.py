@@ -20,7 +20,9 @@ class PlasticSet(MotionEffect):
 
     name = "plastic_set"
     physics = "Part of the indentation stays: on the way out the object is met later than on the way in."
-    equation = "x_true = x - dent, v_true = x_true', dent = share max_t(x); of it, kept is left for the next run"
+    equation = (
+        "x_true = x - dent, v_true = x_true', dent = share max_t(x); of it, kept is left for the next run"
+    )
     source = "permanent set in indentation; K. L. Johnson, Contact Mechanics (1985), ch. 6"
     signature = (
         "force reaches zero at a depth above zero on the way out, and the next press on the spot begins there"

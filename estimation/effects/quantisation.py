@@ -30,10 +30,16 @@ class Quantisation(SensorEffect):
         return inner["step"] * np.round(effort / inner["step"])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: the distance between neighbouring readings."""
+        """See `Effect.starts`: the mean distance between neighbouring readings, of all that are there.
+
+        A single distance would not do: readings that are rounded once more lie at uneven distances.
+        """
         levels = np.unique(data.effort)
-        step = float(np.median(np.diff(levels))) if len(levels) > 1 else 1.0
-        return ({"step": max(step, 1e-9)},)
+        if len(levels) < 2:
+            return ({"step": 1.0},)
+        apart = np.diff(levels)
+        count = np.sum(np.round(apart / np.median(apart)))
+        return ({"step": max(float(np.ptp(levels) / max(count, 1.0)), 1e-9)},)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.slope`: on average over many steps, one."""

@@ -2,6 +2,8 @@
 
 from typing import ClassVar
 
+import numpy as np
+
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
 from robot_io.types import FloatArray
@@ -25,6 +27,11 @@ class TorqueGain(SensorEffect):
         "bias": "lift two loads: a gain grows with the load",
     }
     linear = True
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: closer and closer to one, since few constants are far off."""
+        off = np.array([0.003, 0.01, 0.03, 0.1, 0.25, 0.5])
+        return tuple({"gain": float(gain)} for gain in np.exp([*-off[::-1], *off]))
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.sense`."""

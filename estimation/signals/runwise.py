@@ -11,7 +11,7 @@ from estimation.signals.blocks import blocks
 from robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a rate is smoothed
-_STEADY_S = 0.025
+_STEADY_S = 0.025  # in which a probing tip turns round only once
 
 
 def sample_time(time_s: FloatArray, run: IntArray) -> float:
@@ -83,9 +83,7 @@ def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float)
     return per_run(one_run, signal, run)
 
 
-def play(
-    signal: FloatArray, run: IntArray, half_width: float, start: FloatArray | None = None
-) -> FloatArray:
+def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray | None = None) -> FloatArray:
     """Backlash operator: follows the signal only once it has crossed a gap of twice `half_width`.
 
     Columns of (n, k) are independent. Each run starts from its `start`, shape (runs,) or (runs, k), as far

@@ -11,6 +11,8 @@ Values = Mapping[str, float]  # fitted parameters of one effect, by their own na
 Entry = dict[str, object]  # of a scenario's section `hidden`, without the place
 Term = Callable[[Values], list[Entry]]
 
+_GONE_BY_NEXT_RUN_S = 0.1
+
 
 def _one(effect: str, **names: str) -> Term:
     """The effect of the same name, its parameters renamed: scenario's name = fitted name."""
@@ -51,6 +53,17 @@ def _offset(p: Values) -> list[Entry]:
     return [{"effect": "contact_offset", "offset_m": -p["offset"]}]
 
 
+def _joint_spring(p: Values) -> list[Entry]:
+    rest_rad = -p["preload"] / p["k"] if p["k"] else 0.0
+    return [{"effect": "joint_spring", "stiffness_nm_rad": p["k"], "rest_rad": rest_rad}]
+
+
+def _plastic_set(p: Values) -> list[Entry]:
+    # fitted: what is left by the next run; simulated: how fast it goes, where zero is never
+    recovery_s = 0.0 if p["kept"] > 0.5 else _GONE_BY_NEXT_RUN_S
+    return [{"effect": "plastic_set", "share": p["share"], "recovery_s": recovery_s}]
+
+
 CONTACT: Mapping[str, Term] = {
     "adhesion": _adhesion,
     "contact_offset": _offset,
@@ -58,7 +71,7 @@ CONTACT: Mapping[str, Term] = {
     "dry_friction": _one("dry_friction", friction_n="force", slip_m="presliding"),
     "hunt_crossley": _one("hunt_crossley", stiffness="k", damping="b", exponent="n"),
     "layered_stiffness": _one("layered_stiffness", stiffness_n_m="k2", depth_m="depth"),
-    "plastic_set": _one("plastic_set", share="share"),
+    "plastic_set": _plastic_set,
     "quadratic_damping": _one("quadratic_damping", damping_n_s2_m2="c2"),
     "stress_relaxation": _one("stress_relaxation", stiffness_n_m="k1", time_s="tau"),
     "tool_compliance": _one("tool_compliance", compliance_m_n="compliance"),
@@ -70,7 +83,7 @@ JOINT: Mapping[str, Term] = {
     "backlash": _one("backlash", gap_rad="gap"),
     "coulomb_friction": _one("coulomb_friction", coulomb_nm="force"),
     "joint_elasticity": _one("joint_elasticity", compliance_rad_nm="compliance"),
-    "joint_spring": _one("joint_spring", stiffness_nm_rad="k"),
+    "joint_spring": _joint_spring,
     "load_dependent_friction": _one("load_dependent_friction", load_share="mu"),
     "quadratic_friction": _one("quadratic_friction", quadratic_nms2_rad2="d2"),
     "stribeck_friction": _one(

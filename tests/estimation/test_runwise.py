@@ -84,7 +84,7 @@ def test_direction_turns_over_its_path_and_stays_at_rest():
     x = np.where(TIME < 3, TIME, np.where(TIME < 6, 3.0, 9.0 - TIME))
     s = direction(x, ONE_RUN, 0.1)
     assert s[[250, 550, 990]] == pytest.approx([1.0, 1.0, -1.0], abs=1e-6)
-    assert s[610] == pytest.approx(2 * np.exp(-1.1) - 1, abs=0.05)
+    assert s[610] == pytest.approx(2 * np.exp(-1.0) - 1, abs=1e-3)
 
 
 def test_rates_and_maxima():

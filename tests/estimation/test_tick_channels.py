@@ -1,5 +1,6 @@
 """Channels out of ticks that a little simulator of its own made."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -74,6 +75,14 @@ def test_a_bounce_is_no_contact():
     assert not rows[80:100].any()
     assert rows[55:75].all()
     assert rows[105:195].all()
+
+
+def test_a_reading_that_stays_up_after_a_press_is_no_contact():
+    truth = recorded()
+    retracted = truth.phase == Phase.RETRACT
+    held = replace(truth, force_n=np.where(retracted, np.maximum(truth.force_n, 0.3), truth.force_n))
+    (channel,) = contact_channels(ticks(held), tared=False)
+    assert abs(channel.surface.position_m - SURFACE_M) < 1e-4
 
 
 def test_nothing_touched_gives_no_channel():
