@@ -3,13 +3,13 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field
 
 from robot_io.errors import InputError
-from robot_io.file_model import FileModel, validate
+from robot_io.file_model import FileModel, matching, validate
 from robot_io.registry import Registry
 from sim_backend.channel_effect import ChannelEffect, Transducer
 from sim_backend.hooks import Effects
@@ -164,7 +164,12 @@ class SensorImperfection(Imperfection, ABC):
 
     ahead_of_noise: ClassVar[bool] = False
 
-    channel: str = Field(pattern=r"^(contact|(joint|encoder)_[1-9][0-9]?)$")
+    channel: Annotated[
+        str,
+        matching(
+            r"contact|(joint|encoder)_[1-9][0-9]?", "contact, or joint_ or encoder_ with a number from 1 on"
+        ),
+    ]
 
     @abstractmethod
     def transducer(self) -> Transducer:

@@ -15,7 +15,7 @@ from robot_io.can.frame import CanFrame
 from robot_io.can.port_lock import PortLock
 from robot_io.clock import Clock
 from robot_io.errors import DeviceError
-from robot_io.file_model import FileModel
+from robot_io.file_model import FileModel, matching
 
 BUS_OFF = 0x040  # error classes in the id of an error frame: linux/can/error.h
 RESTARTED = 0x100
@@ -41,7 +41,7 @@ class CanLineSettings(FileModel):
         timestamps: what its time stamps mean.
     """
 
-    interface: Annotated[str, Field(pattern=r"^[a-z0-9_]{1,32}$")]
+    interface: Annotated[str, matching(r"[a-z0-9_]{1,32}", "1 to 32 small letters, digits or _")]
     channel: str | int
     bitrate: Annotated[int, Field(gt=0, le=1_000_000, strict=True)] | None = None
     options: dict[str, str | bool | int | float] = Field(default_factory=dict)
