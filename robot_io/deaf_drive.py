@@ -1,8 +1,8 @@
 """Finds a drive that does not obey: it goes on answering, but exerts no torque, or the opposite.
 
 A drive that has restarted may say so in none of its frames. What gives it away is its own measured torque. It
-is held against everything that was sent in the time that a sound drive takes to follow, so that delays and
-fast changes of the command excuse themselves; and a torque near zero tells nothing.
+is held against everything that was sent in the time after which a sound drive shows it, so that delays, lags
+and fast changes of the command excuse themselves; and a torque near zero tells nothing.
 
 Not every sound drive shows what it was sent: constants are off by tens of percent, zeros drift, amplifiers
 saturate, and some readings are mostly noise or rounding. So half of the torque may always be missing; a
@@ -24,9 +24,10 @@ _SAMPLES = 5  # in a row before it counts, however slowly they come
 _HABIT_S = 1.0  # how far a reading is off becomes usual within this time,
 _FIRST_S = 0.05  # but after the first command, for so long,
 _FIRST_HABIT_S = 0.01  # within this one
+_LATE_S = 0.1  # by so much a reading may be late
 _PAUSE_S = 0.1  # without a command: what comes then is a first command again
 
-_REMEDY = "check its supply and connectors; a drive that is only slow needs a longer limits.deaf_drive_s"
+_REMEDY = "check its supply and connectors, and restart it; palpate doctor says whether it is well"
 
 
 class _Drive:
@@ -129,7 +130,7 @@ class DeafDrives:
             self.restart()
             self._begun_s = self._stretch_s = time_s
         self._sent_at_s = time_s
-        is_next = time_s - self._stretch_s >= self._time_s
+        is_next = time_s - self._stretch_s >= _LATE_S
         if is_next:
             self._stretch_s = time_s
         for drive, torque in zip(self._drives, torque_nm, strict=True):

@@ -31,8 +31,7 @@ class Limits(FileModel):
         encoder_age_s: oldest position and velocity that are still acted on [s].
         torque_age_s: oldest measured torque that is still acted on [s].
         force_age_s: oldest force that is still acted on [s].
-        deaf_drive_s: how long a drive may show less than half of the torque that it was sent [s]; longer than
-            its delay.
+        deaf_drive_s: how long a drive may show less than half of any torque that it was sent of late [s].
         stuck_encoder_s: how long an encoder may stand still while its reference and its drive's torque move
             on [s].
         stuck_force_s: how long a force sensor that has never done so may repeat one number [s].

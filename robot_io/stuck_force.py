@@ -11,7 +11,6 @@ from robot_io.problem import Problem
 from robot_io.types import Measurement
 
 _LEAST_KNOWN = 100  # samples, before anything is said
-_MOST_KNOWN = 1000  # samples; then half of them are forgotten
 _LEAST_SHARE = 0.05  # less is not believed of any sensor
 _IMPROBABLE = -log(1e-9)
 _LONGER = 3  # times the longest row so far
@@ -35,8 +34,8 @@ class StuckForce:
         self._sampled_at_s = -inf
         self._force_n = nan
         self._since_s = 0.0
-        self._row = self._longest = 0  # samples that were equal to the one before
-        self._equal = self._known = 0.0  # the same before this row, and all samples
+        self._row = self._longest = 0  # samples in a row that were equal to the one before
+        self._equal = self._known = 0  # samples that were, and all samples, before this row
         self._enough = inf  # such a row is no chance
 
     def problem(self, measurement: Measurement) -> Problem | None:
@@ -61,8 +60,6 @@ class StuckForce:
         self._equal += self._row
         self._known += self._row + 1
         self._longest, self._row = max(self._longest, self._row), 0
-        if self._known > _MOST_KNOWN:
-            self._equal, self._known = 0.5 * self._equal, 0.5 * self._known
         if self._known >= _LEAST_KNOWN:
             share = max(self._equal / self._known, _LEAST_SHARE)  # below one: this sample was different
             self._enough = max(_IMPROBABLE / -log(share), _LONGER * self._longest)

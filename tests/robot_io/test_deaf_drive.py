@@ -88,7 +88,9 @@ WEAR = {
     "coarse": {"step": 1.7, "noise": 0.01},
     "noiseless and coarse": {"step": 1.0},
     "late": {"late": 15, "noise": 0.01},
+    "very late": {"late": 90, "noise": 0.01},
     "follows slowly": {"lag_s": 0.02, "noise": 0.01},
+    "follows very slowly": {"lag_s": 0.06, "noise": 0.01},
     "saturated": {"most": 0.42, "noise": 0.01},
     "dead band": {"dead": 0.6, "noise": 0.01},
     "shows nothing at all": {"gain": 0.0},
@@ -143,7 +145,7 @@ def test_a_drive_that_is_sent_next_to_nothing_tells_nothing_until_it_is_sent_mor
     tick, _ = ticks_until_named(
         DeafDrives(LIMITS), lambda k, sent_nm: drive.show(k, sent_nm if k < 300 else 0.0), sent
     )
-    assert 1010 <= tick <= 1032  # what was sent before excuses it for twice the limit, at most
+    assert 1010 <= tick <= 1212  # what was sent before excuses it for a while
 
 
 def test_weak_drives_hide_what_is_missing_no_longer_than_tracking_does():
@@ -168,6 +170,23 @@ def test_few_samples_prove_nothing():
         DeafDrives(LIMITS), lambda k, sent: drive.show(k, sent if k < 300 else 0.0), lambda k: 3.0, every=8
     )
     assert 300 + 4 * 8 <= tick <= 300 + 6 * 8
+
+
+@pytest.mark.parametrize("phase", range(0, 100, 20))
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_reading_may_be_late_when_the_command_jumps(phase, side):
+    drive = Sound(late=90, noise=0.01)
+    sent = lambda k: side * (1.0 if k < 300 + phase else 6.0)  # noqa: E731
+    assert ticks_until_named(DeafDrives(LIMITS), drive.show, sent, count=600) is None
+
+
+def test_single_bad_samples_do_not_add_up():
+    drive = Sound(noise=0.01)
+
+    def show(k, sent):
+        return drive.show(k, sent if k < 100 or k % 24 < 8 else 0.0)  # two of three samples
+
+    assert ticks_until_named(DeafDrives(LIMITS), show, lambda k: 3.0, every=8) is None
 
 
 def test_the_same_old_sample_proves_nothing():
@@ -225,7 +244,17 @@ class TestInTheGuard:
         self.run(guard, 0, 500, lambda k: k < 300)
         assert guard.finished
         guard.rearm(measured(0.5, [0.0, 0.0]))
-        self.run(guard, 501, 300, lambda k: k > 530)
+        self.run(guard, 501, 300, lambda k: k > 530)  # it takes some time to come back
         assert guard.tripped is None
         self.run(guard, 801, 100, lambda k: False)
         assert guard.tripped
+
+    def test_rearmed_at_once_it_begins_anew_as_well(self):
+        guard = self.guard()
+        self.run(guard, 0, 300, lambda k: True)
+        guard.trip("Ctrl-C")
+        self.run(guard, 300, 60, lambda k: True)
+        assert guard.finished
+        guard.rearm(measured(0.361, [0.0, 0.0]))
+        self.run(guard, 362, 300, lambda k: k > 390)
+        assert guard.tripped is None

@@ -671,16 +671,31 @@ class TestStoppedInItsMotion:
         assert behind_rad > 0.02
 
     def test_a_joint_that_slips_and_sticks_had_not_followed(self, guard):
-        """A slip of 20 mrad in one tick, while the reference creeps on."""
+        """A slip of 10 mrad in one tick, while the reference creeps on."""
 
         def reference(k):
-            return 0.2 * SPEED * k
+            return 0.2 * SPEED * max(0, k - 50)
 
         def reading(k):
-            return 0.0 if k < 150 else 0.02
+            return 1e-5 * (k % 2) if k < 50 else 0.01 if k >= 150 else 0.0
 
         tick = watch_many(guard, 600, reading, reference, lambda k: 150 * (reference(k) - reading(k)))
-        assert tick is None or abs(reference(tick) - reading(tick)) > 0.02
+        assert abs(reference(tick) - reading(tick)) > 0.015
+
+    def test_what_was_before_it_was_rearmed_is_past(self, guard):
+        def reference(k):
+            return SPEED * (k if k <= 200 else max(200, k - 300))
+
+        def reading(k):
+            return reference(min(k, 200))
+
+        assert watch_many(guard, 250, reading, reference, lambda k: 0.0) is None
+        guard.trip("Ctrl-C")
+        guard.rearm(measured(0.49, joint_position_rad=[reading(490), 0]))
+        tick = watch_many(
+            guard, 200, reading, reference, lambda k: 150 * (reference(k) - reading(k)), first=500
+        )
+        assert abs(reference(tick) - reading(tick)) > 0.02
 
 
 def test_a_suspect_encoder_is_named_by_whatever_stops_the_arm(guard):

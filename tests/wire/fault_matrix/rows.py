@@ -122,8 +122,8 @@ _CONTRADICTED = (
 )
 _CUT_OFF = "nothing reaches the drives: their own watchdogs let go"
 _IDLE = (
-    "the tool hangs straight down, and nothing is asked of its drive, so that nothing is missing: the drive "
-    "is named 10 ms after the first torque that tells, 1.6 s later"
+    "the tool hangs straight down, and nothing is asked of its drive, so that nothing is missing: no harm, "
+    "until it has to press"
 )
 _DEAF, _FROZEN_ENCODER, _FROZEN_FORCE = "deaf_drive_s", "stuck_encoder_s", "stuck_force_s"
 BRAKED = 310.0  # [ms]: the safe state brakes for 300
@@ -289,7 +289,7 @@ def rows() -> Iterator[Row]:
 def _mit_rows() -> Iterator[Row]:
     """What a motor that has restarted does is not the same for all of them."""
     name, back_at_once = "reboot, back at once", {"times": 1, "delay_s": 0.001, "device": 3}
-    idle = (1610, BRAKED + 1610, "joint 3: its drive exerts", _IDLE, _DEAF)
+    idle = (1620, BRAKED + 1620, "joint 3 is 0.1", _IDLE, _DEAF)
     yield _wire_row("mit", f"{name}; without a load", K.REBOOT, MOVING_S, idle, back_at_once)
     mute = (OLD, BRAKED, "joint 3 (motor 3): nothing valid for")
     row = _wire_row("mit", f"{name}; mute until told the mode", K.REBOOT, MOVING_S, mute, back_at_once)
