@@ -22,7 +22,7 @@ from robot_io.limits import Limits
 from robot_io.types import FloatArray, Measurement
 
 EVENT = "stop_touched"
-PUSH_SHARE = 0.1  # of the torque limit
+PUSH_SHARE = 0.075  # of the torque limit: less than what makes the guard doubt an encoder that stands still
 _PRESS_RAD_S = 0.05
 _LEAD_RAD = 0.03
 _STILL_RAD_S = 0.01  # slower than this,
@@ -62,11 +62,6 @@ class StopSettings:
             travel_rad_s=travel_speed_rad_s(limits),
             speed_rad_s=float(paced(_PRESS_RAD_S, limits).min()),
         )
-
-    @property
-    def standing_s(self) -> float:
-        """How long a joint stands at its stop at most, while its reference and its torque go on [s]."""
-        return float(self.lead_rad.max()) / self.speed_rad_s + _STILL_S + self.hold_s
 
 
 class StopTask:

@@ -12,7 +12,7 @@ from calibration.arm.model import GravityBodies
 from calibration.arm.pace import paced, travel_speed_rad_s
 from calibration.arm.path_task import PathTask
 from calibration.encoder.fit import EncoderFit, fit_pose, fit_stops
-from calibration.encoder.stop_plan import StopApproach, plan_stops, with_room_for_stops
+from calibration.encoder.stop_plan import plan_stops, with_room_for_stops
 from calibration.encoder.stop_task import PUSH_SHARE, StopSettings, StopTask
 from calibration.force.fit import Estimate, ForceFit, check_references
 from calibration.force.weighing import weigh
@@ -122,7 +122,8 @@ def run_stops(
         start_rad = _where_it_stands(bench)
         up_rad, approaches = plan_stops(bench.body, start_rad, limits, stops_rad, settings.reach_rad)
         task = StopTask(bench.body, gains_of(job.robot_file).tracking, up_rad, approaches, settings)
-        bench.run(task, _stop_limits(limits, approaches, settings), watcher(12.0 * len(approaches)))
+        opened = with_room_for_stops(limits, approaches, settings.reach_rad + BEYOND_RAD)
+        bench.run(task, slowed(opened, STOP_SPEED_RAD_S), watcher(12.0 * len(approaches)))
 
 
 def run_pose(job: CalibrationJob, now_utc: datetime | None = None) -> None:
@@ -287,13 +288,6 @@ def now() -> datetime:
 def _where_it_stands(bench: Bench) -> FloatArray:
     """Joint positions before anything moves, shape (n,) [rad]."""
     return _still(bench).await_samples().joint_position_rad
-
-
-def _stop_limits(limits: Limits, approaches: Sequence[StopApproach], settings: StopSettings) -> Limits:
-    """What the guard holds an arm to whose joints are pushed against their stops, and stand still there."""
-    opened = with_room_for_stops(limits, approaches, settings.reach_rad + BEYOND_RAD)
-    still_s = max(limits.stuck_encoder_s, 1.5 * settings.standing_s)
-    return slowed(opened, STOP_SPEED_RAD_S).model_copy(update={"stuck_encoder_s": still_s})
 
 
 def _still(bench: Bench) -> StillRobot:

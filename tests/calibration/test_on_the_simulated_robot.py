@@ -128,8 +128,12 @@ def test_zeros_are_found_at_the_hard_stops_also_under_a_careful_guard(tmp_path, 
     careful = FOLLOWER.model_copy(update={"limits": FOLLOWER.limits.model_copy(update=low)})
     quick = replace(StopSettings.within(careful.limits), speed_rad_s=0.1, touches=2)
     monkeypatch.setattr(StopSettings, "within", lambda _limits: quick)
-    friction = in_joints("coulomb_friction", coulomb_nm=(0.3, 0.2, 0.03))
-    job = job_in(tmp_path, "encoder", WRONG_ZEROS + friction, robot=careful)
+    wrong = [
+        *WRONG_ZEROS,
+        *in_joints("coulomb_friction", coulomb_nm=(0.3, 0.2, 0.03)),
+        *in_joints("torque_gain", gain=(0.85, 1.15, 0.85)),
+    ]
+    job = job_in(tmp_path, "encoder", wrong, robot=careful)
     calibrating.run_stops(job)
     fit = calibrating.encoder_fit_of(opened(job), 3, None, 1e-4)
     np.testing.assert_allclose(fit.offset_rad, -np.array(ZEROS_RAD), atol=2e-4)
