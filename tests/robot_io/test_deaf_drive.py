@@ -184,7 +184,7 @@ def test_single_bad_samples_do_not_add_up():
     drive = Sound(noise=0.01)
 
     def show(k, sent):
-        return drive.show(k, sent if k < 100 or k % 24 < 8 else 0.0)  # two of three samples
+        return drive.show(k, 0.0 if k % 240 in range(100, 116) else sent)  # two samples, now and then
 
     assert ticks_until_named(DeafDrives(LIMITS), show, lambda k: 3.0, every=8) is None
 

@@ -684,16 +684,16 @@ class TestStoppedInItsMotion:
 
     def test_what_was_before_it_was_rearmed_is_past(self, guard):
         def reference(k):
-            return SPEED * (k if k <= 200 else max(200, k - 300))
+            return SPEED * (k if k <= 195 else max(195, k - 100))
 
         def reading(k):
-            return reference(min(k, 200))
+            return reference(min(k, 195))
 
-        assert watch_many(guard, 250, reading, reference, lambda k: 0.0) is None
+        assert watch_many(guard, 195, reading, reference, lambda k: 0.0) is None
         guard.trip("Ctrl-C")
-        guard.rearm(measured(0.49, joint_position_rad=[reading(490), 0]))
+        guard.rearm(measured(0.29, joint_position_rad=[reading(290), 0]))
         tick = watch_many(
-            guard, 200, reading, reference, lambda k: 150 * (reference(k) - reading(k)), first=500
+            guard, 200, reading, reference, lambda k: 150 * (reference(k) - reading(k)), first=291
         )
         assert abs(reference(tick) - reading(tick)) > 0.02
 

@@ -76,6 +76,14 @@ def test_a_short_limit_alone_accuses_nobody(seed):
     assert ticks_until_named(StuckForce(1e-3), noise(20_000, seed=seed)) is None
 
 
+def test_the_first_few_equal_samples_may_be_chance():
+    forces_n = np.concatenate([np.arange(150) * 0.005, np.full(5, 1.0), np.arange(10) * 0.005])
+    assert ticks_until_named(StuckForce(1e-3), forces_n) is None
+    forces_n[150:] = 1.0
+    tick, _ = ticks_until_named(StuckForce(1e-3), forces_n)
+    assert 156 <= tick <= 158
+
+
 def test_old_samples_are_old_and_not_stuck():
     witness = StuckForce(LIMIT_S)
     assert ticks_until_named(witness, noise(1000)) is None
