@@ -90,7 +90,7 @@ def compare(data: ChannelData, model: Model, known_floor: float = np.inf) -> Com
         InputError: the channel cannot be judged; the reason is in the message.
     """
     good = usable(data)
-    reason = refuse(data.select(good))
+    reason = refuse(data.select(good), model)
     if reason:
         raise InputError(f"channel '{data.name}': {reason}")
     standing = stand(data, model, {}, good)

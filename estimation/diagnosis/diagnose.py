@@ -74,7 +74,7 @@ def diagnose_channel(
 ) -> ChannelDiagnosis:
     """Diagnose one channel; see `diagnose`."""
     good = usable(data)
-    reason = refuse(data.select(good))
+    reason = refuse(data.select(good), model)
     if reason:
         return ChannelDiagnosis(
             channel=data.name,

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.model import Model
 from estimation.signals.runwise import per_run, sample_time
 from robot_io.types import BoolArray, FloatArray
 
@@ -31,9 +32,16 @@ def usable(data: ChannelData) -> BoolArray:
     return good if np.mean(~good) <= _MOST_GLITCHES else np.ones(len(data), dtype=np.bool_)
 
 
-def refuse(data: ChannelData) -> str | None:
-    """The reason why this channel cannot be diagnosed, and the remedy; None if it can."""
-    for check in _CHECKS:
+def refuse(data: ChannelData, model: Model | None = None) -> str | None:
+    """The reason why this channel cannot be diagnosed, and the remedy; None if it can.
+
+    Args:
+        data: the channel.
+        model: what is to explain it. One with nothing to fit knows what readings at the end of a sensor's
+            range should have been, so that these are no reason.
+    """
+    known = model is not None and not model.gains and not model.inner
+    for check in _CHECKS if known else (*_CHECKS, _saturated):
         reason = check(data)
         if reason:
             return reason
@@ -123,11 +131,15 @@ def _stranger(data: ChannelData) -> str | None:
     return None
 
 
-def _saturated(data: ChannelData) -> str | None:
+def _resolution(data: ChannelData) -> str | None:
     levels = len(np.unique(data.effort))
     if levels < _TOO_FEW_LEVELS and data.kind is ChannelKind.CONTACT:
         return f"only {levels} different readings: the sensor's steps are too coarse for this effort"
-    if levels < _FEW_LEVELS:
+    return None
+
+
+def _saturated(data: ChannelData) -> str | None:
+    if len(np.unique(data.effort)) < _FEW_LEVELS:
         return None  # coarse steps, of which the last is often met
     size = np.abs(data.effort)
     loaded = size > 0.3 * size.max()
@@ -169,5 +181,5 @@ _CHECKS: tuple[Callable[[ChannelData], str | None], ...] = (
     _time,
     _offset,
     _contact,
-    _saturated,
+    _resolution,
 )

@@ -51,10 +51,14 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     errors = _errors(slopes, residual, bench.frame.run[bench.kept])
     errors = np.hypot(errors, _turned(slopes, bench.whiten(_doubt(bench, trial))))
     kind = bench.frame.data.kind
+    known = {**trial.model.gains, **trial.model.inner}
     units = {
         name: parameter.unit.format(effort=kind.effort_unit, position=kind.position_unit)
-        for name, parameter in {**trial.model.gains, **trial.model.inner}.items()
+        for name, parameter in known.items()
     }
+    # an error beyond all that makes physical sense determines nothing
+    most = np.array([known[name].upper - known[name].lower for name in names])
+    errors = np.where(errors < most, errors, np.nan)
     return {
         name: Value(float(trial.parameters[name]), float(error), units[name])
         for name, error in zip(names, errors, strict=True)

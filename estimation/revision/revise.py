@@ -63,7 +63,7 @@ def revise(
         InputError: the channel cannot be judged, or an effect is unknown, there already, or does not apply.
     """
     good = usable(data)
-    reason = refuse(data.select(good))
+    reason = refuse(data.select(good), model)
     if reason:
         raise InputError(f"channel '{data.name}': {reason}")
     known = {effect.name: effect for effect in (library() if effects is None else effects)}
