@@ -53,11 +53,9 @@ class _Drive:
 
     def restart(self) -> None:
         """Forget everything but the drive's size."""
-        self.sent_nm = self.before_nm = (
-            inf,
-            -inf,
-        )  # lowest and highest: in this stretch of time, the last
-        self.low_nm, self.high_nm = inf, -inf  # in both
+        # Lowest and highest: in this stretch of time, in the one before, and in both.
+        self.sent_nm = self.before_nm = (inf, -inf)
+        self.low_nm, self.high_nm = inf, -inf
         self.measured_nm = nan
         self.jump_nm = inf  # nobody knows how coarse a reading is that has not changed yet
         self.usually_off_nm = self.obeyed_at_s = 0.0

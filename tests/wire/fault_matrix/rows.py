@@ -114,7 +114,7 @@ class Row:
 K = FaultKind
 _NO_CHECKSUM = (
     "a line has no checksum: a digit that is flipped is a number, until the first line that is none makes "
-    "all of them doubtful"
+    "all of them doubtful; the slowest of sixteen random courses"
 )
 _CONTRADICTED = (
     "a sensor that is pulled may be right: joint torques contradict it once they say a push, and it a pull, "
@@ -206,7 +206,7 @@ _FORCE_ROWS = {
     "loadstar": (
         _SILENT,
         _SILENT,
-        _SILENT,
+        (13, BRAKED + 13, "no reading for", _NO_CHECKSUM),
         GOES_ON,
         GOES_ON,
         _SILENT,
@@ -219,7 +219,7 @@ _FORCE_ROWS = {
     "lorenz": (
         (OLD, BRAKED, "no reading for"),
         (OLD, BRAKED, "no reading for"),
-        (OLD + 1, BRAKED, "no reading for"),
+        (13, BRAKED + 13, "no reading for", _NO_CHECKSUM),
         (OLD, BRAKED, "no reading for"),
         (OLD, BRAKED, "no reading for"),
         (OLD, BRAKED, "no reading for"),
