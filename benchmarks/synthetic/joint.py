@@ -37,9 +37,10 @@ def _one_run(
 ) -> np.ndarray:
     if "backlash" in hidden:
         q, v, a = _through_gap(q, v, a, 0.2 * hidden["backlash"])
-    load = INERTIA * a + GRAVITY * np.sin(q)
+    tilt = hidden.get("gravity_tilt", 0.0)  # part of what the gear carries
+    load = INERTIA * a + _weight(q, tilt)
     if "joint_elasticity" in hidden:
-        load = _wound_up(q, v, 20.0 / hidden["joint_elasticity"])
+        load = _wound_up(q, v, 20.0 / hidden["joint_elasticity"], tilt)
     total = load + VISCOUS * v
     turn = np.clip(v / 0.005, -1.0, 1.0)
     total = total + hidden.get("coulomb_friction", 0.0) * turn
@@ -49,7 +50,6 @@ def _one_run(
     total = total + hidden.get("asymmetric_friction", 0.0) * uneven
     total = total + hidden.get("load_dependent_friction", 0.0) * turn * np.abs(load)
     total = total + hidden.get("quadratic_friction", 0.0) * v * np.abs(v)
-    total = total + hidden.get("gravity_tilt", 0.0) * np.cos(q)
     waves = 12.0 + np.floor(20.0 * shape.get("torque_ripple", 0.5))
     total = total + hidden.get("torque_ripple", 0.0) * np.sin(waves * q + 1.0)
     total = total + hidden.get("joint_spring", 0.0) * q
@@ -71,15 +71,19 @@ def _through_gap(
     return out, v * driven, a * driven
 
 
-def _wound_up(q: np.ndarray, v: np.ndarray, k: float) -> np.ndarray:
+def _weight(q: np.ndarray, tilt: float) -> np.ndarray:
+    return GRAVITY * np.sin(q) + tilt * np.cos(q)
+
+
+def _wound_up(q: np.ndarray, v: np.ndarray, k: float, tilt: float) -> np.ndarray:
     """Torque in the spring between the motor at q and a link that swings behind it, a little damped."""
     steps, damping = 8, 0.4 * np.sqrt(k * INERTIA)
     dt = 1.0 / RATE_HZ / steps
-    link, speed, out = q[0] - GRAVITY * np.sin(q[0]) / k, v[0], np.empty_like(q)
+    link, speed, out = q[0] - _weight(q[0], tilt) / k, v[0], np.empty_like(q)
     for i in range(len(q)):
         for _ in range(steps):
             spring = k * (q[i] - link) + damping * (v[i] - speed)
-            speed += dt * (spring - GRAVITY * np.sin(link)) / INERTIA
+            speed += dt * (spring - _weight(link, tilt)) / INERTIA
             link += dt * speed
         out[i] = k * (q[i] - link) + damping * (v[i] - speed)
     return out

@@ -7,6 +7,7 @@ from estimation.diagnosis.search import Search
 from estimation.diagnosis.selection import (
     LEAST_GAIN,
     TIE,
+    TRIES,
     Candidate,
     Evidence,
     choose,
@@ -22,8 +23,8 @@ from estimation.diagnosis.step import Step, confirmed
 from estimation.diagnosis.together import pair
 
 MOST_EFFECTS = 3  # with more, almost anything can be imitated
+EQUAL = 1.2  # times the held-out energy of a candidate, up to which another of its size may be the better one
 MODEST = 4  # parameters added, up to which nothing simpler is looked for
-DONE = 0.005  # share of the error that may be left for the search to end: no candidate can take more
 
 
 @dataclass(frozen=True)
@@ -72,8 +73,6 @@ def build(search: Search) -> Chain:
     refused = None
     while len(steps) < MOST_EFFECTS:
         before = steps[-1].standing if steps else start
-        if steps and before.left_of_blocks(search.floor) <= DONE:
-            break
         found = search.screen(before)
         ranking = ranking or tuple(found)
         step, refused = _next(search, before, found)
@@ -117,7 +116,7 @@ def _dominant(search: Search, chain: Chain) -> Step | None:
 def _next(search: Search, before: Standing, found: list[Candidate]) -> tuple[Step | None, Refusal | None]:
     """The first candidate with enough evidence, or the first that was refused."""
     refused = None
-    for chosen in choose(before, found) if found else []:
+    for chosen in _in_order(search, before, found):
         slight = is_slight(search.start, before, chosen.held_out)
         if slight or chosen.held_out > (1.0 - LEAST_GAIN) ** 2 * before.trial.held_out:
             refused = refused or (chosen, hopeless(before, chosen))
@@ -128,6 +127,30 @@ def _next(search: Search, before: Standing, found: list[Candidate]) -> tuple[Ste
             return Step(chosen.effect.name, weighed, after), None
         refused = refused or (chosen, weighed)
     return None, refused
+
+
+def _in_order(
+    search: Search, before: Standing, found: list[Candidate], *, larger: bool = False
+) -> list[Candidate]:
+    """The candidates worth weighing; of those about as good as the first, the one that fits best comes first.
+
+    They were tried beside the model as it was: once all is fitted together, another may be better.
+
+    Args:
+        search: what was tried so far.
+        before: the model without any of them.
+        found: all that were tried beside it.
+        larger: whether the better one may have more parameters.
+    """
+    if not found:
+        return []
+    first, *others = choose(before, found)
+    near = [c for c in found if c is not first and c.held_out <= EQUAL * first.held_out]
+    near = [first, *[c for c in near if larger or c.size == first.size][: TRIES - 1]]
+    left = [search.with_candidate(c).trial.held_out for c in near] if len(near) > 1 else [0.0]
+    as_good = [c for c, energy in zip(near, left, strict=True) if energy <= (1.0 + TIE) * min(left)]
+    best = min(as_good, key=lambda c: c.size)
+    return [best, *(c for c in (first, *others) if c is not best)]
 
 
 def _reconsider(search: Search, steps: tuple[Step, ...]) -> tuple[Step, ...]:
@@ -142,7 +165,7 @@ def _reconsider(search: Search, steps: tuple[Step, ...]) -> tuple[Step, ...]:
         if without.trial.held_out * (1.0 - LEAST_GAIN) ** 2 < end.trial.held_out:
             steps = confirmed(search, without, others) or steps
             continue
-        best = choose(without, search.screen(without))[0]
+        best = _in_order(search, without, search.screen(without), larger=True)[0]
         if best.effect.name != name:
             exchanged = search.with_candidate(best)
             simpler = any(best.size < size(effect) for effect in search.effects if effect.name == name)

@@ -16,6 +16,8 @@ from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import FloatArray, IntArray
 
 _STEP = 1e-3  # of an inner parameter in a difference quotient, relative to its value or typical range
+_NOTHING = 1e-10  # of the largest eigenvalue: a way to change parameters together that changes nothing
+_FREE = 1e-6  # share of a parameter in such ways, from which on the data do not determine it
 _JUMP, _MOST = 20.0, 0.95  # times the slope that most blocks stay below: a block that jumps, and has no slope
 
 
@@ -104,16 +106,18 @@ def _turned(slopes: FloatArray, change: FloatArray) -> FloatArray:
 
 
 def _errors(slopes: FloatArray, residual: FloatArray, run: IntArray) -> FloatArray:
+    """Standard errors (q,); NaN for parameters that make up for each other, or change nothing."""
     width = np.sqrt(np.sum(slopes**2, axis=0))
-    known = width > 0.0
-    scaled = slopes[:, known] / width[known]
-    bread = np.linalg.pinv(scaled.T @ scaled, rcond=1e-10)
+    scaled = slopes / np.where(width > 0.0, width, 1.0)
+    size, ways = np.linalg.eigh(scaled.T @ scaled)
+    known = size > _NOTHING * size.max(initial=0.0)
+    bread = (ways[:, known] / size[known]) @ ways[:, known].T
     meat = sum_covariance(scaled * residual[:, None], run).matrix
     count = len(residual)
     covariance = bread @ meat @ bread * (count / max(count - slopes.shape[1], 1))
-    errors = np.full(len(width), np.nan)
-    errors[known] = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / width[known]
-    return errors
+    free = np.sum(ways[:, ~known] ** 2, axis=1) > _FREE
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / np.where(width > 0.0, width, 1.0)
+    return np.where(free, np.nan, errors)
 
 
 def final(standing: Standing, *, complete: bool | None = None) -> tuple[Bench, Trial]:

@@ -29,7 +29,6 @@ MOST = 0.95  # of what the best candidate takes away; a simpler one that does as
 PROMISING = 0.3  # of what the best candidate takes away at its starts; those below are not tried in between
 REFINED = 5  # candidates that are tried in between in any case
 LOOSE = 0.05  # of the effort, that a gain may be off its bounds before all parameters are fitted together
-LEFT_AT_FIRST = 1.5  # times the energy of the floor; a candidate that leaves more will not complete a model
 TIE = 0.02  # of the squared held-out error; candidates closer than this are told apart by simplicity only
 
 
@@ -175,7 +174,9 @@ def evidence(
         chosen: the one in question.
         rng: for the surrogates.
     """
-    gain, folds = _gain(before, chosen)
+    # all parameters fitted together may do better than one effect beside the others as they were
+    best = min(chosen.search.held_out, after.trial.scores.held_out, key=np.sum)
+    gain, folds = _gain(before, best)
     without = after.judge.fit(before.trial.columns, before.trial.target)
     judged_gain = _fall(without.held_out.sum(), after.judged.held_out)
     broad_gain = _broad(after.judge.whiten(before.trial.residual), after.judge.whiten(after.judged.residual))
@@ -214,13 +215,12 @@ def is_slight(start: Standing, before: Standing, held_out: float) -> bool:
 
 def hopeless(before: Standing, chosen: Candidate) -> Evidence:
     """Evidence for a candidate whose gain is too small for the rest to be weighed: NaN."""
-    gain, folds = _gain(before, chosen)
+    gain, folds = _gain(before, chosen.search.held_out)
     return Evidence(gain, np.nan, np.nan, folds, np.nan, np.nan)
 
 
-def _gain(before: Standing, chosen: Candidate) -> tuple[float, float]:
+def _gain(before: Standing, held_out: FloatArray) -> tuple[float, float]:
     """Share by which the error in held-out runs falls, and share of the folds in which it does."""
-    held_out = chosen.search.held_out
     better = float(np.mean(held_out < before.trial.scores.held_out))
     return _fall(before.trial.held_out, held_out.sum()), better
 

@@ -3,22 +3,33 @@
 from typing import ClassVar
 
 import numpy as np
+from scipy.special import ndtr
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
 from robot_io.types import FloatArray
 
+_EDGES = (0.5, 1.5)  # that are near enough for noise to reach, in steps
+_SMOOTH = 0.5  # noise in steps, from which on the treads are gone
+_SHARES = (0.01, 0.05, 0.2)  # of a step, of noise
+
 
 class Quantisation(SensorEffect):
-    """reading = step * round(effort / step)."""
+    """reading = step * round((effort + noise) / step), on the average over the noise ahead of the steps.
+
+    Near an edge the noise decides which of two steps is shown; between edges it is not seen at all.
+    """
 
     name = "quantisation"
     physics = "The converter knows only whole steps."
-    equation = "reading = step round(effort/step)"
+    equation = "reading = step round((effort + noise)/step), expected"
     source = "B. Widrow, I. Kollár, Quantization Noise (2008)"
     signature = "readings take few values, with flat treads between jumps"
     channels = frozenset(ChannelKind)
-    inner = (Parameter("step", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)
+    inner = (
+        Parameter("step", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),
+        Parameter("noise", "{effort}", 1e-12, 10000.0, (0.0001, 0.1), log=True),
+    )
     confused_with: ClassVar[dict[str, str]] = {
         "deadband": "vary the effort slowly over several steps",
         "saturation": "vary the effort slowly over several steps",
@@ -27,19 +38,25 @@ class Quantisation(SensorEffect):
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.sense`."""
-        return inner["step"] * np.round(effort / inner["step"])
+        step = inner["step"]
+        noise = min(inner["noise"] / step, _SMOOTH)
+        whole = np.round(effort / step)
+        part = effort / step - whole
+        up, down = (sum(ndtr((side * part - edge) / noise) for edge in _EDGES) for side in (1.0, -1.0))
+        return np.asarray(step * (whole + up - down))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: the mean distance between neighbouring readings, of all that are there.
+        """See `Effect.starts`: the mean distance between neighbouring readings, and shares of it.
 
         A single distance would not do: readings that are rounded once more lie at uneven distances.
         """
         levels = np.unique(data.effort)
         if len(levels) < 2:
-            return ({"step": 1.0},)
+            return ({"step": 1.0, "noise": _SHARES[0]},)
         apart = np.diff(levels)
         count = np.sum(np.round(apart / np.median(apart)))
-        return ({"step": max(float(np.ptp(levels) / max(count, 1.0)), 1e-9)},)
+        step = max(float(np.ptp(levels) / max(count, 1.0)), 1e-9)
+        return tuple({"step": step, "noise": share * step} for share in _SHARES)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.slope`: on average over many steps, one."""
