@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -185,10 +185,12 @@ def test_a_tool_on_a_damped_object_follows_the_differential_equation():
         ]
     ),
 )
+@example(1e-5, 1.0, 0.0078125, KelvinVoigt(stiffness_n_m=500.0, damping_n_s_m=20.0))
 def test_tool_and_object_carry_the_same_force_whatever_the_law(depth, rate, compliance, law):
     force = press([hidden("tool_compliance", compliance_m_n=compliance)], [depth], rate, law)[0]
     squeeze = compliance * force
-    at_the_surface = abs(depth - squeeze) < 1e-8  # where a dashpot's force jumps, anything up to it is right
+    # Where a dashpot's force jumps, anything up to it is right; what is compared is known to 0.1 mN.
+    at_the_surface = abs(depth - squeeze) < max(1e-8, 1e-4 * compliance)
     object_n = law.force_n(depth - squeeze, rate - squeeze / STEP_S)
     assert at_the_surface or object_n == pytest.approx(force, abs=1e-4, rel=1e-4)
 
