@@ -17,6 +17,7 @@ _CORNER = 0.06  # of a run's range of velocities, that no velocity changes by wi
 _SLOW_S = 0.011  # between samples
 _CORNER_REACH = 3  # samples to either side that a derived velocity is wrong for
 _MOST_CORNERS = 0.2  # of the blocks; more are no corners, but a motion that is coarsely sampled
+_SETTLING_S = 0.25  # from the first sample
 _REST = 0.05  # of the joint's usual highest speed
 
 
@@ -62,7 +63,7 @@ def frame_of(data: ChannelData, good: BoolArray | None = None) -> Frame:
 
     Blocks in which a contact begins or ends are not trusted: where in them it does depends on the last digit
     of the encoder, and a damper makes a step of it. Neither are blocks at a contact's sharp corners of the
-    motion, nor those in which a probing arm's joint rests.
+    motion, nor those in which a probing arm's joint rests or its sensor may still settle.
 
     Args:
         data: the channel.
@@ -115,12 +116,14 @@ def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Blocks in which a joint of a probing arm stands still, shape (m,).
+    """Blocks in which a joint of a probing arm stands still or has just got its torque, shape (m,).
 
     What friction holds there depends on how the joint came to rest, and the sign of a velocity that is noise
-    says nothing. Other recordings are taken as they were made.
+    says nothing. A sensor that follows slowly begins with what it read before. Other recordings are taken as
+    they were made.
     """
     if data.kind is ChannelKind.CONTACT or (data.phase < 0).all():
         return np.zeros(len(rows), dtype=np.bool_)
     speed = np.abs(data.velocity[rows].mean(axis=1))
-    return np.asarray(speed < _REST * float(np.quantile(np.abs(data.velocity), 0.95)))
+    settling = data.time_s[rows[:, 0]] < data.time_s[0] + _SETTLING_S
+    return settling | np.asarray(speed < _REST * float(np.quantile(np.abs(data.velocity), 0.95)))
