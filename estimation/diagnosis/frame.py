@@ -126,4 +126,4 @@ def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:
         return np.zeros(len(rows), dtype=np.bool_)
     speed = np.abs(data.velocity[rows].mean(axis=1))
     settling = data.time_s[rows[:, 0]] < data.time_s[0] + _SETTLING_S
-    return settling | np.asarray(speed < _REST * float(np.quantile(np.abs(data.velocity), 0.95)))
+    return np.asarray(settling | (speed < _REST * float(np.quantile(np.abs(data.velocity), 0.95))))

@@ -17,7 +17,7 @@ class Hysteresis(SensorEffect):
     """reading = play(effort, width): it follows after a gap of twice the width is crossed.
 
     Where in the gap a run begins depends on what came before it (a reading stays up after a press), so that
-    is taken from the reading itself, as long as the effort has not moved.
+    is taken from the reading in free air; a joint has no such rest, and starts in the middle of the gap.
     """
 
     name = "hysteresis"
@@ -38,7 +38,8 @@ class Hysteresis(SensorEffect):
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.sense`."""
         width = inner["width"]
-        return play(effort, data.run, width, _first_readings(effort, data, width))
+        at_first = _first_readings(effort, data, width) if data.kind is ChannelKind.CONTACT else None
+        return play(effort, data.run, width, at_first)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.slope`: while the reading is held, that of the moment when it last followed.
@@ -49,7 +50,8 @@ class Hysteresis(SensorEffect):
         held = np.abs(effort - reading) < inner["width"] * (1.0 - 1e-9)
         first = np.append(True, np.diff(data.run) != 0)
         last = np.maximum.accumulate(np.where(held & ~first, 0, np.arange(len(effort))))
-        return np.where((held & first)[last][:, None], 0.0, columns[last])
+        unmoved = held & first & (data.kind is ChannelKind.CONTACT)
+        return np.where(unmoved[last][:, None], 0.0, columns[last])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
