@@ -55,7 +55,7 @@ def silverbox(folder: Path) -> Iterator[Case]:
 def load_cell(folder: Path) -> Iterator[Case]:
     """Two cells; a control."""
     for cell in read.load_cells(folder):
-        yield f"load_cell {cell.name}", cell, model("gain", "joint_spring"), "bias and nothing else"
+        yield f"load_cell {cell.name}", cell, model("gain", "stiffness"), "bias and nothing else"
 
 
 def soft_indentation(folder: Path) -> Iterator[Case]:
@@ -70,7 +70,7 @@ def servo_backlash(folder: Path) -> Iterator[Case]:
     logs = {"single": (5, "backlash"), "nocomp2": (1, "backlash"), "comp2": (1, "nothing: a control")}
     for log, (motor, said) in logs.items():
         data = read.servo(folder, f"motor_telemetry_{log}", motor)
-        yield f"servo_backlash {log}", data, model("elastic", "joint_spring", "bias"), said
+        yield f"servo_backlash {log}", data, model("elastic", "stiffness", "bias"), said
 
 
 SETS: tuple[Callable[[Path], Iterator[Case]], ...] = (
