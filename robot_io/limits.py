@@ -34,7 +34,8 @@ class Limits(FileModel):
         deaf_drive_s: how long a drive may show less than half of any torque that it was sent of late [s].
         stuck_encoder_s: how long an encoder may stand still while its reference and its drive's torque move
             on [s].
-        stuck_force_s: how long a force sensor that has never done so may repeat one number [s].
+        stuck_force_s: how long a force sensor that has never done so may repeat one number while the arm
+            moves [s].
     """
 
     torque_nm: Annotated[tuple[Torque, ...], Field(min_length=1)]

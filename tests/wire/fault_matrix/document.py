@@ -35,6 +35,9 @@ _TAIL = """
 ## Not in the table
 
 - A serial force sensor has no id that could be another's, and no alert.
+- A force sensor that freezes while the arm stands, or whose steps are as coarse as its noise, looks like a
+  sound one: `stuck_force_s` begins to count when the arm has moved, and joint torques contradict such a
+  sensor later, at a few newtons.
 - No viewer hangs on the loop: recordings are made of the session afterwards. *viewer gone* stands for
   whatever looks on while the arm moves, the online estimator, and fails.
 - Time that jumps forward is the program held up. The machine's monotonic clock is never set back; if it
