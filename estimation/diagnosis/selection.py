@@ -56,8 +56,8 @@ class Candidate:
 
 
 def size(effect: Effect) -> int:
-    """Number of parameters of an effect."""
-    return len(effect.inner) + len(effect.gains)
+    """Number of parameters that make an effect what it is."""
+    return len(effect.inner) + len(effect.essential or effect.gains)
 
 
 def screen(
