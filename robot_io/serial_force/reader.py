@@ -116,7 +116,8 @@ class SerialReader:
         samples = self._stream.feed(data)
         if self._stream.rejected != rejected:
             self._doubted, self._good = self._to_doubt, 0
-            self._to_doubt = min(_MORE_DOUBTED * self._to_doubt, _MOST_DOUBTED)
+            if self._newest:  # what a device says of itself before its first reading is no damage
+                self._to_doubt = min(_MORE_DOUBTED * self._to_doubt, _MOST_DOUBTED)
             return []
         self._good += len(samples)
         if self._good >= _SOON:

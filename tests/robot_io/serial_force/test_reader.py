@@ -76,3 +76,10 @@ def test_a_line_that_goes_on_being_damaged_is_silent(line):
 def test_readings_that_came_together_with_a_damaged_line_are_not_believed(line):
     line.send(b"1.0", 5)
     assert line.send(b"9.0\r\n?\r\n9.0\r\n9.0") == (1.0, 1)
+
+
+def test_what_a_device_says_of_itself_before_its_first_reading_is_no_damage(line):
+    for _ in range(8):
+        assert line.send(b"load cell amplifier, version 2") is None
+    assert line.send(b"1.0", 2) is None
+    assert line.send(b"1.0") == (1.0, 0)
