@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from control.probing.plan import ProbingPlan
-from estimation.diagnosis.library import library
+from estimation.diagnosis.search.library import library
 from palpate.arm.probing_run import ProbingJob, run_probing
 from palpate.arm.robots import DEFAULT, find_robot
 from palpate.findings.estimation_run import load_material

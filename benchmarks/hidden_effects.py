@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Verdict, diagnose
-from estimation.diagnosis.library import library
+from estimation.diagnosis.search.library import library
 from estimation.models import MODELS
 
 BASE = {ChannelKind.CONTACT: "kelvin_voigt", ChannelKind.REVOLUTE: "pendulum"}

@@ -7,12 +7,12 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.comparison.split import splits
-from estimation.diagnosis.gate import refuse, usable
-from estimation.diagnosis.held_out import held_out_residual, rmse
-from estimation.diagnosis.noise_floor import NoiseFloor, noise_floor
-from estimation.diagnosis.objection import floor_unseen
-from estimation.diagnosis.standing import stand
-from estimation.diagnosis.unexplained import is_explained
+from estimation.diagnosis.bench.held_out import held_out_residual, rmse
+from estimation.diagnosis.bench.standing import stand
+from estimation.diagnosis.bench.unexplained import is_explained
+from estimation.diagnosis.judgement.gate import refuse, usable
+from estimation.diagnosis.judgement.noise_floor import NoiseFloor, noise_floor
+from estimation.diagnosis.judgement.objection import floor_unseen
 from estimation.model import Model
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray

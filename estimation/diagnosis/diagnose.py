@@ -6,14 +6,14 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.chain import Chain, build
-from estimation.diagnosis.confusion import SAME, likeness, rivals
-from estimation.diagnosis.gate import refuse, usable
-from estimation.diagnosis.intervals import Value, final, values
-from estimation.diagnosis.library import library
-from estimation.diagnosis.next_experiment import exploring, separating, sufficient
-from estimation.diagnosis.noise_floor import noise_floor
-from estimation.diagnosis.objection import Objection, objection_to
+from estimation.diagnosis.bench.standing import Standing
+from estimation.diagnosis.bench.unexplained import depends_on
+from estimation.diagnosis.judgement.gate import refuse, usable
+from estimation.diagnosis.judgement.intervals import Value, final, values
+from estimation.diagnosis.judgement.next_experiment import exploring, separating, sufficient
+from estimation.diagnosis.judgement.noise_floor import noise_floor
+from estimation.diagnosis.judgement.objection import Objection, objection_to
+from estimation.diagnosis.judgement.unlike_noise import quiet_floor
 from estimation.diagnosis.result import (
     Accepted,
     ChannelDiagnosis,
@@ -26,12 +26,12 @@ from estimation.diagnosis.result import (
     Suspect,
     Verdict,
 )
-from estimation.diagnosis.search import Progress, Search
-from estimation.diagnosis.selection import LEAST_GAIN
-from estimation.diagnosis.standing import Standing
-from estimation.diagnosis.step import Step
-from estimation.diagnosis.unexplained import depends_on
-from estimation.diagnosis.unlike_noise import quiet_floor
+from estimation.diagnosis.search.chain import Chain, build
+from estimation.diagnosis.search.confusion import SAME, likeness, rivals
+from estimation.diagnosis.search.library import library
+from estimation.diagnosis.search.search import Progress, Search
+from estimation.diagnosis.search.selection import LEAST_GAIN
+from estimation.diagnosis.search.step import Step
 from estimation.effect import Effect
 from estimation.model import Model
 from estimation.signals.runwise import sample_time

@@ -100,7 +100,7 @@ class NextExperiment(_Entry):
 
 
 class Floor(_Entry):
-    """The noise floor and what it rests on; see `estimation.diagnosis.noise_floor.NoiseFloor`."""
+    """The noise floor and what it rests on; see `estimation.diagnosis.judgement.noise_floor.NoiseFloor`."""
 
     value: float
     free_air: float | None

@@ -4,14 +4,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.gate import refuse, usable
-from estimation.diagnosis.held_out import held_out_residual, rmse
-from estimation.diagnosis.intervals import Value, final, values
-from estimation.diagnosis.library import library
-from estimation.diagnosis.noise_floor import noise_floor
-from estimation.diagnosis.objection import floor_unseen
-from estimation.diagnosis.selection import screen
-from estimation.diagnosis.standing import Standing, stand
+from estimation.diagnosis.bench.held_out import held_out_residual, rmse
+from estimation.diagnosis.bench.standing import Standing, stand
+from estimation.diagnosis.judgement.gate import refuse, usable
+from estimation.diagnosis.judgement.intervals import Value, final, values
+from estimation.diagnosis.judgement.noise_floor import noise_floor
+from estimation.diagnosis.judgement.objection import floor_unseen
+from estimation.diagnosis.search.library import library
+from estimation.diagnosis.search.selection import screen
 from estimation.effect import Effect
 from estimation.model import Model
 from robot_io.errors import InputError

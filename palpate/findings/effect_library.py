@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.library import library
+from estimation.diagnosis.search.library import library
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
 from palpate.findings.user_effect import load_user_effect, rehearse

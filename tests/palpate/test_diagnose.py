@@ -7,7 +7,7 @@ import pytest
 
 from control.probing.plan import ProbingPlan, load_probing_plan
 from estimation.channel import ChannelKind
-from estimation.diagnosis.next_experiment import exploring, separating, sufficient
+from estimation.diagnosis.judgement.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.result import Accepted, ChannelDiagnosis, NextExperiment
 from estimation.effects import EFFECTS
 from palpate.findings.next_plan import plan_of, write_plan

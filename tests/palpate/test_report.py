@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from estimation.diagnosis.library import library
+from estimation.diagnosis.search.library import library
 from palpate.findings.effect_library import library_with
 from palpate.findings.estimation_run import load_material
 from palpate.findings.outcome import write_outcome

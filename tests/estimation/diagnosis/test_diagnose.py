@@ -6,7 +6,7 @@ import pytest
 from estimation.base_model import ModelContext
 from estimation.data.derivatives import differentiate
 from estimation.diagnosis import Verdict, diagnose
-from estimation.diagnosis.library import library
+from estimation.diagnosis.search.library import library
 from estimation.models import MODELS
 from tests.estimation.diagnosis.presses import C, K, channel, kelvin_voigt, maxwell, session
 

@@ -5,10 +5,10 @@ import pytest
 
 from estimation.base_model import ModelContext
 from estimation.diagnosis import Verdict, diagnose
-from estimation.diagnosis.chain import build
-from estimation.diagnosis.dominant import own_signals
-from estimation.diagnosis.library import library
-from estimation.diagnosis.search import Search
+from estimation.diagnosis.search.chain import build
+from estimation.diagnosis.search.dominant import own_signals
+from estimation.diagnosis.search.library import library
+from estimation.diagnosis.search.search import Search
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
 from tests.estimation.diagnosis.presses import kelvin_voigt, session

@@ -5,7 +5,7 @@ import pytest
 
 from estimation.channel import ChannelKind
 from estimation.diagnosis import Verdict, diagnose
-from estimation.diagnosis.gate import refuse, usable
+from estimation.diagnosis.judgement.gate import refuse, usable
 from tests.estimation.diagnosis.presses import session
 from tests.estimation.diagnosis.test_diagnose import MODEL
 

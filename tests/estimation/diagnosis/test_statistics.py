@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimation.diagnosis.colour import colour_of
-from estimation.diagnosis.frame import frame_of
-from estimation.diagnosis.moments import moments_of, score
-from estimation.diagnosis.surrogates import best_gains, p_value, surrogates
+from estimation.diagnosis.bench.colour import colour_of
+from estimation.diagnosis.bench.frame import frame_of
+from estimation.diagnosis.bench.moments import moments_of, score
+from estimation.diagnosis.search.surrogates import best_gains, p_value, surrogates
 from tests.estimation.diagnosis.presses import session
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.diagnosis.held_out import held_out_residual, rmse
-from estimation.diagnosis.standing import Standing
+from estimation.diagnosis.bench.held_out import held_out_residual, rmse
+from estimation.diagnosis.bench.standing import Standing
 
 _TIMES = 1.5  # the error by itself; slow noise of a few runs stays well below that
 _ROWS = 30  # samples for each gain, with which a run can be fitted by itself

@@ -7,12 +7,12 @@ does alone. What comes out is where to begin on the channel itself.
 from dataclasses import dataclass
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.frame import Frame
-from estimation.diagnosis.library import candidates
-from estimation.diagnosis.search import Search
-from estimation.diagnosis.selection import TIE, Candidate, screen
-from estimation.diagnosis.standing import fit
-from estimation.diagnosis.trial import Trial
+from estimation.diagnosis.bench.frame import Frame
+from estimation.diagnosis.bench.standing import fit
+from estimation.diagnosis.bench.trial import Trial
+from estimation.diagnosis.search.library import candidates
+from estimation.diagnosis.search.search import Search
+from estimation.diagnosis.search.selection import TIE, Candidate, screen
 
 BESIDE = 4  # candidates that are looked at beside each
 FITTED = 30  # pairs of which all parameters are fitted together

@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass, replace
 
-from estimation.diagnosis.dominant import is_dominant, simplest
-from estimation.diagnosis.search import Search
-from estimation.diagnosis.selection import (
+from estimation.diagnosis.bench.standing import Standing
+from estimation.diagnosis.search.dominant import is_dominant, simplest
+from estimation.diagnosis.search.search import Search
+from estimation.diagnosis.search.selection import (
     LEAST_GAIN,
     TIE,
     TRIES,
@@ -18,9 +19,8 @@ from estimation.diagnosis.selection import (
     is_slight,
     size,
 )
-from estimation.diagnosis.standing import Standing
-from estimation.diagnosis.step import Step, confirmed
-from estimation.diagnosis.together import pair
+from estimation.diagnosis.search.step import Step, confirmed
+from estimation.diagnosis.search.together import pair
 
 MOST_EFFECTS = 3  # with more, almost anything can be imitated
 EQUAL = 1.2  # times the held-out energy of a candidate, up to which another of its size may be the better one

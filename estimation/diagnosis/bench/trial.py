@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.colour import Colour
-from estimation.diagnosis.frame import Frame
-from estimation.diagnosis.moments import Scores, moments_of, score
+from estimation.diagnosis.bench.colour import Colour
+from estimation.diagnosis.bench.frame import Frame
+from estimation.diagnosis.bench.moments import Scores, moments_of, score
 from estimation.effect import Effect, Parameter
 from estimation.model import Model
 from robot_io.types import BoolArray, FloatArray

@@ -1,9 +1,9 @@
 """Two effects that are found only together: one of them alone explains little, or the wrong one does more."""
 
-from estimation.diagnosis.search import Search
-from estimation.diagnosis.selection import TIE
-from estimation.diagnosis.sketch import promising_pairs
-from estimation.diagnosis.step import Step, confirmed
+from estimation.diagnosis.search.search import Search
+from estimation.diagnosis.search.selection import TIE
+from estimation.diagnosis.search.sketch import promising_pairs
+from estimation.diagnosis.search.step import Step, confirmed
 
 
 def pair(search: Search) -> tuple[Step, ...] | None:

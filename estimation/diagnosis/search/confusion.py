@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimation.diagnosis.selection import TIE, Candidate
-from estimation.diagnosis.trial import Trial
+from estimation.diagnosis.bench.trial import Trial
+from estimation.diagnosis.search.selection import TIE, Candidate
 from robot_io.types import FloatArray
 
 SAME = 0.95  # cosine above which two effects look alike beside the model

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.frame import Frame
-from estimation.diagnosis.moments import Moments, moments_of, score
-from estimation.diagnosis.trial import Bench, Trial
+from estimation.diagnosis.bench.frame import Frame
+from estimation.diagnosis.bench.moments import Moments, moments_of, score
+from estimation.diagnosis.bench.trial import Bench, Trial
 from estimation.signals.runwise import low_pass, play, rate, relax, running_max, sample_time, shift
 from robot_io.types import BoolArray, FloatArray, IntArray
 

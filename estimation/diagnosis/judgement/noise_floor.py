@@ -7,8 +7,8 @@ from itertools import combinations
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.held_out import held_out_residual
-from estimation.diagnosis.standing import Standing
+from estimation.diagnosis.bench.held_out import held_out_residual
+from estimation.diagnosis.bench.standing import Standing
 from robot_io.types import FloatArray, IntArray
 
 _ALIKE = 0.02  # two runs are repeats if their positions differ by less than this share of the range

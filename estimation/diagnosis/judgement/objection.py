@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from estimation.diagnosis.agreement import Disagreement, disagreement
-from estimation.diagnosis.chain import Chain
-from estimation.diagnosis.standing import Standing
-from estimation.diagnosis.unlike_noise import Excess, quiet_floor, unlike_noise
+from estimation.diagnosis.bench.standing import Standing
+from estimation.diagnosis.judgement.agreement import Disagreement, disagreement
+from estimation.diagnosis.judgement.unlike_noise import Excess, quiet_floor, unlike_noise
+from estimation.diagnosis.search.chain import Chain
 
 _CLEARLY = 0.5  # times the error that is left
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.library import candidates
-from estimation.diagnosis.selection import Candidate, screen
-from estimation.diagnosis.standing import Standing, stand
-from estimation.diagnosis.unexplained import is_explained
+from estimation.diagnosis.bench.standing import Standing, stand
+from estimation.diagnosis.bench.unexplained import is_explained
+from estimation.diagnosis.search.library import candidates
+from estimation.diagnosis.search.selection import Candidate, screen
 from estimation.effect import Effect, SensorEffect
 from estimation.model import Model
 from robot_io.types import BoolArray

@@ -11,9 +11,9 @@ from scipy.signal import lombscargle
 
 from estimation.channel import ChannelKind
 from estimation.data.derivatives import grid_step
-from estimation.diagnosis.held_out import held_out_residual
-from estimation.diagnosis.noise_floor import free_air
-from estimation.diagnosis.standing import Standing
+from estimation.diagnosis.bench.held_out import held_out_residual
+from estimation.diagnosis.bench.standing import Standing
+from estimation.diagnosis.judgement.noise_floor import free_air
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 

@@ -7,13 +7,13 @@ from functools import cached_property
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.colour import WHITE, colour_of
-from estimation.diagnosis.flexible import Flexible, flexible
-from estimation.diagnosis.frame import frame_of
-from estimation.diagnosis.held_out import held_out_residual, rmse
-from estimation.diagnosis.load import with_load
-from estimation.diagnosis.polish import polish
-from estimation.diagnosis.trial import Bench, Trial, attempt
+from estimation.diagnosis.bench.colour import WHITE, colour_of
+from estimation.diagnosis.bench.flexible import Flexible, flexible
+from estimation.diagnosis.bench.frame import frame_of
+from estimation.diagnosis.bench.held_out import held_out_residual, rmse
+from estimation.diagnosis.bench.load import with_load
+from estimation.diagnosis.bench.polish import polish
+from estimation.diagnosis.bench.trial import Bench, Trial, attempt
 from estimation.model import Model
 from robot_io.types import BoolArray
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.standing import Standing
+from estimation.diagnosis.bench.standing import Standing
 
 LEFT = 0.03  # share of the held-out error that a flexible regression may take away from a complete model
 JOINT_LEFT = (

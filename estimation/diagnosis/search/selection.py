@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.polish import polish
-from estimation.diagnosis.standing import Fit, Standing
-from estimation.diagnosis.surrogates import best_gains, p_value, surrogates
-from estimation.diagnosis.trial import Bench, Search, Trial, look, refine
+from estimation.diagnosis.bench.polish import polish
+from estimation.diagnosis.bench.standing import Fit, Standing
+from estimation.diagnosis.bench.trial import Bench, Search, Trial, look, refine
+from estimation.diagnosis.search.surrogates import best_gains, p_value, surrogates
 from estimation.effect import Effect, SensorEffect
 from estimation.model import Model
 from estimation.signals.runwise import sample_time

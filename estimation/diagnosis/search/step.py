@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from estimation.diagnosis.search import Search
-from estimation.diagnosis.selection import Evidence, evidence, is_possible, is_slight
-from estimation.diagnosis.standing import Standing
+from estimation.diagnosis.bench.standing import Standing
+from estimation.diagnosis.search.search import Search
+from estimation.diagnosis.search.selection import Evidence, evidence, is_possible, is_slight
 
 
 @dataclass(frozen=True)

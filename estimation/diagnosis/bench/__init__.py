@@ -1,0 +1,1 @@
+"""Where a model is fitted to a channel, and what it leaves."""

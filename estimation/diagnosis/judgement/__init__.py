@@ -1,0 +1,1 @@
+"""What may be said of data and model, and how sure it is."""

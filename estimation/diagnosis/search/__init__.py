@@ -1,0 +1,1 @@
+"""Which effects are tried, in which order, and what speaks for them."""
