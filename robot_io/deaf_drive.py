@@ -5,9 +5,10 @@ is held against everything that was sent in the time after which a sound drive s
 and fast changes of the command excuse themselves; and a torque near zero tells nothing.
 
 Not every sound drive shows what it was sent: constants are off by tens of percent, zeros drift, amplifiers
-saturate, and some readings are mostly noise or rounding. So half of the torque may always be missing; a
-reading may be off by what it has usually been off; and what is no more than its own jumps from one sample to
-the next is not held against it.
+saturate, small torques are swallowed, and some readings are mostly noise or rounding. So half of the torque
+may always be missing; a reading may be off by what it has usually been off; what is no more than its own
+jumps from one sample to the next is not held against it; and a small torque is not missed of a drive that
+has never shown so small a torque on that side.
 """
 
 from math import inf, nan
@@ -17,6 +18,10 @@ from robot_io.problem import Problem
 from robot_io.types import Measurement, Status
 
 _MISSING_SHARE = 0.5  # of the torque sent that may always be missing, and
+_CLEAR_SHARE = 0.5  # of what may be missing: no more than that is, where a torque is shown clearly
+_STEADY = 1.5  # times the least is the most torque of late, where one was shown: not in passing
+_SMALLER = 0.8  # times the smallest torque so shown: must be shown as well,
+_LARGE_SHARE = 0.1  # and so must this share of the torque limit, whatever was shown
 _FLOOR_SHARE = 0.01  # this share of the torque limit, and
 _JUMPS = 2.0  # so many of the reading's mean jumps
 _JUMP_SHARE = 0.02  # of a new jump in that mean
@@ -27,7 +32,10 @@ _FIRST_HABIT_S = 0.01  # within this one
 _LATE_S = 0.1  # by so much a reading may be late
 _PAUSE_S = 0.1  # without a command: what comes then is a first command again
 
-_REMEDY = "check its supply and connectors, and restart it; palpate doctor says whether it is well"
+_REMEDY = (
+    "check its supply and connectors, and restart it; palpate doctor says whether it is well; if it obeys "
+    "and only shows its torque badly, raise limits.deaf_drive_s"
+)
 
 
 class _Drive:
@@ -35,11 +43,13 @@ class _Drive:
 
     __slots__ = (
         "before_nm",
+        "clear_nm",
         "count",
         "floor_nm",
         "high_nm",
         "jump_nm",
         "jumps",
+        "large_nm",
         "low_nm",
         "measured_nm",
         "obeyed_at_s",
@@ -47,8 +57,9 @@ class _Drive:
         "usually_off_nm",
     )
 
-    def __init__(self, floor_nm: float) -> None:
-        self.floor_nm = floor_nm
+    def __init__(self, limit_nm: float) -> None:
+        self.floor_nm = _FLOOR_SHARE * limit_nm
+        self.large_nm = _LARGE_SHARE * limit_nm
         self.restart()
 
     def restart(self) -> None:
@@ -58,6 +69,8 @@ class _Drive:
         self.low_nm, self.high_nm = inf, -inf
         self.measured_nm = nan
         self.jump_nm = inf  # nobody knows how coarse a reading is that has not changed yet
+        # Smallest torques that were clearly shown, positive and negative.
+        self.clear_nm = [self.large_nm / _SMALLER] * 2
         self.usually_off_nm = self.obeyed_at_s = 0.0
         self.count = self.jumps = 0
 
@@ -86,13 +99,17 @@ class _Drive:
 
     def is_missing(self) -> bool:
         """Whether the reading says that torque is missing."""
-        sent_nm, measured_nm, off_nm = self.low_nm, self.measured_nm, self.usually_off_nm
-        if sent_nm <= 0.0:
-            sent_nm, measured_nm, off_nm = -self.high_nm, -measured_nm, -off_nm
-        if not sent_nm > 2.0 * self.floor_nm:
+        least_nm, most_nm, side, sign = self.low_nm, self.high_nm, 0, 1.0
+        if least_nm <= 0.0:
+            least_nm, most_nm, side, sign = -self.high_nm, -self.low_nm, 1, -1.0
+        if not least_nm > 2.0 * self.floor_nm:
             return False
-        missing_nm = sent_nm - measured_nm + min(off_nm, 0.0)
-        return missing_nm > _MISSING_SHARE * sent_nm + self.floor_nm + _JUMPS * self.jump_nm
+        missing_nm = least_nm - sign * self.measured_nm
+        may_be_nm = _MISSING_SHARE * least_nm + self.floor_nm + _JUMPS * self.jump_nm
+        if missing_nm <= _CLEAR_SHARE * may_be_nm and most_nm <= _STEADY * least_nm:
+            self.clear_nm[side] = min(self.clear_nm[side], most_nm)
+        missing_nm += min(sign * self.usually_off_nm, 0.0)
+        return missing_nm > may_be_nm and least_nm >= _SMALLER * self.clear_nm[side]
 
     def get_used_to(self, share: float) -> None:
         """Take how far the reading is off now for a part of what is usual."""
@@ -113,7 +130,7 @@ class DeafDrives:
 
     def __init__(self, limits: Limits) -> None:
         self._time_s = limits.deaf_drive_s
-        self._drives = tuple(_Drive(_FLOOR_SHARE * torque_nm) for torque_nm in limits.torque_nm)
+        self._drives = tuple(_Drive(torque_nm) for torque_nm in limits.torque_nm)
         self.restart()
 
     def restart(self) -> None:

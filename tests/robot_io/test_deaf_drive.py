@@ -82,6 +82,7 @@ WEAR = {
     "weak constant": {"gain": 0.6, "noise": 0.01},
     "strong constant": {"gain": 3.0, "noise": 0.01},
     "zero off": {"bias": -2.0, "noise": 0.01},
+    "zero a little off": {"bias": -0.5, "noise": 0.01},
     "zero off, other way": {"bias": 2.0, "noise": 0.01},
     "zero drifts": {"drift": -0.4, "noise": 0.01},
     "much noise": {"noise": 1.5},
@@ -105,9 +106,46 @@ def test_a_drive_that_shows_its_torque_badly_is_not_accused(wear, seed, every):
     assert ticks_until_named(DeafDrives(LIMITS), drive.show, every=every) is None
 
 
+SMALL_NM = 4.0  # limit of a small drive
+SMALL_WEAR = {
+    "dead band": {"dead": 0.05 * SMALL_NM},
+    "zero off": {"bias": -0.05 * SMALL_NM},
+    "weak, dead band": {"gain": 0.6, "dead": 0.02 * SMALL_NM},
+}
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("wear", SMALL_WEAR)
+def test_a_small_drive_that_swallows_small_torques_is_not_accused(wear, seed):
+    """A twentieth of the torque limit is a few steps of current where an arm is made gentle by its limit."""
+    limits = LIMITS.model_copy(update={"torque_nm": (SMALL_NM, SMALL_NM)})
+    most_nm = SMALL_NM * (0.05, 0.1, 0.2, 0.3)[seed % 4]
+    levels = np.random.default_rng(seed).uniform(-most_nm, most_nm, 21)
+
+    def sent(k):
+        """Another torque every 0.4 s, reached within 50 ms."""
+        reached = min((k % 400) / 50, 1.0)
+        return levels[k // 400] + (levels[k // 400 + 1] - levels[k // 400]) * reached
+
+    drive = Sound(seed, noise=0.005, **SMALL_WEAR[wear])
+    assert ticks_until_named(DeafDrives(limits), drive.show, sent, count=8000) is None
+
+
+def test_a_small_torque_is_missed_of_a_drive_that_has_shown_one():
+    limits = LIMITS.model_copy(update={"torque_nm": (SMALL_NM, SMALL_NM)})
+    drive = Sound(noise=0.005)
+    shows = lambda k, sent: drive.show(k, sent if k < 700 else 0.0)  # noqa: E731
+    tick, _ = ticks_until_named(DeafDrives(limits), shows, lambda k: 0.05 * SMALL_NM)
+    assert 700 < tick <= 712
+
+
 @pytest.mark.parametrize(
     ("wear", "at"),
-    [(wear, at) for wear in ("good", "zero off", "late", "follows slowly") for at in (150, 700, 2300)],
+    [
+        (wear, at)
+        for wear in ("good", "zero a little off", "late", "follows slowly")
+        for at in (150, 700, 2300)
+    ],
 )
 def test_a_drive_that_restarts_is_named_in_time(wear, at):
     drive = Sound(**WEAR[wear])
@@ -140,7 +178,7 @@ def test_a_drive_that_is_sent_next_to_nothing_tells_nothing_until_it_is_sent_mor
     drive = Sound(noise=0.01)
 
     def sent(k):
-        return 0.2 * math.sin(0.05 * k) if k < 1000 else 2.0
+        return 0.2 * math.sin(0.05 * k) if k < 1000 else 4.0
 
     tick, _ = ticks_until_named(
         DeafDrives(LIMITS), lambda k, sent_nm: drive.show(k, sent_nm if k < 300 else 0.0), sent
