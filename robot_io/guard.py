@@ -20,7 +20,10 @@ PAUSE_S = (
     0.1  # longer between two commands: the arm was let go, and the torque sent before says nothing any more
 )
 
-_STUCK_ENCODER = "turn the joint by hand without power: if it turns freely, check encoder and coupling"
+_STUCK_ENCODER = (
+    "turn the joint by hand without power: if it turns freely, check encoder and coupling; if friction holds "
+    "it, raise limits.stuck_encoder_s"
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -629,7 +629,7 @@ def test_an_encoder_that_freezes_is_named_before_the_joint_is_far_off(guard, see
 class TestStoppedInItsMotion:
     """A joint that stands still from one sample to the next, on a drive that answers with 150 N m/rad.
 
-    Its torque limit is 10 N m: three tenths are reached 20 mrad behind the reference, one tenth at 7 mrad.
+    Its torque limit is 10 N m: half of it is reached 33 mrad behind the reference, one tenth at 7 mrad.
     """
 
     def named(self, guard, reference, at, seen=float, **more):
@@ -657,18 +657,18 @@ class TestStoppedInItsMotion:
         _, behind_rad = self.named(
             guard, lambda k: SPEED * k, 100, force_n=lambda k: 0.0 if k <= 100 else 0.6
         )
-        assert behind_rad > 0.02
+        assert behind_rad > 0.03
 
     def test_a_joint_that_turns_round_may_be_held_by_friction(self, guard):
         _, behind_rad = self.named(guard, lambda k: SPEED * (k if k <= 200 else 400 - k), 200)
-        assert behind_rad > 0.02
+        assert behind_rad > 0.03
 
     def test_a_joint_that_starts_again_may_be_held_by_friction(self, guard):
         def reference(k):
             return SPEED * (k if k <= 200 else max(200, k - 300))
 
         _, behind_rad = self.named(guard, reference, 200)
-        assert behind_rad > 0.02
+        assert behind_rad > 0.03
 
     def test_a_joint_that_slips_and_sticks_had_not_followed(self, guard):
         """A slip of 10 mrad in one tick, while the reference creeps on."""
@@ -695,7 +695,7 @@ class TestStoppedInItsMotion:
         tick = watch_many(
             guard, 200, reading, reference, lambda k: 150 * (reference(k) - reading(k)), first=291
         )
-        assert abs(reference(tick) - reading(tick)) > 0.02
+        assert abs(reference(tick) - reading(tick)) > 0.03
 
 
 def test_a_suspect_encoder_is_named_by_whatever_stops_the_arm(guard):
@@ -742,6 +742,24 @@ def test_a_joint_that_friction_holds_while_its_reference_creeps_is_no_stuck_enco
         return 30 * (25e-6 * k - reading(k))
 
     assert watch_many(guard, 5000, reading, lambda k: 25e-6 * k, torque_nm) is None
+
+
+def test_a_joint_that_turns_round_against_the_friction_of_its_gears_is_no_stuck_encoder(guard):
+    """A fifth of the torque limit, as in an arm with strong gears that is made gentle by its limits."""
+
+    def swing(k):
+        return 0.1 * math.sin(2 * math.pi * k / 2000)
+
+    def reading(k):
+        held = 500 + 1000 * ((k - 500) // 1000) if k >= 500 else None  # where it turned round last
+        return swing(held) if held is not None and k - held < 90 else swing(k)
+
+    def torque_nm(k):
+        since = (k - 500) % 1000 if k >= 500 else 1000
+        way = -1.0 if k >= 500 and (k - 500) // 1000 % 2 == 0 else 1.0
+        return 2.0 * way * min(since / 45 - 1.0, 1.0)
+
+    assert watch_many(guard, 6000, reading, swing, torque_nm) is None
 
 
 def test_a_slow_coarse_encoder_is_not_stuck(guard):
