@@ -212,13 +212,16 @@ class StopTask:
         """
         approach, reach = self._approach, self._settings.reach_rad
         if abs(position_rad - approach.stop_rad) > reach:
-            what = "stands still" if at_stop else "met no stop"
+            push_nm = float(self._settings.push_nm[approach.joint])
+            what = f"stands still against a push of {push_nm:.2g} N m" if at_stop else "met no stop"
             remedy = "clear what is in its way, " if at_stop else ""
+            held = "friction holds it or " if at_stop else ""
             option = "--upper-stops" if approach.side > 0 else "--lower-stops"
             raise SafetyTripError(
                 f"joint {approach.joint + 1} {what} at {position_rad:.3f} rad, its stop is said to be at "
-                f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}say where its stop is "
-                f"({option}), or, if its zero is off by so much, calibrate in a known pose first (--pose)"
+                f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}say where its stop "
+                f"is ({option}), or, if {held}its zero is off by so much, calibrate in a known pose first "
+                "(--pose)"
             )
 
     def _leave(self, position_rad: FloatArray) -> None:

@@ -137,7 +137,7 @@ def released(robot: Robot, result: LoopResult) -> LoopResult:
     To be called before the session is closed, which may wait for its disk.
 
     Raises:
-        DeviceError: the torque is off, but a device could not be released.
+        DeviceError: the torque is off, but a device could not be released; says why the arm was stopped, too.
     """
     try:
         robot.deactivate()
@@ -145,7 +145,12 @@ def released(robot: Robot, result: LoopResult) -> LoopResult:
         with suppress(DeviceError):
             robot.close()
         return replace(result, deactivation_error=str(error))
-    robot.close()
+    try:
+        robot.close()
+    except DeviceError as error:
+        if not result.cause:
+            raise
+        raise DeviceError(f"the arm was stopped: {result.cause}; then: {error}") from error
     return replace(result, deactivation_error="")
 
 

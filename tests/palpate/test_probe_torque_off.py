@@ -6,6 +6,7 @@ import pytest
 
 from control.loop.result import LoopResult, Outcome
 from control.probing.plan import ProbingPlan
+from control.probing.task import ProbingTask
 from palpate.arm.probing_run import ProbingJob, ProbingOutcome, run_probing
 from palpate.arm.robots import find_robot
 from palpate.commands import probe as command
@@ -59,6 +60,28 @@ def test_if_it_stays_on_the_user_is_told_to_cut_the_power(tmp_path, refusals):
     assert "the drives do not answer" in outcome.loop.deactivation_error
     with pytest.raises(SafetyTripError, match=r"the torque may still be on, cut the power: .* do not answer"):
         outcome.raise_for_failure()
+
+
+def test_a_device_that_cannot_be_released_does_not_hide_why_the_arm_was_stopped(tmp_path, monkeypatch):
+    close = SimTorque.close
+
+    def fail(self):
+        close(self)
+        raise DeviceError("the port does not close")
+
+    monkeypatch.setattr(SimTorque, "close", fail)
+    monkeypatch.setattr(ProbingTask, "step", lambda *_: 1 / 0)
+    with pytest.raises(DeviceError, match=r"ZeroDivisionError.*; then: .*the port does not close"):
+        probe(tmp_path)
+
+
+def test_that_the_torque_may_still_be_on_does_not_hide_why_the_arm_was_stopped():
+    result = LoopResult(Outcome.TRIPPED, cause="joint 1 is at 9 rad", deactivation_error="joint 2 is silent")
+    with pytest.raises(SafetyTripError, match=r"cut the power: joint 2 is silent; .*: joint 1 is at 9 rad"):
+        result.raise_for_trip()
+    once = LoopResult(Outcome.TRIPPED, cause="torque off: silent", deactivation_error="silent")
+    with pytest.raises(SafetyTripError, match=r"cut the power: silent$"):
+        once.raise_for_trip()
 
 
 TROUBLES = {
