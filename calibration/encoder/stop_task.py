@@ -25,8 +25,8 @@ EVENT = "stop_touched"
 PUSH_SHARE = 0.075  # of the torque limit: less than what makes the guard doubt an encoder that stands still
 _PRESS_RAD_S = 0.05
 _LEAD_RAD = 0.03
-_STILL_RAD_S = 0.01  # slower than this,
-_STILL_S = 0.3  # for so long, while pushed: it stands against something
+_STILL_S = 0.3  # while pushed for so long
+_STILL_RAD = 0.003  # it has not gone so far, whatever its noisy speed says: it stands against something
 _BACK_RAD = 0.08  # between two touches
 _SETTLE_S = 0.3
 
@@ -100,7 +100,7 @@ class StopTask:
         self._start_rad = measurement.joint_position_rad.copy()
         self._touch = 0
         self._pressing = False
-        self._held_s = self._still_s = 0.0
+        self._held_s = self._still_s = self._still_rad = 0.0
         self._move_along([self._start_rad, self._up_rad, self._approaches[0].posture_rad])
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
@@ -139,6 +139,7 @@ class StopTask:
     def _begin_press(self, posture_rad: FloatArray) -> None:
         self._pressing, self._reference_rad = True, posture_rad.copy()
         self._held_s = self._still_s = 0.0
+        self._still_rad = float(posture_rad[self._approach.joint])
 
     def _press(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         approach, settings = self._approach, self._settings
@@ -199,10 +200,12 @@ class StopTask:
         return 2.0 * float(np.sqrt(inertia * self._spring_nm_rad))
 
     def _note_stillness(self, measurement: Measurement, ahead_rad: float, dt_s: float) -> None:
-        joint = self._approach.joint
-        speed = abs(float(measurement.joint_velocity_rad_s[joint]))
-        stands = speed < _STILL_RAD_S and ahead_rad >= 0.9 * self._settings.lead_rad[joint]
-        self._still_s = self._still_s + dt_s if stands else 0.0
+        position_rad = float(measurement.joint_position_rad[self._approach.joint])
+        pushed = ahead_rad >= 0.9 * self._settings.lead_rad[self._approach.joint]
+        if pushed and abs(position_rad - self._still_rad) < _STILL_RAD:
+            self._still_s += dt_s
+        else:
+            self._still_s, self._still_rad = 0.0, position_rad
 
     def _believe(self, position_rad: float, at_stop: bool) -> None:
         """Refuse a stop that is too far from where it should be.
