@@ -6,6 +6,7 @@ import numpy as np
 
 from control.arm.rigid_body import RigidBody
 from palpate.doctor.finding import Finding, fail, ok, warn
+from robot_io.limits import Limits
 from robot_io.robot_file import RobotFile
 from robot_io.serial_force import newtons_per
 from robot_io.types import FloatArray
@@ -14,10 +15,12 @@ _WEIGHTS = 10.0  # times the largest torque of the arm's own weight: no task of 
 _SPEEDS = 2.0  # times the URDF's speed: a servo that is driven, not one that drives
 _WIDE_TRACKING_RAD, _NO_TRACKING_RAD = 0.3, 1.0
 _ROUNDING_RAD = 1e-3
+_WITNESSES = ("deaf_drive_s", "stuck_encoder_s", "stuck_force_s")
+_LONG_WITNESS_S, _NO_WITNESS_S = 0.1, 1.0
 
 
 def examine_loose_limits(robot_file: RobotFile, body: RigidBody, heaviest_nm: float) -> Iterator[Finding]:
-    """Force against the sensor; torque, position and speed against the URDF; tracking.
+    """Force against the sensor; torque, position and speed against the URDF; tracking; lying devices.
 
     Args:
         robot_file: the arm.
@@ -29,6 +32,7 @@ def examine_loose_limits(robot_file: RobotFile, body: RigidBody, heaviest_nm: fl
     yield _position(robot_file, body)
     yield _velocity(robot_file, body)
     yield _tracking(robot_file)
+    yield from (_witness(name, robot_file) for name in _WITNESSES)
 
 
 def _force(robot_file: RobotFile) -> Finding:
@@ -98,6 +102,21 @@ def _tracking(robot_file: RobotFile) -> Finding:
     if widest_rad > _WIDE_TRACKING_RAD:
         return warn("tracking limits", value, remedy)
     return ok("tracking limits", value)
+
+
+def _witness(name: str, robot_file: RobotFile) -> Finding:
+    """How long a device may go on answering and be wrong; in less than a tick it answers once at most."""
+    limit_s, tick_s = float(getattr(robot_file.limits, name)), 1.0 / robot_file.control_rate_hz
+    usual_s = float(Limits.model_fields[name].default)
+    value = f"{1e3 * limit_s:g} ms"
+    if limit_s < tick_s * (1.0 - 1e-9):
+        value += f", less than a tick of {1e3 * tick_s:g} ms, in which nothing can be told"
+        return fail(name, value, f"raise it to some ticks: {max(usual_s, 5 * tick_s):g} s")
+    if limit_s > _NO_WITNESS_S:
+        return fail(name, value, f"the guard would come too late: lower it to {usual_s:g} s, or leave it out")
+    if limit_s > _LONG_WITNESS_S:
+        return warn(name, value, f"the arm would long act on what is wrong: {usual_s:g} s is usual")
+    return ok(name, value)
 
 
 def _beyond(limits: FloatArray, most: FloatArray) -> bool:
