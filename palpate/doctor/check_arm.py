@@ -5,6 +5,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 from control.arm.rigid_body import RigidBody
+from control.laws.gains import gains_of
 from palpate.arm.arm_session import SIMULATED_DRIVERS
 from palpate.arm.wired import DEFAULT_SCENARIO, emulate, is_simulated
 from palpate.doctor.clearance import count_down
@@ -61,11 +62,13 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
     The torque stays off until `may_power` has said yes, and it is off at the end.
 
     Raises:
-        InputError: the robot file names what does not exist, or cannot be emulated or moved by hand.
+        InputError: the robot file names what does not exist, has gains that no run takes, or cannot be
+            emulated or moved by hand.
     """
     with ExitStack() as stack:
         drivers = DriverCatalogue(SIMULATED_DRIVERS, *check.drivers)
         drivers.check_names(check.robot_file)
+        gains_of(check.robot_file)  # nothing here needs them, and every run does
         clock, robot_file, hand = _set_up(check, stack)
         calibrations = load_calibrations(check.robot_file, emulated=check.wired)
         body = RigidBody.of_robot(check.robot_file, calibrations)

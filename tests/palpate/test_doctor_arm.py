@@ -345,6 +345,11 @@ def test_limits_are_held_against_the_arms_own_masses():
         ("tracking_rad: [0.1,", "tracking_rad: [2.0,", "tracking limits", Level.FAIL, "2 rad"),
         ("tracking_rad: [0.1,", "tracking_rad: [0.5,", "tracking limits", Level.WARN, "0.5 rad"),
         ("[0.5, 0.25, 0.03]", "[0.0, 0.0, 0.0]", "braking", Level.WARN, "damping 0, 0, 0"),
+        ("force_n:", "deaf_drive_s: 10\n  force_n:", "deaf_drive_s", Level.FAIL, "10000 ms"),
+        ("force_n:", "stuck_encoder_s: 10\n  force_n:", "stuck_encoder_s", Level.FAIL, "10000 ms"),
+        ("force_n:", "stuck_force_s: 10\n  force_n:", "stuck_force_s", Level.FAIL, "10000 ms"),
+        ("force_n:", "stuck_force_s: 0.3\n  force_n:", "stuck_force_s", Level.WARN, "300 ms"),
+        ("force_n:", "deaf_drive_s: 1e-9\n  force_n:", "deaf_drive_s", Level.FAIL, "than a tick of 1 ms"),
     ],
 )  # fmt: skip
 def test_a_limit_that_is_none_is_found(old, new, subject, level, words):
@@ -475,6 +480,15 @@ def test_zeros_that_a_calibration_moves_far_are_told(monkeypatch):
     (found,) = (finding for finding in examined(DYNAMIXEL) if finding.subject == "zeros")
     assert found.level is Level.WARN
     assert "joint 3 by +0.3 rad" in found.text
+
+
+def test_gains_that_no_run_takes_are_refused_in_the_same_words(tmp_path):
+    path = tmp_path / "arm.yaml"
+    text = ODRIVE.read_text(encoding="utf-8").replace("urdf: ..", f"urdf: {ROOT}")
+    path.write_text(text.replace("dh: ..", f"dh: {ROOT}") + "\ngains: {a: 1}\n", encoding="utf-8")
+    doctor = run("doctor", "--robot", path, "--wire")
+    assert_refused(doctor, "arm.yaml line", "gains.a", "is not known")
+    assert doctor.stderr == run("probe", "--robot", path, "--wire", "-o", tmp_path / "s.mcap").stderr
 
 
 def test_a_port_that_is_not_there_is_a_failure_with_a_remedy():
