@@ -129,7 +129,7 @@ class SerialLine(Bus):
 
         Raises:
             DeviceError: the port failed.
-            DeviceTimeoutError: the sensor has fallen silent.
+            DeviceTimeoutError: the sensor has fallen silent, or speaks and has shown no reading yet.
         """
         reader = self._reader
         if reader is None:
@@ -138,6 +138,11 @@ class SerialLine(Bus):
         if reader.failure is not None:
             raise DeviceError(f"{self.label}: {reader.failure}")
         if self.sample is None:
+            if reader.rejected:
+                raise DeviceTimeoutError(
+                    f"{self.label}: {reader.rejected} lines or telegrams and no reading yet: do driver, "
+                    "baud rate, pattern and unit fit the sensor?"
+                )
             return
         age_s = self._clock.now_s() - self.sample.arrived_at_s
         if age_s > self._silent_s:

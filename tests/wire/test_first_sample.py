@@ -56,3 +56,13 @@ def test_a_motor_that_falls_silent_before_the_loop_begins_is_named_and_nothing_i
         begin(arm)
     assert arm.clock.now_s() - begun_s == pytest.approx(FIRST_SAMPLE_S, abs=0.1)
     assert not arm.drive_torque_nm.any()
+
+
+def test_a_sensor_whose_lines_are_no_readings_is_told_from_a_silent_one(bench):
+    as_other = (
+        r"{driver: force_lines, bus: load_cell, capacity_n: 100.0, pattern: 'X(?P<value>\d+)', unit: N}"
+    )
+    arm = bench(ODRIVE, (("{driver: loadstar, bus: load_cell, capacity_n: 100.0}", as_other),))
+    arm.robot.configure()
+    with pytest.raises(DeviceTimeoutError, match=r"\d+ lines or telegrams and no reading yet: .* pattern"):
+        begin(arm)
