@@ -9,6 +9,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from palpate.made_folders import remove_empty_folders
 from palpate.preflight import library_remedy
 from robot_io.errors import InputError, PalpateError
 from robot_io.safe_yaml import one_line
@@ -32,6 +33,8 @@ class OneLineGroup(TyperGroup):
             sys.exit(report("interrupted", INTERRUPTED))
         except Exception as error:
             sys.exit(report_error(error))
+        finally:
+            remove_empty_folders()
         if code == INTERRUPTED:
             report("interrupted", INTERRUPTED)
         sys.exit(code if isinstance(code, int) else 0)

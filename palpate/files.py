@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from palpate.made_folders import make_folder
 from robot_io.errors import InputError
 from robot_io.session import Session
 
@@ -47,6 +48,8 @@ def open_session(path: Path) -> Session:
 def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] = ()) -> Path:
     """The path, if a file can be written there; its folder is made.
 
+    A folder that is empty when the command ends is taken away again: see `palpate.made_folders`.
+
     Args:
         path: as the user gave it.
         force: whether a file that is there already may be replaced; None where that is not offered.
@@ -76,7 +79,7 @@ def output_folder(folder: Path) -> Path:
         InputError: it cannot be made or written to.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         with tempfile.TemporaryFile(dir=folder):  # rights alone do not tell: think of /proc
             pass
     except OSError as error:

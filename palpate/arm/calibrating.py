@@ -158,10 +158,13 @@ def forces_from(
     """The forces that are put on, one after the other [N].
 
     Raises:
-        InputError: nobody said which, and they cannot be chosen.
+        InputError: nobody said which, and they cannot be chosen; or one is negative.
     """
     if weights_kg is not None:
-        return [mass * gravity_m_s2 for mass in numbers("--weights-kg", weights_kg)]
+        masses_kg = numbers("--weights-kg", weights_kg)
+        if min(masses_kg) < 0:
+            raise InputError(f"--weights-kg {weights_kg!r}: no mass is below 0 kg")
+        return [mass_kg * gravity_m_s2 for mass_kg in masses_kg]
     if not simulated:
         raise InputError("--weights-kg: say which masses you have, up and down, such as 0,0.5,1,2,1,0.5,0")
     return [share * robot_file.limits.force_n for share in SHARES]

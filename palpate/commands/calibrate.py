@@ -1,6 +1,5 @@
 """`palpate calibrate`: find out how force sensor, encoders, drives and base differ from what they say."""
 
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -12,8 +11,6 @@ from calibration.force.weighing import read_weighing
 from estimation.data.import_options import parse_pairs
 from palpate.arm import calibration_run as calibrating
 from palpate.arm.calibrating import (
-    CALIBRATIONS,
-    SESSIONS,
     ask_for_weight,
     excite,
     finish,
@@ -75,15 +72,6 @@ def root(context: typer.Context) -> None:
     """
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
-    made = [folder for folder in (CALIBRATIONS, SESSIONS) if not folder.exists()]
-    context.call_on_close(lambda: _remove_empty(made))
-
-
-def _remove_empty(folders: list[Path]) -> None:
-    """Leave no folder behind where nothing came of the calibration."""
-    for folder in folders:
-        with suppress(OSError):  # there is something in it, or it was never made
-            folder.rmdir()
 
 
 @group.command()

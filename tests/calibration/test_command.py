@@ -83,6 +83,7 @@ def test_a_zero_that_is_far_off_is_pointed_at(tmp_path):
         (("force", "--weights-kg", "0,x"), ("--weights-kg", "commas")),
         (("force", "--weights-kg", "0,1,2"), ("3 plateaus",)),
         (("force", "--weights-kg", "0,1,2,nan,2,1,0"), ("finite",)),
+        (("force", "--weights-kg", "0,-1,2,3,2,-1,0"), ("--weights-kg", "below 0 kg")),
         (("encoder", "--pose", "1,2"), ("--pose", "2 angles", "3 joints")),
         (("torque", "--robot", "nobody"), ("nobody", "follower")),
         (("gravity", "--from", "missing.mcap"), ("missing.mcap", "no such file")),
@@ -157,7 +158,16 @@ def test_a_session_of_a_pose_says_that_it_wants_the_pose(tmp_path):
 def test_a_refusal_leaves_no_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert_refused(run("calibrate", "encoder", "--from", "missing.mcap"), "no such file")
+    assert_refused(run("calibrate", "force", "-o", "new/sub/x.yaml", "--weights-kg", "0,1"), "plateaus")
+    assert_refused(run("probe", "--robot", "follower", "-o", "new/x.mcap", "--force-limit-n", 1e9), "force")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_refusal_leaves_the_users_own_empty_folders(tmp_path):
+    (tmp_path / "mine").mkdir()
+    out = tmp_path / "mine" / "new" / "x.yaml"
+    assert_refused(run("calibrate", "force", "-o", out, "--weights-kg", "0,1"), "plateaus")
+    assert [path.name for path in tmp_path.rglob("*")] == ["mine"]
 
 
 def test_after_ctrl_c_it_says_how_things_stand(tmp_path, monkeypatch):
