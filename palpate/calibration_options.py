@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from control.arm.rigid_body import RigidBody
 from palpate.arm.calibration_run import stated_stops
 from palpate.arm.robots import shipped_robots
 from robot_io.errors import InputError
@@ -41,6 +42,8 @@ DriversOption = Annotated[
 ]
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before a real arm gets power.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")]
+
+BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, which are not quite where the URDF says
 
 
 def numbers(option: str, text: str) -> list[float]:
@@ -80,11 +83,35 @@ def stops_of(
     """Lower and upper stops that are stated, (n,) each [rad]; None for the URDF's on both sides.
 
     Raises:
-        InputError: one of them is no list of angles.
+        InputError: one of them is no list of angles, or a lower stop is not below its upper one.
     """
     if lower is None and upper is None:
         return None
-    return stated_stops(
-        None if lower is None else joint_angles("--lower-stops", lower, robot_file),
-        None if upper is None else joint_angles("--upper-stops", upper, robot_file),
-    )
+    low_rad = None if lower is None else joint_angles("--lower-stops", lower, robot_file)
+    high_rad = None if upper is None else joint_angles("--upper-stops", upper, robot_file)
+    for joint, (low, high) in enumerate(zip(low_rad or (), high_rad or (), strict=False), 1):
+        if low >= high:
+            raise InputError(
+                f"--lower-stops {lower!r}: {low:g} rad of joint {joint} is not below its upper stop, "
+                f"{high:g} rad"
+            )
+    return stated_stops(low_rad, high_rad)
+
+
+def pose_of(pose: str | None, robot_file: RobotFile) -> list[float] | None:
+    """The pose that is stated, (n,) [rad]; None where none is.
+
+    Raises:
+        InputError: it is no list of angles, or no joint of this arm can be turned so far.
+    """
+    if pose is None:
+        return None
+    angles = joint_angles("--pose", pose, robot_file)
+    lower_rad, upper_rad = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame).position_limits_rad
+    for joint, (angle, low, high) in enumerate(zip(angles, lower_rad, upper_rad, strict=True), 1):
+        if not low - BEYOND_STOPS_RAD <= angle <= high + BEYOND_STOPS_RAD:
+            raise InputError(
+                f"--pose {pose!r}: joint {joint} turns from {low:g} to {high:g} rad by the URDF, "
+                f"not to {angle:g}"
+            )
+    return angles

@@ -39,13 +39,14 @@ from palpate.calibration_options import (
     ValidOption,
     WireOption,
     YesOption,
-    joint_angles,
+    pose_of,
     stops_of,
 )
 from palpate.files import existing_file
 from palpate.text.calibration_progress import motion_progress, weighing_progress
 from palpate.text.calibration_use import NamedRobot
 from palpate.views.plots.calibration import encoder_figure, force_figure
+from robot_io.errors import InputError
 
 YEAR = 365.0
 PERCENT = 0.01
@@ -190,8 +191,12 @@ def encoder(  # noqa: PLR0917, one parameter an option
 ) -> None:
     """Encoders: the joints' zeros, against hard stops (slowly, with little torque) or in a known pose."""
     robot_file = find_robot(robot)
+    if pose is not None and (lower_stops is not None or upper_stops is not None):
+        raise InputError(
+            "--pose: nothing moves then, and no stop is met; leave out --lower-stops, --upper-stops"
+        )
+    pose_rad, stops = pose_of(pose, robot_file), stops_of(lower_stops, upper_stops, robot_file)
     output = output_for(out, robot_file, "encoder", session)
-    pose_rad = None if pose is None else joint_angles("--pose", pose, robot_file)
     raw = from_
     if raw is None:
         ask = question_before("encoder", robot_file, pose_rad, yes)
@@ -200,7 +205,6 @@ def encoder(  # noqa: PLR0917, one parameter an option
             with told_of_the_end(job):
                 calibrating.run_pose(job)
         else:
-            stops = stops_of(lower_stops, upper_stops, robot_file)
             progress = motion_progress("touching the stops", live=job.simulated)
             with told_of_the_end(job), progress as watcher:
                 calibrating.run_stops(job, stops, watcher)

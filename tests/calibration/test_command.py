@@ -85,6 +85,9 @@ def test_a_zero_that_is_far_off_is_pointed_at(tmp_path):
         (("force", "--weights-kg", "0,1,2,nan,2,1,0"), ("finite",)),
         (("force", "--weights-kg", "0,-1,2,3,2,-1,0"), ("--weights-kg", "below 0 kg")),
         (("encoder", "--pose", "1,2"), ("--pose", "2 angles", "3 joints")),
+        (("encoder", "--pose", "0,0,99"), ("--pose", "joint 3", "99")),
+        (("encoder", "--pose", "home", "--upper-stops", "1,1,1"), ("--pose", "--upper-stops")),
+        (("encoder", "--lower-stops", "0,0,0", "--upper-stops", "1,0,1"), ("--lower-stops", "joint 2")),
         (("torque", "--robot", "nobody"), ("nobody", "follower")),
         (("gravity", "--from", "missing.mcap"), ("missing.mcap", "no such file")),
         (("torque", "--robot", "follower", "--wire"), ("without wires",)),
@@ -95,6 +98,7 @@ def test_what_makes_no_sense_is_refused_in_one_line(tmp_path, monkeypatch, argum
     assert_refused(run("calibrate", *arguments, "-o", "c.yaml"), *words)
     assert not (tmp_path / "c.yaml").exists()
     assert not (tmp_path / "c.png").exists()
+    assert not (tmp_path / "sessions").exists()  # refused before anything is recorded
 
 
 def test_a_session_of_another_kind_or_robot_is_refused(probed, tmp_path):
