@@ -8,6 +8,8 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 
 OF_THE_ARM = ("joint_position", "joint_velocity", "joint_acceleration")
+# Derived signals of a joint: a column of that name, perhaps a mass, would pass for what a model needs.
+DERIVED = ("load", "rigid_body_torque", "rigid_body_regressor", "payload_effort_per_kg")
 
 
 def with_arm(channels: Sequence[ChannelData]) -> tuple[ChannelData, ...]:

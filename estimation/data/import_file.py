@@ -2,12 +2,13 @@
 
 import os
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.arm_context import OF_THE_ARM, with_arm
+from estimation.data.arm_context import DERIVED, OF_THE_ARM, with_arm
 from estimation.data.assign_columns import Columns, Key, assign_columns
 from estimation.data.derivatives import differentiate
 from estimation.data.import_options import ImportOptions
@@ -19,6 +20,8 @@ from robot_io.types import FloatArray
 
 _WRONG_SCALE = 4.0  # ratio of a given velocity to the derived one beyond which their units cannot be right
 _RELATED = 0.5  # correlation of the two above which that ratio means anything
+_LONGEST_SIGNAL = 50  # letters; a session allows 64, some of which say what it is
+_TAKEN = frozenset({*OF_THE_ARM, *DERIVED})
 _DEFAULT = ImportOptions()
 
 
@@ -58,20 +61,29 @@ def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT)
     sources = _sources(columns)
     rows = arrange_rows(columns)
     channels = [_channel(source, columns, rows) for source in sources]
-    context = {_signal(name): columns.table.numbers(name)[rows.order] for name in options.context}
+    signals = _signals(options.context)
+    context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
-    unused = tuple(name for name in columns.unused if name not in options.context)
+    unused = tuple(n for n in columns.unused if n not in options.context and _name(n) not in _TAKEN)
     return Imported(with_arm(channels), rows.labels, columns.notes, unused)
 
 
-def _signal(column: str) -> str:
-    """What a further column is called as a signal."""
-    name = re.sub(r"\W+", "_", column)
-    if name in OF_THE_ARM:
-        raise InputError(
-            f"--context {column}: that is what all joints' own motion is called; rename the column"
-        )
-    return name
+def _signals(wanted: Iterable[str]) -> dict[str, str]:
+    """The further columns by what they are called as signals."""
+    signals: dict[str, str] = {}
+    for column in wanted:
+        name = _name(column)
+        if name in _TAKEN:
+            raise InputError(f"--context {column}: a signal of the joints is called that; rename the column")
+        other = signals.setdefault(name, column)
+        if other != column:
+            raise InputError(f"--context {column}: as a signal both it and '{other}' are {name}; rename one")
+    return signals
+
+
+def _name(column: str) -> str:
+    """What a further column is called as a signal: a name that a session can hold."""
+    return re.sub(r"\W+", "_", column, flags=re.ASCII)[:_LONGEST_SIGNAL]
 
 
 def _filter(table: Table, options: ImportOptions) -> Table:

@@ -9,8 +9,17 @@ from hypothesis import strategies as st
 
 from control.loop.phases import Phase
 from estimation.channel import ChannelKind
-from estimation.data import ImportOptions, import_file, load_channels, parse_pairs, table, text_table
+from estimation.data import (
+    ImportOptions,
+    import_file,
+    import_streams,
+    load_channels,
+    parse_pairs,
+    table,
+    text_table,
+)
 from robot_io.errors import InputError
+from robot_io.session import SessionMetadata, write_session
 
 T = np.arange(50) * 0.01
 X = 0.002 + 0.001 * np.sin(9 * T)
@@ -195,9 +204,26 @@ def test_where_chooses_rows_and_context_keeps_signals(contact):
     np.testing.assert_allclose(channel.context["temperature_C"], 20 + T[:30])
 
 
-def test_a_context_cannot_take_the_place_of_the_arms_motion(contact):
-    path = contact(joint_velocity=20 + T)
-    assert "rename the column" in refusal(path, context=("joint_velocity",))
+@pytest.mark.parametrize("name", ["joint_velocity", "load"])
+def test_a_context_cannot_take_the_place_of_what_belongs_to_the_joints(contact, name):
+    path = contact(**{name: 20 + T})
+    assert "rename the column" in refusal(path, context=(name,))
+    assert import_file(path).unused == ()
+
+
+def test_two_columns_of_the_context_cannot_become_one_signal(contact):
+    path = contact(**{"temp (C)": 20 + T, "temp [C]": 25 + T})
+    assert "rename one" in refusal(path, context=("temp (C)", "temp [C]"))
+
+
+@pytest.mark.parametrize("column", ["température à l'air", "°", "a" * 80])
+def test_a_session_holds_a_context_whatever_its_column_is_called(contact, tmp_path, column):
+    imported = import_file(contact(**{column: 20 + T}), ImportOptions(context=(column,)))
+    place = tmp_path / "kept.mcap"
+    write_session(place, import_streams(imported), SessionMetadata(), ())
+    (after,) = load_channels(place)
+    (signal,) = after.recorded
+    np.testing.assert_allclose(after.context[signal], 20 + T)
 
 
 def test_columns_of_numbers_that_nothing_was_made_of_are_told(contact):
