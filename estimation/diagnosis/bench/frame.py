@@ -58,6 +58,12 @@ class Frame:
         return mean
 
 
+def block_length(data: ChannelData) -> int:
+    """Samples in a block."""
+    rate_hz = CONTACT_RATE_HZ if data.kind is ChannelKind.CONTACT else JOINT_RATE_HZ
+    return max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
+
+
 def frame_of(data: ChannelData, good: BoolArray | None = None) -> Frame:
     """Cut a channel into blocks that last 5 or 10 ms, or one sample where that is longer.
 
@@ -69,8 +75,7 @@ def frame_of(data: ChannelData, good: BoolArray | None = None) -> Frame:
         data: the channel.
         good: samples that are fit for use, shape (n,); None for all.
     """
-    rate_hz = CONTACT_RATE_HZ if data.kind is ChannelKind.CONTACT else JOINT_RATE_HZ
-    block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
+    block = block_length(data)
     rows, folds = [], []
     runs = data.runs
     pieces = 1 if len(runs) > 1 else _PIECES

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.diagnosis.bench.frame import block_length, frame_of
 from estimation.model import Model
 from estimation.signals.runwise import per_run, sample_time
 from robot_io.types import BoolArray, FloatArray
@@ -24,6 +25,8 @@ _LEAST_EXPLAINED = 0.1  # share of a force's variance that depth and velocity ex
 
 def usable(data: ChannelData) -> BoolArray:
     """Samples that are no glitches of the reader, shape (n,): single readings far off both neighbours."""
+    if len(data) == 0:
+        return np.ones(0, dtype=np.bool_)
     smooth = per_run(lambda effort: np.asarray(median_filter(effort, 5)), data.effort, data.run)
     off = np.abs(data.effort - smooth)
     usual = float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
@@ -166,6 +169,18 @@ def _offset(data: ChannelData) -> str | None:
     return None
 
 
+def _blocks(data: ChannelData) -> str | None:
+    """There must be a block to fit to, and one to hold out, in another run if there are several."""
+    least, lengths = block_length(data), np.unique(data.run, return_counts=True)[1]
+    parts = lengths // least if len(lengths) == 1 else lengths >= least
+    if parts.sum() < 2:
+        return f"fewer than two runs have {least} samples or more; record longer runs"
+    frame = frame_of(data)
+    if len(np.unique(frame.fold[frame.trusted])) < 2:
+        return "in one run at most something moves, so nothing can be held out to judge by; record more runs"
+    return None
+
+
 def _likeness(one: FloatArray, other: FloatArray) -> float:
     """Correlation, 0 where one of them is constant."""
     if np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
@@ -182,4 +197,5 @@ _CHECKS: tuple[Callable[[ChannelData], str | None], ...] = (
     _offset,
     _contact,
     _resolution,
+    _blocks,
 )

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.channel import ChannelKind
+from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
 from estimation.diagnosis.judgement.gate import refuse, usable
 from tests.estimation.diagnosis.presses import session
@@ -30,6 +30,10 @@ BAD = {
     "too coarse": replace(DATA, effort=4.0 * np.round(DATA.effort / 4.0)),
     "align": replace(DATA, effort=np.roll(DATA.effort, 250)),
     "samples": DATA.select(np.arange(50)),
+    "only 0 samples": DATA.select(np.arange(0)),
+    "longer runs": replace(
+        DATA, time_s=0.1 * DATA.time_s, velocity=10.0 * DATA.velocity, run=np.arange(len(DATA)) // 8
+    ),
     "belong together": replace(DATA, effort=shuffled_where_pressed()),
 }
 
@@ -68,6 +72,18 @@ def test_a_single_recording_of_a_joint_passes_if_it_repeats_itself():
     assert refuse(again) is None
     once = replace(again, position=t, velocity=np.ones(4000))
     assert "once" in refuse(once)
+
+
+def test_a_probing_session_in_which_a_joint_moves_in_one_run_only_says_nothing():
+    t = np.tile(np.arange(2000) * 0.002, 2)
+    run = np.repeat([0, 1], 2000)
+    q = np.where(run == 0, np.sin(5 * t), 0.3)
+    v = np.where(run == 0, 5 * np.cos(5 * t), 0.0)
+    joint = ChannelData("joint_1", ChannelKind.REVOLUTE, t, q, v, -25 * q, q + np.sign(v), run, run + 1)
+    assert "in one run" in refuse(joint)
+    assert (
+        refuse(replace(joint, phase=np.full(4000, -1))) is None
+    )  # not a probing arm's: taken as it was made
 
 
 def test_glitches_are_set_aside_and_steps_are_kept():
