@@ -69,16 +69,21 @@ class ChannelData:
     recorded: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
-        """Check lengths and finiteness.
+        """Check lengths, finiteness, and that what was recorded is there.
 
         Raises:
-            InputError: an array has the wrong length or holds a value that is not finite.
+            InputError: an array has the wrong length or shape, is missing, or is not finite.
         """
         length = len(self.time_s)
         for what in ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase"):
             _check(self.name, what, getattr(self, what), length)
         for what, values in self.context.items():
             _check(self.name, what, values, length)
+        for what in sorted(self.recorded):
+            if what not in self.context or self.context[what].ndim != 1:
+                raise InputError(
+                    f"channel '{self.name}': recorded signal '{what}' is not one number a sample"
+                )
         object.__setattr__(self, "context", MappingProxyType(dict(self.context)))
 
     def __reduce__(self) -> tuple[type["ChannelData"], tuple[object, ...]]:

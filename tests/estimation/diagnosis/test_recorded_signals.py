@@ -10,6 +10,7 @@ from estimation.comparison import compare
 from estimation.diagnosis import Verdict, diagnose
 from estimation.models import MODELS
 from estimation.revision import revise
+from robot_io.errors import InputError
 from tests.estimation.diagnosis.presses import session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
@@ -52,6 +53,12 @@ def test_runs_that_differ_for_no_known_reason_are_no_noise_of_a_revision():
 def test_a_temperature_that_does_nothing_is_not_blamed():
     found = answer(named(session(12)))
     assert found.verdict is Verdict.ADEQUATE
+
+
+@pytest.mark.parametrize("signal", [{}, {"wind": np.zeros((len(session(12)), 2))}])
+def test_what_was_recorded_must_be_there_and_one_number_a_sample(signal):
+    with pytest.raises(InputError, match="wind"):
+        replace(session(12), context=signal, recorded=frozenset({"wind"}))
 
 
 @pytest.mark.parametrize("name", ["temperature", "speed"])
