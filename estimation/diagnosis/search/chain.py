@@ -165,8 +165,9 @@ def _reconsider(search: Search, steps: tuple[Step, ...]) -> tuple[Step, ...]:
         if without.trial.held_out * (1.0 - LEAST_GAIN) ** 2 < end.trial.held_out:
             steps = confirmed(search, without, others) or steps
             continue
-        best = _in_order(search, without, search.screen(without), larger=True)[0]
-        if best.effect.name != name:
+        in_order = _in_order(search, without, search.screen(without), larger=True)
+        best = in_order[0] if in_order else None
+        if best and best.effect.name != name:
             exchanged = search.with_candidate(best)
             simpler = any(best.size < size(effect) for effect in search.effects if effect.name == name)
             if exchanged.trial.held_out < (1.0 + (TIE if simpler else -TIE)) * end.trial.held_out:
