@@ -13,7 +13,7 @@ from palpate.arm.wired import is_simulated, wires_in_words
 from palpate.doctor import Finding, Level, examine_all
 from palpate.doctor.check_arm import NOT_POWERED, ArmCheck, examine_arm
 from palpate.doctor.hardware import memory_lock, real_time
-from palpate.words import as_shell_word, count, safe
+from palpate.words import FIRST_PROBE, as_shell_word, count, safe
 from robot_io.errors import InputError
 
 MARKS = {
@@ -25,7 +25,6 @@ QUESTION = (
     "Hands away from the arm. Power it now? Each joint moves by 3 degrees and back; then the torque goes off "
     "and it sinks."
 )
-FIRST_PROBE = "--speed-mm-s 20 --force-limit-n 3"
 _SUBJECT_WIDTH = 20
 
 

@@ -7,7 +7,8 @@ import yaml
 
 from palpate import console
 from palpate.arm.robots import shipped_robots
-from palpate.words import as_shell_word, safe, shown, typed
+from palpate.arm.wired import is_simulated
+from palpate.words import FIRST_PROBE, as_shell_word, safe, shown, typed
 from robot_io.calibration import Calibration
 from robot_io.robot_file import RobotFile
 
@@ -59,11 +60,14 @@ def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -
             (f"cp -r {typed(file.parent)} {copy}", "the arm, to be changed"),
             (
                 f"palpate probe --robot {copy / file.name}",
-                "probe with it, once its file names the calibration",
+                "probe with it, once the robot file names it",
             ),
         )
         return
-    console.next_steps((f"palpate probe {whose.option}{wire}", "probe with it"))
+    gentle = "" if is_simulated(whose.file) else f" {FIRST_PROBE}"
+    console.next_steps(
+        (f"palpate probe {whose.option}{wire}{gentle}", "probe with it, once the robot file names it")
+    )
 
 
 def _seen_from(path: Path, folder: Path) -> str:

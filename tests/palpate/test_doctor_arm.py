@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from control.arm.rigid_body import RigidBody
-from palpate.commands.doctor import FIRST_PROBE
 from palpate.doctor import Level, check_arm
 from palpate.doctor.check_arm import ArmCheck, examine_arm
 from palpate.doctor.clearance import is_still
@@ -17,6 +16,7 @@ from palpate.doctor.hand import EmulatedHand, Person
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.nudge import NUDGE_RAD, NudgeTask, gentle
 from palpate.doctor.ports import examine_ports
+from palpate.words import FIRST_PROBE
 from robot_io.calibration import Calibrations
 from robot_io.errors import SafetyTripError
 from robot_io.robot_file import load_robot_file, parse_robot_file

@@ -2,6 +2,7 @@
 
 import pytest
 
+from palpate.words import FIRST_PROBE
 from robot_io.calibration import load_calibration
 from tests.palpate.cli import ROOT, assert_refused, run
 
@@ -18,6 +19,8 @@ def arm(tmp_path_factory):
     result = run("calibrate", "encoder", "--robot", path, *options)
     assert result.exit_code == 0, result.stderr
     assert "on the arm itself refused" in result.stderr
+    assert f"palpate probe --robot {path} --wire {FIRST_PROBE}" in result.stderr
+    assert "once the robot file names it" in result.stderr
     path.write_text(path.read_text() + "\ncalibration: {encoder: e.yaml}\n")
     return path
 
