@@ -196,7 +196,7 @@ def _next(
     if missing and not applied:
         names = " ".join(entry.effect for entry in missing[0].accepted)
         steps.append((f"palpate add {typed} {names}", "refit with it, and keep that as a revision"))
-    elif diagnosis.channels and not missing:
+    elif not missing:
         steps.extend(_suspected(typed, diagnosis))
     if missing and applied:
         steps.append((f"palpate export {kept}", "the improved model as a simulated world"))

@@ -1,5 +1,6 @@
 """`palpate import`: make a session from anybody's measurements."""
 
+import shlex
 import sys
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -38,7 +39,7 @@ def command(  # noqa: PLR0917, one parameter an option
     metadata = SessionMetadata(
         software_version=version("palpate"),
         created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
-        command_line=" ".join(["palpate", *sys.argv[1:]]),
+        command_line=shlex.join(["palpate", *sys.argv[1:]]),
         extra={"source": f"imported from {file.name}"} | import_extra(imported),
     )
     write_session(session, import_streams(imported), metadata)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,13 @@ def test_a_file_becomes_a_session(good, tmp_path):
     session = Session.open(said["session"])
     assert session.metadata.extra["source"] == "imported from good.csv"
     assert session.samples("contact")["force_n"][19] == pytest.approx(1.9)
+
+
+def test_the_command_that_a_session_keeps_can_be_typed_again(good, tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["palpate", "import", "good.csv", "--context", "room temp"])
+    run("import", good, "-o", tmp_path / "good.mcap")
+    kept = Session.open(tmp_path / "good.mcap").metadata.command_line
+    assert shlex.split(kept) == ["palpate", "import", "good.csv", "--context", "room temp"]
 
 
 def test_without_a_name_it_goes_to_the_sessions(good, tmp_path, monkeypatch):
