@@ -7,6 +7,7 @@ from pathlib import Path
 from rich.markup import escape
 
 FIRST_PROBE = "--speed-mm-s 20 --force-limit-n 3"  # of a real arm: slow and soft
+AT_REST = "the arm is at rest and without torque"  # after Ctrl-C
 _LEAST_P = 0.005  # of 199 surrogates and the measurement itself
 _MOST_DECIMALS = 6  # what would need more is written with a power of ten
 _MOST_DIGITS = 8

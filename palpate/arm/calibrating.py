@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -24,7 +24,7 @@ from palpate.text.calibration_progress import motion_progress
 from palpate.text.calibration_use import NamedRobot, say_how_to_use_it
 from palpate.views import style
 from palpate.views.plots.calibration import arm_figure
-from palpate.words import shown
+from palpate.words import AT_REST, shown
 from robot_io.calibration import Calibration
 from robot_io.errors import InputError, PalpateError
 from robot_io.robot_file import RobotFile
@@ -63,21 +63,22 @@ def excite(  # noqa: PLR0917, the options as they come
     """Torque and gravity: one motion, one fit, two files."""
     robot_file = find_robot(robot)
     output = output_for(out, robot_file, kind, session)
-    raw = from_
-    if raw is None:
-        ask = question_before(kind, robot_file, None, yes)
-        job = job_of(kind, robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
-        progress = motion_progress("moving in free air", live=job.simulated)
-        with told_of_the_end(job), progress as watcher:
-            calibrating.run_motion(job, watcher=watcher)
-        raw = job.session
-    fit = calibrating.arm_fit_of(
-        open_recorded(raw, kind, robot_file), robot_file.urdf_path, robot_file.tip_frame
-    )
-    make = calibrating.torque_calibration if kind == "torque" else calibrating.gravity_calibration
-    calibration = make(fit, stamp_of(robot_file, raw, valid_days))
-    whose = NamedRobot(robot, robot_file, drivers)
-    finish(calibration, output, lambda: arm_figure(fit), raw, whose, as_json)
+    with ExitStack() as ending:
+        raw = from_
+        if raw is None:
+            ask = question_before(kind, robot_file, None, yes)
+            job = job_of(kind, robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
+            ending.enter_context(told_of_the_end(job))
+            with motion_progress("moving in free air", live=job.simulated) as watcher:
+                calibrating.run_motion(job, watcher=watcher)
+            raw = job.session
+        fit = calibrating.arm_fit_of(
+            open_recorded(raw, kind, robot_file), robot_file.urdf_path, robot_file.tip_frame
+        )
+        make = calibrating.torque_calibration if kind == "torque" else calibrating.gravity_calibration
+        calibration = make(fit, stamp_of(robot_file, raw, valid_days))
+        whose = NamedRobot(robot, robot_file, drivers)
+        finish(calibration, output, lambda: arm_figure(fit), raw, whose, as_json)
 
 
 def job_of(  # noqa: PLR0917, the options as they come
@@ -187,7 +188,7 @@ def ask_for_weight(gravity_m_s2: float) -> calibrating.Place:
 
 @contextmanager
 def told_of_the_end(job: CalibrationJob) -> Iterator[None]:
-    """Say after Ctrl-C how things stand, and after a failure what is left of it."""
+    """Say after Ctrl-C how things stand, and after a failure what is left of it, until all is written."""
     try:
         yield
     except PalpateError:
@@ -196,7 +197,7 @@ def told_of_the_end(job: CalibrationJob) -> Iterator[None]:
             console.stderr().print(left, soft_wrap=True)
         raise
     except KeyboardInterrupt:
-        said = "the arm is at rest and without torque; no calibration is written"
+        said = f"{AT_REST}; no calibration is written"
         if job.session.exists():
             said += f". What was recorded until then stays in {shown(job.session)}"
         console.stderr().print(said, soft_wrap=True)

@@ -1,5 +1,6 @@
 """`palpate calibrate`: find out how force sensor, encoders, drives and base differ from what they say."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -127,35 +128,39 @@ def force(  # noqa: PLR0917, one parameter an option
     """
     robot_file = find_robot(robot)
     output = output_for(out, robot_file, "force", session)
-    unit = "N"
-    if from_ is not None and from_.suffix != ".mcap":
-        raw, columns = existing_file(from_, "data"), parse_pairs(column or (), "--column")
-        plateaus, unit = read_reference_file(
-            raw, columns, gravity_m_s2=gravity_m_s2, reading_unit=reading_unit
-        )
-    else:
-        if from_ is None:
-            forces_n = forces_from(
-                weights_kg, robot_file, gravity_m_s2, simulated=wire or is_simulated(robot_file)
+    with ExitStack() as ending:
+        unit = "N"
+        if from_ is not None and from_.suffix != ".mcap":
+            raw, columns = existing_file(from_, "data"), parse_pairs(column or (), "--column")
+            plateaus, unit = read_reference_file(
+                raw, columns, gravity_m_s2=gravity_m_s2, reading_unit=reading_unit
             )
-            job = job_of("force", robot_file, session, scenario, seed, hidden, wire, realtime, drivers)
-            with told_of_the_end(job), weighing_progress(len(forces_n), live=job.simulated) as told:
-                place = calibrating.put_simulated_weight if job.simulated else ask_for_weight(gravity_m_s2)
-                calibrating.run_weighing(job, forces_n, place, told=told)
-        raw = from_ or job.session
-        plateaus = read_weighing(open_recorded(raw, "force", robot_file))
-    fit = fit_force(plateaus, PERCENT * reference_percent)
-    stamp = stamp_of(robot_file, raw, valid_days)
-    calibration = calibrating.force_calibration(fit, unit, stamp)
-    finish(
-        calibration,
-        output,
-        lambda: force_figure(fit, unit),
-        raw,
-        NamedRobot(robot, robot_file, drivers),
-        as_json,
-        remarks_on(fit),
-    )
+        else:
+            if from_ is None:
+                forces_n = forces_from(
+                    weights_kg, robot_file, gravity_m_s2, simulated=wire or is_simulated(robot_file)
+                )
+                job = job_of("force", robot_file, session, scenario, seed, hidden, wire, realtime, drivers)
+                ending.enter_context(told_of_the_end(job))
+                with weighing_progress(len(forces_n), live=job.simulated) as told:
+                    place = (
+                        calibrating.put_simulated_weight if job.simulated else ask_for_weight(gravity_m_s2)
+                    )
+                    calibrating.run_weighing(job, forces_n, place, told=told)
+            raw = from_ or job.session
+            plateaus = read_weighing(open_recorded(raw, "force", robot_file))
+        fit = fit_force(plateaus, PERCENT * reference_percent)
+        stamp = stamp_of(robot_file, raw, valid_days)
+        calibration = calibrating.force_calibration(fit, unit, stamp)
+        finish(
+            calibration,
+            output,
+            lambda: force_figure(fit, unit),
+            raw,
+            NamedRobot(robot, robot_file, drivers),
+            as_json,
+            remarks_on(fit),
+        )
 
 
 @group.command()
@@ -197,25 +202,25 @@ def encoder(  # noqa: PLR0917, one parameter an option
         )
     pose_rad, stops = pose_of(pose, robot_file), stops_of(lower_stops, upper_stops, robot_file)
     output = output_for(out, robot_file, "encoder", session)
-    raw = from_
-    if raw is None:
-        ask = question_before("encoder", robot_file, pose_rad, yes)
-        job = job_of("encoder", robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
-        if pose_rad is not None:
-            with told_of_the_end(job):
+    with ExitStack() as ending:
+        raw = from_
+        if raw is None:
+            ask = question_before("encoder", robot_file, pose_rad, yes)
+            job = job_of("encoder", robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
+            ending.enter_context(told_of_the_end(job))
+            if pose_rad is not None:
                 calibrating.run_pose(job)
-        else:
-            progress = motion_progress("touching the stops", live=job.simulated)
-            with told_of_the_end(job), progress as watcher:
-                calibrating.run_stops(job, stops, watcher)
-        raw = job.session
-    known_rad = known_mrad / 1e3
-    fit = calibrating.encoder_fit_of(
-        open_recorded(raw, "encoder", robot_file), robot_file.joint_count, pose_rad, known_rad
-    )
-    calibration = calibrating.encoder_calibration(fit, stamp_of(robot_file, raw, valid_days))
-    whose = NamedRobot(robot, robot_file, drivers)
-    finish(calibration, output, lambda: encoder_figure(fit), raw, whose, as_json)
+            else:
+                with motion_progress("touching the stops", live=job.simulated) as watcher:
+                    calibrating.run_stops(job, stops, watcher)
+            raw = job.session
+        known_rad = known_mrad / 1e3
+        fit = calibrating.encoder_fit_of(
+            open_recorded(raw, "encoder", robot_file), robot_file.joint_count, pose_rad, known_rad
+        )
+        calibration = calibrating.encoder_calibration(fit, stamp_of(robot_file, raw, valid_days))
+        whose = NamedRobot(robot, robot_file, drivers)
+        finish(calibration, output, lambda: encoder_figure(fit), raw, whose, as_json)
 
 
 @group.command()

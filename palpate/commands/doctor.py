@@ -13,7 +13,7 @@ from palpate.arm.wired import is_simulated, wires_in_words
 from palpate.doctor import Finding, Level, examine_all
 from palpate.doctor.check_arm import NOT_POWERED, ArmCheck, examine_arm
 from palpate.doctor.hardware import memory_lock, real_time
-from palpate.words import FIRST_PROBE, as_shell_word, count, safe
+from palpate.words import AT_REST, FIRST_PROBE, as_shell_word, count, safe
 from robot_io.errors import InputError
 
 MARKS = {
@@ -77,7 +77,12 @@ def command(  # noqa: PLR0917, one parameter an option
             drivers=importable(drivers or []),
             may_power=lambda: yes or typer.confirm(QUESTION, err=True),
         )
-        findings = _examine(check, quiet=as_json)
+        try:
+            findings = _examine(check, quiet=as_json)
+        except KeyboardInterrupt:
+            if move:
+                console.stderr().print(AT_REST)
+            raise
         name = safe(check.robot_file.name)
         verdict = (f"'{name}' is well, as far as this shows", f"'{name}' must not be powered like this")
         if NOT_POWERED in findings:

@@ -174,6 +174,28 @@ def test_a_refusal_leaves_the_users_own_empty_folders(tmp_path):
     assert [path.name for path in tmp_path.rglob("*")] == ["mine"]
 
 
+@pytest.mark.parametrize(
+    ("kind", "options", "fit"),
+    [
+        ("force", ("--weights-kg", "0,1,2,3,2,1,0"), "palpate.commands.calibrate.fit_force"),
+        ("encoder", ("--pose", "home"), "palpate.arm.calibration_run.encoder_fit_of"),
+    ],
+)
+def test_after_ctrl_c_what_was_recorded_is_named_also_while_it_is_worked_out(
+    kind, options, fit, tmp_path, monkeypatch
+):
+    def interrupted(*_arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(fit, interrupted)
+    files = ("--session", tmp_path / "whole.mcap", "-o", tmp_path / "c.yaml")
+    result = run("calibrate", kind, *options, *files)
+    assert result.exit_code == 130
+    assert "without torque; no calibration is written" in result.stderr
+    assert "whole.mcap" in result.stderr
+    assert not (tmp_path / "c.yaml").exists()
+
+
 def test_after_ctrl_c_it_says_how_things_stand(tmp_path, monkeypatch):
     def interrupted(job, **_options):
         job.session.write_bytes(b"")

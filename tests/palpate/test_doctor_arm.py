@@ -1,7 +1,9 @@
 """The doctor at an arm: what is wired wrongly is found and named, and nothing is left powered."""
 
+import itertools
 import json
 import re
+import signal
 from functools import partial
 
 import numpy as np
@@ -16,7 +18,7 @@ from palpate.doctor.hand import EmulatedHand, Person
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.nudge import NUDGE_RAD, NudgeTask, gentle
 from palpate.doctor.ports import examine_ports
-from palpate.words import FIRST_PROBE
+from palpate.words import AT_REST, FIRST_PROBE
 from robot_io.calibration import Calibrations
 from robot_io.errors import SafetyTripError
 from robot_io.robot_file import load_robot_file, parse_robot_file
@@ -506,6 +508,21 @@ def test_the_command_shows_lines_and_what_to_do_next():
     page = (ROOT / "docs" / "hardware.md").read_text(encoding="utf-8")
     assert FIRST_PROBE in result.stderr
     assert FIRST_PROBE in page  # one advice
+
+
+def test_ctrl_c_in_the_small_motion_is_told_as_everywhere(monkeypatch):
+    step, ticks = NudgeTask.step, itertools.count()
+
+    def pressed(task, measurement, dt_s):
+        if next(ticks) == 800:
+            signal.raise_signal(signal.SIGINT)
+        return step(task, measurement, dt_s)
+
+    monkeypatch.setattr(NudgeTask, "step", pressed)
+    result = run("doctor", "--robot", ODRIVE, "--wire", "--move", "--yes")
+    assert result.exit_code == 130
+    assert AT_REST in result.stderr
+    assert next(ticks) == 801  # it was moving, and then no more
 
 
 def test_a_no_to_power_is_not_called_well(monkeypatch):
