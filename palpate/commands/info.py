@@ -43,6 +43,7 @@ def describe(session: Session) -> dict[str, Any]:
         "extra": dict(metadata.extra),
         "duration_s": max((stream["duration_s"] for stream in streams), default=0.0),
         "truncated": session.truncated,
+        "unclosed": session.unclosed,
         "dropped": session.dropped,
         "streams": streams,
         "events": [vars(event) for event in session.events],
@@ -78,7 +79,9 @@ def _print(session: Session, data: dict[str, Any]) -> None:
 
 
 def _facts(data: dict[str, Any]) -> dict[str, str]:
-    whole = "yes" if not data["truncated"] and not data["dropped"] else "[yellow]no:[/yellow] "
+    whole = "[yellow]no:[/yellow] " if data["truncated"] or data["dropped"] or data["unclosed"] else "yes"
+    if data["unclosed"]:
+        whole += "the program ended without closing it (it was killed); what it logged until then is here; "
     if data["truncated"]:
         whole += "the end is missing (the program was killed, or is still writing); "
     if data["dropped"]:

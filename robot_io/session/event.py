@@ -17,6 +17,7 @@ MAX_EVENT_BYTES = 4000
 
 _FIELD = descriptor_pb2.FieldDescriptorProto
 _CUT = " [cut]"
+_LOG, _UNCLOSED = "log", "the program ended without closing the session"
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,16 @@ class Event:
     kind: str
     text: str
     data: Mapping[str, Any] | None = None
+
+
+def unclosed(time_s: float) -> Event:
+    """The last event of a session whose program was killed [s]."""
+    return Event(time_s, _LOG, _UNCLOSED)
+
+
+def says_unclosed(event: Event) -> bool:
+    """Whether it is that event."""
+    return (event.kind, event.text) == (_LOG, _UNCLOSED)
 
 
 def event_descriptor_set() -> bytes:

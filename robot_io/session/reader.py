@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robot_io.errors import InputError, SessionError, UnknownNameError
-from robot_io.session.event import EVENT_STREAM, Event, decode_event
+from robot_io.session.event import EVENT_STREAM, Event, decode_event, says_unclosed
 from robot_io.session.mcap_file import END_RECORD, EXTRA_RECORD, FORMAT_VERSION, HEADER_RECORD
 from robot_io.session.metadata import SessionMetadata
 from robot_io.session.samples import Samples
@@ -37,6 +37,11 @@ class Session:
     truncated: bool
     dropped: int
     _samples: Mapping[str, Samples]
+
+    @property
+    def unclosed(self) -> bool:
+        """Whether its program ended without closing it: all is here that was logged until then."""
+        return any(map(says_unclosed, self.events))
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Session":

@@ -9,7 +9,7 @@ import sys
 import time
 from contextlib import suppress
 
-from robot_io.session.event import EVENT_STREAM, Event, encode_event
+from robot_io.session.event import EVENT_STREAM, encode_event, unclosed
 from robot_io.session.job import Job
 from robot_io.session.mcap_file import McapFile
 from robot_io.session.metadata import SessionMetadata
@@ -95,7 +95,7 @@ class _Drain:
         """Write the end of the file, and an event if the program did not ask for it."""
         offered = {name: ring.offered for name, ring in self._log.rings.items()}
         if not self._log.stop_requested:
-            event = Event(self._last_time_s, "log", "the program ended without closing the session")
+            event = unclosed(self._last_time_s)
             self._mcap.write_events([offered[EVENT_STREAM]], [event.time_s], [encode_event(event)])
             offered[EVENT_STREAM] += 1
         self._mcap.finish(offered)

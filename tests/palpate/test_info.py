@@ -5,6 +5,7 @@ import json
 import pytest
 
 from robot_io.session import Event, SessionMetadata, write_session
+from robot_io.session.event import unclosed
 from tests.palpate import synthetic
 from tests.palpate.cli import assert_refused, run
 from tests.palpate.sessions import synthetic_session
@@ -42,6 +43,14 @@ def test_a_session_cut_short_is_said_to_be(session, tmp_path):
     cut.write_bytes(session.read_bytes()[:-20_000])
     assert json.loads(run("info", cut, "--json").stdout)["truncated"] is True
     assert "the end is missing" in run("info", cut).stdout
+
+
+def test_a_session_whose_program_was_killed_is_not_called_whole(session, tmp_path):
+    path = tmp_path / "killed.mcap"
+    write_session(path, [], SessionMetadata(), [Event(0.0, "start", "it begins", None), unclosed(1.0)])
+    assert "no: the program ended without closing it" in run("info", path).stdout
+    assert json.loads(run("info", path, "--json").stdout)["unclosed"] is True
+    assert json.loads(run("info", session, "--json").stdout)["unclosed"] is False
 
 
 @pytest.mark.parametrize("content", [b"", b"time_s,force_N\n0,1\n", bytes(range(256)) * 50])

@@ -174,6 +174,7 @@ def test_the_file_is_finished_when_the_program_dies(tmp_path, end):
     assert session.dropped == 0
     (event,) = session.events
     assert event.kind == "log"
+    assert session.unclosed
     assert event.time_s == 4999 * 1e-3
 
 
