@@ -1,13 +1,13 @@
 """`palpate diagnose`: is anything missing in the model, and which physical effect is it?"""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from control.loop.tick_record import STREAM_NAME
-from estimation.diagnosis import Diagnosis, Verdict
+from estimation.diagnosis import ChannelDiagnosis, Diagnosis, Verdict
 from estimation.models import MODELS
 from palpate import console
 from palpate.data_options import (
@@ -169,16 +169,20 @@ def _again(material: Material, plan: Path | None) -> str | None:
     return None if world is None else f"palpate probe --experiment {path_typed(plan)} {world}".strip()
 
 
-def _suspected(typed: str, diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """Commands that add what would help though it does not complete a model."""
-    return [
-        (
-            f"palpate add {typed} {' '.join(suspect.effect for suspect in found.suspects)}",
-            "see how far that takes the model",
-        )
-        for found in diagnosis.channels
-        if found.suspects
-    ][:1]
+def _added(material: Material, typed: str, found: ChannelDiagnosis, effects: Iterable[str]) -> str:
+    """The command that adds effects to a channel, which it names if another could be meant."""
+    alone = len(material.channels) == 1 or found.channel == "contact"
+    channel = "" if alone else f" --channel {found.channel}"
+    return f"palpate add {typed} {' '.join(effects)}{channel}"
+
+
+def _suspected(material: Material, typed: str, diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """The command that adds what would help though it does not complete a model."""
+    found = next((one for one in diagnosis.channels if one.suspects), None)
+    if found is None:
+        return []
+    names = [suspect.effect for suspect in found.suspects]
+    return [(_added(material, typed, found, names), "see how far that takes the model")]
 
 
 def _next(
@@ -194,10 +198,12 @@ def _next(
     steps = []
     missing = [found for found in diagnosis.channels if found.accepted]
     if missing and not applied:
-        names = " ".join(entry.effect for entry in missing[0].accepted)
-        steps.append((f"palpate add {typed} {names}", "refit with it, and keep that as a revision"))
+        names = [entry.effect for entry in missing[0].accepted]
+        steps.append(
+            (_added(material, typed, missing[0], names), "refit with it, and keep that as a revision")
+        )
     elif not missing:
-        steps.extend(_suspected(typed, diagnosis))
+        steps.extend(_suspected(material, typed, diagnosis))
     if missing and applied:
         steps.append((f"palpate export {kept}", "the improved model as a simulated world"))
         steps.append((f"palpate revisions {kept}", "all stages, to go back to"))

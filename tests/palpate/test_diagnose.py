@@ -116,6 +116,21 @@ def test_what_is_suspected_can_be_added_by_the_next_command(tmp_path):
     assert "wavy.csv cubic_stiffness" in line
 
 
+def test_the_next_command_says_which_of_several_joints_it_is_for(tmp_path):
+    run_number, t = np.repeat(np.arange(3), 600), np.tile(np.arange(600) * 0.01, 3)
+    w = 2 * np.pi * (0.5 + 0.1 * run_number)
+    q, v, a = np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)
+    noise = np.random.default_rng(0).normal(0.0, 0.005, (2, len(t)))
+    torques = 0.05 * a + noise + [[0.0], [0.6]] * np.tanh(v / 0.02)
+    data = tmp_path / "joints.csv"
+    header = "time_s,run,position_1_rad,torque_1_Nm,position_2_rad,torque_2_Nm"
+    rows = np.column_stack([t, run_number, q, torques[0], q, torques[1]])
+    np.savetxt(data, rows, delimiter=",", header=header, comments="", fmt="%.7g")
+    result = run("diagnose", data, "--channel", "joint_2")
+    (line,) = [line for line in result.stderr.splitlines() if "palpate add" in line]
+    assert "--channel joint_2" in line
+
+
 def test_an_effect_of_ones_own_is_found_by_its_own_name(tmp_path):
     """A law that palpate does not know: force proportional to depth times the sine of depth."""
     file = tmp_path / "my_effects.py"
