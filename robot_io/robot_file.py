@@ -136,7 +136,7 @@ class RobotFile(FileModel):
 
 
 def load_robot_file(path: str | Path) -> RobotFile:
-    """Read and check the robot file at `path`, and that the files it names are there.
+    """Read and check the robot file at `path`: the files it names are there, and no port is named twice.
 
     Raises:
         InputError: the first thing that is wrong, with file, line, key, value and the valid choices.
@@ -148,6 +148,7 @@ def load_robot_file(path: str | Path) -> RobotFile:
             raise input_error(robot_file.document, (key,), f"no such file: {robot_file.resolve(name)}")
         if name is not None and os.path.getsize(robot_file.resolve(name)) > MOST_BYTES:
             raise input_error(robot_file.document, (key,), f"larger than {MOST_BYTES} bytes", name)
+    _check_ports(robot_file)
     return robot_file
 
 
@@ -187,6 +188,19 @@ def _check_home(robot_file: RobotFile) -> None:
         if not low <= home <= high:
             problem = f"joint {joint + 1} is outside its position limits {low} to {high}"
             raise input_error(robot_file.document, ("home_rad", joint), problem, home)
+
+
+def _check_ports(robot_file: RobotFile) -> None:
+    """Two buses cannot open one serial port, whichever of its names each of them knows it by."""
+    taken: dict[str, str] = {}
+    for name, bus in robot_file.buses.items():
+        port = bus.settings.get("port")
+        if not isinstance(port, str) or not port.startswith("/") or "\0" in port:
+            continue
+        other = taken.setdefault(os.path.realpath(port), name)
+        if other != name:
+            problem = f"is the port of '{other}' too: give each bus a port of its own"
+            raise input_error(robot_file.document, ("buses", name, "port"), problem, port)
 
 
 def _check_buses(robot_file: RobotFile) -> None:

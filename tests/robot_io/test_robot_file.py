@@ -141,6 +141,21 @@ def test_files_it_names_must_be_there(tmp_path, key):
         load_robot_file(path)
 
 
+@pytest.mark.parametrize("second", ["line", "alias"])
+def test_one_serial_port_is_not_two_buses(tmp_path, second):
+    path = write_mock_files(tmp_path)
+    (tmp_path / "line").touch()
+    (tmp_path / "alias").symlink_to(tmp_path / "line")
+    own = f"  one: {{driver: serial_line, port: {tmp_path}/line}}\n"
+    two = f"  two: {{driver: serial_line, port: {tmp_path}/{second}}}\n"
+    begin = ROBOT_YAML.index("buses:\n") + len("buses:\n")
+    path.write_text(ROBOT_YAML[:begin] + own + ROBOT_YAML[begin:])
+    assert "one" in load_robot_file(path).buses
+    path.write_text(ROBOT_YAML[:begin] + own + two + ROBOT_YAML[begin:])
+    with pytest.raises(InputError, match=r"mock\.yaml line \d+, buses\.two\.port: is the port of 'one' too"):
+        load_robot_file(path)
+
+
 def test_a_kept_copy_is_read_without_the_files_it_names():
     assert parse_robot_file(ROBOT_YAML, "gone/mock.yaml").urdf_path.name == "mock.urdf"
 
