@@ -9,6 +9,7 @@ import yaml
 from control.laws.gains import TouchGains, gains_of
 from control.loop.journal import Observer
 from control.loop.loop import run_loop
+from control.loop.phases import Phase
 from control.loop.realtime import realtime
 from control.loop.result import LoopResult, Outcome
 from control.loop.task import TaskOutput
@@ -89,12 +90,14 @@ class ProbingOutcome:
         loop: how the loop ended.
         failures: one line for each run that failed, such as one that touched nothing.
         sealed: file with what was hidden in the simulated world, None if nothing was.
+        touched: whether the object was met: else there is nothing to estimate.
     """
 
     session: Path
     loop: LoopResult
     failures: tuple[str, ...]
     sealed: Path | None = None
+    touched: bool = True
 
     def raise_for_failure(self) -> None:
         """Raise if the session does not hold all that was planned.
@@ -124,7 +127,9 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
             nothing has moved then, and no session is left. Or a device could not be opened.
     """
     _check_plan(job.plan, job.robot_file)
-    observer = _watched(_online_observer(job.online, gains_of(job.robot_file).touch), watcher)
+    estimate = _online_observer(job.online, gains_of(job.robot_file).touch)
+    phases: set[Phase] = set()
+    observer = _watched(estimate, watcher, phases)
     calibrations = load_calibrations(job.robot_file, emulated=job.wired)
     task = ProbingTask.from_robot_file(job.robot_file, job.plan, calibrations)
     guard = _guard(job.robot_file, calibrations)
@@ -138,7 +143,8 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
         # An InputError from here: the plan does not suit where the arm stands, and nothing has moved.
         result = run_loop(arm.robot, guard, task, arm.clock, arm.new.log, rate_hz=rate_hz, observer=observer)
         result = released(arm.robot, result)
-    return ProbingOutcome(job.session, result, task.failures, arm.new.sealed)
+    touched = Phase.LOADING in phases or bool(result.observer_error)  # who sees nothing more says nothing
+    return ProbingOutcome(job.session, result, task.failures, arm.new.sealed, touched)
 
 
 def _check_plan(plan: ProbingPlan, robot_file: RobotFile) -> None:
@@ -171,8 +177,11 @@ def online_estimators() -> list[str]:
     return [name for name, estimator in ESTIMATORS.items() if issubclass(estimator, OnlineEstimator)]
 
 
-def _watched(estimate: Observer, watcher: Watcher) -> Observer:
+def _watched(estimate: Observer, watcher: Watcher, phases: set[Phase]) -> Observer:
+    """The estimate, with somebody who looks on, and with the phases remembered."""
+
     def observe(measurement: Measurement, output: TaskOutput) -> Estimates:
+        phases.add(output.phase)
         watcher.tick(measurement, output)
         return estimate(measurement, output)
 

@@ -203,11 +203,7 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
     if outcome.sealed:
         reveal = f"to open it: palpate reveal {escape(session)}"
         out.print(f"sealed:  [bold]{shown(outcome.sealed)}[/bold] ({reveal})", soft_wrap=True)
-    if stuck:
-        console.next_steps((f"palpate info {session}", "what is in the file"))
-        return
-    console.next_steps(
-        (f"palpate estimate {session}", "stiffness and damping with their intervals"),
-        (f"palpate inspect {session}", "see it in Rerun"),
-        (f"palpate info {session}", "what is in the file"),
-    )
+    estimate = (f"palpate estimate {session}", "stiffness and damping with their intervals")
+    inspect = (f"palpate inspect {session}", "see it in Rerun")
+    info = (f"palpate info {session}", "what is in the file")
+    console.next_steps(*[estimate] * outcome.touched, *[inspect] * (not stuck), info)

@@ -13,8 +13,9 @@ import pytest
 
 from control.arm.rigid_body import RigidBody
 from control.loop.phases import Phase
+from control.probing.plan import ProbingPlan
 from estimation.data import session_channels
-from palpate.arm.probing_run import PLAN
+from palpate.arm.probing_run import PLAN, ProbingJob, Watcher, run_probing
 from palpate.arm.robots import find_robot
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
@@ -207,6 +208,20 @@ def test_ctrl_c_brings_the_arm_to_rest_and_keeps_the_session(tmp_path):
     assert ticks["phase"][-1] == Phase.STOPPED
     np.testing.assert_array_equal(ticks["torque_sent_nm"][-1], 0.0)
     assert run("inspect", path, "--save", tmp_path / "x.rrd").exit_code == 0
+
+
+@pytest.mark.parametrize(("phase", "touched"), [(Phase.APPROACH, False), (Phase.HOLD, True)])
+def test_whether_the_object_was_met_is_known_of_a_run_that_was_stopped(tmp_path, phase, touched):
+    class Stopper(Watcher):
+        def tick(self, measurement, output):
+            if output.phase is phase:
+                signal.raise_signal(signal.SIGINT)
+
+    plan = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1)
+    job = ProbingJob(find_robot("follower"), plan, tmp_path / "s.mcap", online=None)
+    outcome = run_probing(job, Stopper())
+    assert str(outcome.loop.outcome) == "stopped"
+    assert outcome.touched is touched
 
 
 def test_as_a_process_json_is_all_that_stdout_holds(tmp_path):

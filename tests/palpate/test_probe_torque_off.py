@@ -119,6 +119,16 @@ def test_a_clean_run_says_nothing_of_the_kind(ended):
     assert "ticks" not in said.stdout
 
 
+def test_nothing_is_to_be_estimated_of_what_was_not_touched(ended, monkeypatch, tmp_path):
+    stopped = LoopResult(Outcome.STOPPED, cause="interrupted by the user (SIGINT)", ticks=9)
+    assert "palpate estimate" in ended(stopped).stderr
+    outcome = ProbingOutcome(tmp_path / "x.mcap", stopped, (), touched=False)
+    monkeypatch.setattr(command, "run_probing", lambda _job, _watcher: outcome)
+    said = run("probe", "-o", tmp_path / "x.mcap").stderr
+    assert "palpate estimate" not in said
+    assert "palpate inspect" in said
+
+
 def test_torque_that_may_still_be_on_is_worth_more_than_the_users_ctrl_c(ended):
     result = LoopResult(Outcome.STOPPED, cause="interrupted by the user (SIGINT)")
     assert ended(result).exit_code == 130
