@@ -141,11 +141,16 @@ class Model:
     def _sensors(self) -> list[SensorEffect]:
         return [e for e in self.effects if isinstance(e, SensorEffect)]
 
-    def parts(self, data: ChannelData, parameters: Parameters) -> Parts:
-        """Columns (n, p) and the known effort (n,) on the motion that really acts; gains do not count."""
+    def moved(self, data: ChannelData, parameters: Parameters) -> ChannelData:
+        """The channel with the motion that really acts; as it is where no effect moves it."""
         for effect in self.effects:
             if isinstance(effect, MotionEffect):
                 data = effect.move(data, _own(effect, parameters))
+        return data
+
+    def parts(self, data: ChannelData, parameters: Parameters) -> Parts:
+        """Columns (n, p) and the known effort (n,) on the motion that really acts; gains do not count."""
+        data = self.moved(data, parameters)
         blocks = [np.zeros((len(data), 0))]
         known = np.zeros(len(data))
         for effect in self._additive:

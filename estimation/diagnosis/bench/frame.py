@@ -1,6 +1,6 @@
 """The grid on which a diagnosis works: means over short blocks, and folds of whole runs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -90,6 +90,11 @@ def frame_of(data: ChannelData, good: BoolArray | None = None) -> Frame:
     trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
     trusted &= ~(_mixed(data, grid) | _at_rest(data, grid) | _at_corners(data, grid))
     return Frame(data, grid, data.run[grid[:, 0]], fold, trusted)
+
+
+def off_borders(frame: Frame, moved: ChannelData) -> Frame:
+    """The frame without trust in blocks where a contact begins or ends by another motion than measured."""
+    return replace(frame, trusted=frame.trusted & ~_mixed(moved, frame.rows))
 
 
 def _mixed(data: ChannelData, rows: IntArray) -> BoolArray:

@@ -6,10 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
-from estimation.channel import ChannelData
+from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.bench.colour import WHITE, colour_of
 from estimation.diagnosis.bench.flexible import Flexible, flexible
-from estimation.diagnosis.bench.frame import frame_of
+from estimation.diagnosis.bench.frame import frame_of, off_borders
 from estimation.diagnosis.bench.held_out import held_out_residual, rmse
 from estimation.diagnosis.bench.load import with_load
 from estimation.diagnosis.bench.polish import polish
@@ -94,7 +94,11 @@ def fit(
     known = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
     first = attempt(_bench(data, model, known, good), model, known, rounds=3)
     plain = _bench(data, model, first.parameters, good)
-    return Fit(plain.frame.data, plain, polish(plain, first))
+    trial = polish(plain, first)
+    again = _bench(data, model, trial.parameters, good)
+    if not np.array_equal(again.frame.trusted, plain.frame.trusted):  # the contact begins elsewhere
+        plain, trial = again, polish(again, trial)
+    return Fit(plain.frame.data, plain, trial)
 
 
 def stand(
@@ -110,4 +114,7 @@ def stand(
 
 
 def _bench(data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None) -> Bench:
-    return Bench(frame_of(with_load(data, model, parameters), good), WHITE)
+    frame = frame_of(with_load(data, model, parameters), good)
+    if data.kind is not ChannelKind.CONTACT:
+        return Bench(frame, WHITE)
+    return Bench(off_borders(frame, model.moved(frame.data, parameters)), WHITE)

@@ -86,6 +86,12 @@ def named_in_a_joint(data, names):
     return {entry.effect for entry in found.accepted}
 
 
+def test_the_step_of_a_damper_at_a_surface_that_lies_deeper_is_no_misfit():
+    # where the contact begins is known only with the offset: a block across it holds half of the step
+    found = named(session(39, lambda t, x, v, run: stuck(kelvin_voigt(x - 0.002, v), run, 0.6)))
+    assert set(found) == {"contact_offset", "hysteresis"}
+
+
 def test_friction_beside_a_bias_is_not_called_uneven():
     # a bias and an even friction draw the levels of an uneven one, with two parameters less
     joint = swing(lambda q, v: 0.3 * np.tanh(v / 0.01) + 0.1)
