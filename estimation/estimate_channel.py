@@ -85,8 +85,9 @@ def estimate_channel(
 def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:
     """Gains as the estimator has them, inner parameters as the search has them, errors of both together.
 
-    Given the inner parameters p, the gains g have the estimator's covariance; p is uncertain by C, and the
-    gains follow it by G = dg/dp = -(X'X)^-1 X' df/dp. Together: cov(g) + G C G' for g, G C between g and p.
+    Given the inner parameters p, the gains g have the estimator's covariance; p is uncertain by C, also where
+    it ended at a bound, which is no measurement. The gains follow it by G = dg/dp = -(X'X)^-1 X' df/dp.
+    Together: cov(g) + G C G' for g, G C between g and p.
     """
     gain_count = len(given.parameters)
     values = np.array(list(searched.parameters.values()))
@@ -94,7 +95,7 @@ def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:
     columns, slopes = searched.jacobian[:, :gain_count], searched.jacobian[:, gain_count:]
     follow = -np.array([solve(columns, slope).gains for slope in slopes.T]).reshape(-1, gain_count).T
     matrix = searched.covariance.matrix.copy()
-    spread = np.nan_to_num(matrix[gain_count:, gain_count:])
+    spread = np.nan_to_num(searched.unbounded.matrix[gain_count:, gain_count:])
     matrix[:gain_count, :gain_count] = given.covariance + follow @ spread @ follow.T
     matrix[:gain_count, gain_count:] = follow @ spread
     matrix[gain_count:, :gain_count] = (follow @ spread).T

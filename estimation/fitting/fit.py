@@ -23,6 +23,7 @@ class Fit:
         model: what was fitted.
         parameters: gains, then inner parameters, by "effect.parameter".
         covariance: of the parameters in that order; NaN for an inner parameter that ended at its bound.
+        unbounded: the same as if there were no bounds: a bound is no measurement.
         residuals: effort minus prediction, shape (n,), also of samples that were not fitted.
         rows: samples that were fitted, shape (n,).
         jacobian: slopes of the prediction in those samples, one column for each parameter.
@@ -32,6 +33,7 @@ class Fit:
     model: Model
     parameters: dict[str, float]
     covariance: Covariance
+    unbounded: Covariance
     residuals: FloatArray
     rows: BoolArray
     jacobian: FloatArray
@@ -84,7 +86,11 @@ def describe(problem: Problem, solution: Solution, loss: Loss) -> Fit:
     jacobian = problem.slopes(gains, vector)[rows] / rates
     free = np.concatenate([np.ones(len(gains), dtype=np.bool_), ~problem.scale.at_bound(vector)])
     score, slope = _influence(problem, solution, loss, residuals[rows])
-    covariance = _spread_out(sandwich(jacobian[:, free], score, slope, problem.data.run[rows]), free)
+    run = problem.data.run[rows]
+    unbounded = sandwich(jacobian, score, slope, run)
+    if not np.isfinite(unbounded.matrix).all():
+        unbounded = _spread_out(sandwich(jacobian[:, free], score, slope, run), free)
+    covariance = _without(unbounded, ~free)
     estimate = assemble(
         "fit",
         tuple(parameters),
@@ -96,7 +102,7 @@ def describe(problem: Problem, solution: Solution, loss: Loss) -> Fit:
         covariance=covariance,
         details={"noise": solution.noise},
     )
-    return Fit(problem.model, parameters, covariance, residuals, rows, jacobian, estimate)
+    return Fit(problem.model, parameters, covariance, unbounded, residuals, rows, jacobian, estimate)
 
 
 def _influence(
@@ -106,6 +112,13 @@ def _influence(
     weights = problem.weights
     standardised = weights * residuals / max(solution.noise, np.finfo(float).tiny)
     return weights**2 * loss.weight(standardised) * residuals, weights**2 * loss.slope(standardised)
+
+
+def _without(covariance: Covariance, fixed: BoolArray) -> Covariance:
+    """The covariance with NaN for those that ended at a bound."""
+    matrix = covariance.matrix.copy()
+    matrix[fixed, :] = matrix[:, fixed] = np.nan
+    return Covariance(matrix, covariance.degrees_of_freedom)
 
 
 def _spread_out(covariance: Covariance, free: BoolArray) -> Covariance:

@@ -3,6 +3,8 @@ import pytest
 
 from estimation.effects import EFFECTS
 from estimation.estimate import Identifiability
+from estimation.estimate_channel import estimate_channel
+from estimation.estimators import ESTIMATORS
 from estimation.fitting.fit import fit
 from estimation.fitting.loss import Loss
 from estimation.model import Model
@@ -127,6 +129,21 @@ def test_says_when_the_search_ends_at_a_bound():
     assert np.isfinite(found["hunt_crossley.k"].std_err)
     assert found.identifiability is Identifiability.WEAK
     assert "hunt_crossley.n: the search ended at the bound" in found.note
+
+
+def test_a_gain_is_no_surer_for_a_partner_that_ended_at_its_bound():
+    # the surface lies 30 mm off, 20 mm is the bound: only the slope says what k is
+    rng = np.random.default_rng(8)
+    t = np.arange(0.0, 1.0, 1e-3)
+    x = 0.004 + 0.0002 * np.sin(9.0 * t)
+    data = channel(100.0 * (x + 0.03) + 0.02 * rng.standard_normal(len(t)), x, np.gradient(x, t), t)
+    model = base_model("kelvin_voigt", surface_found=True)
+    found = estimate_channel(data, model, ESTIMATORS["robust"](), rng=np.random.default_rng(1))
+    assert np.isnan(found["contact_offset.offset"].std_err)
+    level_alone = 0.02 / np.sqrt(np.sum((x + 0.02) ** 2))  # what k would be known to if that were the surface
+    slope_alone = 0.02 / np.sqrt(np.sum((x - x.mean()) ** 2))  # what it is known to
+    assert level_alone < 0.1 * slope_alone
+    assert found["stiffness.k"].std_err == pytest.approx(slope_alone, rel=0.5)
 
 
 def test_starting_near_the_answer_gives_the_same_answer():

@@ -46,14 +46,16 @@ def disagreement(standing: Standing) -> Disagreement | None:
     for run in data.runs:
         rows = np.flatnonzero((data.run == run) & np.isfinite(predicted))
         if len(rows) < _ROWS * slopes.shape[1]:
-            return None
+            predicted[rows] = np.nan  # too short to be fitted by itself
+            continue
         scale = np.linalg.norm(slopes[rows], axis=0)
         columns = slopes[rows] / np.where(scale > 0.0, scale, 1.0)
         fitted = np.linalg.lstsq(columns, residual[rows], rcond=1e-9)[0]
         freedom = len(rows) / (len(rows) - slopes.shape[1])
         alone[rows] = (residual[rows] - columns @ fitted) * np.sqrt(freedom)
-    if len(data.runs) < 2 or not rmse(predicted) > _TIMES * rmse(alone):
+    judged = np.unique(data.run[np.isfinite(alone)])
+    if len(judged) < 2 or not rmse(predicted) > _TIMES * rmse(alone):
         return None
-    errors = [(rmse(predicted[data.run == run]), rmse(alone[data.run == run])) for run in data.runs]
+    errors = [(rmse(predicted[data.run == run]), rmse(alone[data.run == run])) for run in judged]
     worst = int(np.argmax([together**2 - single**2 for together, single in errors]))
-    return Disagreement(int(data.runs[worst]), rmse(predicted), rmse(alone), *errors[worst])
+    return Disagreement(int(judged[worst]), rmse(predicted), rmse(alone), *errors[worst])

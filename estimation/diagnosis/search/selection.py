@@ -28,6 +28,7 @@ TRIES = 3  # candidates weighed before giving up
 MOST = 0.95  # of what the best candidate takes away; a simpler one that does as much comes first
 PROMISING = 0.3  # of what the best candidate takes away at its starts; those below are not tried in between
 REFINED = 5  # candidates that are tried in between in any case
+FAR_END = 0.99  # of the upper bound of an inner parameter
 LOOSE = 0.05  # of the effort, that a gain may be off its bounds before all parameters are fitted together
 TIE = 0.02  # of the squared held-out error; candidates closer than this are told apart by simplicity only
 
@@ -255,6 +256,9 @@ def is_possible(effect: Effect, trial: Trial, bench: Bench, loose: float = 0.0) 
         slack += (effort + minor * noise) / max(float(np.sqrt(np.mean(column**2))), 1e-300)
         if not parameter.lower - slack <= value <= parameter.upper + slack:
             return False
+    # what ended at the far end of a range that goes by ratio was not found
+    if any(p.log and trial.parameters[f"{effect.name}.{p.name}"] > FAR_END * p.upper for p in effect.inner):
+        return False
     # no time stamp is better than half a step
     half = 0.5 * sample_time(bench.frame.data.time_s, bench.frame.data.run)
     if any(trial.parameters[f"{effect.name}.{p.name}"] < half for p in effect.inner if p.unit == "s"):

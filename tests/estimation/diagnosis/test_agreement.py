@@ -41,3 +41,18 @@ def test_the_odd_one_out_is_named(change, odd):
 def test_slow_noise_is_no_disagreement(correlation):
     for seed in range(5):
         assert disagreement(stand(session(seed, correlation=correlation), MODEL, {})) is None
+
+
+def test_a_short_run_does_not_excuse_the_others():
+    data = session(7, lambda t, x, v, run: CHANGES["another zero"](kelvin_voigt(x, v), run))
+    short = data.select((data.run != data.runs[-1]) | (np.cumsum(data.run == data.runs[-1]) <= 60))
+    found = disagreement(stand(short, MODEL, {}))
+    assert found is not None
+    assert found.alone < 1.2 * NOISE_N < found.predicted
+
+
+def test_a_surface_that_sinks_from_run_to_run_is_no_relaxation():
+    # what is remembered for ever, at the end of what can be remembered, is another surface in each run
+    data = session(12, lambda t, x, v, run: kelvin_voigt(x - 0.0003 * run, v))
+    found = diagnose(data, MODEL, rng=np.random.default_rng(0)).channels[0]
+    assert "stress_relaxation" not in [entry.effect for entry in found.accepted]
