@@ -8,8 +8,8 @@ import numpy as np
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis.apart import Progress
 from palpate.arm.hiding import open_answer
-from palpate.arm.probing_run import NOBODY, ProbingJob, Watcher, run_probing
-from palpate.arm.robots import DEFAULT, find_robot
+from palpate.arm.probing_run import NOBODY, Watcher
+from palpate.demo.probe import probe_demo
 from palpate.files import output_folder
 from palpate.findings.effect_library import library_with
 from palpate.findings.estimation_run import DEFAULT_MODEL, load_material
@@ -76,10 +76,7 @@ def probe_hidden(session: Path, scenario: Scenario, seed: int | None, watcher: W
         KeyboardInterrupt: the user stopped it.
         PalpateError: the arm was stopped, nothing was touched, or the session cannot be written.
     """
-    job = ProbingJob(
-        find_robot(DEFAULT), PLAN, session, scenario=scenario, seed=seed, command_line="palpate demo"
-    )
-    run_probing(job, watcher).raise_for_failure()
+    probe_demo(session, scenario, seed, watcher, PLAN)
     return sealed_path(session)
 
 

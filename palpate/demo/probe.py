@@ -41,21 +41,24 @@ class Demo:
     plots: tuple[Path, ...]
 
 
-def probe_demo(session: Path, scenario: Scenario, seed: int | None, watcher: Watcher = NOBODY) -> None:
-    """Probe a simulated object at three speeds.
+def probe_demo(
+    session: Path, scenario: Scenario, seed: int | None, watcher: Watcher = NOBODY, plan: ProbingPlan = PLAN
+) -> None:
+    """Probe a simulated object, by default once at three speeds.
 
     Args:
         session: the new session file.
         scenario: what is simulated.
         seed: of all noise, or None for the scenario's.
         watcher: told how far it is.
+        plan: speeds and repeats.
 
     Raises:
         KeyboardInterrupt: the user stopped it.
         PalpateError: the arm was stopped, nothing was touched, or the session cannot be written.
     """
     job = ProbingJob(
-        find_robot(DEFAULT), PLAN, session, scenario=scenario, seed=seed, command_line="palpate demo"
+        find_robot(DEFAULT), plan, session, scenario=scenario, seed=seed, command_line="palpate demo"
     )
     run_probing(job, watcher).raise_for_failure()
 
