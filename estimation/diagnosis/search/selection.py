@@ -188,7 +188,6 @@ def evidence(
     # chance is as strong as the noise, not as all that is still missing
     observed = (before.trial.sse - after.trial.sse) / float(np.sum(after.flexible.residual[kept] ** 2))
     sample_gain = 1.0 - after.rmse / before.rmse
-    in_contact = before.data.kind is ChannelKind.CONTACT
     return Evidence(
         gain,
         sample_gain,
@@ -196,8 +195,13 @@ def evidence(
         folds,
         broad_gain,
         p_value(observed, chance),
-        LEAST_SAMPLE_GAIN if in_contact else LEAST_JOINT_SAMPLE_GAIN,
+        least_sample_gain(before.data.kind),
     )
+
+
+def least_sample_gain(kind: ChannelKind) -> float:
+    """Share of the error, sample by sample, that an effect must take away."""
+    return LEAST_SAMPLE_GAIN if kind is ChannelKind.CONTACT else LEAST_JOINT_SAMPLE_GAIN
 
 
 def is_slight(start: Standing, before: Standing, held_out: float) -> bool:
