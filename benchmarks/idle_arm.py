@@ -5,9 +5,8 @@ import numpy as np
 from control.loop.phases import Phase
 from control.loop.task import TaskOutput
 from robot_io.clock import Clock
-from robot_io.guard import Guard
+from robot_io.guard import Guard, Limits, SafeState
 from robot_io.interfaces import ForceSensor, JointEncoder, JointTorque
-from robot_io.limits import Limits, SafeState
 from robot_io.robot import Robot
 from robot_io.types import Command, FloatArray, Measurement, Reading
 

@@ -12,7 +12,7 @@ from typer.core import TyperGroup
 from palpate.made_folders import remove_empty_folders
 from palpate.preflight import library_remedy
 from robot_io.errors import InputError, PalpateError
-from robot_io.safe_yaml import one_line
+from robot_io.files.safe_yaml import one_line
 
 BAD_INPUT = 2
 FAILED = 1

@@ -12,9 +12,8 @@ from robot_io.errors import (
     SessionError,
     UnknownNameError,
 )
-from robot_io.guard import Guard, Trip
+from robot_io.guard import Guard, Limits, SafeState, Trip
 from robot_io.interfaces import Bus, Component, ForceSensor, JointEncoder, JointTorque
-from robot_io.limits import Limits, SafeState
 from robot_io.registry import Registry
 from robot_io.robot import Robot, RobotState, build_robot
 from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, PrivateAttr, field_validator
 
-from robot_io.file_model import FileModel, Number, Positive, input_error, matching, validate
-from robot_io.limits import Limits, SafeState
-from robot_io.safe_yaml import YamlDocument, load_yaml, parse_yaml
-from robot_io.text_file import MOST_BYTES
+from robot_io.files.file_model import FileModel, Number, Positive, input_error, matching, validate
+from robot_io.files.safe_yaml import YamlDocument, load_yaml, parse_yaml
+from robot_io.files.text_file import MOST_BYTES
+from robot_io.guard import Limits, SafeState
 
 Name = Annotated[
     str,

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from robot_io.errors import InputError
-from robot_io.file_model import FileModel, validate
+from robot_io.files.file_model import FileModel, validate
 from robot_io.registry import Registry
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from robot_io.errors import InputError
-from robot_io.file_model import FileModel, matching, validate
+from robot_io.files.file_model import FileModel, matching, validate
 from robot_io.registry import Registry
 from sim_backend.channel_effect import ChannelEffect, Transducer
 from sim_backend.hooks import Effects

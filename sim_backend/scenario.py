@@ -8,8 +8,8 @@ import yaml
 from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
 from robot_io.errors import InputError
-from robot_io.file_model import FileModel, Number, validate
-from robot_io.safe_yaml import load_yaml, parse_yaml
+from robot_io.files.file_model import FileModel, Number, validate
+from robot_io.files.safe_yaml import load_yaml, parse_yaml
 from sim_backend.contact_law import ContactLaw, describe_contact_law, parse_contact_law
 from sim_backend.contact_laws import EngineContact, KelvinVoigt
 from sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection

@@ -15,7 +15,7 @@ import numpy as np
 from robot_io.clock import Clock, SimulatedClock
 from robot_io.driver import DriverCatalogue, DriverContext
 from robot_io.errors import DeviceError, DeviceTimeoutError
-from robot_io.file_model import FileModel, NotNegative, Number, Positive
+from robot_io.files.file_model import FileModel, NotNegative, Number, Positive
 from robot_io.interfaces import Bus, Component, ForceSensor, JointEncoder, JointTorque
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile, parse_robot_file

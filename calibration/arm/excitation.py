@@ -14,7 +14,7 @@ from calibration.arm.way_up import check_way_up, highest_posture, room
 from control.arm.rigid_body import RigidBody
 from control.paths.motion import JointMotion
 from robot_io.errors import InputError
-from robot_io.limits import Limits
+from robot_io.guard import Limits
 from robot_io.types import FloatArray
 
 HARMONICS = 4

@@ -6,7 +6,7 @@ import numpy as np
 
 from control.arm.rigid_body import RigidBody
 from control.paths.motion import JointMotion
-from robot_io.limits import Limits
+from robot_io.guard import Limits
 from robot_io.types import FloatArray
 
 SHARE = 0.5  # of a limit; the rest is for noise, friction and the controller's corrections

@@ -7,7 +7,7 @@ from calibration.arm.pace import ACCELERATION_RAD_S2, overloaded_joint, travel_s
 from control.arm.rigid_body import RigidBody
 from control.paths.trajectory import JointMove
 from robot_io.errors import InputError
-from robot_io.limits import Limits
+from robot_io.guard import Limits
 from robot_io.types import FloatArray
 
 _LOOKS = 60  # postures of the way that are looked at

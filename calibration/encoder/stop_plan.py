@@ -12,7 +12,7 @@ from calibration.arm.way_up import check_way_up, highest_posture, room
 from control.arm.rigid_body import RigidBody
 from control.paths.motion import JointMotion
 from robot_io.errors import InputError
-from robot_io.limits import Limits
+from robot_io.guard import Limits
 from robot_io.types import FloatArray
 
 _NEAR_RAD = 0.12  # the approach begins so far before the stop

@@ -18,7 +18,7 @@ from control.paths.motion import JointMotion
 from control.paths.trajectory import JointMove
 from robot_io.clip import clip
 from robot_io.errors import SafetyTripError
-from robot_io.limits import Limits
+from robot_io.guard import Limits
 from robot_io.types import FloatArray, Measurement
 
 EVENT = "stop_touched"

@@ -24,8 +24,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from robot_io.errors import InputError
-from robot_io.file_model import FileModel, Number, matching, validate
-from robot_io.safe_yaml import YamlDocument, load_yaml
+from robot_io.files.file_model import FileModel, Number, matching, validate
+from robot_io.files.safe_yaml import YamlDocument, load_yaml
 from robot_io.types import FloatArray, frozen_array
 
 Name = Annotated[str, matching(r"[A-Za-z][A-Za-z0-9_]{0,63}", "1 to 64 letters, digits or _, a letter first")]

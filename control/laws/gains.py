@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from robot_io.file_model import FileModel, NotNegative, Positive, validate
+from robot_io.files.file_model import FileModel, NotNegative, Positive, validate
 from robot_io.robot_file import RobotFile
 
 Share = Annotated[NotNegative, Field(le=1.0)]

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from control.laws.object_guess import Compliance
-from robot_io.file_model import FileModel, Positive
+from robot_io.files.file_model import FileModel, Positive
 from robot_io.types import FloatArray
 
 _RAMP_SHARE = 0.2  # of the duration, for fading in

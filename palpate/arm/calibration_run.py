@@ -29,8 +29,8 @@ from robot_io.calibration import (
     TorqueCalibration,
 )
 from robot_io.errors import InputError
-from robot_io.file_model import validate
-from robot_io.limits import Limits
+from robot_io.files.file_model import validate
+from robot_io.guard import Limits
 from robot_io.session import Session
 from robot_io.types import FloatArray
 

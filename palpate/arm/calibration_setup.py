@@ -34,8 +34,7 @@ from robot_io.calibration import (
 )
 from robot_io.clock import Clock
 from robot_io.errors import InputError
-from robot_io.guard import Guard
-from robot_io.limits import Limits
+from robot_io.guard import Guard, Limits
 from robot_io.robot import Robot
 from robot_io.robot_file import RobotFile, parse_robot_file
 from robot_io.session import Session, SessionWriter

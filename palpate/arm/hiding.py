@@ -5,8 +5,8 @@ from pathlib import Path
 
 from palpate.files import existing_file
 from robot_io.errors import InputError
-from robot_io.file_model import FileModel, validate
-from robot_io.safe_yaml import load_yaml
+from robot_io.files.file_model import FileModel, validate
+from robot_io.files.safe_yaml import load_yaml
 from robot_io.session import Session, SessionMetadata
 from sim_backend.hidden import draw_hidden
 from sim_backend.imperfection import IMPERFECTIONS

@@ -21,7 +21,7 @@ from palpate.files import existing_file, output_file
 from palpate.text.progress import probing_progress
 from palpate.words import count, duration, safe, shown, typed
 from robot_io.errors import InputError
-from robot_io.file_model import validate
+from robot_io.files.file_model import validate
 from robot_io.robot_file import RobotFile
 from sim_backend.scenario import load_scenario, shipped_scenarios
 

@@ -59,7 +59,7 @@ def _weight(robot_file: RobotFile, body: RigidBody, poses: FloatArray) -> Findin
 
 
 def _brake(robot_file: RobotFile, body: RigidBody, poses: FloatArray) -> Finding:
-    """See `robot_io.limits.SafeState`: a brake that is too strong for its own delay shakes the arm."""
+    """See `robot_io.guard.SafeState`: a brake that is too strong for its own delay shakes the arm."""
     delay_s = (1 + _AGE_TICKS) / robot_file.control_rate_hz
     effective = [1.0 / np.diag(np.linalg.inv(body.mass_matrix(pose))) for pose in poses]
     most = np.min(effective, axis=0) / delay_s

@@ -6,7 +6,7 @@ import numpy as np
 
 from control.arm.rigid_body import RigidBody
 from palpate.doctor.finding import Finding, fail, ok, warn
-from robot_io.limits import Limits
+from robot_io.guard import Limits
 from robot_io.robot_file import RobotFile
 from robot_io.serial_force import newtons_per
 from robot_io.types import FloatArray

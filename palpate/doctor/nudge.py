@@ -14,8 +14,7 @@ from control.loop.task import TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates
 from control.paths.motion import JointMotion
 from palpate.doctor.finding import Finding, fail, ok, warn
-from robot_io.guard import Guard
-from robot_io.limits import Limits
+from robot_io.guard import Guard, Limits
 from robot_io.robot import Robot
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, Measurement

@@ -8,7 +8,7 @@ from estimation.surface import Surface
 from palpate.export.terms import ARM, CONTACT, JOINT, SENSOR, Entry
 from palpate.findings.revisions import KeptRevision
 from robot_io.errors import InputError
-from robot_io.file_model import validate
+from robot_io.files.file_model import validate
 from sim_backend.imperfection import Imperfection, parse_imperfection
 from sim_backend.scenario import Scenario
 

@@ -12,8 +12,8 @@ from palpate.arm.hiding import SEALED
 from palpate.arm.probing_run import PLAN
 from palpate.files import write_text
 from palpate.words import as_shell_word
-from robot_io.file_model import validate
-from robot_io.safe_yaml import parse_yaml
+from robot_io.files.file_model import validate
+from robot_io.files.safe_yaml import parse_yaml
 from robot_io.session import Session
 
 SLOWEST_M_S = 0.01  # runs slower than this need more time to load

@@ -18,9 +18,9 @@ from robot_io.calibration.file import (
 from robot_io.calibration.identity import device_identity, first_difference, urdf_sha256
 from robot_io.calibration.plausible import implausible
 from robot_io.errors import InputError
-from robot_io.file_model import input_error
+from robot_io.files.file_model import input_error
+from robot_io.files.safe_yaml import YamlDocument, load_yaml, parse_yaml
 from robot_io.robot_file import RobotFile
-from robot_io.safe_yaml import YamlDocument, load_yaml, parse_yaml
 
 GRAVITY_M_S2 = 9.81
 _CLOCK_MAY_DIFFER = timedelta(days=1)

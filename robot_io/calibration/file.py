@@ -12,8 +12,16 @@ from pydantic import AwareDatetime, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from robot_io.errors import InputError
-from robot_io.file_model import FileModel, NotNegative, Number, input_error, matching, problem_at, validate
-from robot_io.safe_yaml import YamlDocument, load_yaml, parse_yaml
+from robot_io.files.file_model import (
+    FileModel,
+    NotNegative,
+    Number,
+    input_error,
+    matching,
+    problem_at,
+    validate,
+)
+from robot_io.files.safe_yaml import YamlDocument, load_yaml, parse_yaml
 
 MAX_BYTES = 64 * 1024
 MOST_JOINTS = 32

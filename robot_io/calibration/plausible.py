@@ -4,7 +4,7 @@ A wrong one must not hide from the guard what the guard is there for, nor tell a
 """
 
 from robot_io.calibration.file import Calibration, EncoderCalibration, ForceCalibration, TorqueCalibration
-from robot_io.limits import Limits
+from robot_io.guard import Limits
 
 _ZERO_SHARE = 0.5  # of the force limit, that a sensor may show with nothing on it
 _SLOPE_SHARE = 0.5  # of the scale, that must be left wherever the guard has to see the force grow

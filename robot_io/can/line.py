@@ -15,7 +15,7 @@ from robot_io.can.frame import CanFrame
 from robot_io.can.port_lock import PortLock
 from robot_io.clock import Clock
 from robot_io.errors import DeviceError
-from robot_io.file_model import FileModel, matching
+from robot_io.files.file_model import FileModel, matching
 
 BUS_OFF = 0x040  # error classes in the id of an error frame: linux/can/error.h
 RESTARTED = 0x100

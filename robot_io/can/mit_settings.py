@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from robot_io.can.line import CanLineSettings
 from robot_io.can.mit_models import MIT_MODELS, MitRanges
 from robot_io.can.motor_joints import MotorMounting
-from robot_io.file_model import FileModel, Positive
+from robot_io.files.file_model import FileModel, Positive
 
 
 class MitRangeSettings(FileModel):

@@ -6,7 +6,7 @@ from typing import ClassVar
 from robot_io.can.motor_joints import MotorBus
 from robot_io.driver import DriverContext
 from robot_io.errors import LifecycleError
-from robot_io.file_model import FileModel
+from robot_io.files.file_model import FileModel
 from robot_io.interfaces import JointEncoder, JointTorque
 from robot_io.types import FloatArray, Reading
 

@@ -12,7 +12,7 @@ from robot_io.can.line import CanLine, CanLineSettings
 from robot_io.driver import DriverContext
 from robot_io.errors import DeviceError, DeviceTimeoutError, ProtocolError
 from robot_io.examination import Examinable, Observation, fail, warn
-from robot_io.file_model import FileModel, Number, Positive, input_error
+from robot_io.files.file_model import FileModel, Number, Positive, input_error
 from robot_io.interfaces import Bus
 from robot_io.types import FloatArray, Reading, Status
 

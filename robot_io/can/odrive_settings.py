@@ -7,7 +7,7 @@ from pydantic import Field, StrictBool, model_validator
 from robot_io.can.line import CanLineSettings
 from robot_io.can.motor_joints import MotorMounting
 from robot_io.can.odrive_tables import MAX_NODE_ID, Firmware
-from robot_io.file_model import Positive
+from robot_io.files.file_model import Positive
 
 
 class OdriveAxis(MotorMounting):

@@ -8,7 +8,7 @@ import numpy as np
 
 from robot_io.driver import DriverContext
 from robot_io.drivers.dynamixel_bus import DynamixelBus, ServoSample
-from robot_io.file_model import FileModel, Positive
+from robot_io.files.file_model import FileModel, Positive
 from robot_io.interfaces import JointEncoder
 from robot_io.types import FloatArray, Reading, Status
 

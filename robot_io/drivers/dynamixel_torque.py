@@ -7,7 +7,7 @@ import numpy as np
 
 from robot_io.driver import DriverContext
 from robot_io.drivers.dynamixel_bus import DynamixelBus
-from robot_io.file_model import FileModel
+from robot_io.files.file_model import FileModel
 from robot_io.interfaces import JointTorque
 from robot_io.types import FloatArray, Reading, Status
 

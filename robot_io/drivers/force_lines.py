@@ -8,7 +8,7 @@ from pydantic import Field, StrictBool, field_validator
 from robot_io.driver import DriverContext
 from robot_io.drivers.serial_line import SerialLine
 from robot_io.errors import ProtocolError
-from robot_io.file_model import FileModel, Positive
+from robot_io.files.file_model import FileModel, Positive
 from robot_io.interfaces import ForceSensor
 from robot_io.serial_force import newtons_per
 from robot_io.serial_force.pattern import MAX_PATTERN, PatternStream, compile_pattern

@@ -9,7 +9,7 @@ from robot_io.driver import DriverContext
 from robot_io.drivers.serial_line import SerialLine
 from robot_io.errors import DeviceError, ProtocolError
 from robot_io.examination import Examinable, Observation
-from robot_io.file_model import FileModel, Positive
+from robot_io.files.file_model import FileModel, Positive
 from robot_io.interfaces import ForceSensor
 from robot_io.serial_force import lorenz, newtons_per
 from robot_io.serial_force.lorenz import LorenzCommand, Telegram

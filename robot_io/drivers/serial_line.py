@@ -10,7 +10,7 @@ from pydantic import Field
 from robot_io.driver import DriverContext
 from robot_io.errors import DeviceError, DeviceTimeoutError
 from robot_io.exclusive_port import close_exclusive, open_exclusively
-from robot_io.file_model import FileModel, NotNegative
+from robot_io.files.file_model import FileModel, NotNegative
 from robot_io.interfaces import Bus
 from robot_io.serial_force import ForceSample, SerialReader, Stream
 from robot_io.types import Reading, Status

@@ -13,7 +13,7 @@ from robot_io.dynamixel.registers import (
     RETURN_DELAY_STEP_S,
     WATCHDOG_STEP_S,
 )
-from robot_io.file_model import FileModel, NotNegative, Number, Positive
+from robot_io.files.file_model import FileModel, NotNegative, Number, Positive
 
 
 class ServoSettings(FileModel):

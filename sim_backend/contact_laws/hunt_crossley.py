@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from robot_io.file_model import Number
+from robot_io.files.file_model import Number
 from sim_backend.contact_law import ContactLaw
 
 

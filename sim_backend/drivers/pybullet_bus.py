@@ -8,7 +8,7 @@ import numpy as np
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverContext
 from robot_io.errors import InputError, LifecycleError
-from robot_io.file_model import FileModel, input_error
+from robot_io.files.file_model import FileModel, input_error
 from robot_io.interfaces import Bus
 from robot_io.types import FloatArray
 from sim_backend.scenario import Scenario, load_scenario

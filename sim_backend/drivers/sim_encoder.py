@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from robot_io.driver import DriverContext
-from robot_io.file_model import FileModel
+from robot_io.files.file_model import FileModel
 from robot_io.interfaces import JointEncoder
 from robot_io.types import Reading
 from sim_backend.drivers.pybullet_bus import PyBulletBus

@@ -8,7 +8,7 @@ import numpy as np
 from robot_io.clip import clip
 from robot_io.driver import DriverContext
 from robot_io.errors import LifecycleError
-from robot_io.file_model import FileModel
+from robot_io.files.file_model import FileModel
 from robot_io.interfaces import JointTorque
 from robot_io.types import FloatArray, Reading
 from sim_backend.drivers.pybullet_bus import PyBulletBus

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from robot_io.file_model import FileModel, NotNegative, Number, Positive
+from robot_io.files.file_model import FileModel, NotNegative, Number, Positive
 
 
 class FaultKind(StrEnum):

@@ -6,7 +6,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from robot_io.file_model import NotNegative
+from robot_io.files.file_model import NotNegative
 from sim_backend.hooks import Effects, JointEffect, JointState
 from sim_backend.imperfection import JointImperfection, parameter
 from sim_backend.noise_scale import LOADED, NoiseScale, joint_of

@@ -5,7 +5,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from robot_io.file_model import NotNegative, Positive
+from robot_io.files.file_model import NotNegative, Positive
 from sim_backend.hooks import Effects, JointEffect, JointState, SensorEffect
 from sim_backend.imperfection import JointImperfection, parameter
 from sim_backend.noise_scale import CONTACT, NoiseScale, channel_of, joint_of

@@ -4,7 +4,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from robot_io.file_model import Number
+from robot_io.files.file_model import Number
 from sim_backend.hooks import ContactState, Effects, MaterialEffect
 from sim_backend.imperfection import ContactImperfection, parameter
 from sim_backend.noise_scale import NoiseScale

@@ -5,7 +5,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from robot_io.file_model import NotNegative
+from robot_io.files.file_model import NotNegative
 from sim_backend.channel_effect import Transducer
 from sim_backend.imperfection import SensorImperfection, parameter
 from sim_backend.noise_scale import CONTACT, LOADED, NoiseScale

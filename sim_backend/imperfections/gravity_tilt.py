@@ -6,7 +6,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from robot_io.file_model import Number
+from robot_io.files.file_model import Number
 from sim_backend.hooks import Effects, PlantEffect
 from sim_backend.imperfection import Imperfection, parameter
 from sim_backend.noise_scale import LOADED, NoiseScale, channel_of

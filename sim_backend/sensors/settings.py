@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from robot_io.file_model import FileModel, NotNegative, Number, Positive
+from robot_io.files.file_model import FileModel, NotNegative, Number, Positive
 
 Rate = Field(default=1000.0, gt=0, le=1e6)
 Delay = Annotated[NotNegative, Field(le=10.0)]  # [s]

@@ -11,7 +11,7 @@ from control.arm.dh import DhRow, DhTable, load_dh_table
 from control.arm.dh_urdf import LinkInertia, dh_to_urdf
 from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
-from robot_io.safe_yaml import parse_yaml
+from robot_io.files.safe_yaml import parse_yaml
 from tests.control.reference_plant import TABLE
 
 ROOT = Path(__file__).resolve().parents[2]

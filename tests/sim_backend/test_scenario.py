@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_io.errors import InputError
-from robot_io.file_model import FileModel
+from robot_io.files.file_model import FileModel
 from sim_backend import Scenario, load_scenario, parse_scenario, shipped_scenarios
 from sim_backend.contact_law import CONTACT_LAWS, describe_contact_law, parse_contact_law
 

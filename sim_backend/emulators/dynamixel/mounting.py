@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from robot_io.file_model import FileModel, Number, Positive
+from robot_io.files.file_model import FileModel, Number, Positive
 from sim_backend.emulators.dynamixel.control_table import MODELS
 
 

@@ -2,7 +2,7 @@
 
 from typing import Any, ClassVar
 
-from robot_io.file_model import FileModel, validate
+from robot_io.files.file_model import FileModel, validate
 from sim_backend.emulators.bench import EmulatedWire
 from sim_backend.emulators.dynamixel import DynamixelLine, Mounting
 from sim_backend.emulators.wiring import WireMaker, WireRequest

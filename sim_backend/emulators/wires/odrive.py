@@ -2,7 +2,7 @@
 
 from typing import Any, ClassVar
 
-from robot_io.file_model import FileModel, Number, Positive, validate
+from robot_io.files.file_model import FileModel, Number, Positive, validate
 from sim_backend.emulators.bench import EmulatedWire
 from sim_backend.emulators.can import CanWire, EmulatedOdrive
 from sim_backend.emulators.can.virtual_bus import open_virtual_bus

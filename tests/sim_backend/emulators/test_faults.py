@@ -3,7 +3,7 @@
 import pytest
 
 from robot_io.errors import InputError
-from robot_io.file_model import validate
+from robot_io.files.file_model import validate
 from sim_backend.emulators import Fault, FaultKind, Faults
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from robot_io.limits import Limits
+from robot_io.guard import Limits
 from tests.wire.fault_matrix.rows import FAMILIES, Program, Row
 from tests.wire.parts import ROOT
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from robot_io.limits import Limits
+from robot_io.guard import Limits
 from sim_backend.emulators import Fault, FaultKind
 from tests.wire.parts import CUBEMARS, ODRIVE, ROOT
 

@@ -6,9 +6,8 @@ from collections import deque
 import numpy as np
 import pytest
 
-from robot_io.deaf_drive import DeafDrives
-from robot_io.guard import Guard
-from robot_io.limits import Limits, SafeState
+from robot_io.guard import Guard, Limits, SafeState
+from robot_io.guard.deaf_drive import DeafDrives
 from robot_io.types import Command, Measurement, Status
 
 DT = 1e-3

@@ -6,14 +6,14 @@ from math import inf, nan
 import numpy as np
 
 from robot_io.clip import clip
-from robot_io.deaf_drive import DeafDrives
 from robot_io.errors import InputError, SafetyTripError
-from robot_io.limit_checks import LimitChecks
-from robot_io.limits import Limits, SafeState
-from robot_io.problem import Problem
-from robot_io.safe_stop import GravityModel, SafeStop
-from robot_io.stuck_encoder import StuckEncoders
-from robot_io.stuck_force import StuckForce
+from robot_io.guard.deaf_drive import DeafDrives
+from robot_io.guard.limit_checks import LimitChecks
+from robot_io.guard.limits import Limits, SafeState
+from robot_io.guard.problem import Problem
+from robot_io.guard.safe_stop import GravityModel, SafeStop
+from robot_io.guard.stuck_encoder import StuckEncoders
+from robot_io.guard.stuck_force import StuckForce
 from robot_io.types import Command, FloatArray, Measurement
 
 PAUSE_S = (

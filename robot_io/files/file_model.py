@@ -17,7 +17,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from robot_io.errors import InputError
-from robot_io.safe_yaml import KeyPath, YamlDocument, one_line
+from robot_io.files.safe_yaml import KeyPath, YamlDocument, one_line
 
 _MAX_SHOWN = 60  # characters of a value in an error
 

@@ -14,7 +14,7 @@ from typing import cast
 import yaml
 
 from robot_io.errors import InputError
-from robot_io.text_file import read_text
+from robot_io.files.text_file import read_text
 
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 20

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from math import isfinite, sqrt
 
-from robot_io.limits import Limits, SafeState
+from robot_io.guard.limits import Limits, SafeState
 from robot_io.types import FloatArray, Measurement
 
 GravityModel = Callable[[FloatArray], FloatArray]

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from tests.robot_io.guard.test_deaf_drive import LIMITS, measured
 
-from robot_io.guard import Guard
-from robot_io.limits import SafeState
-from robot_io.stuck_force import StuckForce
-from tests.robot_io.test_deaf_drive import LIMITS, measured
+from robot_io.guard import Guard, SafeState
+from robot_io.guard.stuck_force import StuckForce
 
 LIMIT_S = 0.02
 

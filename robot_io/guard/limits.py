@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from robot_io.file_model import FileModel, NotNegative, Number, Positive
+from robot_io.files.file_model import FileModel, NotNegative, Number, Positive
 
 # Bounds beyond any arm that this guard is for: a limit past them would be no limit.
 Position = Annotated[Number, Field(ge=-100.0, le=100.0)]

@@ -13,7 +13,7 @@ looks the same, and is as good a reason to stop.
 
 from math import inf, isfinite
 
-from robot_io.limits import Limits
+from robot_io.guard.limits import Limits
 from robot_io.types import FloatArray, Measurement
 
 _SAMPLES = 5  # new ones in that time; fewer are a drive that measures slower than it is asked

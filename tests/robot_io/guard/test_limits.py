@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from robot_io.limits import Limits
+from robot_io.guard import Limits
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "hardware.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "hardware.md"
 WITNESSES = ("deaf_drive_s", "stuck_encoder_s", "stuck_force_s")
 
 
