@@ -9,10 +9,10 @@ from estimation.data.contact import contact_rows
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
 from estimation.fitting.fit import Fit, fit
-from estimation.fitting.least_squares import solve
 from estimation.fitting.problem import Problem
 from estimation.model import Model
 from estimation.regression import Regression
+from estimation.statistics.least_squares import solve
 from estimation.statistics.uncertainty import Covariance, assemble, common_error_covariance
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray

@@ -5,9 +5,9 @@ import numpy as np
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.fitting.fit import Fit, fit
-from estimation.fitting.least_squares import solve
 from estimation.fitting.loss import Loss
 from estimation.models import MODELS
+from estimation.statistics.least_squares import solve
 from robot_io.types import FloatArray
 
 TRUTH = {"hunt_crossley.k": 2000.0, "hunt_crossley.b": 1500.0, "hunt_crossley.n": 1.3}

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.fitting.least_squares import solve
+from estimation.statistics.least_squares import solve
 from estimation.statistics.uncertainty import common_error_covariance, sandwich
 from estimation.surface import Surface
 from estimation.tare import Tare

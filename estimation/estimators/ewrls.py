@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.fitting.recursive import INITIAL_VARIANCE, RecursiveEstimator
+from estimation.estimators.recursive import INITIAL_VARIANCE, RecursiveEstimator
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 

@@ -7,10 +7,10 @@ from scipy import stats
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
-from estimation.fitting.least_squares import solve
 from estimation.fitting.loss import Loss
 from estimation.fitting.subsets import solve_subsets
 from estimation.regression import Regression
+from estimation.statistics.least_squares import solve
 from estimation.statistics.noise_level import robust_sigma
 from estimation.statistics.uncertainty import Covariance, assemble, sandwich
 from robot_io.errors import InputError

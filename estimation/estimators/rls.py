@@ -1,6 +1,6 @@
 """Recursive least squares."""
 
-from estimation.fitting.recursive import RecursiveEstimator
+from estimation.estimators.recursive import RecursiveEstimator
 from robot_io.types import FloatArray
 
 

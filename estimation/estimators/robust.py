@@ -4,10 +4,10 @@ import numpy as np
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
-from estimation.fitting.least_squares import solve
 from estimation.fitting.loss import Loss, absolute_share
 from estimation.fitting.subsets import solve_subsets
 from estimation.regression import Regression
+from estimation.statistics.least_squares import solve
 from estimation.statistics.noise_level import NoiseLevel, fit_noise_level, robust_sigma
 from estimation.statistics.uncertainty import assemble, sandwich
 from robot_io.types import BoolArray, FloatArray

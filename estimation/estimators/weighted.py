@@ -4,8 +4,8 @@ import numpy as np
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
-from estimation.fitting.least_squares import solve
 from estimation.regression import Regression
+from estimation.statistics.least_squares import solve
 from estimation.statistics.noise_level import fit_noise_level
 from estimation.statistics.uncertainty import assemble, sandwich
 from robot_io.types import FloatArray

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from estimation.fitting.least_squares import solve
 from estimation.fitting.loss import Loss, absolute_share
 from estimation.fitting.problem import STEP, Problem
 from estimation.model import Parameters
 from estimation.regression import Regression
+from estimation.statistics.least_squares import solve
 from estimation.statistics.noise_level import robust_sigma
 from robot_io.types import FloatArray
 

@@ -1,1 +1,1 @@
-"""How large the noise is, and how sure a result."""
+"""Least squares, how large the noise is, and how sure a result."""

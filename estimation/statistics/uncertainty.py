@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
-from estimation.fitting.least_squares import condition_of_gram, solve
+from estimation.statistics.least_squares import condition_of_gram, solve
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import BoolArray, FloatArray, IntArray
 

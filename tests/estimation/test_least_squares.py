@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.fitting.least_squares import solve
+from estimation.statistics.least_squares import solve
 
 
 def columns_and_effort(seed=0, count=200, gains=3):
