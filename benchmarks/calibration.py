@@ -17,9 +17,9 @@ from rich.table import Table
 
 from calibration.force.fit import fit_force
 from calibration.force.weighing import read_weighing
-from palpate.arm import calibration_run as calibrating
-from palpate.arm.calibration_setup import CalibrationJob
 from palpate.arm.robots import find_robot
+from palpate.calibrating import run as calibrating
+from palpate.calibrating.bench import CalibrationJob
 from robot_io.session import Session
 from sim_backend.scenario import load_scenario
 

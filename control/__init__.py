@@ -4,11 +4,12 @@ from control.arm.dh import DhRow, DhTable, load_dh_table
 from control.arm.dh_urdf import JointRange, LinkInertia, dh_to_urdf
 from control.arm.inverse_kinematics import Elbow, IkSolution, PlanarArm
 from control.arm.rigid_body import JointAxis, RigidBody, TipMotion
+from control.compliance import Compliance
 from control.laws.admittance import Admittance, loading_acceleration, scheduled_admittance
 from control.laws.computed_torque import ComputedTorque
 from control.laws.gains import Gains, gains_of
 from control.laws.hybrid import ContactSwitch, ControlOutput, ForceGoal, HybridController, HybridReference
-from control.laws.object_guess import Compliance, ObjectGuess
+from control.laws.object_guess import ObjectGuess
 from control.laws.pid import Pid
 from control.loop.journal import Journal, Observer
 from control.loop.loop import run_loop

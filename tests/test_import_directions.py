@@ -1,6 +1,7 @@
 """The house: imports run one way, and the simulator's physics never meets the estimator's hypotheses."""
 
 import ast
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -17,13 +18,29 @@ ALLOWED = {
 
 
 def imported_packages(path: Path) -> set[str]:
+    return {name.split(".")[0] for name in imported_modules(path)} & set(ALLOWED)
+
+
+def imported_modules(path: Path) -> set[str]:
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
             names.add(node.module)
-    return {name.split(".")[0] for name in names} & set(ALLOWED)
+    return names
+
+
+def rooms(folder: Path, root: Path = ROOT) -> dict[str, set[str]]:
+    """For each file or folder in a folder, the others there that it imports; `__init__` only hands on."""
+    place = ".".join(folder.relative_to(root).parts) + "."
+    uses: dict[str, set[str]] = {}
+    for path in folder.rglob("*.py"):
+        room = path.relative_to(folder).parts[0].removesuffix(".py")
+        inside = {name.removeprefix(place) for name in imported_modules(path) if name.startswith(place)}
+        uses.setdefault(room, set()).update(name.split(".")[0] for name in inside)
+    uses.pop("__init__", None)
+    return {room: others - {room} for room, others in uses.items()}
 
 
 @pytest.mark.parametrize("package", sorted(ALLOWED))
@@ -34,6 +51,23 @@ def test_package_imports_only_what_the_house_allows(package):
         for other in imported_packages(path) - ALLOWED[package] - {package}
     }
     assert not wrong
+
+
+FOLDERS = sorted({path.parent for package in ALLOWED for path in (ROOT / package).rglob("*.py")})
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_no_room_leads_back_to_itself(folder):
+    TopologicalSorter(rooms(folder)).prepare()  # raises CycleError with the way round
+
+
+def test_rooms_that_import_each_other_are_seen(tmp_path):
+    house = tmp_path / "house"
+    (house / "kitchen").mkdir(parents=True)
+    (house / "kitchen" / "stove.py").write_text("from house.cellar import wood\n")
+    (house / "cellar.py").write_text("import house.kitchen.stove\n")
+    with pytest.raises(CycleError):
+        TopologicalSorter(rooms(house, tmp_path)).prepare()
 
 
 def test_the_check_sees_a_forbidden_import(tmp_path):

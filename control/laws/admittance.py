@@ -14,8 +14,8 @@ object's spring alone reaches the limit, and on the way spring and damping toget
 import math
 from dataclasses import dataclass
 
+from control.compliance import Compliance
 from control.laws.gains import ContactGains
-from control.laws.object_guess import Compliance
 from robot_io.clip import clip
 
 _OWN_DAMPING = 0.4  # of the object's damping counts; all of it would overshoot, none would creep

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from control.laws.object_guess import Compliance
+from control.compliance import Compliance
 from robot_io.files.file_model import FileModel, Positive
 from robot_io.types import FloatArray
 

@@ -25,9 +25,9 @@ from palpate.findings.derived import folder_to_fill
 from palpate.findings.effect_library import library_with
 from palpate.findings.estimation_run import load_material
 from palpate.findings.growth import Growth, Wish, grow
-from palpate.findings.outcome import NAMES as OUTCOME
-from palpate.findings.outcome import write_outcome
 from palpate.findings.revisions import RevisionShelf
+from palpate.report.outcome import NAMES as OUTCOME
+from palpate.report.outcome import write_outcome
 from palpate.text.stages import fall_sentence, parameter_table, print_files, stage_table
 from palpate.words import typed as typed_path
 

@@ -10,8 +10,11 @@ from calibration.force.fit import fit_force
 from calibration.force.reference_file import STANDARD_GRAVITY_M_S2, read_reference_file
 from calibration.force.weighing import read_weighing
 from estimation.data.import_options import parse_pairs
-from palpate.arm import calibration_run as calibrating
-from palpate.arm.calibrating import (
+from palpate.arm.robots import DEFAULT, find_robot
+from palpate.arm.wired import is_simulated
+from palpate.calibrating import run as calibrating
+from palpate.calibrating.bench import open_recorded
+from palpate.calibrating.common import (
     ask_for_weight,
     excite,
     finish,
@@ -23,10 +26,7 @@ from palpate.arm.calibrating import (
     stamp_of,
     told_of_the_end,
 )
-from palpate.arm.calibration_setup import open_recorded
-from palpate.arm.robots import DEFAULT, find_robot
-from palpate.arm.wired import is_simulated
-from palpate.calibration_options import (
+from palpate.calibrating.options import (
     DriversOption,
     FromOption,
     HiddenOption,

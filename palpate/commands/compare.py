@@ -24,10 +24,10 @@ from palpate.data_options import (
 from palpate.files import output_folder
 from palpate.findings.derived import folder_to_fill
 from palpate.findings.estimation_run import load_material
-from palpate.findings.outcome import NAMES as OUTCOME
-from palpate.findings.outcome import write_json, write_outcome
 from palpate.findings.story import compare_subject, tell_story
 from palpate.findings.subject import Subject, model_names, only_channel, subjects_of
+from palpate.report.outcome import NAMES as OUTCOME
+from palpate.report.outcome import write_json, write_outcome
 from palpate.text.comparison import ALIKE, as_data, headline, parts_table
 from palpate.words import safe, shown
 from robot_io.errors import InputError

@@ -28,11 +28,11 @@ from palpate.findings.derived import folder_to_fill
 from palpate.findings.effect_library import EffectLibrary, library_with
 from palpate.findings.estimation_run import Material, load_material
 from palpate.findings.next_plan import plan_of, same_world, write_plan
-from palpate.findings.outcome import NAMES as OUTCOME
-from palpate.findings.outcome import write_json, write_outcome
 from palpate.findings.revisions import RevisionShelf
 from palpate.findings.story import Story, diagnose_subjects, tell_story
 from palpate.findings.subject import ALL_CHANNELS, Subject, channels_to_diagnose, subjects_of
+from palpate.report.outcome import NAMES as OUTCOME
+from palpate.report.outcome import write_json, write_outcome
 from palpate.text.diagnosis import show
 from palpate.text.diagnosis_progress import diagnosis_progress
 from palpate.text.stages import print_files

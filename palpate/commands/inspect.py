@@ -9,7 +9,7 @@ import typer
 from palpate import console
 from palpate.doctor.viewer import has_display
 from palpate.files import different_files, open_session, output_file, output_folder, spare_files
-from palpate.findings.inspection import RECORDING, look_into
+from palpate.views.inspection import RECORDING, look_into
 from palpate.views.plots.save import NAMES as PLOTS
 from palpate.views.viewer import open_window, take_picture
 from palpate.words import shown, typed

@@ -13,10 +13,10 @@ from palpate.demo.probe import probe_demo
 from palpate.files import output_folder
 from palpate.findings.effect_library import library_with
 from palpate.findings.estimation_run import DEFAULT_MODEL, load_material
-from palpate.findings.outcome import write_json, write_outcome
 from palpate.findings.revisions import RevisionShelf
 from palpate.findings.story import Story, diagnose_subjects, tell_story
 from palpate.findings.subject import subjects_of
+from palpate.report.outcome import write_json, write_outcome
 from palpate.words import typed as typed_path
 from robot_io.session import Session
 from sim_backend.contact_laws import KelvinVoigt

@@ -15,7 +15,7 @@ from palpate.findings.estimation_run import (
     estimate_with,
     load_material,
 )
-from palpate.findings.inspection import RECORDING, look_into
+from palpate.views.inspection import RECORDING, look_into
 from robot_io.session import Session
 from sim_backend.scenario import Scenario
 

@@ -3,8 +3,8 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
-from palpate.arm.calibration_setup import CalibrationJob, Stamp
 from palpate.arm.robots import find_robot
+from palpate.calibrating.bench import CalibrationJob, Stamp
 from robot_io.robot_file import RobotFile
 from robot_io.session import Session
 from sim_backend.scenario import load_scenario

@@ -178,7 +178,7 @@ def test_a_refusal_leaves_the_users_own_empty_folders(tmp_path):
     ("kind", "options", "fit"),
     [
         ("force", ("--weights-kg", "0,1,2,3,2,1,0"), "palpate.commands.calibrate.fit_force"),
-        ("encoder", ("--pose", "home"), "palpate.arm.calibration_run.encoder_fit_of"),
+        ("encoder", ("--pose", "home"), "palpate.calibrating.run.encoder_fit_of"),
     ],
 )
 def test_after_ctrl_c_what_was_recorded_is_named_also_while_it_is_worked_out(
@@ -201,7 +201,7 @@ def test_after_ctrl_c_it_says_how_things_stand(tmp_path, monkeypatch):
         job.session.write_bytes(b"")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("palpate.arm.calibration_run.run_motion", interrupted)
+    monkeypatch.setattr("palpate.calibrating.run.run_motion", interrupted)
     session = tmp_path / "t.mcap"
     result = run("calibrate", "torque", "--session", session, "-o", tmp_path / "t.yaml")
     assert result.exit_code == 130

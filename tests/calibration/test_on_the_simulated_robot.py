@@ -12,9 +12,9 @@ from calibration.encoder.stop_task import StopSettings
 from calibration.force.fit import fit_force
 from calibration.force.weighing import read_weighing
 from control.probing.plan import ProbingPlan
-from palpate.arm import calibration_run as calibrating
-from palpate.arm.calibration_setup import open_recorded
 from palpate.arm.probing_run import ProbingJob, run_probing
+from palpate.calibrating import run as calibrating
+from palpate.calibrating.bench import open_recorded
 from palpate.findings.estimation_run import arm_of, estimate_with, load_material
 from robot_io.calibration import load_calibrations, parse_calibration
 from robot_io.errors import InputError, PalpateError

@@ -9,8 +9,8 @@ from calibration.arm.excitation import GRAVITY_WISH, TORQUE_WISH, ExcitationWish
 from calibration.arm.model import GravityBodies
 from calibration.encoder.stop_plan import plan_stops, with_room_for_stops
 from control.arm.rigid_body import RigidBody
-from palpate.arm import calibration_run as calibrating
 from palpate.arm.robots import find_robot
+from palpate.calibrating import run as calibrating
 from robot_io.errors import InputError
 from tests.calibration.simulated import FOLLOWER, job_in, opened
 from tests.palpate.cli import ROOT

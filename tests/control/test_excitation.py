@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from control.laws.object_guess import Compliance
+from control.compliance import Compliance
 from control.paths.excitation import Excitation, Profile, position_amplitude_m
 
 STEP_S = 1e-5

@@ -11,10 +11,10 @@ from PIL import Image
 from estimation.diagnosis.search.library import library
 from palpate.findings.effect_library import library_with
 from palpate.findings.estimation_run import load_material
-from palpate.findings.outcome import write_outcome
 from palpate.findings.story import diagnose_subjects, tell_story
 from palpate.findings.subject import subjects_of
 from palpate.report import Report
+from palpate.report.outcome import write_outcome
 from palpate.report.section import SECTIONS, in_order
 from palpate.report.sections.equations import typeset, written_out
 from palpate.report.write import document

@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 
 from calibration.force.fit import ForceFit
 from palpate import console
-from palpate.arm import calibration_run as calibrating
-from palpate.arm.calibration_setup import Bench, CalibrationJob, Stamp, open_recorded
 from palpate.arm.driver_packages import importable
 from palpate.arm.hiding import command_line
 from palpate.arm.permission import Permission, ask_for_pose, ask_for_power, without_question
 from palpate.arm.robots import find_robot
-from palpate.calibration_options import numbers
+from palpate.calibrating import run as calibrating
+from palpate.calibrating.bench import Bench, CalibrationJob, Stamp, open_recorded
+from palpate.calibrating.options import numbers
 from palpate.files import different_files, output_file, whole_file
 from palpate.text.calibration import print_calibration
 from palpate.text.calibration_progress import motion_progress

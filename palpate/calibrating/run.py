@@ -18,8 +18,8 @@ from calibration.force.fit import Estimate, ForceFit, check_references
 from calibration.force.weighing import weigh
 from calibration.still import StillRobot
 from control.laws.gains import gains_of
-from palpate.arm.calibration_setup import Bench, CalibrationJob, Stamp, anywhere, calibration_bench, slowed
 from palpate.arm.probing_run import NOBODY, Watcher
+from palpate.calibrating.bench import Bench, CalibrationJob, Stamp, anywhere, calibration_bench, slowed
 from palpate.files import write_text
 from robot_io.calibration import (
     Calibration,

@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from control.arm.rigid_body import RigidBody
-from palpate.arm.calibration_run import stated_stops
 from palpate.arm.robots import shipped_robots
+from palpate.calibrating.run import stated_stops
 from robot_io.errors import InputError
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray

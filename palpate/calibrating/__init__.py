@@ -1,0 +1,1 @@
+"""Calibrations of an arm from the command line: its bench, the runs, and what comes of them."""
