@@ -72,15 +72,20 @@ def low_pass(
 def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float) -> FloatArray:
     """The signal `delay_s` ago, straight between samples; before a run's start its first value."""
     steps = delay_s / sample_time(time_s, run)
+    whole = int(np.ceil(steps))
+    part = whole - steps
+    return (1.0 - part) * _samples_ago(signal, run, whole) + part * _samples_ago(signal, run, whole - 1)
 
-    def one_run(values: FloatArray) -> FloatArray:
-        index = np.clip(np.arange(len(values)) - steps, 0, len(values) - 1)
-        low = np.floor(index).astype(np.int64)
-        high = np.minimum(low + 1, len(values) - 1)
-        part = (index - low).reshape(-1, *([1] * (values.ndim - 1)))
-        return np.asarray((1.0 - part) * values[low] + part * values[high])
 
-    return per_run(one_run, signal, run)
+def _samples_ago(signal: FloatArray, run: IntArray, count: int) -> FloatArray:
+    """The signal (n,) or (n, k) so many samples ago; beyond a run's ends, its first or last value."""
+    found = np.roll(np.asarray(signal, dtype=np.float64), count, axis=0)
+    for rows in blocks(run):
+        if count > 0:
+            found[rows][:count] = signal[rows.start]
+        elif count < 0:
+            found[rows][count:] = signal[rows.stop - 1]
+    return found
 
 
 def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray | None = None) -> FloatArray:

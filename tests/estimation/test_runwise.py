@@ -91,3 +91,16 @@ def test_rates_and_maxima():
     assert rate(np.sin(TIME), TIME, ONE_RUN)[5:-5] == pytest.approx(np.cos(TIME)[5:-5], abs=1e-6)
     assert rate(np.sin(TIME), TIME, ONE_RUN, 2)[5:-5] == pytest.approx(-np.sin(TIME)[5:-5], abs=1e-4)
     assert running_max(np.sin(TIME), ONE_RUN)[-1] == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.0004, 0.003, 0.0127, 2.0, -0.0004, -0.003, -0.0127, -2.0])
+def test_a_shift_goes_straight_between_samples_and_stays_within_each_run(delay_s):
+    run = np.repeat([0, 1, 2], [1, 7, 300])
+    time_s = np.arange(len(run)) * 1e-3
+    signal = np.random.default_rng(0).normal(size=(len(run), 2))
+    shifted = shift(signal, time_s, run, delay_s)
+    for number in range(3):
+        rows = run == number
+        for column in range(2):
+            expected = np.interp(time_s[rows] - delay_s, time_s[rows], signal[rows, column])
+            np.testing.assert_allclose(shifted[rows, column], expected, atol=1e-9)
