@@ -144,6 +144,15 @@ class SensorEffect(Effect):
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """What the sensor makes of `effort`, shape (n,) or (n, p) with p columns, run by run."""
 
+    def follow(
+        self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
+    ) -> tuple[FloatArray, FloatArray]:
+        """What `slope` and `sense` give, (n, p) and (n,), at once: often they share their work."""
+        if self.linear:
+            sensed = self.sense(np.column_stack([columns, effort]), data, inner)
+            return sensed[:, :-1], sensed[:, -1]
+        return self.slope(effort, columns, data, inner), self.sense(effort, data, inner)
+
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """How the reading changes along each column of effort, shape (n, p): a secant over 1 % of it."""
         if self.linear:

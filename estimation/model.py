@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -50,17 +51,17 @@ class Model:
         """The model less the effect of this name."""
         return Model(self.name, tuple(effect for effect in self.effects if effect.name != name))
 
-    @property
+    @cached_property
     def gains(self) -> dict[str, Parameter]:
         """Linear parameters by "effect.parameter", in column order."""
-        return {f"{e.name}.{p.name}": p for e in self._additive for p in e.gains}
+        return {f"{e.name}.{p.name}": p for e in self.additive for p in e.gains}
 
-    @property
+    @cached_property
     def inner(self) -> dict[str, Parameter]:
         """Nonlinear parameters by "effect.parameter"."""
         return {f"{e.name}.{p.name}": p for e in self.effects for p in e.inner}
 
-    @property
+    @cached_property
     def is_linear_in_gains(self) -> bool:
         """Whether, with the inner parameters fixed, the effort is linear in the gains."""
         return all(effect.linear for effect in self._sensors)
@@ -83,7 +84,7 @@ class Model:
             raise InputError(f"model '{self.name}' is not linear in its gains: use predict()")
         columns, known = self.parts(data, inner)
         for sensor in self._sensors:
-            sensed = sensor.sense(np.column_stack([columns, known]), data, _own(sensor, inner))
+            sensed = sensor.sense(np.column_stack([columns, known]), data, own(sensor, inner))
             columns, known = sensed[:, :-1], sensed[:, -1]
         units = self.units(data)[: len(self.gains)]
         return Regression(columns, data.effort - known, tuple(self.gains), units, sigma, data.run)
@@ -120,7 +121,7 @@ class Model:
         gains = np.array([parameters[name] for name in self.gains])
         effort: FloatArray = known + slopes @ gains
         if data.kind is ChannelKind.CONTACT:
-            one_sided = np.flatnonzero([e.one_sided for e in self._additive for _ in e.gains])
+            one_sided = np.flatnonzero([e.one_sided for e in self.additive for _ in e.gains])
             push = slopes[:, one_sided] @ gains[one_sided]
             lifted = np.flatnonzero(push < 0.0)
             if len(lifted):
@@ -128,16 +129,20 @@ class Model:
                 slopes[lifted[:, None], one_sided] = 0.0
                 effort[lifted] -= push[lifted]
         for sensor in self._sensors:
-            inner = _own(sensor, parameters)
-            slopes = sensor.slope(effort, slopes, data, inner)
-            effort = sensor.sense(effort, data, inner)
+            slopes, effort = sensor.follow(effort, slopes, data, own(sensor, parameters))
         return slopes, effort
 
-    @property
-    def _additive(self) -> list[AdditiveEffect]:
+    @cached_property
+    def is_sum(self) -> bool:
+        """Whether all effects add effort: no motion is changed, and no reading."""
+        return len(self.additive) == len(self.effects)
+
+    @cached_property
+    def additive(self) -> list[AdditiveEffect]:
+        """The effects that add effort, in order."""
         return [e for e in self.effects if isinstance(e, AdditiveEffect)]
 
-    @property
+    @cached_property
     def _sensors(self) -> list[SensorEffect]:
         return [e for e in self.effects if isinstance(e, SensorEffect)]
 
@@ -145,7 +150,7 @@ class Model:
         """The channel with the motion that really acts; as it is where no effect moves it."""
         for effect in self.effects:
             if isinstance(effect, MotionEffect):
-                data = effect.move(data, _own(effect, parameters))
+                data = effect.move(data, own(effect, parameters))
         return data
 
     def parts(self, data: ChannelData, parameters: Parameters) -> Parts:
@@ -153,13 +158,14 @@ class Model:
         data = self.moved(data, parameters)
         blocks = [np.zeros((len(data), 0))]
         known = np.zeros(len(data))
-        for effect in self._additive:
-            blocks.append(effect.columns(data, _own(effect, parameters)))
+        for effect in self.additive:
+            blocks.append(effect.columns(data, own(effect, parameters)))
             known = known + effect.known(data)
         return np.hstack(blocks), known
 
 
-def _own(effect: Effect, parameters: Parameters) -> dict[str, float]:
+def own(effect: Effect, parameters: Parameters) -> dict[str, float]:
+    """Inner parameters of one effect by their own names."""
     return {p.name: parameters[f"{effect.name}.{p.name}"] for p in effect.inner}
 
 

@@ -46,12 +46,18 @@ class Hysteresis(SensorEffect):
 
         None before it first did.
         """
+        return self.follow(effort, columns, data, inner)[0]
+
+    def follow(
+        self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
+    ) -> tuple[FloatArray, FloatArray]:
+        """See `SensorEffect.follow`."""
         reading = self.sense(effort, data, inner)
         held = np.abs(effort - reading) < inner["width"] * (1.0 - 1e-9)
         first = np.append(True, np.diff(data.run) != 0)
         last = np.maximum.accumulate(np.where(held & ~first, 0, np.arange(len(effort))))
         unmoved = held & first & (data.kind is ChannelKind.CONTACT)
-        return np.where(unmoved[last][:, None], 0.0, columns[last])
+        return np.where(unmoved[last][:, None], 0.0, columns[last]), reading
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""

@@ -89,3 +89,13 @@ def test_starts_lie_within_the_bounds(name):
         for start in starts:
             assert set(start) == set(bounds)
             assert all(bounds[n].lower <= value <= bounds[n].upper for n, value in start.items())
+
+
+@pytest.mark.parametrize("name", [name for name, e in EFFECTS.items() if issubclass(e, SensorEffect)])
+def test_slopes_and_reading_at_once_are_those_of_each(name):
+    effect = EFFECTS[name]()
+    data, inner = some_channel(next(iter(effect.channels))), inner_values(effect)
+    columns = np.column_stack([data.position, data.velocity])
+    slopes, reading = effect.follow(data.effort, columns, data, inner)
+    np.testing.assert_allclose(slopes, effect.slope(data.effort, columns, data, inner), rtol=1e-12)
+    np.testing.assert_allclose(reading, effect.sense(data.effort, data, inner), rtol=1e-12)
