@@ -33,6 +33,8 @@ class Colour:
     def whiten(self, signal: FloatArray) -> FloatArray:
         """What is new in each sample of `signal` (m,) or (m, k), same shape; rows of `kept` count."""
         order = len(self.memory)
+        if order == 0:
+            return signal
         new = np.array(signal, dtype=np.float64)
         for lag, weight in enumerate(self.memory, start=1):
             new[order:] -= weight * signal[order - lag : len(signal) - lag]

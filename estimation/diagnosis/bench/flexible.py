@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelKind
+from estimation.diagnosis.bench.colour import WHITE
 from estimation.diagnosis.bench.frame import Frame
-from estimation.diagnosis.bench.moments import Moments, moments_of, score
+from estimation.diagnosis.bench.moments import Moments, held_out_energy, score
 from estimation.diagnosis.bench.trial import Bench, Trial
 from estimation.signals.runwise import low_pass, play, rate, relax, running_max, sample_time, shift
 from robot_io.types import BoolArray, FloatArray, IntArray
@@ -50,24 +51,22 @@ def features(frame: Frame, effort: FloatArray) -> dict[str, FloatArray]:
         effort: what the model expects, on blocks, shape (m,).
     """
     data, run = frame.data, frame.run
-    x, time_s, on = (frame.reduce(s) for s in (data.position, data.time_s, data.engaged.astype(np.float64)))
-    v, a, pressed = (
-        frame.reduce(s * data.engaged) for s in (data.velocity, data.acceleration, data.position)
-    )
+    x, time_s = frame.reduce(data.position), frame.reduce(data.time_s)
+    v, a = (frame.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))
     sharp, turn = (np.tanh(v / (share * _rms(v))) for share in _SHARPNESS)
-    curves_x, curves_v, curves_e = (_curves(signal) for signal in (x, v, effort))
+    curves_v, curves_e = _curves(v), _curves(effort)
     coarse_x, coarse_e = _hats(x, even=0), _hats(effort, even=0)
     found = {
         "offset": np.ones((len(x), 1)),
         "time": np.column_stack([time_s - time_s[0], (time_s - time_s[0]) ** 2]),
-        "position": np.hstack([curves_x, on[:, None], _hats(running_max(x, run)), *_waves(frame, x)]),
+        "position": frame.memory.recall("position", lambda: _position(frame)),
         "velocity": np.column_stack([curves_v, v[:, None] * coarse_x]),
         "direction": np.column_stack([sharp, turn, turn[:, None] * coarse_x, turn[:, None] * coarse_e]),
         "acceleration": _hats(a),
-        "past motion": np.hstack([_past(frame, pressed, a, time_s) * on[:, None], _after(frame, x)]),
+        "past motion": frame.memory.recall("past motion", lambda: _past(frame)),
         "effort": np.hstack([curves_e, _past_effort(effort, time_s, run)]),
     }
-    for name in _CONTEXT & data.context.keys():
+    for name in sorted(_CONTEXT & data.context.keys()):
         columns = frame.reduce(data.context[name]).reshape(len(x), -1)
         found[name.replace("_", " ")] = np.hstack([_hats(column) for column in columns.T])
     for name in sorted(data.recorded):
@@ -79,16 +78,29 @@ def features(frame: Frame, effort: FloatArray) -> dict[str, FloatArray]:
     return found
 
 
-def _past(frame: Frame, pressed: FloatArray, a: FloatArray, time_s: FloatArray) -> FloatArray:
+def _position(frame: Frame) -> FloatArray:
+    """Curves over the present position, over the furthest so far, and waves."""
+    x = frame.reduce(frame.data.position)
+    touching = frame.reduce(frame.data.engaged.astype(np.float64))
+    return np.hstack([_curves(x), touching[:, None], _hats(running_max(x, frame.run)), *_waves(frame, x)])
+
+
+def _past(frame: Frame) -> FloatArray:
     """What of the way to the present position is remembered, for some time or until the next reversal."""
-    run = frame.run
+    data, run = frame.data, frame.run
+    x, time_s, touching = (
+        frame.reduce(s) for s in (data.position, data.time_s, data.engaged.astype(np.float64))
+    )
+    pressed, a = (frame.reduce(s * data.engaged) for s in (data.position, data.acceleration))
     if frame.data.kind is ChannelKind.CONTACT:
         fading = [relax(pressed, time_s, run, tau) for tau in _MEMORIES_S]
     else:
         fading = [pressed - low_pass(pressed, time_s, run, tau) for tau in _MEMORIES_S]
     turns = [_memory(pressed, run, share) for share in _TURNS]
     bent = [f * np.abs(f) for f in fading]
-    return np.column_stack([*fading, *bent, *turns, *(np.abs(t) * s for t in turns for s in (pressed, a))])
+    bent_back = [np.abs(turn) * signal for turn in turns for signal in (pressed, a)]
+    past = np.column_stack([*fading, *bent, *turns, *bent_back])
+    return np.hstack([past * touching[:, None], _after(frame, x)])
 
 
 def _after(frame: Frame, x: FloatArray) -> FloatArray:
@@ -126,8 +138,7 @@ def flexible(bench: Bench, trial: Trial) -> Flexible:
     frame = bench.frame
     base, target = trial.columns, trial.target
     blocks = signals_of(bench, trial)
-    white = bench.whiten(np.column_stack([base, *blocks.values(), target]))
-    moments = moments_of(white[:, :-1], white[:, -1], frame.fold[bench.kept], frame.folds)
+    moments = bench.moments(np.column_stack([base, *blocks.values()]), target)
     own = base.shape[1]
     owner = np.concatenate([[-1] * own, *([i] * b.shape[1] for i, b in enumerate(blocks.values()))])
     before = float(score(moments.only(owner < 0)).held_out.sum())
@@ -166,9 +177,10 @@ def _shrunken(moments: Moments, owner: IntArray, signals: tuple[int, ...]) -> _T
     """The regression on these signals, with the shrinkage that serves best in the folds held out."""
     kept = (owner < 0) | np.isin(owner, signals)
     some, free = moments.only(kept), owner[kept] >= 0
-    tried = [np.where(free, ridge, 1e-9) for ridge in _RIDGES]
-    found = [_Tried(signals, kept, ridge, score(some, ridge).held_out) for ridge in tried]
-    return min(found, key=lambda one: one.energy)
+    tried = np.where(free, np.array(_RIDGES)[:, None], 1e-9)
+    energy = held_out_energy(some, tried)
+    best = int(np.argmin(energy.sum(axis=1)))
+    return _Tried(signals, kept, tried[best], energy[best])
 
 
 def _best(moments: Moments, owner: IntArray, alone: list[_Tried], before: float) -> _Tried:
@@ -192,13 +204,14 @@ def _held_out_residual(columns: FloatArray, target: FloatArray, frame: Frame, be
     residual = np.empty_like(target)
     columns = columns[:, best.kept]
     width = np.sqrt(np.mean(columns**2, axis=0))
-    scaled = columns / np.where(width > 0.0, width, 1.0)
+    columns /= np.where(width > 0.0, width, 1.0)
+    products = Bench(frame, WHITE).moments(columns, target).products
+    whole = products.sum(axis=0)
     for fold in range(frame.folds):
         test = frame.fold == fold
-        train = ~test & frame.trusted
-        system = scaled[train].T @ scaled[train] / train.sum() + np.diag(best.ridge)
-        gains = np.linalg.solve(system, scaled[train].T @ target[train] / train.sum())
-        residual[test] = target[test] - scaled[test] @ gains
+        mean = (whole - products[fold]) / np.sum(~test & frame.trusted)
+        gains = np.linalg.solve(mean[:-1, :-1] + np.diag(best.ridge), mean[:-1, -1])
+        residual[test] = target[test] - columns[test] @ gains
     return residual
 
 

@@ -1,10 +1,15 @@
 """The grid on which a diagnosis works: means over short blocks, and folds of whole runs."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.diagnosis.bench.load import LOAD
+from estimation.diagnosis.bench.memory import Memory
+from estimation.effect import AdditiveEffect, Inner
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -31,6 +36,7 @@ class Frame:
         run: shape (m,), run of each block.
         fold: shape (m,), fold in which each block is held out, from 0.
         trusted: shape (m,), whether a block counts.
+        memory: what was computed on blocks of this channel, whatever its load and whichever blocks count.
     """
 
     data: ChannelData
@@ -38,6 +44,7 @@ class Frame:
     run: IntArray
     fold: IntArray
     trusted: BoolArray
+    memory: Memory = field(default_factory=Memory)
 
     def __len__(self) -> int:
         """Number of blocks m."""
@@ -50,12 +57,34 @@ class Frame:
 
     def reduce(self, signal: FloatArray) -> FloatArray:
         """Means over blocks of a signal (n,) or (n, k): shape (m,) or (m, k)."""
-        first, *others = self.rows.T
-        total = signal[first]
-        for rows in others:  # one sample of all blocks after the other: several times faster than a mean
-            total += signal[rows]
-        mean: FloatArray = total / self.rows.shape[1]
+        mean: FloatArray = (self._sums @ signal) / self.rows.shape[1]
         return mean
+
+    @property
+    def effort(self) -> FloatArray:
+        """What was measured on blocks, shape (m,)."""
+        return self.memory.recall("effort", lambda: self.reduce(self.data.effort))
+
+    def columns(self, effect: AdditiveEffect, inner: Inner) -> FloatArray:
+        """Columns of an effect on blocks, shape (m, k), on the motion as measured."""
+
+        def compute() -> FloatArray:
+            return self.reduce(effect.columns(self.data, inner))
+
+        if LOAD in effect.needs:  # it changes with the model
+            return compute()
+        return self.memory.recall((effect, *inner.values()), compute)
+
+    def known(self, effect: AdditiveEffect) -> FloatArray:
+        """Effort on blocks that an effect adds without any parameter, shape (m,)."""
+        return self.memory.recall(effect, lambda: self.reduce(effect.known(self.data)))
+
+    @cached_property
+    def _sums(self) -> csr_array:
+        """Adds up the samples of each block, (m, n): ten times faster than to pick them and to add."""
+        count, block = self.rows.shape
+        edges = np.arange(0, count * block + 1, block)
+        return csr_array((np.ones(count * block), self.rows.ravel(), edges), shape=(count, len(self.data)))
 
 
 def block_length(data: ChannelData) -> int:
@@ -64,7 +93,7 @@ def block_length(data: ChannelData) -> int:
     return max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
 
 
-def frame_of(data: ChannelData, good: BoolArray | None = None) -> Frame:
+def frame_of(data: ChannelData, good: BoolArray | None = None, memory: Memory | None = None) -> Frame:
     """Cut a channel into blocks that last 5 or 10 ms, or one sample where that is longer.
 
     Blocks in which a contact begins or ends are not trusted: where in them it does depends on the last digit
@@ -74,6 +103,7 @@ def frame_of(data: ChannelData, good: BoolArray | None = None) -> Frame:
     Args:
         data: the channel.
         good: samples that are fit for use, shape (n,); None for all.
+        memory: of another frame of this channel, with any load.
     """
     block = block_length(data)
     rows, folds = [], []
@@ -89,7 +119,7 @@ def frame_of(data: ChannelData, good: BoolArray | None = None) -> Frame:
     fold = np.unique(np.concatenate(folds), return_inverse=True)[1]
     trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
     trusted &= ~(_mixed(data, grid) | _at_rest(data, grid) | _at_corners(data, grid))
-    return Frame(data, grid, data.run[grid[:, 0]], fold, trusted)
+    return Frame(data, grid, data.run[grid[:, 0]], fold, trusted, memory or Memory())
 
 
 def off_borders(frame: Frame, moved: ChannelData) -> Frame:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from estimation.channel import ChannelData, ChannelKind
 from estimation.model import Model
 
+LOAD = "load"
 CARRYING = frozenset(
     {"inertia", "armature", "pendulum", "rigid_body", "rigid_body_fitted", "payload", "gravity_tilt"}
 )
@@ -17,7 +18,7 @@ def with_load(data: ChannelData, model: Model, parameters: Mapping[str, float]) 
     A contact, a channel that brings its own, and a model without masses are returned as they are.
     """
     carrying = Model(model.name, tuple(e for e in model.effects if e.name in CARRYING))
-    if data.kind is ChannelKind.CONTACT or "load" in data.context or not carrying.effects:
+    if data.kind is ChannelKind.CONTACT or LOAD in data.context or not carrying.effects:
         return data
     load = carrying.predict(data, parameters)
-    return replace(data, context={**data.context, "load": load})
+    return replace(data, context={**data.context, LOAD: load})

@@ -12,6 +12,7 @@ from estimation.diagnosis.bench.flexible import Flexible, flexible
 from estimation.diagnosis.bench.frame import frame_of, off_borders
 from estimation.diagnosis.bench.held_out import held_out_residual, rmse
 from estimation.diagnosis.bench.load import with_load
+from estimation.diagnosis.bench.memory import Memory
 from estimation.diagnosis.bench.polish import polish
 from estimation.diagnosis.bench.trial import Bench, Trial, attempt
 from estimation.model import Model
@@ -81,7 +82,11 @@ class Standing(Fit):
 
 
 def fit(
-    data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None = None
+    data: ChannelData,
+    model: Model,
+    parameters: Mapping[str, float],
+    good: BoolArray | None = None,
+    memory: Memory | None = None,
 ) -> Fit:
     """Fit a model from these parameters on.
 
@@ -90,22 +95,28 @@ def fit(
         model: what to fit.
         parameters: inner parameters, and gains where they are known.
         good: samples that are fit for use, shape (n,); None for all.
+        memory: of other fits to this channel.
     """
+    memory = memory or Memory()
     known = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
-    first = attempt(_bench(data, model, known, good), model, known, rounds=3)
-    plain = _bench(data, model, first.parameters, good)
+    first = attempt(_bench(data, model, known, good, memory), model, known, rounds=3)
+    plain = _bench(data, model, first.parameters, good, memory)
     trial = polish(plain, first)
-    again = _bench(data, model, trial.parameters, good)
+    again = _bench(data, model, trial.parameters, good, memory)
     if not np.array_equal(again.frame.trusted, plain.frame.trusted):  # the contact begins elsewhere
         plain, trial = again, polish(again, trial)
     return Fit(plain.frame.data, plain, trial)
 
 
 def stand(
-    data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None = None
+    data: ChannelData,
+    model: Model,
+    parameters: Mapping[str, float],
+    good: BoolArray | None = None,
+    memory: Memory | None = None,
 ) -> Standing:
     """Fit a model, see `fit`, and measure what it leaves."""
-    fitted = fit(data, model, parameters, good)
+    fitted = fit(data, model, parameters, good, memory)
     plain, trial = fitted.plain, fitted.trial
     rough = flexible(plain, trial)
     judge = Bench(plain.frame, colour_of(rough.residual, plain.frame.run, plain.frame.trusted))
@@ -113,8 +124,14 @@ def stand(
     return Standing(fitted.data, plain, trial, rough, judge, judged)
 
 
-def _bench(data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None) -> Bench:
-    frame = frame_of(with_load(data, model, parameters), good)
+def _bench(
+    data: ChannelData,
+    model: Model,
+    parameters: Mapping[str, float],
+    good: BoolArray | None,
+    memory: Memory,
+) -> Bench:
+    frame = frame_of(with_load(data, model, parameters), good, memory)
     if data.kind is not ChannelKind.CONTACT:
         return Bench(frame, WHITE)
     return Bench(off_borders(frame, model.moved(frame.data, parameters)), WHITE)

@@ -2,16 +2,17 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from estimation.channel import ChannelKind
 from estimation.diagnosis.bench.colour import Colour
 from estimation.diagnosis.bench.frame import Frame
-from estimation.diagnosis.bench.moments import Scores, moments_of, score
-from estimation.effect import Effect, Parameter
-from estimation.model import Model
-from robot_io.types import BoolArray, FloatArray
+from estimation.diagnosis.bench.moments import Moments, Scores, cross_products, score
+from estimation.effect import Effect, Parameter, SensorEffect
+from estimation.model import Model, Parts, own
+from robot_io.types import BoolArray, FloatArray, IntArray
 
 _HALVINGS = 3
 _PARABOLAS = 3
@@ -25,10 +26,17 @@ class Bench:
     frame: Frame
     colour: Colour
 
-    @property
+    @cached_property
     def kept(self) -> BoolArray:
         """Blocks that count, shape (m,)."""
         return self.colour.kept(self.frame.run, self.frame.trusted)
+
+    @cached_property
+    def _by_fold(self) -> tuple[IntArray, IntArray]:
+        """Blocks that count, in the order of the folds that hold them out, and where the next fold begins."""
+        fold = np.where(self.kept, self.frame.fold, -1)
+        order = np.argsort(fold, kind="stable")[np.sum(~self.kept) :]
+        return order, np.searchsorted(fold[order], np.arange(1, self.frame.folds))
 
     def whiten(self, blocks: FloatArray) -> FloatArray:
         """Blocks (m,) or (m, k) with the colour taken out, shape (w,) or (w, k)."""
@@ -36,9 +44,13 @@ class Bench:
 
     def fit(self, columns: FloatArray, target: FloatArray) -> Scores:
         """Linear fit of blocks (m, q) to a target (m,)."""
-        white = self.whiten(np.column_stack([columns, target]))
-        moments = moments_of(white[:, :-1], white[:, -1], self.frame.fold[self.kept], self.frame.folds)
-        return score(moments, dof=len(white))
+        return score(self.moments(columns, target), dof=len(self._by_fold[0]))
+
+    def moments(self, columns: FloatArray, target: FloatArray) -> Moments:
+        """Cross products of blocks (m, q) and a target (m,) with the colour taken out, by fold."""
+        order, borders = self._by_fold
+        white = np.take(self.colour.whiten(np.column_stack([columns, target])), order, axis=0)
+        return cross_products(np.split(white, borders))
 
 
 @dataclass(frozen=True)
@@ -48,7 +60,6 @@ class Trial:
     Attributes:
         model: what was tried.
         parameters: gains and inner parameters by "effect.parameter".
-        spread: standard errors of the gains for white noise, by the same names.
         columns: slopes by each gain on blocks, shape (m, q), not whitened.
         target: effort on blocks that the columns explain, shape (m,), not whitened.
         scores: of the linear fit at these inner parameters.
@@ -56,10 +67,14 @@ class Trial:
 
     model: Model
     parameters: dict[str, float]
-    spread: dict[str, float]
     columns: FloatArray
     target: FloatArray
     scores: Scores
+
+    @property
+    def spread(self) -> dict[str, float]:
+        """Standard errors of the gains for white noise, by "effect.parameter"."""
+        return dict(zip(self.model.gains, self.scores.spread.tolist(), strict=True))
 
     @property
     def sse(self) -> float:
@@ -85,6 +100,8 @@ def attempt(
     parameters: Mapping[str, float],
     rounds: int | None = None,
     arrived: float = 1.02,
+    *,
+    parts: Parts | None = None,
 ) -> Trial:
     """Fit the gains at the inner parameters given, from the gains given (zero where there is none).
 
@@ -95,15 +112,18 @@ def attempt(
         rounds: Gauss-Newton steps at least; by default one, or two where the model is bent by its own effort.
             Where a sensor bends it, more are made until one leads where the last was expected to.
         arrived: times the energy that a step promised to leave, that is taken as kept.
+        parts: from `Model.parts` at these inner parameters, where they are at hand.
     """
     data = bench.frame.data
+    if model.is_sum and data.kind is not ChannelKind.CONTACT:
+        return _sum(bench, model, parameters)
     bent = not model.is_linear_in_gains or data.kind is ChannelKind.CONTACT
     now = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
     names = list(model.gains)
     least = rounds or (2 if bent else 1)
     most = least if model.is_linear_in_gains else max(_MOST_ROUNDS, least)
     expected, before = np.inf, np.empty(0)
-    parts = model.parts(data, now)
+    parts = parts or model.parts(data, now)
     for number in range(most):
         slopes, effort = model.linearise(data, now, parts)
         if model.is_linear_in_gains and np.array_equal(slopes, before):
@@ -117,8 +137,20 @@ def attempt(
         scores = bench.fit(columns, target)
         expected = float(scores.sse.sum())
         now.update(zip(names, scores.gains.tolist(), strict=True))
-    spread = dict(zip(names, scores.spread.tolist(), strict=True))
-    return Trial(model, now, spread, columns, target, scores)
+    return Trial(model, now, columns, target, scores)
+
+
+def _sum(bench: Bench, model: Model, parameters: Mapping[str, float]) -> Trial:
+    """The same for a sum of effects that no sensor bends: all that is needed is on blocks."""
+    frame, blocks, target = bench.frame, [np.empty((len(bench.frame), 0))], bench.frame.effort
+    inner = {name: parameters.get(name, 0.0) for name in model.inner}
+    for effect in model.additive:
+        blocks.append(frame.columns(effect, own(effect, inner)))
+        target = target - frame.known(effect)
+    columns = np.hstack(blocks)
+    scores = bench.fit(columns, target)
+    gains = dict(zip(model.gains, scores.gains.tolist(), strict=True))
+    return Trial(model, {**gains, **inner}, columns, target, scores)
 
 
 def _energy(bench: Bench, blocks: FloatArray) -> float:
@@ -165,7 +197,11 @@ def look(
     starts: Iterable[Mapping[str, float]],
 ) -> Search:
     """Try `effect`, which is part of `model`, at its starts."""
-    trials = tuple(_at(bench, model, effect, parameters, inner) for inner in starts)
+    parts = None
+    if isinstance(effect, SensorEffect):  # what comes before a sensor does not depend on it
+        known = {name: parameters.get(name, 0.0) for name in model.inner}
+        parts = model.parts(bench.frame.data, known)
+    trials = tuple(_at(bench, model, effect, parameters, inner, parts=parts) for inner in starts)
     return Search(trials, len(trials))
 
 
@@ -187,10 +223,16 @@ def refine(bench: Bench, model: Model, effect: Effect, looked: Search) -> Search
 
 
 def _at(
-    bench: Bench, model: Model, effect: Effect, parameters: Mapping[str, float], inner: Mapping[str, float]
+    bench: Bench,
+    model: Model,
+    effect: Effect,
+    parameters: Mapping[str, float],
+    inner: Mapping[str, float],
+    *,
+    parts: Parts | None = None,
 ) -> Trial:
-    own = {f"{effect.name}.{name}": value for name, value in inner.items()}
-    return attempt(bench, model, {**parameters, **own})
+    there = {f"{effect.name}.{name}": value for name, value in inner.items()}
+    return attempt(bench, model, {**parameters, **there}, parts=parts)
 
 
 def _line(grid: list[dict[str, float]], best: int, inner: Parameter) -> list[int]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.diagnosis.bench.memory import Memory
 from estimation.diagnosis.bench.standing import Standing, stand
 from estimation.diagnosis.bench.unexplained import is_explained
 from estimation.diagnosis.search.library import candidates
@@ -38,6 +39,7 @@ class Search:
     effects: tuple[Effect, ...]
     rng: np.random.Generator
     progress: Progress
+    _memory: Memory = field(default_factory=Memory)
     _standings: dict[_Key, Standing] = field(default_factory=dict)
     _screened: dict[_Key, list[Candidate]] = field(default_factory=dict)
 
@@ -69,8 +71,11 @@ class Search:
     def stand(self, model: Model, parameters: Mapping[str, float]) -> Standing:
         """A model, fitted from these parameters on."""
         if _key(model) not in self._standings:
-            self._standings[_key(model)] = stand(self.data, model, parameters, self.good)
+            self._standings[_key(model)] = self._fresh(model, parameters)
         return self._standings[_key(model)]
+
+    def _fresh(self, model: Model, parameters: Mapping[str, float]) -> Standing:
+        return stand(self.data, model, parameters, self.good, self._memory)
 
     def with_candidate(self, candidate: Candidate) -> Standing:
         """The model that the candidate was tried in; fitted anew if that is a better place to start."""
@@ -82,7 +87,7 @@ class Search:
 
     def stand_anew(self, model: Model, parameters: Mapping[str, float]) -> Standing:
         """A model, fitted from these parameters on whatever is known, and remembered if that is better."""
-        anew, known = stand(self.data, model, parameters, self.good), self._standings.get(_key(model))
+        anew, known = self._fresh(model, parameters), self._standings.get(_key(model))
         if known is None or anew.trial.sse < BETTER * known.trial.sse:
             self._screened.pop(_key(model), None)
             self._standings[_key(model)] = anew

@@ -253,9 +253,10 @@ def is_possible(effect: Effect, trial: Trial, bench: Bench, loose: float = 0.0) 
     """
     effort = loose * float(np.sqrt(np.mean(trial.target**2)))
     noise = float(np.sqrt(np.mean(trial.residual**2)))
+    spread = trial.spread
     for column, parameter in zip(_own_columns(effect, trial).T, effect.gains, strict=True):
         name = f"{effect.name}.{parameter.name}"
-        value, slack = trial.parameters[name], 2.0 * trial.spread[name]
+        value, slack = trial.parameters[name], 2.0 * spread[name]
         minor = bool(effect.essential) and parameter.name not in effect.essential
         slack += (effort + minor * noise) / max(float(np.sqrt(np.mean(column**2))), 1e-300)
         if not parameter.lower - slack <= value <= parameter.upper + slack:

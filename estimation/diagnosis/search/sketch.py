@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from estimation.channel import ChannelData
 from estimation.diagnosis.bench.frame import Frame
+from estimation.diagnosis.bench.memory import Memory
 from estimation.diagnosis.bench.standing import fit
 from estimation.diagnosis.bench.trial import Trial
 from estimation.diagnosis.search.library import candidates
@@ -50,21 +51,21 @@ class Pair:
 def promising_pairs(search: Search) -> list[Pair]:
     """The pairs that leave least; of those that leave as little, the simplest first."""
     start = search.start
-    coarse, good = coarse_copy(start.plain.frame), start.plain.frame.trusted
-    base = fit(coarse, search.model, start.trial.parameters, good)
+    coarse, good, memory = coarse_copy(start.plain.frame), start.plain.frame.trusted, Memory()
+    base = fit(coarse, search.model, start.trial.parameters, good, memory)
     found: list[tuple[Candidate, Candidate]] = []
     firsts = screen(base, candidates(coarse, search.model, search.effects))
     for number, one in enumerate(firsts):
         search.progress(f"{coarse.name}: pairs with {one.effect.name}", number / len(firsts))
         best = one.search.best
-        beside = fit(coarse, best.model, best.parameters, good)
+        beside = fit(coarse, best.model, best.parameters, good, memory)
         others = screen(beside, candidates(coarse, best.model, search.effects))
         found += [(one, other) for other in others[:BESIDE]]
     found.sort(key=lambda two: two[1].held_out)
     pairs: dict[frozenset[str], Pair] = {}
     for one, other in found[:FITTED]:
         best = other.search.best
-        trial = fit(coarse, best.model, best.parameters, good).trial
+        trial = fit(coarse, best.model, best.parameters, good, memory).trial
         pair = Pair(one.effect.name, other.effect.name, one.size + other.size, trial)
         pairs[pair.names] = min(pair, pairs.get(pair.names, pair), key=lambda one: one.left)
     least = min((pair.left for pair in pairs.values()), default=0.0)

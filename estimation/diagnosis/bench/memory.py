@@ -1,0 +1,31 @@
+"""What was computed for one model and is the same in others, such as an effect's columns on blocks."""
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+
+from robot_io.types import FloatArray
+
+MOST_BYTES = 64_000_000
+
+
+@dataclass
+class Memory:
+    """Arrays by what they are; those asked for longest ago are forgotten first.
+
+    Attributes:
+        size: of all together [bytes].
+    """
+
+    size: int = 0
+    _known: OrderedDict[Hashable, FloatArray] = field(default_factory=OrderedDict)
+
+    def recall(self, what: Hashable, compute: Callable[[], FloatArray]) -> FloatArray:
+        """What was computed for `what` before, or is now."""
+        if what not in self._known:
+            self._known[what] = compute()
+            self.size += self._known[what].nbytes
+            while self.size > MOST_BYTES and len(self._known) > 1:
+                self.size -= self._known.popitem(last=False)[1].nbytes
+        self._known.move_to_end(what)
+        return self._known[what]
