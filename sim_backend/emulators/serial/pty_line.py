@@ -15,6 +15,7 @@ from sim_backend.emulators.line_speed import heard_at
 from sim_backend.emulators.plant import Plant
 
 _HAND_ON_S = 0.02  # a full buffer never takes more
+_MOST_READABLE = 4095  # bytes that Linux keeps for a reader; what comes then waits until it reads
 _RANGE_N = 1e3  # what a reading of a saturated sensor shows, if it has no range of its own
 
 
@@ -164,7 +165,7 @@ class PtyLine(EmulatedWire):
                 raise
             return
         if self._in_lock_step:
-            self._wait_until_readable(waiting + len(data))
+            self._wait_until_readable(min(waiting + len(data), _MOST_READABLE))
 
     def _readable(self) -> int:
         """How many bytes the driver could read."""
