@@ -5,7 +5,7 @@ from functools import cache
 from math import perm
 
 import numpy as np
-from scipy.signal import lfilter, savgol_filter
+from scipy.signal import lfilter
 
 from estimation.signals.blocks import blocks
 from robot_io.types import FloatArray, IntArray
@@ -134,14 +134,30 @@ def _stretches(signal: FloatArray, length: int) -> FloatArray:
 
 def steadied(position: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
     """Position (n,) without the encoder's jitter, whose way back and forth adds up: a cubic through 25 ms."""
-    window = 2 * int(0.5 * _STEADY_S / sample_time(time_s, run)) + 1
+    half = int(0.5 * _STEADY_S / sample_time(time_s, run))
+    window, steady = 2 * half + 1, np.array(position, dtype=np.float64)
+    if not 3 < window <= len(position):
+        return steady
+    weights = _cubic(window)
+    steady[half:-half] = np.convolve(position, weights[half, ::-1], mode="valid")
+    for rows in blocks(run):
+        values, found = position[rows], steady[rows]
+        if len(values) < window:
+            found[:] = values
+        else:
+            found[:half], found[-half:] = (
+                weights[:half] @ values[:window],
+                weights[-half:] @ values[-window:],
+            )
+    return steady
 
-    def one_run(values: FloatArray) -> FloatArray:
-        if not 3 < window <= len(values):
-            return values
-        return np.asarray(savgol_filter(values, window, 3))
 
-    return per_run(one_run, position, run)
+@cache
+def _cubic(window: int) -> FloatArray:
+    """What turns the samples of a window into their cubic at each of them, (window, window)."""
+    place = np.linspace(-1.0, 1.0, window)
+    power = place[:, None] ** np.arange(4.0)
+    return np.asarray(power @ np.linalg.pinv(power))
 
 
 def direction(position: FloatArray, run: IntArray, presliding: float) -> FloatArray:

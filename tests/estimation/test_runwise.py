@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy.signal import savgol_filter
 
-from estimation.signals.runwise import direction, low_pass, play, rate, relax, running_max, shift
+from estimation.signals.runwise import direction, low_pass, play, rate, relax, running_max, shift, steadied
 
 TIME = np.arange(1000) * 0.01
 ONE_RUN = np.zeros(1000, dtype=np.int64)
@@ -104,3 +104,16 @@ def test_a_shift_goes_straight_between_samples_and_stays_within_each_run(delay_s
         for column in range(2):
             expected = np.interp(time_s[rows] - delay_s, time_s[rows], signal[rows, column])
             np.testing.assert_allclose(shifted[rows, column], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("step_s", [0.001, 0.005, 0.02])
+def test_a_steadied_position_is_a_cubic_through_each_window_within_each_run(step_s):
+    run = np.repeat([0, 1, 2], [4, 200, 300])
+    position = np.cumsum(np.random.default_rng(0).normal(size=len(run)))
+    found = steadied(position, np.arange(len(run)) * step_s, run)
+    window = 2 * int(0.0125 / step_s) + 1
+    np.testing.assert_array_equal(found[run == 0], position[run == 0])  # shorter than any window
+    for number in (1, 2):
+        values = position[run == number]
+        wanted = savgol_filter(values, window, 3) if window > 3 else values
+        np.testing.assert_allclose(found[run == number], wanted, atol=1e-10)
