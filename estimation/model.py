@@ -10,7 +10,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Effect, MotionEffect, Parameter, SensorEffect
 from estimation.regression import Regression
 from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from robot_io.types import FloatArray, IntArray
 
 Parameters = Mapping[str, float]  # "effect.parameter" -> value
 Parts = tuple[FloatArray, FloatArray]  # columns (n, p) and known effort (n,), before any sensor
@@ -121,12 +121,11 @@ class Model:
         gains = np.array([parameters[name] for name in self.gains])
         effort: FloatArray = known + slopes @ gains
         if data.kind is ChannelKind.CONTACT:
-            one_sided = np.flatnonzero([e.one_sided for e in self.additive for _ in e.gains])
-            push = slopes[:, one_sided] @ gains[one_sided]
+            push = slopes[:, self._one_sided] @ gains[self._one_sided]
             lifted = np.flatnonzero(push < 0.0)
             if len(lifted):
                 slopes = slopes.copy()
-                slopes[lifted[:, None], one_sided] = 0.0
+                slopes[lifted[:, None], self._one_sided] = 0.0
                 effort[lifted] -= push[lifted]
         for sensor in self._sensors:
             slopes, effort = sensor.follow(effort, slopes, data, own(sensor, parameters))
@@ -141,6 +140,11 @@ class Model:
     def additive(self) -> list[AdditiveEffect]:
         """The effects that add effort, in order."""
         return [e for e in self.effects if isinstance(e, AdditiveEffect)]
+
+    @cached_property
+    def _one_sided(self) -> IntArray:
+        """Columns of the effects that can only push."""
+        return np.flatnonzero([effect.one_sided for effect in self.additive for _ in effect.gains])
 
     @cached_property
     def _sensors(self) -> list[SensorEffect]:

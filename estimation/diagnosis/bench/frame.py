@@ -57,7 +57,8 @@ class Frame:
 
     def reduce(self, signal: FloatArray) -> FloatArray:
         """Means over blocks of a signal (n,) or (n, k): shape (m,) or (m, k)."""
-        mean: FloatArray = (self._sums @ signal) / self.rows.shape[1]
+        block = self.rows.shape[1]
+        mean: FloatArray = (self._sums @ signal) / block if block > 1 else signal[self.rows[:, 0]]
         return mean
 
     @property

@@ -89,7 +89,7 @@ def score(moments: Moments, ridge: float = 1e-9, dof: int = 0) -> Scores:
     every = np.concatenate([whole[None], others])
     system = every[:, :-1, :-1] + ridge * np.eye(len(scale))
     gains = np.linalg.solve(system, every[:, :-1, -1:])[..., 0]
-    used = np.concatenate([np.broadcast_to(gains[0], gains[1:].shape), gains[1:], gains[1:]])
+    used = np.concatenate([np.repeat(gains[:1], len(scaled), axis=0), gains[1:], gains[1:]])
     sse, held_out, train = np.split(_sse(np.concatenate([scaled, scaled, others]), used), 3)
     return Scores(gains[0] * scale, gains[1:] * scale, sse, train, held_out, system[0], scale, dof)
 
@@ -121,9 +121,10 @@ def _solved(system: FloatArray, target: FloatArray) -> FloatArray:
 def _scaled(moments: Moments) -> tuple[FloatArray, FloatArray]:
     """Products of columns of unit length over all folds, and the factors (q,) that made them so."""
     products = moments.products
-    width = np.sqrt(np.diag(products.sum(axis=0))[:-1])
-    scale = np.append(np.where(width > 0.0, 1.0 / np.where(width > 0.0, width, 1.0), 0.0), 1.0)
-    return products * scale[:, None] * scale[None, :], scale[:-1]
+    width = np.sqrt(products.sum(axis=0).diagonal())
+    width[-1] = 1.0  # the target stays as it is
+    scale = np.divide(1.0, width, out=np.zeros_like(width), where=width > 0.0)
+    return products * scale[:, None] * scale, scale[:-1]
 
 
 def _sse(products: FloatArray, gains: FloatArray) -> FloatArray:

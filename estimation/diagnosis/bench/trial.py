@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -32,11 +33,12 @@ class Bench:
         return self.colour.kept(self.frame.run, self.frame.trusted)
 
     @cached_property
-    def _by_fold(self) -> tuple[IntArray, IntArray]:
-        """Blocks that count, in the order of the folds that hold them out, and where the next fold begins."""
+    def _by_fold(self) -> tuple[IntArray, list[slice]]:
+        """Blocks that count, in the order of the folds that hold them out, and where in it each fold is."""
         fold = np.where(self.kept, self.frame.fold, -1)
         order = np.argsort(fold, kind="stable")[np.sum(~self.kept) :]
-        return order, np.searchsorted(fold[order], np.arange(1, self.frame.folds))
+        borders = np.searchsorted(fold[order], np.arange(self.frame.folds + 1)).tolist()
+        return order, [slice(*ends) for ends in pairwise(borders)]
 
     def whiten(self, blocks: FloatArray) -> FloatArray:
         """Blocks (m,) or (m, k) with the colour taken out, shape (w,) or (w, k)."""
@@ -48,9 +50,9 @@ class Bench:
 
     def moments(self, columns: FloatArray, target: FloatArray) -> Moments:
         """Cross products of blocks (m, q) and a target (m,) with the colour taken out, by fold."""
-        order, borders = self._by_fold
+        order, folds = self._by_fold
         white = np.take(self.colour.whiten(np.column_stack([columns, target])), order, axis=0)
-        return cross_products(np.split(white, borders))
+        return cross_products(white[rows] for rows in folds)
 
 
 @dataclass(frozen=True)
