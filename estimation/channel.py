@@ -52,6 +52,10 @@ class ChannelData:
         tare: what was taken off the effort as measured; None where nothing was.
         recorded: names of those signals of the context that a user recorded beside, such as a temperature;
             each of shape (n,).
+        position_step: of the grid on which the position was read, such as an encoder's steps; 0 where there
+            is none.
+        touching: samples of a contact that are known to press, however deep they seem, shape (n,); None where
+            the depth alone says so.
     """
 
     name: str
@@ -67,6 +71,8 @@ class ChannelData:
     surface: Surface | None = None
     tare: Tare | None = None
     recorded: frozenset[str] = frozenset()
+    position_step: float = 0.0
+    touching: BoolArray | None = None
 
     def __post_init__(self) -> None:
         """Check lengths, finiteness, and that what was recorded is there.
@@ -99,7 +105,8 @@ class ChannelData:
     def engaged(self) -> BoolArray:
         """Where the object can push, shape (n,): a contact only while pressed (x > 0), all else always."""
         if self.kind is ChannelKind.CONTACT:
-            return self.position > 0.0
+            pressed: BoolArray = self.position > 0.0
+            return pressed if self.touching is None else pressed | self.touching
         return np.ones(len(self), dtype=np.bool_)
 
     @property
@@ -113,7 +120,13 @@ class ChannelData:
             what: getattr(self, what)[rows]
             for what in ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase")
         }
-        return replace(self, **arrays, context={name: values[rows] for name, values in self.context.items()})
+        touching = None if self.touching is None else self.touching[rows]
+        return replace(
+            self,
+            **arrays,
+            touching=touching,
+            context={name: values[rows] for name, values in self.context.items()},
+        )
 
     def of_runs(self, runs: IntArray) -> "ChannelData":
         """The channel with only the samples of these runs."""

@@ -6,17 +6,22 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.contact import contact_rows
+from estimation.effects.contact_offset import ContactOffset
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
 from estimation.fitting.fit import Fit, fit
-from estimation.fitting.problem import Problem
+from estimation.fitting.problem import NO_BOUNDS, Bounds, Problem
 from estimation.model import Model
 from estimation.regression import Regression
+from estimation.rounding import mark_coarse, rounding_errors, steps_spanned
 from estimation.statistics.least_squares import solve
 from estimation.statistics.uncertainty import Covariance, assemble, common_error_covariance
+from estimation.surface import FEWEST_STEPS
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
 
+_OFFSET = f"{ContactOffset.name}.offset"
+_NOWHERE_M = 1e-9  # a difference that is none
 _ROUNDING = 1e-9  # share of the effort below which a gain is one of the last digits of the numbers
 
 
@@ -71,15 +76,27 @@ def estimate_channel(
             f"channel '{data.name}': the effort is 0 {data.kind.effort_unit} in all {np.count_nonzero(used)} "
             "samples in use; was the object touched, and the sensor connected?"
         )
-    problem = Problem(model, data, used)
-    if model.inner or data.tare is not None:
-        searched = fit(model, data, rows=used, loss=estimator.loss)
+    if data.surface is not None:
+        data = replace(data, touching=used)
+    problem = Problem(model, data, used, within=_where_touched(data, used))
+    if model.inner or data.tare is not None or data.position_step > 0.0:
+        searched = fit(model, data, rows=used, loss=estimator.loss, within=problem.within)
         regression = problem.regression(problem.scale.vector(searched.parameters))
         found = _combine(problem, searched, estimator.fit(regression, rng=rng))
     else:
         regression = problem.regression(np.zeros(0))
         found = estimator.fit(regression, rng=rng)
-    return _mark_unphysical(found, model, regression)
+    return mark_coarse(_mark_unphysical(found, model, regression), data, used)
+
+
+def _where_touched(data: ChannelData, used: BoolArray) -> Bounds:
+    """Bounds of a surface that was found: what the touch allows; where it is, if the press tells no slope."""
+    if data.surface is None:
+        return NO_BOUNDS
+    if steps_spanned(data, used) < FEWEST_STEPS:
+        return {_OFFSET: (-_NOWHERE_M, _NOWHERE_M)}
+    found_m = data.surface.position_m
+    return {_OFFSET: (data.surface.highest_m - found_m, data.surface.deepest_m - found_m + _NOWHERE_M)}
 
 
 def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:
@@ -100,6 +117,7 @@ def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:
     matrix[:gain_count, gain_count:] = follow @ spread
     matrix[gain_count:, :gain_count] = (follow @ spread).T
     matrix += _of_tare(problem, searched, given.inliers)
+    matrix += _of_rounding(problem, searched, given)
     return assemble(
         given.estimator,
         tuple(searched.parameters),
@@ -124,6 +142,18 @@ def _of_tare(problem: Problem, searched: Fit, inliers: BoolArray) -> FloatArray:
         columns = searched.jacobian[inliers][:, free]
         matrix[np.ix_(free, free)] = common_error_covariance(columns, errors, problem.weights[inliers])
     return matrix
+
+
+def _of_rounding(problem: Problem, searched: Fit, given: Estimate) -> FloatArray:
+    """Mean square and product of the errors that the encoder's steps leave in the parameters, (m, m)."""
+    used = problem.rows.copy()
+    used[used] = given.inliers
+    gains = np.array([parameter.value for parameter in given.parameters])
+    vector = problem.scale.vector(searched.parameters)
+    errors = rounding_errors(Problem(problem.model, problem.data, used), gains, vector)
+    errors[~np.isfinite(searched.covariance.std_err)] = 0.0
+    mean_square: FloatArray = errors @ errors.T / max(1, errors.shape[1])
+    return mean_square
 
 
 def _mark_unphysical(found: Estimate, model: Model, regression: Regression) -> Estimate:

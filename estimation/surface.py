@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+FEWEST_STEPS = 4.0  # of an encoder over which a press has a slope: half a step at either end is a quarter
+
 
 @dataclass(frozen=True)
 class Surface:
@@ -10,7 +12,11 @@ class Surface:
     Attributes:
         position_m: coordinate along the press direction, in the frame of the tip positions [m].
         std_err_m: its standard error [m]; NaN if there is none.
+        highest_m: the least coordinate at which the touch still allows it; -inf if nothing is known [m].
+        deepest_m: the greatest; inf if nothing is known [m].
     """
 
     position_m: float
     std_err_m: float
+    highest_m: float = float("-inf")
+    deepest_m: float = float("inf")

@@ -6,7 +6,7 @@ Taking every sample with F > 0 instead would keep the positive half of the noise
 stiffness. The samples at either end, which were chosen for their noise, are left out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,8 @@ class Contact:
     Attributes:
         run: its number.
         rows: indices of the samples that are surely in contact, in order of time; may be empty.
+        free: indices of the last sample before and the first after it whose force is no touch; fewer where
+            the run has none.
         baseline_n: force in free air [N].
         baseline_std_err_n: its standard error, also where the noise is correlated in time [N].
         noise_n: standard deviation of the force in free air [N].
@@ -33,9 +35,15 @@ class Contact:
 
     run: int
     rows: IntArray
+    free: IntArray
     baseline_n: float
     baseline_std_err_n: float
     noise_n: float
+
+    def among(self, kept: BoolArray) -> "Contact":
+        """The same contact where only some samples are kept, its own among them; mask of shape (n,)."""
+        number = np.cumsum(kept) - 1
+        return replace(self, rows=number[self.rows], free=number[self.free])
 
 
 def find_contacts(force_n: FloatArray, run: IntArray, phase: IntArray) -> tuple[Contact, ...]:
@@ -65,10 +73,14 @@ def _contact_of(number: int, rows: IntArray, force_n: FloatArray, phase: IntArra
     highest_n = max(baseline_n, _after(force_n[rows], phase[rows], baseline_n))
     touching = _lasting(force_n[rows] > highest_n + touch_force_n(noise_n))
     inside = np.flatnonzero(touching)[1:-1]
+    beside = np.zeros(0, dtype=np.int64)
     if len(inside):  # a bounce is no contact, a single low sample within it is noise
+        beside = np.array(
+            [at for at in (inside[0] - 2, inside[-1] + 2) if 0 <= at < len(rows)], dtype=np.int64
+        )
         lifted = _lasting(~touching[inside[0] : inside[-1] + 1])
         inside = inside[0] + np.flatnonzero(~lifted)
-    return Contact(number, rows[inside], baseline_n, _mean_std_err(free), noise_n)
+    return Contact(number, rows[inside], rows[beside], baseline_n, _mean_std_err(free), noise_n)
 
 
 def _free_air(force_n: FloatArray, phase: IntArray) -> FloatArray:

@@ -7,7 +7,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.contact import Contact, find_contacts
 from estimation.data.derivatives import differentiate, grid_step
 from estimation.data.pieces import number_pieces
-from estimation.data.surface import find_surface
+from estimation.data.surface import find_surface, touch_of
 from estimation.data.tick_check import USELESS
 from estimation.tare import Tare
 from robot_io.session import Samples
@@ -177,10 +177,9 @@ def _distance(one: FloatArray, other: FloatArray) -> float:
 
 def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tared: bool) -> ChannelData:
     rows = np.isin(ticks["run"], [contact.run for contact in contacts])
-    touching = np.zeros(len(ticks), dtype=np.bool_)
-    for contact in contacts:
-        touching[contact.rows] = True
-    chosen, touching = ticks.select(rows), touching[rows]
+    contacts = [contact.among(rows) for contact in contacts]
+    touching = np.concatenate([contact.rows for contact in contacts])
+    chosen = ticks.select(rows)
     time_s, run = chosen["force_at_s"], chosen["run"].astype(np.int64)
     travel_m = np.einsum("ij,ij->i", chosen["tip_position_world_m"], chosen["press_direction_world"])
     rounding_m2 = _rounding_of_travel(travel_m, chosen.vector("joint_position_rad"))
@@ -189,7 +188,11 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     )
     tare = _tare(contacts)
     above_n = chosen["force_n"] - tare.of(run)
-    surface = find_surface(along_m[touching], speed_m_s[touching], above_n[touching], run[touching], tare)
+    step_m = float(np.sqrt(12 * rounding_m2))
+    touch = touch_of(along_m, above_n, contacts, step_m)
+    surface = find_surface(
+        along_m[touching], speed_m_s[touching], above_n[touching], run[touching], tare, touch
+    )
     return ChannelData(
         name,
         ChannelKind.CONTACT,
@@ -202,6 +205,7 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
         chosen["phase"].astype(np.int64),
         surface=surface,
         tare=tare if tared else None,
+        position_step=step_m,
     )
 
 

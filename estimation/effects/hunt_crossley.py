@@ -35,6 +35,5 @@ class HuntCrossley(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `AdditiveEffect.columns`; shape (n, 2)."""
-        power = np.zeros(len(data))
-        power[data.engaged] = data.position[data.engaged] ** inner["n"]
+        power = np.maximum(data.position, 0.0) ** inner["n"]
         return np.column_stack([power, power * data.velocity])

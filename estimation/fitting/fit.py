@@ -7,7 +7,7 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.estimate import Estimate
 from estimation.fitting.loss import Loss
-from estimation.fitting.problem import Problem
+from estimation.fitting.problem import NO_BOUNDS, Bounds, Problem
 from estimation.fitting.search import Solution, search
 from estimation.fitting.search_nonlinear import search_nonlinear
 from estimation.model import Model, Parameters
@@ -22,7 +22,8 @@ class Fit:
     Attributes:
         model: what was fitted.
         parameters: gains, then inner parameters, by "effect.parameter".
-        covariance: of the parameters in that order; NaN for an inner parameter that ended at its bound.
+        covariance: of the parameters in that order; NaN for an inner parameter that ended at its bound, if
+            that is not one of `Problem.within`.
         unbounded: the same as if there were no bounds: a bound is no measurement.
         residuals: effort minus prediction, shape (n,), also of samples that were not fitted.
         rows: samples that were fitted, shape (n,).
@@ -57,6 +58,7 @@ def fit(
     sigma: FloatArray | None = None,
     loss: Loss = Loss.LINEAR,
     start: Parameters | None = None,
+    within: Bounds = NO_BOUNDS,
 ) -> Fit:
     """Fit all parameters of a model together.
 
@@ -67,11 +69,12 @@ def fit(
         sigma: noise of each sample, shape (n,), up to a common factor; None for equal.
         loss: `Loss.CAUCHY` where some samples may be wrong.
         start: inner parameters to begin with; None to try those that the effects propose.
+        within: see `Problem`.
 
     Raises:
         InputError: there are fewer samples than parameters.
     """
-    problem = Problem(model, data, rows, sigma)
+    problem = Problem(model, data, rows, sigma, within)
     find = search if model.is_linear_in_gains else search_nonlinear
     solution = find(problem, loss, start)
     return describe(problem, solution, loss)
@@ -84,7 +87,8 @@ def describe(problem: Problem, solution: Solution, loss: Loss) -> Fit:
     residuals = problem.residuals(gains, vector)
     rates = np.concatenate([np.ones(len(gains)), problem.scale.rates(vector)])
     jacobian = problem.slopes(gains, vector)[rows] / rates
-    free = np.concatenate([np.ones(len(gains), dtype=np.bool_), ~problem.scale.at_bound(vector)])
+    narrowed = np.array([name in problem.within for name in problem.model.inner], dtype=np.bool_)
+    free = np.concatenate([np.ones(len(gains), dtype=np.bool_), narrowed | ~problem.scale.at_bound(vector)])
     score, slope = _influence(problem, solution, loss, residuals[rows])
     run = problem.data.run[rows]
     unbounded = sandwich(jacobian, score, slope, run)

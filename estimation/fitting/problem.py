@@ -1,12 +1,20 @@
 """The fitting problem: which samples count, how much, and what given parameters leave of the effort."""
 
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.effect import Parameter
 from estimation.fitting.search_scale import SearchScale
 from estimation.model import Model
 from estimation.regression import Regression, weights_of
 from robot_io.types import BoolArray, FloatArray
+
+Bounds = Mapping[str, tuple[float, float]]
+NO_BOUNDS: Bounds = MappingProxyType({})
 
 STEP = 1e-5  # of an inner parameter in a difference quotient, on the scale of its typical range
 
@@ -21,6 +29,7 @@ class Problem:
         data: the channel.
         rows: samples that count, shape (n,); None for all.
         sigma: noise of each sample, shape (n,), up to a common factor; None for equal.
+        within: narrower bounds of inner parameters than physics has, by "effect.parameter".
     """
 
     def __init__(
@@ -29,12 +38,14 @@ class Problem:
         data: ChannelData,
         rows: BoolArray | None = None,
         sigma: FloatArray | None = None,
+        within: Bounds = NO_BOUNDS,
     ) -> None:
         self.model = model
         self.data = data
         self.rows = np.ones(len(data), dtype=np.bool_) if rows is None else rows
         self.sigma = sigma
-        self.scale = SearchScale(model.inner)
+        self.within = within
+        self.scale = SearchScale({name: _narrowed(p, within.get(name)) for name, p in model.inner.items()})
 
     def regression(self, vector: FloatArray) -> Regression:
         """The linear problem in the samples that count, at these inner parameters (q,)."""
@@ -67,3 +78,10 @@ class Problem:
             change = self.residuals(gains, behind) - self.residuals(gains, ahead)
             columns.append((change / (ahead[index] - behind[index]))[:, None])
         return np.hstack(columns)
+
+
+def _narrowed(parameter: Parameter, within: tuple[float, float] | None) -> Parameter:
+    if within is None:
+        return parameter
+    low, high = within
+    return replace(parameter, lower=max(low, parameter.lower), upper=min(high, parameter.upper))

@@ -29,7 +29,7 @@ from palpate.findings.estimation_run import (
     estimate_with,
     load_material,
 )
-from palpate.text.estimate_report import as_data, remarks
+from palpate.text.estimate_report import as_data, calibration_remark, remarks
 from palpate.text.estimate_table import estimate_table
 from palpate.words import count, safe, shown, typed
 from robot_io.errors import InputError
@@ -102,5 +102,7 @@ def _print(material: Material, found: list[ChannelEstimates]) -> None:
         out.print(estimate_table(each, truth, out.width))
         for remark in remarks(each, truth):
             out.print(f"  {safe(remark)}")
+    for remark in calibration_remark(material.session):
+        out.print(f"  {safe(remark)}")
     if material.session is not None:
         console.next_steps((f"palpate inspect {typed(material.path)}", "see it in Rerun"))

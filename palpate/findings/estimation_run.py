@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -141,7 +141,8 @@ class ChannelEstimates:
         offset = next((p for p in estimate.parameters if p.name == OFFSET), None)
         if offset is None:
             return surface
-        return Surface(surface.position_m + offset.value, offset.std_err)
+        std_err_m = offset.std_err if np.isfinite(offset.std_err) else surface.std_err_m
+        return replace(surface, position_m=surface.position_m + offset.value, std_err_m=std_err_m)
 
     def prediction(self) -> FloatArray:
         """The best estimate's effort for the whole channel, shape (n,)."""

@@ -8,14 +8,19 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
 from estimation.fitting.misfit import Misfit, misfit
+from estimation.rounding import in_steps, steps_spanned
+from estimation.surface import FEWEST_STEPS
 from palpate.findings.estimation_run import BEST, MOST, OFFSET, ChannelEstimates
 from palpate.findings.truth import SURFACE
 from palpate.words import significant
+from robot_io.calibration import parse_calibrations
+from robot_io.session import Session
 
 MILLI = 1e3
 PERCENT = 100.0
 SIGMAS_95 = 1.96
 NOTABLE = 4.0  # standard errors of a force in free air that is worth a word
+FEW_STEPS = 20.0  # of an encoder, that are worth a word
 POOR = 4.0  # times the noise: right models stay below 2.6, also on objects of 1e5 N/m or 200 N s/m
 
 
@@ -30,15 +35,52 @@ def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:
         lines.append(f"surface found at {place}{sure}{true}")
     lines += _tare_remark(found.channel)
     lines += _misfit_remark(found)
+    lines += _steps_remark(found)
     lines += [f"{name}: {problem}" for name, problem in found.failures.items()]
     for estimate in found.estimates:
         left_out = 1.0 - float(np.mean(estimate.inliers))
         if estimate.estimator == BEST[0] and left_out > 1.0 - MOST:
             share = f"{PERCENT * left_out:.0f} % of the samples"
             lines.append(f"{estimate.estimator} set {share} aside: the model does not describe them")
+    return lines + _notes(found)
+
+
+def _notes(found: ChannelEstimates) -> list[str]:
+    """What speaks against the estimates, once for all that it speaks against."""
+    against: dict[str, list[str]] = {}
+    for estimate in found.estimates:
         if estimate.identifiability is not Identifiability.GOOD or estimate.unphysical:
-            lines.append(f"{estimate.estimator}: {estimate.note}")
-    return lines
+            against.setdefault(estimate.note, []).append(estimate.estimator)
+    return [f"{', '.join(names)}: {note}" for note, names in against.items()]
+
+
+def _steps_remark(found: ChannelEstimates) -> list[str]:
+    """That an encoder is coarse for this press, where something can be said all the same."""
+    if not FEWEST_STEPS <= steps_spanned(found.channel, found.rows) < FEW_STEPS:
+        return []
+    return [
+        f"{in_steps(found.channel, found.rows)}: what they leave uncertain is in the intervals, but "
+        "a damping from so few comes out too low"
+    ]
+
+
+def calibration_remark(session: Session | None) -> list[str]:
+    """What calibrations leave uncertain: one error in all samples, so that no interval holds it."""
+    if session is None:
+        return []
+    used = parse_calibrations(session.metadata.calibration, f"{session.path}, its calibration")
+    left = []
+    if used.force is not None:
+        scale = used.force.values.scale
+        left.append(f"{PERCENT * scale.std_err / scale.value:.2g} % of the force")
+    if used.encoder is not None:
+        left.append(f"{MILLI * max(used.encoder.values.offset.std_err):.2g} mrad of the joints' zeros")
+    if not left:
+        return []
+    return [
+        f"the intervals hold noise and steps; what the calibration leaves uncertain comes on top: "
+        f"{' and '.join(left)} (one standard error)"
+    ]
 
 
 def _misfit_remark(found: ChannelEstimates) -> list[str]:
