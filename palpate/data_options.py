@@ -31,6 +31,10 @@ WhereOption = Annotated[
 ContextOption = Annotated[
     list[str] | None, typer.Option(help="Further column of numbers to keep.", metavar="COLUMN")
 ]
+FreshOption = Annotated[
+    bool,
+    typer.Option("--fresh-runs", help="Each run met a fresh specimen or spot: none remembers another."),
+]
 FolderOption = Annotated[
     Path | None,
     typer.Option(help="Where the revisions are kept, if not in the usual place.", metavar="FOLDER"),
@@ -50,7 +54,11 @@ TipFrameOption = Annotated[
 
 
 def import_options(
-    column: list[str] | None, unit: list[str] | None, where: list[str] | None, context: list[str] | None
+    column: list[str] | None,
+    unit: list[str] | None,
+    where: list[str] | None,
+    context: list[str] | None,
+    fresh: bool = False,
 ) -> ImportOptions:
     """The options together.
 
@@ -62,20 +70,23 @@ def import_options(
         units=parse_pairs(unit or (), "--unit"),
         where=parse_pairs(where or (), "--where"),
         context=tuple(context or ()),
+        fresh=fresh,
     )
 
 
-def retyped(file: Path, **options: str | Path | list[str] | None) -> str:
+def retyped(file: Path, **options: str | Path | list[str] | bool | None) -> str:
     """The file with its options as one would type them again, for commands to try next.
 
     Args:
         file: session or data file.
-        options: values by the name of the option; None where it was not given.
+        options: values by the name of the option; None, or False for a flag, where it was not given.
     """
     words = [typed(file)]
     for name, value in options.items():
         for each in value if isinstance(value, list) else [value]:
-            if each is not None:
+            if each is True:
+                words.append(f"--{name}")
+            elif each is not None and each is not False:
                 words += [f"--{name}", as_shell_word(str(each))]
     return " ".join(words)
 

@@ -67,9 +67,14 @@ class Columns:
         return self.assigned[key].column
 
     @property
+    def used(self) -> frozenset[str | None]:
+        """Names of the columns that hold a quantity, or the number of the run or phase."""
+        return frozenset({found.column for found in self.assigned.values()} | {self.run, self.phase})
+
+    @property
     def unused(self) -> tuple[str, ...]:
         """Names of the columns of numbers that hold no quantity and do change."""
-        used = {found.column for found in self.assigned.values()} | {self.run, self.phase}
+        used = self.used
         return tuple(name for name in self.table.names if name not in used and self.table.varies(name))
 
     @property

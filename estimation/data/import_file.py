@@ -59,13 +59,24 @@ def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT)
     """
     columns = assign_columns(_filter(read_table(path), options), options)
     sources = _sources(columns)
-    rows = arrange_rows(columns)
+    rows = arrange_rows(columns, fresh=options.fresh)
+    _check_context(columns, options.context)
     channels = [_channel(source, columns, rows) for source in sources]
     signals = _signals(options.context)
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     unused = tuple(n for n in columns.unused if n not in options.context and _name(n) not in _TAKEN)
     return Imported(with_arm(channels), rows.labels, columns.notes, unused)
+
+
+def _check_context(columns: Columns, wanted: Iterable[str]) -> None:
+    """Refuse what the channels are made of: an error depends on its own effort, and that says nothing."""
+    for column in wanted:
+        if column in columns.used:
+            there = ", ".join(columns.unused) or "none"
+            raise InputError(
+                f"--context {column}: the channel is made of that column. What nothing is made of: {there}"
+            )
 
 
 def _signals(wanted: Iterable[str]) -> dict[str, str]:

@@ -15,12 +15,14 @@ class ImportOptions:
         units: unit of a quantity or of a column where the name does not say it, such as {"force": "mN"}.
         where: only rows in which a column has this text, such as {"specimen": "P002"}.
         context: further columns of numbers to keep beside the channels.
+        fresh: each run met an object, or a spot of it, that was never pressed before, on whatever clock.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     where: Mapping[str, str] = field(default_factory=dict)
     context: tuple[str, ...] = ()
+    fresh: bool = False
 
 
 def parse_pairs(texts: Iterable[str], option: str) -> dict[str, str]:

@@ -1,12 +1,13 @@
 """Which run and phase each row of a data file belongs to, and in which order the rows come."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from control.loop.phases import Phase
 from estimation.data.assign_columns import Columns
 from estimation.data.table import Table
+from estimation.signals.blocks import blocks
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, IntArray
 
@@ -34,8 +35,12 @@ class Rows:
     labels: dict[int, str]
 
 
-def arrange_rows(columns: Columns) -> Rows:
+def arrange_rows(columns: Columns, *, fresh: bool = False) -> Rows:
     """Group the rows by run.
+
+    Args:
+        columns: of the table.
+        fresh: let the clock begin anew in each run, which is how one is told from an earlier one's sequel.
 
     Raises:
         InputError: no time, times that do not increase in a run, a run too short, an unknown phase.
@@ -52,7 +57,12 @@ def arrange_rows(columns: Columns) -> Rows:
     rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels)
     _check_times(columns, rows)
     _check_lengths(table, rows)
-    return rows
+    if not fresh:
+        return rows
+    begun_s = time_s.copy()
+    for part in blocks(rows.run):
+        begun_s[part] -= time_s[part.start]
+    return replace(rows, time_s=begun_s)
 
 
 def _runs(table: Table, column: str | None) -> tuple[IntArray, dict[int, str]]:

@@ -12,6 +12,7 @@ from palpate.data_options import (
     ContextOption,
     FileArgument,
     ForceOption,
+    FreshOption,
     TipFrameOption,
     UnitOption,
     UrdfOption,
@@ -54,6 +55,7 @@ def command(  # noqa: PLR0917, one parameter an option
     unit: UnitOption = None,
     where: WhereOption = None,
     context: ContextOption = None,
+    fresh_runs: FreshOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the stages as JSON.")] = False,
     out: Annotated[
         Path | None, typer.Option(help="Keep revisions and pictures here.", metavar="FOLDER")
@@ -65,8 +67,8 @@ def command(  # noqa: PLR0917, one parameter an option
     Goes on from the newest revision; --from goes back to another one. Report and pictures are renewed where
     revisions are kept.
     """
-    material = load_material(file, import_options(column, unit, where, context))
-    data = {"column": column, "unit": unit, "where": where, "context": context}
+    material = load_material(file, import_options(column, unit, where, context, fresh_runs))
+    data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
     typed = retyped(file, model=model, urdf=urdf, out=out, **data)
     arm, library = given_arm(urdf, tip_frame, material.arm), library_with(effect)
     folder = folder_to_fill(material, out, OUTCOME, force=force)

@@ -13,6 +13,7 @@ from palpate.data_options import (
     ContextOption,
     FileArgument,
     ForceOption,
+    FreshOption,
     TipFrameOption,
     UnitOption,
     UrdfOption,
@@ -47,6 +48,7 @@ def command(  # noqa: PLR0917, one parameter an option
     unit: UnitOption = None,
     where: WhereOption = None,
     context: ContextOption = None,
+    fresh_runs: FreshOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
     out: Annotated[
         Path | None, typer.Option(help="Write comparison.json and an HTML report here.", metavar="FOLDER")
@@ -57,11 +59,12 @@ def command(  # noqa: PLR0917, one parameter an option
 
     All errors are on runs that the fit has not seen; the noise floor is what a complete model would leave.
     """
-    material = load_material(file, import_options(column, unit, where, context))
+    material = load_material(file, import_options(column, unit, where, context, fresh_runs))
     found = subjects_of(material, model, given_arm(urdf, tip_frame, material.arm))
     subjects = only_channel(found, channel)
     folder = folder_to_fill(material, out, (RESULT, *OUTCOME), force=force) if out is not None else None
-    typed = retyped(file, model=model, urdf=urdf, column=column, unit=unit, where=where, context=context)
+    given = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
+    typed = retyped(file, model=model, urdf=urdf, **given)
     if folder is not None:
         output_folder(folder)
     compared, failures = _compare(subjects)

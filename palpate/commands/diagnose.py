@@ -8,6 +8,8 @@ import typer
 
 from control.loop.tick_record import STREAM_NAME
 from estimation.diagnosis import ChannelDiagnosis, Diagnosis, Verdict
+from estimation.effects.stress_relaxation import StressRelaxation
+from estimation.fresh_runs import relaxes_afresh
 from estimation.models import MODELS
 from palpate import console
 from palpate.data_options import (
@@ -15,6 +17,7 @@ from palpate.data_options import (
     ContextOption,
     FileArgument,
     ForceOption,
+    FreshOption,
     TipFrameOption,
     UnitOption,
     UrdfOption,
@@ -68,6 +71,7 @@ def command(  # noqa: PLR0917, one parameter an option
     unit: UnitOption = None,
     where: WhereOption = None,
     context: ContextOption = None,
+    fresh_runs: FreshOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the diagnosis as JSON.")] = False,
     out: Annotated[
         Path | None,
@@ -81,11 +85,11 @@ def command(  # noqa: PLR0917, one parameter an option
     data cannot say). All is judged on runs that the fit has not seen. What is in the session's own folder
     is renewed.
     """
-    material = load_material(file, import_options(column, unit, where, context))
+    material = load_material(file, import_options(column, unit, where, context, fresh_runs))
     known = subjects_of(material, model, given_arm(urdf, tip_frame, material.arm))
     probed = material.session is not None and STREAM_NAME in material.session.stream_names
     subjects = channels_to_diagnose(known, channel, probed=probed)
-    data = {"column": column, "unit": unit, "where": where, "context": context}
+    data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
     typed = retyped(file, model=model, urdf=urdf, **data)
     unjudged = channel is None and len(subjects) < len(known)
     library = library_with(effect)
@@ -99,9 +103,10 @@ def command(  # noqa: PLR0917, one parameter an option
         console.print_json(diagnosis.model_dump(mode="json"))
     else:
         _print(diagnosis)
+    afresh = not as_json and material.session is None and met_afresh(subjects, diagnosis)
     if folder is None:
         if not as_json:
-            _next(material, typed, typed, diagnosis, None, applied=apply, unjudged=unjudged)
+            _next(material, typed, typed, diagnosis, None, applied=apply, unjudged=unjudged, afresh=afresh)
         return
     write_json(diagnosis.model_dump(mode="json"), folder / RESULT)
     plan = _write_plan(material, diagnosis, folder)
@@ -116,7 +121,16 @@ def command(  # noqa: PLR0917, one parameter an option
         print_files({"result": folder / RESULT, **written})
         again = _again(material, plan)
         kept = retyped(file, folder=out, **data)
-        _next(material, typed, kept, diagnosis, again, applied=apply, unjudged=unjudged)
+        _next(material, typed, kept, diagnosis, again, applied=apply, unjudged=unjudged, afresh=afresh)
+
+
+def met_afresh(subjects: Sequence[Subject], diagnosis: Diagnosis) -> bool:
+    """Whether something relaxes that is not explained, and would be better if no run remembered another."""
+    for subject, found in zip(subjects, diagnosis.channels, strict=True):
+        helped = [*(entry.effect for entry in found.accepted), *(entry.effect for entry in found.suspects)]
+        if found.verdict is Verdict.UNEXPLAINED and StressRelaxation.name in helped:
+            return relaxes_afresh(subject.channel, subject.model)
+    return False
 
 
 def _print(diagnosis: Diagnosis) -> None:
@@ -194,6 +208,7 @@ def _next(
     *,
     applied: bool,
     unjudged: bool,
+    afresh: bool,
 ) -> None:
     steps = []
     missing = [found for found in diagnosis.channels if found.accepted]
@@ -209,6 +224,13 @@ def _next(
         steps.append((f"palpate revisions {kept}", "all stages, to go back to"))
     if again is not None:
         steps.append((again, "the experiment that would tell more"))
+    if afresh:
+        steps.append(
+            (
+                f"palpate diagnose {typed} --fresh-runs",
+                "if each run met a fresh spot: that explains more",
+            )
+        )
     if unjudged:
         steps.append(
             (f"palpate diagnose {typed} --channel {ALL_CHANNELS}", "the arm's joints were not judged")

@@ -13,6 +13,7 @@ from palpate.data_options import (
     ColumnOption,
     ContextOption,
     FileArgument,
+    FreshOption,
     TipFrameOption,
     UnitOption,
     UrdfOption,
@@ -48,6 +49,7 @@ def command(  # noqa: PLR0917, one parameter an option
     unit: UnitOption = None,
     where: WhereOption = None,
     context: ContextOption = None,
+    fresh_runs: FreshOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the estimates as JSON.")] = False,
 ) -> None:
     """Estimate the parameters of a model, by every method, with 95 % intervals.
@@ -55,7 +57,7 @@ def command(  # noqa: PLR0917, one parameter an option
     Takes a session or a data file. Where the session was simulated, the truth and the errors are shown too.
     """
     names = choose_estimators(estimator)
-    material = load_material(file, import_options(column, unit, where, context), tared=True)
+    material = load_material(file, import_options(column, unit, where, context, fresh_runs), tared=True)
     arm = given_arm(urdf, tip_frame, material.arm)
     channels = [only_runs(channel, run) for channel in material.described_by(model)]
     found = [estimate_with(channel, model, names, arm) for channel in channels]

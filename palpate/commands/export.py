@@ -12,6 +12,7 @@ from palpate.data_options import (
     ContextOption,
     FileArgument,
     FolderOption,
+    FreshOption,
     UnitOption,
     WhereOption,
     import_options,
@@ -44,6 +45,7 @@ def command(  # noqa: PLR0917, one parameter an option
     unit: UnitOption = None,
     where: WhereOption = None,
     context: ContextOption = None,
+    fresh_runs: FreshOption = False,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Scenario file to write.", metavar="FILE.yaml")
     ] = None,
@@ -54,7 +56,7 @@ def command(  # noqa: PLR0917, one parameter an option
 
     Where the simulator cannot do what was fitted, that is said, and the rest is written.
     """
-    material = load_material(file, import_options(column, unit, where, context))
+    material = load_material(file, import_options(column, unit, where, context, fresh_runs))
     shelf, place = kept_revisions(material, folder), derived_folder(material, folder)
     path = output_file(out or place / SCENARIO, force=force or out is None, keep=[file])
     kept = _revisions(material, shelf, revision)
@@ -67,7 +69,7 @@ def command(  # noqa: PLR0917, one parameter an option
             {"file": str(file), "scenario": str(path), "used": export.used, "left_out": export.left_out}
         )
     else:
-        data = {"column": column, "unit": unit, "where": where, "context": context}
+        data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
         _print(retyped(file, **data), path, export)
 
 

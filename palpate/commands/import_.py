@@ -13,7 +13,14 @@ import typer
 from estimation.data.import_file import Imported, import_file
 from estimation.data.session_streams import import_extra, import_streams
 from palpate import console
-from palpate.data_options import ColumnOption, ContextOption, UnitOption, WhereOption, import_options
+from palpate.data_options import (
+    ColumnOption,
+    ContextOption,
+    FreshOption,
+    UnitOption,
+    WhereOption,
+    import_options,
+)
 from palpate.files import existing_file, output_file
 from palpate.words import count, duration, safe, shown, typed
 from robot_io.session import SessionMetadata, write_session
@@ -25,6 +32,7 @@ def command(  # noqa: PLR0917, one parameter an option
     unit: UnitOption = None,
     where: WhereOption = None,
     context: ContextOption = None,
+    fresh_runs: FreshOption = False,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
@@ -35,7 +43,7 @@ def command(  # noqa: PLR0917, one parameter an option
     """
     existing_file(file, "data file")
     session = output_file(out or Path("sessions") / f"{_stem(file)}.mcap")
-    imported = import_file(file, import_options(column, unit, where, context))
+    imported = import_file(file, import_options(column, unit, where, context, fresh_runs))
     metadata = SessionMetadata(
         software_version=version("palpate"),
         created_utc=datetime.now(UTC).isoformat(timespec="seconds"),

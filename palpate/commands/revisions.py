@@ -11,6 +11,7 @@ from palpate.data_options import (
     ContextOption,
     FileArgument,
     FolderOption,
+    FreshOption,
     UnitOption,
     WhereOption,
     retyped,
@@ -30,12 +31,13 @@ def command(  # noqa: PLR0917, one parameter an option
     unit: UnitOption = None,
     where: WhereOption = None,
     context: ContextOption = None,
+    fresh_runs: FreshOption = False,
 ) -> None:
     """List the stages of a session's models: what was added to what, and how large the error was then.
 
     Options for reading a data file are taken as well, so that a command can be edited into another one.
     """
-    data = {"column": column, "unit": unit, "where": where, "context": context}
+    data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
     existing_file(file, "session or data file")
     session = Session.open(file) if is_session(file) else None
     material = Material(file, session, (), {}, NO_ARM)

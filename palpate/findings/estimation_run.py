@@ -166,7 +166,9 @@ def load_material(path: Path, options: ImportOptions = NO_OPTIONS, *, tared: boo
         imported = import_file(path, options)
         return Material(path, None, imported.channels, {}, NO_ARM, imported.unused)
     if options != NO_OPTIONS:
-        raise InputError(f"{path}: is a session; --column, --unit, --where and --context are for data files")
+        raise InputError(
+            f"{path}: is a session; --column, --unit, --where, --context and --fresh-runs are for data files"
+        )
     session = Session.open(path)
     channels = session_channels(session, tared=tared)
     return Material(path, session, channels, true_parameters(session), arm_of(session))

@@ -476,3 +476,26 @@ def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, n
         content = contact().read_bytes()
         file.write_bytes(gzip.compress(content) if name.endswith(".gz") else content)
     assert "cut it into pieces" in refusal(file)
+
+
+@pytest.mark.parametrize("name", ["time_s", "displacement_m", "force_N", "run"])
+def test_a_context_is_no_column_that_the_channel_is_made_of(contact, name):
+    said = refusal(contact(run=np.zeros(50, int), heat=T**2), context=(name,))
+    assert said.startswith(f"--context {name}: the channel is made of that column")
+    assert said.endswith("heat")
+
+
+def test_fresh_runs_begin_with_the_clock_at_zero_and_keep_their_motion(contact, tmp_path):
+    run = np.repeat([3, 5], 25)
+    path = contact(time_s=T + 7.0, run=run)
+    one_clock, fresh = (only(import_file(path, ImportOptions(fresh=way))) for way in (False, True))
+    np.testing.assert_allclose(fresh.time_s, np.tile(T[:25], 2), atol=1e-12)
+    np.testing.assert_allclose(one_clock.time_s, T + 7.0)
+    np.testing.assert_allclose(fresh.velocity, one_clock.velocity, atol=1e-9)
+    write_session(
+        tmp_path / "s.mcap",
+        import_streams(import_file(path, ImportOptions(fresh=True))),
+        SessionMetadata(software_version="test", created_utc="", command_line=""),
+    )
+    (again,) = load_channels(tmp_path / "s.mcap")
+    np.testing.assert_allclose(again.time_s, fresh.time_s, atol=1e-9)

@@ -8,10 +8,21 @@ import pytest
 from control.probing.plan import ProbingPlan, load_probing_plan
 from estimation.channel import ChannelKind
 from estimation.diagnosis.judgement.next_experiment import exploring, separating, sufficient
-from estimation.diagnosis.result import Accepted, ChannelDiagnosis, NextExperiment
+from estimation.diagnosis.result import (
+    Accepted,
+    ChannelDiagnosis,
+    Diagnosis,
+    NextExperiment,
+    Suspect,
+    Verdict,
+)
 from estimation.effects import EFFECTS
+from palpate.commands import diagnose as diagnose_command
 from palpate.findings.next_plan import plan_of, write_plan
+from palpate.findings.subject import Subject
 from palpate.text.diagnosis import sentence
+from tests.estimation.contact_data import base_model
+from tests.estimation.diagnosis.presses import kelvin_voigt, maxwell, session
 from tests.palpate.cli import assert_refused, run
 from tests.palpate.presses import CUBIC, write_presses
 
@@ -247,3 +258,18 @@ def test_a_probing_session_is_judged_at_its_contact_unless_joints_are_asked_for(
     assert_refused(
         run("diagnose", path, "--channel", "joint_9"), "joint_9", "contact, joint_1, joint_2, joint_3"
     )
+
+
+def test_fresh_spots_on_one_clock_are_noticed():
+    data = session(51, lambda t, x, v, run: kelvin_voigt(x, v, 500.0 * maxwell(t, x, run, 4.0)))
+    subject = Subject(data, base_model("kelvin_voigt"))
+    for name, noticed in (("stress_relaxation", True), ("plastic_set", False)):
+        found = ChannelDiagnosis(
+            channel="contact",
+            verdict=Verdict.UNEXPLAINED,
+            reason="",
+            effort_unit="N",
+            suspects=[Suspect(effect=name, rmse_after=1.0)],
+        )
+        diagnosis = Diagnosis(file="", model="kelvin_voigt", channels=[found])
+        assert diagnose_command.met_afresh([subject], diagnosis) == noticed

@@ -21,6 +21,7 @@ def presses(tmp_path_factory):
     [
         (("--run", "0,0"), ("--run 0,0", "twice")),
         (("--estimator", "lsq,lsq"), ("lsq,lsq", "twice")),
+        (("--context", "force_N"), ("--context force_N", "made of that column")),
         (("--tip-frame", "zz"), ("--tip-frame zz", "--urdf")),
         (("--urdf", "DATA"), ("presses.csv", "not a readable URDF")),
         (("--urdf", "ARM", "--tip-frame", "zz"), ("arm.urdf: no frame is called 'zz'", "Valid:")),
@@ -30,6 +31,11 @@ def test_options_of_estimate_that_say_nothing_are_refused(options, words, presse
     (tmp_path / "arm.urdf").write_text(synthetic.urdf())
     places = {"DATA": presses, "ARM": tmp_path / "arm.urdf"}
     assert_refused(run("estimate", presses, *(places.get(each, each) for each in options)), *words)
+
+
+def test_an_option_for_data_files_is_refused_for_a_session(tmp_path):
+    synthetic_session(tmp_path / "x.mcap")
+    assert_refused(run("estimate", tmp_path / "x.mcap", "--fresh-runs"), "--fresh-runs", "data files")
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-1"])
