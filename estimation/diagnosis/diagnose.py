@@ -8,6 +8,7 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.bench.unexplained import depends_on
+from estimation.diagnosis.judgement.below_a_step import below_a_step
 from estimation.diagnosis.judgement.gate import refuse, usable
 from estimation.diagnosis.judgement.intervals import Value, final, values
 from estimation.diagnosis.judgement.next_experiment import exploring, separating, sufficient
@@ -76,19 +77,32 @@ def diagnose_channel(
     good = usable(data)
     reason = refuse(data.select(good), model)
     if reason:
-        return ChannelDiagnosis(
-            channel=data.name,
-            verdict=Verdict.INSUFFICIENT,
-            reason=reason,
-            effort_unit=data.kind.effort_unit,
-            next_experiment=sufficient(reason, data.kind),
-        )
+        return _insufficient(data, reason)
     search = Search(data, model, good, effects, rng, progress)
     chain = build(search)
     objection = objection_to(chain)
     if objection:
         chain = replace(chain, is_complete=False, dominant=None)
-    return _report(search, chain, objection)
+    reason = _too_coarse(search, chain)
+    return _insufficient(data, reason) if reason else _report(search, chain, objection)
+
+
+def _too_coarse(search: Search, chain: Chain) -> str | None:
+    """Why what is left, and has no name, may be the reader's steps; what these do by themselves was tried."""
+    tried = any(effect.name == "quantisation" for effect in search.effects)
+    if chain.is_complete or chain.named or not tried:
+        return None
+    return below_a_step(chain.start)
+
+
+def _insufficient(data: ChannelData, reason: str) -> ChannelDiagnosis:
+    return ChannelDiagnosis(
+        channel=data.name,
+        verdict=Verdict.INSUFFICIENT,
+        reason=reason,
+        effort_unit=data.kind.effort_unit,
+        next_experiment=sufficient(reason, data.kind),
+    )
 
 
 def _report(search: Search, chain: Chain, objection: Objection | None) -> ChannelDiagnosis:
