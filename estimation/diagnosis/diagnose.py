@@ -11,6 +11,7 @@ from estimation.diagnosis.bench.unexplained import depends_on
 from estimation.diagnosis.judgement.below_a_step import below_a_step
 from estimation.diagnosis.judgement.gate import refuse, usable
 from estimation.diagnosis.judgement.intervals import Value, final, values
+from estimation.diagnosis.judgement.left_over import left_over
 from estimation.diagnosis.judgement.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.judgement.noise_floor import noise_floor
 from estimation.diagnosis.judgement.objection import Objection, objection_to
@@ -117,7 +118,7 @@ def _report(search: Search, chain: Chain, objection: Objection | None) -> Channe
     return ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
-        reason=objection.reason if objection else _reason(verdict, chain, signals),
+        reason=objection.reason if objection else _reason(verdict, chain, signals, accepted),
         effort_unit=search.data.kind.effort_unit,
         noise_floor=floor.value,
         floor=Floor(**asdict(floor)),
@@ -224,27 +225,28 @@ def _ranking(chain: Chain) -> list[Ranked]:
     return ranked
 
 
-def _reason(verdict: Verdict, chain: Chain, signals: Sequence[str]) -> str:
+def _reason(verdict: Verdict, chain: Chain, signals: Sequence[str], accepted: Sequence[Accepted]) -> str:
     if verdict is Verdict.ADEQUATE:
         return "no effect of the library lowers the error in held-out runs, and nothing smooth is left in it"
     if verdict is Verdict.MISSING:
-        names = " and ".join(s.effect for s in chain.steps)
+        names = " and ".join(_or_rivals(entry) for entry in accepted)
         return f"with {names}, nothing smooth is left in the error"
+    standing = chain.dominant.standing if chain.dominant else chain.end
+    unit = standing.data.kind.effort_unit
+    fall = f"from {chain.start.rmse:.3g} to {standing.rmse:.3g} {unit}"
+    rest = left_over(standing, chain.floor, signals)
     if chain.dominant:
-        left = _percent(chain.dominant.standing.left_of_blocks(chain.floor))
-        names = f"{chain.dominant.effect} is missing above all"
-        return f"{names}; {left} of the error with it could still be explained, by {_told(signals)}"
-    left = _percent(chain.end.left_of_blocks(chain.floor))
-    known = " even with " + " and ".join(s.effect for s in chain.steps) if chain.steps else ""
-    return f"{left} of the error{known} could be explained, by {_told(signals)}"
+        return f"{chain.dominant.effect} is missing above all: the error falls {fall}; {rest}"
+    if chain.steps:
+        names = " and ".join(step.effect for step in chain.steps)
+        return f"the error would fall {fall} with {names}; {rest}"
+    return f"the error is {standing.rmse:.3g} {unit}; {rest}"
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * max(share, 0.0):.0f} %"
-
-
-def _told(signals: Sequence[str]) -> str:
-    return ", ".join(signals) or "a mix of signals"
+def _or_rivals(entry: Accepted) -> str:
+    """An effect and those that the data cannot tell it from."""
+    rivals = " or ".join(entry.confused_with)
+    return f"{entry.effect} (or {rivals} instead)" if rivals else entry.effect
 
 
 def _next(

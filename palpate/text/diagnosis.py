@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.diagnosis.result import Fitted, ParameterValue
+from estimation.diagnosis.result import Accepted, Fitted, ParameterValue
 from palpate import console
 from palpate.text.comparison import bar
 from palpate.words import chance, significant
@@ -51,15 +51,29 @@ def sentence(found: ChannelDiagnosis) -> str:
         case Verdict.ADEQUATE:
             return f"{where}: nothing is missing that this data can show. {_fall(found)}"
         case Verdict.MISSING:
-            names = _enumerated([f"[bold]{entry.effect}[/bold]" for entry in found.accepted])
+            names = _enumerated([_or_rivals(entry) for entry in found.accepted])
             verb = "is" if len(found.accepted) == 1 else "are"
             return f"{where}: {names} {verb} missing from the model. {_fall(found)}"
     signals = _enumerated(found.depends_on) or "no single signal"
     rest = f"that no known effect explains; it depends on {signals}"
     if found.accepted:
-        names = _enumerated([f"[bold]{entry.effect}[/bold]" for entry in found.accepted])
+        names = _enumerated([_or_rivals(entry) for entry in found.accepted])
         return f"{where}: {names} and something more is missing {rest}. {_fall(found)}"
     return f"{where}: something is missing {rest}. {_fall(found)}"
+
+
+def evidence_against(found: ChannelDiagnosis) -> Iterator[str]:
+    """Why nothing, or nothing more, is named, in sentences; none where all is explained."""
+    if found.verdict is not Verdict.UNEXPLAINED:
+        return
+    yield f"Why: {found.reason}."
+    if found.suspects:
+        unit = found.effort_unit
+        falls = [f"{suspect.effect} (to {suspect.rmse_after:.3g} {unit})" for suspect in found.suspects]
+        yield (
+            f"Suspected, one on top of the other: {_enumerated(falls)}. Each lowers the error in held-out "
+            "runs, but a name is sure only where nothing but noise is left."
+        )
 
 
 def parameter_table(fitted: Fitted, title: str = "") -> Table:
@@ -76,6 +90,12 @@ def value_and_half(parameter: ParameterValue) -> tuple[str, str]:
         return significant(parameter.value), "?"
     half = SIGMAS_95 * parameter.std_err
     return significant(parameter.value, half), significant(half, half)
+
+
+def _or_rivals(entry: Accepted) -> str:
+    """The effect, and those that this data cannot tell it from."""
+    name = f"[bold]{entry.effect}[/bold]"
+    return f"{name} (or {_enumerated(entry.confused_with, 'or')})" if entry.confused_with else name
 
 
 def _fall(found: ChannelDiagnosis) -> str:
@@ -101,9 +121,8 @@ def _evidence(found: ChannelDiagnosis) -> Iterator[RenderableType]:
             if entry.confused_with:
                 rivals = _enumerated(entry.confused_with, "or")
                 yield Text.from_markup(f"  [yellow]this data cannot tell it from {rivals}[/yellow]")
-    if helped := _enumerated([suspect.effect for suspect in found.suspects]):
-        told = f"{helped} would lower the error further, but not to the noise: not named"
-        yield Text.from_markup(f"[dim]{told}[/dim]")
+    for sentence_against in evidence_against(found):
+        yield Text(sentence_against)
     if found.final is not None and (found.accepted or found.verdict is not Verdict.UNEXPLAINED):
         yield parameter_table(found.final)
     if found.ranking and found.verdict is not Verdict.ADEQUATE:

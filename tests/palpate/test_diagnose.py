@@ -125,6 +125,9 @@ def test_what_is_suspected_can_be_added_by_the_next_command(tmp_path):
     assert result.stdout.startswith("UNEXPLAINED  contact")
     (line,) = [line for line in result.stderr.splitlines() if "palpate add" in line]
     assert "wavy.csv cubic_stiffness" in line
+    told = " ".join(result.stdout.split())
+    assert "Why: the error would fall from" in told
+    assert "Suspected, one on top of the other: cubic_stiffness (to " in told
 
 
 def test_the_next_command_says_which_of_several_joints_it_is_for(tmp_path):
@@ -246,6 +249,23 @@ def test_a_verdict_of_something_unknown_says_what_it_depends_on_and_what_was_fou
     about = {"confused_with": [], "physics": "p", "equation": "e", "signature": "s"}
     more = found.model_copy(update={"accepted": [Accepted(**step, **about)]})
     assert "[bold]bias[/bold] and something more is missing" in sentence(more)
+    unsure = found.model_copy(
+        update={"accepted": [Accepted(**step, **{**about, "confused_with": ["drift", "lag"]})]}
+    )
+    assert "[bold]bias[/bold] (or drift or lag) and something more is missing" in sentence(unsure)
+
+
+def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):
+    """Another specimen, with a scale of its own: the reason is the runs, and no user would guess it."""
+    specimen = write_presses(tmp_path / "two.csv", cubic=0.0)
+    rows = np.loadtxt(specimen, delimiter=",", skiprows=1)
+    rows[rows[:, 3] == rows[-1, 3], 2] *= 3.0
+    header = specimen.read_text().split("\n", 1)[0]
+    np.savetxt(specimen, rows, delimiter=",", header=header, comments="")
+    result = run("diagnose", specimen, "--out", tmp_path / "out")
+    assert result.stdout.startswith("UNEXPLAINED  contact")
+    assert "Why: the runs do not follow one law" in " ".join(result.stdout.split())
+    assert "Why: the runs do not follow one law" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_a_probing_session_is_judged_at_its_contact_unless_joints_are_asked_for(probed):

@@ -35,6 +35,7 @@ def _diagnosed(story: Story) -> str:
         f"Seen as: {escape(entry.signature)}.{_rivals(entry.confused_with)}</p>"
         for entry in found.accepted
     ]
+    told += [f"<p class='quiet'>{escape(text)}</p>" for text in diagnosis_text.evidence_against(found)]
     return f"<div class='verdict {found.verdict}'>{''.join(told)}</div>"
 
 
