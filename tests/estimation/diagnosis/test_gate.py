@@ -6,6 +6,7 @@ import pytest
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
 from estimation.diagnosis.judgement.gate import refuse, usable
+from estimation.effects import EFFECTS
 from tests.estimation.diagnosis.presses import session
 from tests.estimation.diagnosis.test_diagnose import MODEL
 
@@ -53,6 +54,17 @@ def test_good_data_passes():
 def test_coarse_steps_are_not_taken_for_the_end_of_the_range():
     # held at one depth, the force stays on the last step, which is far from the end of a range
     assert refuse(replace(DATA, effort=0.6 * np.round(DATA.effort / 0.6))) is None
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_handful_of_readings_says_that_they_are_steps_or_that_something_is_left(known):
+    coarse = replace(DATA, effort=2.4 * np.round(DATA.effort / 2.4))
+    assert len(np.unique(coarse.effort)) == 5
+    names = ("saturation", "deadband", "layered_stiffness", "bias", *(["quantisation"] if known else []))
+    tried = [EFFECTS[name]() for name in names]
+    found = diagnose(coarse, MODEL, tried, rng=np.random.default_rng(0)).channels[0]
+    assert [entry.effect for entry in found.accepted] == ["quantisation"] * known
+    assert found.verdict is (Verdict.MISSING if known else Verdict.UNEXPLAINED)
 
 
 def test_a_single_recording_of_a_joint_passes_if_it_repeats_itself():
