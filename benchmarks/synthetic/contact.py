@@ -57,7 +57,7 @@ def _one_press(
         tau = 0.08 * 10.0 ** shape.get("stress_relaxation", 0.5)
         total = total + hidden["stress_relaxation"] * k * _dashpot_in_series(d, tau, dt)
     if "dry_friction" in hidden:
-        total = total + 10.0 * hidden["dry_friction"] * _bristle(v, 0.003 * depth, dt) * pressed
+        total = total + 10.0 * hidden["dry_friction"] * _bristle(x, 0.003 * depth) * pressed
     if "adhesion" in hidden:
         reach = depth * (0.05 + 0.15 * shape.get("adhesion", 0.5))
         stuck = np.maximum.accumulate(pressed) * np.exp(np.minimum(x, 0.0) / reach)
@@ -87,10 +87,10 @@ def _dashpot_in_series(d: np.ndarray, tau: float, dt: float) -> np.ndarray:
     return out
 
 
-def _bristle(v: np.ndarray, length: float, dt: float) -> np.ndarray:
-    """Deflection of LuGre bristles, between -1 and 1."""
-    z, out = 0.0, np.empty_like(v)
-    for i, speed in enumerate(v):
-        z = (z + dt * speed / length) / (1.0 + dt * abs(speed) / length)
+def _bristle(x: np.ndarray, length: float) -> np.ndarray:
+    """Deflection of bristles between -1 and 1, exactly for the way that was gone: no earlier at any speed."""
+    z, out = 0.0, np.empty_like(x)
+    for i, way in enumerate(np.diff(x, prepend=x[0])):
+        z = np.sign(way) + (z - np.sign(way)) * np.exp(-abs(way) / length)
         out[i] = z
     return out
