@@ -17,8 +17,8 @@ _STIFFEST_N_M = 1e7
 _SOFTEST_N_M = 1e-2
 _FASTEST_RAD_S = 300.0
 _STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was at its end
-# Readings in all, with which a sensor says little, or is coarse. Each edge between two of them tells one point
-# of the curve: a straight one, bent by a damper, needs four to be seen to be right or wrong.
+# Readings in all, with which a sensor says little, or is coarse. Each edge between two of them tells one
+# point of the curve: a straight one, bent by a damper, needs four to be seen to be right or wrong.
 _TOO_FEW_LEVELS, _FEW_LEVELS = 5, 50
 _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
