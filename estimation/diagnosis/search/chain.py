@@ -105,7 +105,7 @@ def _dominant(search: Search, chain: Chain) -> Step | None:
     start, found = chain.start, chain.ranking
     for candidate in close_to_best(start, found):
         after = search.with_candidate(candidate)
-        if is_dominant(start, after, candidate, found, chain.floor):
+        if is_dominant(start, after, candidate, search.tried(start), chain.floor):
             named = simplest(candidate, found, start)
             standing = search.with_candidate(named)
             weighed = evidence(start, standing, found, named, search.rng)

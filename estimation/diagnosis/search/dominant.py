@@ -20,6 +20,7 @@ from robot_io.types import FloatArray
 SHARE = 0.9  # of the explainable energy, that an effect has to take away
 MARGIN = 3.0  # times as much as the effect has to be left by any other
 MISSHAPEN = 0.015  # of the energy that an effect takes away, that its own signals may still explain
+_TURN = 0.02  # of the usual speed, over which a direction turns
 _OWN = (
     0.9  # of the energy of an effect's contribution, that a signal of its own can draw, relative to the best
 )
@@ -34,16 +35,34 @@ def is_dominant(
         before: without it.
         after: with it.
         chosen: the effect.
-        found: all candidates that were tried beside the model without it.
+        found: all candidates that were tried beside the model without it, the impossible as well: a law with
+            parameters that make no sense, and no more of them, may still have the better shape.
         floor: energy on blocks of held-out runs that no smooth law can explain.
     """
     start, left = before.trial.held_out, after.trial.held_out
     if start - left < SHARE * (start - floor):
         return False
-    others = [c for c in found if c is not chosen and not contains(c, chosen) and not contains(chosen, c)]
+    others = [c for c in found if c.possible or c.size <= chosen.size]
+    others = [c for c in others if c.effect.name != chosen.effect.name]
+    others = [c for c in others if not contains(c, chosen) and not contains(chosen, c)]
     if any(c.held_out - floor < MARGIN * (left - floor) for c in others):
         return False
+    if _plain_law(before) - floor < (left - floor) / MARGIN:
+        return False
     return misshapen(before, after) <= MISSHAPEN
+
+
+def _plain_law(before: Standing) -> float:
+    """Energy in held-out runs that the best law of one term leaves, a power or the direction.
+
+    An effect that is not in the library may be as plain as that.
+    """
+    bench, data = before.plain, before.data
+    x, v = (bench.frame.reduce(np.where(data.engaged, s, 0.0)) for s in (data.position, data.velocity))
+    turn = np.tanh(v / (_TURN * float(np.sqrt(np.mean(v**2))) or 1.0))
+    terms = (x, x**2, x**3, x**5, v, v * np.abs(v), v**3, turn)
+    left = (bench.fit(np.column_stack([before.trial.columns, t]), before.trial.target) for t in terms)
+    return min(float(scores.held_out.sum()) for scores in left)
 
 
 def simplest(chosen: Candidate, found: Sequence[Candidate], before: Standing) -> Candidate:

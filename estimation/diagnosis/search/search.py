@@ -10,7 +10,7 @@ from estimation.diagnosis.bench.memory import Memory
 from estimation.diagnosis.bench.standing import Standing, stand
 from estimation.diagnosis.bench.unexplained import is_explained
 from estimation.diagnosis.search.library import candidates
-from estimation.diagnosis.search.selection import Candidate, screen
+from estimation.diagnosis.search.selection import Candidate, try_all
 from estimation.effect import Effect, SensorEffect
 from estimation.model import Model
 from robot_io.types import BoolArray
@@ -58,12 +58,16 @@ class Search:
         return is_explained(standing, self.floor)
 
     def screen(self, standing: Standing) -> list[Candidate]:
-        """All candidates beside the model of `standing`."""
+        """All candidates beside the model of `standing` that are possible."""
+        return [candidate for candidate in self.tried(standing) if candidate.possible]
+
+    def tried(self, standing: Standing) -> list[Candidate]:
+        """All candidates beside the model of `standing`, also those whose parameters made no sense."""
         model = standing.trial.model
         if _key(model) not in self._screened:
             tried = candidates(standing.data, model, self.effects)
             what = f"{self.data.name}: beside {', '.join(e.name for e in model.effects)}"
-            self._screened[_key(model)] = screen(
+            self._screened[_key(model)] = try_all(
                 standing, tried, lambda share, name: self.progress(f"{what}: {name}", share)
             )
         return self._screened[_key(model)]

@@ -40,10 +40,12 @@ class Candidate:
     Attributes:
         effect: what was tried.
         search: how well it did.
+        possible: whether its parameters made physical sense, see `is_possible`.
     """
 
     effect: Effect
     search: Search
+    possible: bool = True
 
     @property
     def held_out(self) -> float:
@@ -62,6 +64,15 @@ def size(effect: Effect) -> int:
 
 
 def screen(
+    standing: Fit,
+    effects: Sequence[Effect],
+    progress: Callable[[float, str], None] = lambda share, what: None,
+) -> list[Candidate]:
+    """The effects that are possible beside the model, of all that were tried; see `try_all`."""
+    return [candidate for candidate in try_all(standing, effects, progress) if candidate.possible]
+
+
+def try_all(
     standing: Fit,
     effects: Sequence[Effect],
     progress: Callable[[float, str], None] = lambda share, what: None,
@@ -90,8 +101,7 @@ def screen(
         if not possible and gain >= PROMISING * gains.max():
             best = Search((*best.trials, polish(standing.plain, best.best)), best.start_count)
             possible = is_possible(effect, best.best, standing.plain, LOOSE)
-        if possible:
-            found.append(Candidate(effect, best))
+        found.append(Candidate(effect, best, possible))
     return sorted(found, key=lambda candidate: candidate.held_out)
 
 
