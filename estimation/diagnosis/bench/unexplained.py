@@ -9,6 +9,8 @@ LEFT = 0.03  # share of the held-out error that a flexible regression may take a
 JOINT_LEFT = (
     0.05  # the same sample by sample, for a joint: noise of the derived acceleration is in the model too
 )
+# Signals that the noise of a derived acceleration is no part of: what depends on them is no such noise.
+_PLAIN = ("offset", "time", "position", "velocity", "direction")
 _SHARE = 0.4  # of the most telling signal's share; signals with less are not named
 _LEAST = 0.01
 
@@ -22,7 +24,9 @@ def is_explained(standing: Standing, floor: float = np.inf) -> bool:
     """
     if standing.left_of_blocks(floor) <= LEFT:
         return True
-    return standing.data.kind is not ChannelKind.CONTACT and standing.left_of_samples(floor) <= JOINT_LEFT
+    if standing.data.kind is ChannelKind.CONTACT or standing.left_of_samples(floor) > JOINT_LEFT:
+        return False
+    return max(standing.flexible.by_signal[name] for name in _PLAIN) <= 1.0 - (1.0 - LEFT) ** 2
 
 
 def depends_on(standing: Standing) -> list[str]:
