@@ -99,6 +99,18 @@ class Effect(ABC):
         """
         return columns[:, [p.name not in self.essential for p in self.gains]]
 
+    def is_misnamed(self, data: ChannelData, parameters: Mapping[str, float], noise: float) -> bool:
+        """Whether these parameters make it another thing than its name says, though within their bounds.
+
+        A model with such an effect may fit well, and still says nothing for the effect.
+
+        Args:
+            data: the channel, with the motion that acts.
+            parameters: of the whole model, by "effect.parameter".
+            noise: root mean square of what the model leaves, in the unit of the effort.
+        """
+        return False
+
     def applies_to(self, data: ChannelData) -> bool:
         """Whether the channel is of the right kind and has the signals that the effect needs."""
         return data.kind in self.channels and all(name in data.context for name in self.needs)

@@ -110,7 +110,7 @@ def _report(search: Search, chain: Chain, objection: Objection | None) -> Channe
     named = chain.named
     standing = named[-1].standing if named else chain.start
     accepted = _accepted(search, chain, named)
-    signals = [] if chain.is_complete else list(objection.depends_on) if objection else depends_on(chain.end)
+    signals = _signals(chain, objection)
     verdict = _verdict(chain)
     floor = noise_floor(chain.end, chain.floor)
     known = objection.floor if objection else np.inf if chain.is_complete else quiet_floor(chain.end)
@@ -130,6 +130,15 @@ def _report(search: Search, chain: Chain, objection: Objection | None) -> Channe
         depends_on=signals,
         next_experiment=_next(search, accepted, signals, chain.is_complete),
     )
+
+
+def _signals(chain: Chain, objection: Objection | None) -> list[str]:
+    """What the error depends on that nothing named explains."""
+    if chain.is_complete:
+        return []
+    if objection:
+        return list(objection.depends_on)
+    return depends_on(chain.start if chain.doubted else chain.end)
 
 
 def _verdict(chain: Chain) -> Verdict:
@@ -237,6 +246,12 @@ def _reason(verdict: Verdict, chain: Chain, signals: Sequence[str], accepted: Se
     rest = left_over(standing, chain.floor, signals)
     if chain.dominant:
         return f"{chain.dominant.effect} is missing above all: the error falls {fall}; {rest}"
+    if chain.doubted:
+        names = " and ".join(step.effect for step in chain.steps) or "the model"
+        return (
+            f"{names} could draw all of the error, which depends on {', '.join(signals) or 'a mix of signals'}, "
+            "but only by parameters with which it is another thing than its name says, or in a roundabout way"
+        )
     if chain.steps:
         names = " and ".join(step.effect for step in chain.steps)
         return f"the error would fall {fall} with {names}; {rest}"

@@ -1,5 +1,6 @@
 """A stiffer layer below the surface."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -7,6 +8,8 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
+
+_OTHER_SPRINGS = {"hunt_crossley.k", "stress_relaxation.k1"}
 
 
 class LayeredStiffness(AdditiveEffect):
@@ -36,3 +39,17 @@ class LayeredStiffness(AdditiveEffect):
         """See `Effect.starts`: fractions of the deepest indentation."""
         deepest = max(float(np.max(data.position, initial=0.0)), 1e-9)
         return tuple({"depth": float(part * deepest)} for part in np.linspace(0.1, 0.85, 11))
+
+    def is_misnamed(self, data: ChannelData, parameters: Mapping[str, float], noise: float) -> bool:
+        """See `Effect.is_misnamed`: one of the two layers is not seen to press back.
+
+        Without the upper one it is a gap or a dead band, without the lower one the end of the sensor's range.
+        Where something else than a spring and its cubic is elastic too, nothing is said.
+        """
+        if "stiffness.k" not in parameters or _OTHER_SPRINGS & parameters.keys():
+            return False
+        k, k2, kink = (parameters[name] for name in ("stiffness.k", f"{self.name}.k2", f"{self.name}.depth"))
+        k3, deepest = parameters.get("cubic_stiffness.k3", 0.0), float(np.max(data.position))
+        upper = k * kink + k3 * kink**3
+        lower = (k + k2) * (deepest - kink) + k3 * (deepest**3 - kink**3)
+        return min(upper, lower) < noise

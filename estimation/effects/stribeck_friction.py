@@ -1,5 +1,6 @@
 """Friction that is highest just above rest."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -7,6 +8,8 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
+
+_SEEN = 0.5  # of the rise, that friction must really exceed its level at speed by
 
 
 class StribeckFriction(AdditiveEffect):
@@ -49,3 +52,15 @@ class StribeckFriction(AdditiveEffect):
             for part in np.geomspace(0.04, 1.2, 6)
             for share in (0.003, 0.01, 0.03)
         )
+
+    def is_misnamed(self, data: ChannelData, parameters: Mapping[str, float], noise: float) -> bool:
+        """See `Effect.is_misnamed`: friction does not rise, since all of the rise is within the transition.
+
+        What is left then is Coulomb friction, whose transition has a shape of its own.
+        """
+        level, rise, speed, transition = (
+            parameters[f"{self.name}.{p.name}"] for p in (*self.gains, *self.inner)
+        )
+        v = np.linspace(0.0, 3.0 * (speed + transition), 500)
+        friction = (level + rise * np.exp(-((v / speed) ** 2))) * np.tanh(v / transition)
+        return float(friction.max()) - level < _SEEN * abs(rise)

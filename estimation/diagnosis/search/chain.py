@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 from estimation.diagnosis.bench.standing import Standing
+from estimation.diagnosis.search.credible import is_misnamed
 from estimation.diagnosis.search.dominant import is_dominant, simplest
 from estimation.diagnosis.search.search import Search
 from estimation.diagnosis.search.selection import (
@@ -39,6 +40,7 @@ class Chain:
         floor: energy on blocks of held-out runs that no smooth law explains beside any model tried.
         is_complete: whether no more than noise is left at the end.
         dominant: the one effect that can be named though the steps do not complete the model, if any.
+        doubted: whether the steps leave no more than noise, but are not what their names say.
     """
 
     start: Standing
@@ -48,6 +50,7 @@ class Chain:
     floor: float
     is_complete: bool
     dominant: Step | None = None
+    doubted: bool = False
 
     @property
     def end(self) -> Standing:
@@ -81,8 +84,10 @@ def build(search: Search) -> Chain:
         steps = _reconsider(search, (*steps, step))
     if not search.is_explained(steps[-1].standing if steps else start) or _size(search, steps) > MODEST:
         steps = _better(search, steps, pair(search))
-    complete = search.is_explained(steps[-1].standing if steps else start)
-    chain = Chain(start, steps, ranking, refused, search.floor, complete)
+    end = steps[-1].standing if steps else start
+    complete = search.is_explained(end)
+    doubted = not complete and search.leaves_noise(end)
+    chain = Chain(start, steps, ranking, refused, search.floor, complete, doubted=doubted)
     return chain if complete or not steps else replace(chain, dominant=_dominant(search, chain))
 
 
@@ -105,6 +110,8 @@ def _dominant(search: Search, chain: Chain) -> Step | None:
     start, found = chain.start, chain.ranking
     for candidate in close_to_best(start, found):
         after = search.with_candidate(candidate)
+        if is_misnamed(candidate.effect, after.trial, after.plain):
+            continue
         if is_dominant(start, after, candidate, search.tried(start), chain.floor):
             named = simplest(candidate, found, start)
             standing = search.with_candidate(named)
@@ -114,9 +121,14 @@ def _dominant(search: Search, chain: Chain) -> Step | None:
 
 
 def _next(search: Search, before: Standing, found: list[Candidate]) -> tuple[Step | None, Refusal | None]:
-    """The first candidate with enough evidence, or the first that was refused."""
-    refused = None
+    """The first candidate with enough evidence, or the first that was refused.
+
+    One that has become another thing than its name says gives way to one that does nearly as well.
+    """
+    refused, misnamed = None, None
     for chosen in _in_order(search, before, found):
+        if misnamed and chosen.held_out > EQUAL * misnamed.standing.trial.held_out:
+            break
         slight = is_slight(search.start, before, chosen.held_out)
         if slight or chosen.held_out > (1.0 - LEAST_GAIN) ** 2 * before.trial.held_out:
             refused = refused or (chosen, hopeless(before, chosen))
@@ -124,9 +136,13 @@ def _next(search: Search, before: Standing, found: list[Candidate]) -> tuple[Ste
         after = search.with_candidate(chosen)
         weighed = evidence(before, after, found, chosen, search.rng)
         if weighed.enough and is_possible(chosen.effect, after.trial, after.plain):
-            return Step(chosen.effect.name, weighed, after), None
+            step = Step(chosen.effect.name, weighed, after)
+            if not is_misnamed(chosen.effect, after.trial, after.plain):
+                return step, None
+            misnamed = misnamed or step
+            continue
         refused = refused or (chosen, weighed)
-    return None, refused
+    return misnamed, refused
 
 
 def _in_order(

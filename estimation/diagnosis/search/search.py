@@ -9,6 +9,7 @@ from estimation.channel import ChannelData
 from estimation.diagnosis.bench.memory import Memory
 from estimation.diagnosis.bench.standing import Standing, stand
 from estimation.diagnosis.bench.unexplained import is_explained
+from estimation.diagnosis.search.credible import is_credible
 from estimation.diagnosis.search.library import candidates
 from estimation.diagnosis.search.selection import Candidate, try_all
 from estimation.effect import Effect, SensorEffect
@@ -54,6 +55,10 @@ class Search:
         return min(float(standing.flexible.held_out.sum()) for standing in self._standings.values())
 
     def is_explained(self, standing: Standing) -> bool:
+        """Whether a model leaves no more than noise, as far as is known by now, and is what its names say."""
+        return self.leaves_noise(standing) and is_credible(self.start, standing)
+
+    def leaves_noise(self, standing: Standing) -> bool:
         """Whether a model leaves no more than noise, as far as is known by now."""
         return is_explained(standing, self.floor)
 

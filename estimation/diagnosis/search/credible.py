@@ -1,0 +1,67 @@
+"""Whether a model that explains all can be believed: is each of its effects what its name says?
+
+An effect that is not in the library can be drawn by others in a way that nobody would call by their names:
+a second layer below a first one that pulls, a Stribeck law whose rise is nowhere seen, three effects that add
+up to a constant. What fits is then no evidence for the names.
+"""
+
+import numpy as np
+
+from estimation.diagnosis.bench.standing import Standing
+from estimation.diagnosis.bench.trial import Bench, Trial
+from estimation.diagnosis.search.selection import LOOSE, TIE, size
+from estimation.effect import Effect
+
+_PLAIN_LAWS = {"offset": 1, "time": 2}  # signals of which any smooth law has so few parameters
+
+
+def is_credible(start: Standing, standing: Standing) -> bool:
+    """Whether a model is what its names say, and no roundabout way to draw something simpler.
+
+    Args:
+        start: the base model alone.
+        standing: that with effects added.
+    """
+    return _is_sensible(standing.trial, standing.plain) and not _is_roundabout(start, standing)
+
+
+def is_misnamed(effect: Effect, trial: Trial, bench: Bench) -> bool:
+    """Whether the effect has become another thing than its name says, see `Effect.is_misnamed`.
+
+    Args:
+        effect: part of the model.
+        trial: of the model.
+        bench: where.
+    """
+    data = trial.model.moved(bench.frame.data, trial.parameters)
+    return effect.is_misnamed(data, trial.parameters, _noise(trial, bench))
+
+
+def _is_sensible(trial: Trial, bench: Bench) -> bool:
+    """Whether no effect is misnamed, and no gain clearly beyond its bounds, the base model's included.
+
+    A wrong effect may explain all if only the spring is allowed to pull.
+    """
+    if any(is_misnamed(effect, trial, bench) for effect in trial.model.effects):
+        return False
+    effort = max(_noise(trial, bench), LOOSE * float(np.sqrt(np.mean(trial.target**2))))
+    for (name, gain), column in zip(trial.model.gains.items(), trial.columns.T, strict=True):
+        slack = 2.0 * trial.spread[name] + effort / max(float(np.sqrt(np.mean(column**2))), 1e-300)
+        if not gain.lower - slack <= trial.parameters[name] <= gain.upper + slack:
+            return False
+    return True
+
+
+def _is_roundabout(start: Standing, standing: Standing) -> bool:
+    """Whether a constant, or a trend in time, explains as much as effects with more parameters."""
+    base = {effect.name for effect in start.trial.model.effects}
+    added = sum(size(effect) for effect in standing.trial.model.effects if effect.name not in base)
+    limit = (1.0 + TIE) * standing.trial.held_out
+    return any(
+        added > count and (1.0 - start.flexible.by_signal[name]) * start.trial.held_out <= limit
+        for name, count in _PLAIN_LAWS.items()
+    )
+
+
+def _noise(trial: Trial, bench: Bench) -> float:
+    return float(np.sqrt(np.mean(bench.whiten(trial.residual) ** 2)))

@@ -1,0 +1,66 @@
+"""Parameters within their bounds that make an effect another thing than its name says."""
+
+import pytest
+
+from estimation.effects import EFFECTS
+from tests.estimation.diagnosis.presses import session
+from tests.estimation.test_effect_form import some_channel
+
+DEPTH_M, NOISE_N = 0.004, 0.05
+
+
+def is_layer(k, k2, **more):
+    """Whether a spring (N/m) and what is added to it at depth are called layers."""
+    given = {"stiffness.k": k, "layered_stiffness.k2": k2, "layered_stiffness.depth": DEPTH_M, **more}
+    return not EFFECTS["layered_stiffness"]().is_misnamed(session(1), given, NOISE_N)
+
+
+@pytest.mark.parametrize(("k", "k2"), [(800.0, 700.0), (800.0, -500.0), (40.0, 20000.0), (1500.0, 30.0)])
+def test_two_layers_that_both_press_back_are_layers(k, k2):
+    assert is_layer(k, k2)
+
+
+@pytest.mark.parametrize("k", [-9000.0, 0.0, 5.0])
+def test_a_layer_below_nothing_is_a_gap(k):
+    assert not is_layer(k, 1500.0)
+
+
+@pytest.mark.parametrize("k2", [-1500.0, -1498.0, -3000.0])
+def test_a_layer_that_takes_all_of_the_spring_away_is_the_end_of_a_range(k2):
+    assert not is_layer(1500.0, k2)
+
+
+def test_a_spring_that_stiffens_presses_back_by_its_cubic_part_too():
+    assert is_layer(0.0, 1500.0, **{"cubic_stiffness.k3": 5e7})
+
+
+def test_nothing_is_said_of_layers_where_something_else_may_carry_the_load():
+    assert is_layer(0.0, 1500.0, **{"hunt_crossley.k": 4000.0})
+
+
+def test_a_layer_that_no_press_reached_is_none():
+    beyond = {"layered_stiffness.depth": 0.05}
+    assert not is_layer(800.0, 700.0, **beyond)
+
+
+def is_stribeck(rise, speed, transition):
+    own = {"coulomb": 0.34, "rise": rise, "speed": speed, "transition": transition}
+    given = {f"stribeck_friction.{name}": value for name, value in own.items()}
+    data = some_channel(next(iter(EFFECTS["stribeck_friction"].channels)))
+    return not EFFECTS["stribeck_friction"]().is_misnamed(data, given, NOISE_N)
+
+
+@pytest.mark.parametrize(("rise", "speed"), [(0.2, 0.2), (0.05, 0.1), (0.6, 0.03)])
+def test_friction_that_rises_towards_rest_is_stribeck_friction(rise, speed):
+    assert is_stribeck(rise, speed, transition=0.003)
+
+
+@pytest.mark.parametrize(("rise", "speed"), [(0.19, 0.0076), (0.19, 0.001), (-0.2, 0.2)])
+def test_friction_that_rises_nowhere_is_not(rise, speed):
+    assert not is_stribeck(rise, speed, transition=0.006)
+
+
+def test_the_cubic_part_counts_below_the_kink_too():
+    softening = {"cubic_stiffness.k3": -1.5e6}
+    assert is_layer(800.0, -500.0)
+    assert not is_layer(800.0, -500.0, **softening)
