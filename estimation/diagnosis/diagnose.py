@@ -248,9 +248,10 @@ def _reason(verdict: Verdict, chain: Chain, signals: Sequence[str], accepted: Se
         return f"{chain.dominant.effect} is missing above all: the error falls {fall}; {rest}"
     if chain.doubted:
         names = " and ".join(step.effect for step in chain.steps) or "the model"
+        told = ", ".join(signals) or "a mix of signals"
         return (
-            f"{names} could draw all of the error, which depends on {', '.join(signals) or 'a mix of signals'}, "
-            "but only by parameters with which it is another thing than its name says, or in a roundabout way"
+            f"{names} could draw all of the error, which depends on {told}, but only "
+            "by parameters with which it is another thing than its name says, or in a roundabout way"
         )
     if chain.steps:
         names = " and ".join(step.effect for step in chain.steps)
