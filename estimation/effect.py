@@ -111,6 +111,10 @@ class Effect(ABC):
         """
         return False
 
+    def suited_to(self, data: ChannelData) -> "Effect":
+        """The form that this channel's signals call for, of the same name; for most effects there is one."""
+        return self
+
     def applies_to(self, data: ChannelData) -> bool:
         """Whether the channel is of the right kind and has the signals that the effect needs."""
         return data.kind in self.channels and all(name in data.context for name in self.needs)
@@ -130,8 +134,8 @@ class AdditiveEffect(Effect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         """Effort per unit of each gain, shape (n, len(gains))."""
 
-    def known(self, data: ChannelData) -> FloatArray:
-        """Effort that this effect adds without any parameter, shape (n,); zero for most."""
+    def known(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """Effort that this effect adds without any gain, shape (n,); zero for most."""
         return np.zeros(len(data))
 
 

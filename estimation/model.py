@@ -163,8 +163,9 @@ class Model:
         blocks = [np.zeros((len(data), 0))]
         known = np.zeros(len(data))
         for effect in self.additive:
-            blocks.append(effect.columns(data, own(effect, parameters)))
-            known = known + effect.known(data)
+            inner = own(effect, parameters)
+            blocks.append(effect.columns(data, inner))
+            known = known + effect.known(data, inner)
         return np.hstack(blocks), known
 
 

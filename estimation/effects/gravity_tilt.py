@@ -8,17 +8,25 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
 
+_STARTS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # rad, to either side
+
 
 class GravityTilt(AdditiveEffect):
-    """effort = tilt * (effort per radian of tilt); for a pendulum this is cos(q)."""
+    """effort = tilt * cos(q) beside a pendulum, whose own sin(q) takes up what the tilt takes off its weight.
+
+    An arm of known weight g has nothing to take that up: with the base turned by t about the axis of the
+    first joint, effort = sin(t) dg/dt + (cos(t) - 1) g.
+    """
 
     name = "gravity_tilt"
     physics = "Gravity pulls from another direction than the model assumes."
-    equation = "effort = t dg(q)/dtilt; for a pendulum t cos(q)"
+    equation = "effort = sin(t) dg(q)/dtilt + (cos(t) - 1) g(q); for a pendulum t cos(q)"
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 9"
     signature = "an error that depends on posture alone, a quarter turn out of step with gravity"
     channels = frozenset({ChannelKind.REVOLUTE})
-    gains = (Parameter("tilt", "{effort} per unit", -10000.0, 10000.0, (0.001, 5.0)),)
+    gains: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("tilt", "{effort} per unit", -10000.0, 10000.0, (0.001, 5.0)),
+    )
     confused_with: ClassVar[dict[str, str]] = {
         "bias": "move over a wide range: a bias is the same in every posture",
         "joint_spring": "move over a wide range",
@@ -27,5 +35,24 @@ class GravityTilt(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `AdditiveEffect.columns`; shape (n, 1)."""
-        per_radian = data.context.get("tilt_effort_per_rad")
-        return (np.cos(data.position) if per_radian is None else per_radian)[:, None]
+        return np.cos(data.position)[:, None]
+
+    def suited_to(self, data: ChannelData) -> "GravityTilt":
+        """See `Effect.suited_to`."""
+        return _TiltOfKnownArm() if {"weight_effort", "tilt_effort_per_rad"} <= set(data.context) else self
+
+
+class _TiltOfKnownArm(GravityTilt):
+    gains = ()
+    inner = (Parameter("tilt", "rad", -np.pi, np.pi, (-0.3, 0.3)),)
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.zeros((len(data), 0))
+
+    def known(self, data: ChannelData, inner: Inner) -> FloatArray:
+        across, along = data.context["tilt_effort_per_rad"], data.context["weight_effort"]
+        turned: FloatArray = np.sin(inner["tilt"]) * across + (np.cos(inner["tilt"]) - 1.0) * along
+        return turned
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        return tuple({"tilt": side * start} for side in (-1.0, 1.0) for start in _STARTS)

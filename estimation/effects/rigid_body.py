@@ -28,6 +28,6 @@ class RigidBody(AdditiveEffect):
         """See `AdditiveEffect.columns`; shape (n, 0): nothing is free."""
         return np.zeros((len(data), 0))
 
-    def known(self, data: ChannelData) -> FloatArray:
+    def known(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `AdditiveEffect.known`."""
         return data.context["rigid_body_torque"] + data.context.get("contact_torque", 0.0)

@@ -45,6 +45,6 @@ class RigidBodyFitted(AdditiveEffect):
         """See `AdditiveEffect.columns`; shape (n, len(chosen))."""
         return data.context["rigid_body_regressor"][:, self._chosen]
 
-    def known(self, data: ChannelData) -> FloatArray:
+    def known(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `AdditiveEffect.known`."""
         return data.context.get("contact_torque", np.zeros(len(data)))

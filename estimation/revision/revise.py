@@ -87,7 +87,7 @@ def _applicable(standing: Standing, known: dict[str, Effect], name: str) -> Effe
         lacking = [signal for signal in effect.needs if signal not in standing.data.context]
         why = f"needs {', '.join(lacking)}" if lacking else f"is not for a {standing.data.kind.value} channel"
         raise InputError(f"effect '{name}' {why} (channel '{standing.data.name}')")
-    return effect
+    return effect.suited_to(standing.data)
 
 
 def _revision(number: int, added: str, standing: Standing) -> Revision:

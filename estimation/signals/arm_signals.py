@@ -16,6 +16,7 @@ REGRESSOR = "rigid_body_regressor"
 PAYLOAD = "payload_effort_per_kg"
 TOUCH = "contact_torque"
 TILT = "tilt_effort_per_rad"
+WEIGHT = "weight_effort"
 _MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
 Motion = tuple[
     FloatArray, FloatArray, FloatArray
@@ -33,7 +34,8 @@ def with_rigid_body(
 
     Adds `rigid_body_torque` (n,) [N m] (and `rigid_body_regressor` (n, 10 joints)) with its derivatives by
     the joint's own position and acceleration, `payload_effort_per_kg` (n,), and, where the first joint is
-    level, `tilt_effort_per_rad` (n,): the change of torque with a turn of the base about that axis. Where the
+    level, `weight_effort` (n,), what the weight across that axis takes, and `tilt_effort_per_rad` (n,), its
+    change with a turn of the base about the axis, counted about world x or y, whichever is nearer. Where the
     tip's contact force is known, `contact_torque` (n,) is what the joint spends on pressing.
 
     Raises:
@@ -54,11 +56,14 @@ def with_rigid_body(
     context[PAYLOAD] = np.array([_payload(body, *rows)[joint] for rows in zip(q, v, a, strict=True)])
     if "contact_force" in data.context:
         context[TOUCH] = _touch(body, data)[:, joint]
-    if abs(body.joint_axes()[0].axis_world[2]) < 1e-6:
-        turn = np.zeros(body.joint_count)
-        turn[0] = _STEP_RAD
-        ahead, behind = (np.array([body.gravity(row + s * turn)[joint] for row in q]) for s in (1.0, -1.0))
-        context[TILT] = (ahead - behind) / (2.0 * _STEP_RAD)
+    axis = body.joint_axes()[0].axis_world
+    if abs(axis[2]) < 1e-6:
+        quarter = np.zeros(body.joint_count)
+        quarter[0] = 0.5 * np.pi * np.sign(axis[np.argmax(np.abs(axis))])
+        here, ahead, over, behind = (
+            np.array([body.gravity(row + turns * quarter)[joint] for row in q]) for turns in range(4)
+        )
+        context[TILT], context[WEIGHT] = 0.5 * (ahead - behind), 0.5 * (here - over)
     return replace(data, context=context)
 
 

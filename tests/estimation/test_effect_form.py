@@ -70,7 +70,7 @@ def test_keeps_its_form_on_data(name):
             columns = effect.columns(data, inner)
             assert columns.shape == (len(data), len(effect.gains))
             assert np.isfinite(columns).all()
-            assert effect.known(data).shape == (len(data),)
+            assert effect.known(data, inner).shape == (len(data),)
         elif isinstance(effect, MotionEffect):
             assert len(effect.move(data, inner)) == len(data)
         elif isinstance(effect, SensorEffect):

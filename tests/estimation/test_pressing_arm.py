@@ -51,7 +51,7 @@ def test_the_work_of_the_joints_is_the_work_of_the_tip(body, joint):
     step = 1e-6
     data = with_rigid_body(resting(joint, 7.0), body, joint)
     bare = with_rigid_body(resting(joint, 0.0), body, joint)
-    extra = EFFECTS["rigid_body"]().known(data) - EFFECTS["rigid_body"]().known(bare)
+    extra = EFFECTS["rigid_body"]().known(data, {}) - EFFECTS["rigid_body"]().known(bare, {})
     for q, torque in zip(data.context["joint_position"], extra, strict=True):
         turned = q.copy()
         turned[joint] += step
@@ -62,4 +62,5 @@ def test_the_work_of_the_joints_is_the_work_of_the_tip(body, joint):
 def test_fitted_masses_leave_the_pressing_to_the_force_sensor(body):
     data = with_rigid_body(resting(0, 7.0), body, 0, regressor=True)
     fitted, given = EFFECTS["rigid_body_fitted"](), EFFECTS["rigid_body"]()
-    np.testing.assert_allclose(fitted.known(data), given.known(data) - data.context["rigid_body_torque"])
+    pressing = given.known(data, {}) - data.context["rigid_body_torque"]
+    np.testing.assert_allclose(fitted.known(data, {}), pressing)

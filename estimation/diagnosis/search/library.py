@@ -25,4 +25,4 @@ def candidates(data: ChannelData, model: Model, effects: Iterable[Effect]) -> tu
     """The effects that can be tried on this channel beside what the model has."""
     present = {effect.name for effect in model.effects}
     skipped = _NOT_TRIED[data.kind] | _BASES | present
-    return tuple(e for e in effects if e.name not in skipped and e.applies_to(data))
+    return tuple(e.suited_to(data) for e in effects if e.name not in skipped and e.applies_to(data))
