@@ -4,11 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimation.diagnosis.bench.trial import Trial
+from estimation.diagnosis.bench.standing import Fit
+from estimation.diagnosis.bench.trial import Bench, Trial
 from estimation.diagnosis.search.selection import TIE, Candidate
+from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import FloatArray
 
 SAME = 0.95  # cosine above which two effects look alike beside the model
+CLEARLY = 2.576  # standard errors, by which errors differ by chance in 1 of 100 cases
 SHORT = 2.0  # samples; what happens within them, a reading at one moment does not tell
 
 
@@ -28,12 +31,33 @@ def likeness(base: Trial, one: Trial, other: Trial) -> float:
     return float(first @ second) / lengths if lengths > 0.0 else 0.0
 
 
-def rivals(found: Sequence[Candidate], name: str, base: Trial, step_s: float) -> list[str]:
+def is_clear(better: Trial, other: Trial, bench: Bench) -> bool:
+    """Whether one model's error in held-out runs is smaller by more than chance makes it.
+
+    Errors come in bursts, where a derived acceleration is off for instance, so the difference of the squared
+    errors is weighed by its own scatter and colour (F. X. Diebold, R. S. Mariano, Comparing Predictive
+    Accuracy, J. Bus. Econ. Stat. 13 (1995)).
+    """
+    first, second = (bench.whiten(_held_out(trial, bench)) for trial in (better, other))
+    apart = second**2 - first**2
+    scatter = sum_covariance((apart - apart.mean())[:, None], bench.frame.run[bench.kept]).matrix[0, 0]
+    return float(apart.sum()) > CLEARLY * float(np.sqrt(scatter))
+
+
+def _held_out(trial: Trial, bench: Bench) -> FloatArray:
+    """Residual (m,) of each block by the gains fitted to the other folds."""
+    gains = trial.scores.fold_gains[bench.frame.fold]
+    left: FloatArray = trial.target - np.einsum("mq,mq->m", trial.columns, gains)
+    return left
+
+
+def rivals(found: Sequence[Candidate], name: str, base: Fit, step_s: float) -> list[str]:
     """Effects that would have done as well as the one called `name`, best first.
 
-    As well means that they explain the same beside the model, with as small an error in held-out runs; of two
-    times shorter than a few samples (a delay, a lag), errors do not tell which it is. An effect that merely
-    contains this one (a law with one more term) is no rival: the data say that the term is zero.
+    As well means that they explain the same beside the model, with an error in held-out runs that is as
+    small, or larger by no more than chance may make it; of two times shorter than a few samples (a delay, a
+    lag), errors do not tell which it is. An effect that merely contains this one (a law with one more term)
+    is no rival: the data say that the term is zero.
 
     Args:
         found: all candidates that were tried beside one model.
@@ -43,14 +67,17 @@ def rivals(found: Sequence[Candidate], name: str, base: Trial, step_s: float) ->
     """
     taken = next(c for c in found if c.effect.name == name)
     limit, shortest = (1.0 + TIE) * taken.held_out, SHORT * step_s
-    close = [
-        c
-        for c in found
-        if c is not taken and (c.held_out <= limit or (_is_time(c, shortest) and _is_time(taken, shortest)))
-    ]
     best = taken.search.best
+    alike = [c for c in found if c is not taken and likeness(base.trial, best, c.search.best) > SAME]
     return [
-        c.effect.name for c in close if likeness(base, best, c.search.best) > SAME and not contains(c, taken)
+        c.effect.name
+        for c in alike
+        if (
+            c.held_out <= limit
+            or (_is_time(c, shortest) and _is_time(taken, shortest))
+            or not is_clear(best, c.search.best, base.plain)
+        )
+        and not contains(c, taken)
     ]
 
 
