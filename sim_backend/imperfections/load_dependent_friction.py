@@ -1,21 +1,22 @@
-"""Friction that grows with the torque that a gear passes on."""
+"""Friction that grows with the load on a gear."""
 
+from collections.abc import Sequence
 from typing import ClassVar, Self
 
 import numpy as np
 
 from robot_io.files.file_model import Number
-from sim_backend.hooks import Effects
+from sim_backend.hooks import Effects, FrictionEffect, JointState
 from sim_backend.imperfection import JointImperfection, parameter
-from sim_backend.joint_effects import JointFriction
 from sim_backend.noise_scale import LOADED, NoiseScale, joint_of
 
 
 class LoadDependentFriction(JointImperfection):
-    """tau = mu |tau_drive| against the motion: teeth that are pressed together.
+    """tau = mu |tau_load| against the motion: teeth that are pressed together.
 
     A gear's load-dependent loss; Hamon, Gautier and Garrec, IEEE/RSJ IROS 2010, "Dynamic identification of
-    robots with a dry friction model depending on load and velocity". The load is the drive's torque.
+    robots with a dry friction model depending on load and velocity". The load is what the gear passes on to
+    the link, for its dynamics and for external forces: the drive's torque less the friction.
 
     Attributes:
         joint: which joint, from 1 at the base.
@@ -28,10 +29,7 @@ class LoadDependentFriction(JointImperfection):
 
     def effects(self, joint_count: int) -> Effects:
         """See `Imperfection.effects`."""
-        share = self.load_share
-        return Effects(
-            friction=(JointFriction(self.index_in(joint_count), lambda _speed, load: share * load),)
-        )
+        return Effects(friction=(_Gear(self.index_in(joint_count), self.load_share),))
 
     @classmethod
     def can_show_in(cls, channel: str) -> bool:
@@ -45,3 +43,17 @@ class LoadDependentFriction(JointImperfection):
         """See `Imperfection.at_strength`."""
         share = strength * scale.joint_noise_nm / scale.joint(channel).load_nm
         return cls(joint=joint_of(channel), load_share=min(share, 0.9))
+
+
+class _Gear(FrictionEffect):
+    def __init__(self, index: int, share: float) -> None:
+        self._index = index
+        self._share = share
+
+    def friction_nm(self, state: JointState, limit_nm: Sequence[float]) -> Sequence[float]:
+        """A drive that pushes on bears the friction too; one that holds back is helped by it."""
+        i, changed = self._index, list(limit_nm)
+        drive_nm = state.drive_torque_nm[i]
+        side = 1.0 if drive_nm * state.velocity_rad_s[i] >= 0.0 else -1.0
+        changed[i] += self._share * abs(drive_nm) / (1.0 + side * self._share)
+        return changed
