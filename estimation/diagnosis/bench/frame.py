@@ -76,9 +76,10 @@ class Frame:
             return compute()
         return self.memory.recall((effect, *inner.values()), compute)
 
-    def known(self, effect: AdditiveEffect) -> FloatArray:
-        """Effort on blocks that an effect adds without any parameter, shape (m,)."""
-        return self.memory.recall(effect, lambda: self.reduce(effect.known(self.data)))
+    def known(self, effect: AdditiveEffect, inner: Inner) -> FloatArray:
+        """Effort on blocks that an effect adds without any gain, shape (m,)."""
+        key = ("known", effect, *inner.values())
+        return self.memory.recall(key, lambda: self.reduce(effect.known(self.data, inner)))
 
     @cached_property
     def _sums(self) -> csr_array:

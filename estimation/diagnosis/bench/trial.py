@@ -148,7 +148,7 @@ def _sum(bench: Bench, model: Model, parameters: Mapping[str, float]) -> Trial:
     inner = {name: parameters.get(name, 0.0) for name in model.inner}
     for effect in model.additive:
         blocks.append(frame.columns(effect, own(effect, inner)))
-        target = target - frame.known(effect)
+        target = target - frame.known(effect, own(effect, inner))
     columns = np.hstack(blocks)
     scores = bench.fit(columns, target)
     gains = dict(zip(model.gains, scores.gains.tolist(), strict=True))
