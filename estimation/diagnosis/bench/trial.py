@@ -8,10 +8,11 @@ from itertools import pairwise
 import numpy as np
 
 from estimation.channel import ChannelKind
+from estimation.diagnosis.bench.along import Along, is_on_blocks, parts_along
 from estimation.diagnosis.bench.colour import Colour
 from estimation.diagnosis.bench.frame import Frame
 from estimation.diagnosis.bench.moments import Moments, Scores, cross_products, score
-from estimation.effect import Effect, Parameter, SensorEffect
+from estimation.effect import Effect, Parameter
 from estimation.model import Model, Parts, own
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -117,7 +118,7 @@ def attempt(
         parts: from `Model.parts` at these inner parameters, where they are at hand.
     """
     data = bench.frame.data
-    if model.is_sum and data.kind is not ChannelKind.CONTACT:
+    if is_on_blocks(data, model):
         return _sum(bench, model, parameters)
     bent = not model.is_linear_in_gains or data.kind is ChannelKind.CONTACT
     now = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
@@ -199,17 +200,15 @@ def look(
     starts: Iterable[Mapping[str, float]],
 ) -> Search:
     """Try `effect`, which is part of `model`, at its starts."""
-    parts = None
-    if isinstance(effect, SensorEffect):  # what comes before a sensor does not depend on it
-        known = {name: parameters.get(name, 0.0) for name in model.inner}
-        parts = model.parts(bench.frame.data, known)
-    trials = tuple(_at(bench, model, effect, parameters, inner, parts=parts) for inner in starts)
+    along = parts_along(bench.frame.data, model, effect, parameters)
+    trials = tuple(_at(bench, model, effect, parameters, inner, along=along) for inner in starts)
     return Search(trials, len(trials))
 
 
 def refine(bench: Bench, model: Model, effect: Effect, looked: Search) -> Search:
     """Try an effect closer and closer around the best of what was tried."""
     trials = list(looked.trials)
+    along = parts_along(bench.frame.data, model, effect, trials[0].parameters)
     grid = [{p.name: trial.parameters[f"{effect.name}.{p.name}"] for p in effect.inner} for trial in trials]
     for inner in effect.inner * (1 if len(effect.inner) == 1 else 2) if len(grid) > 1 else ():
         for number in range(_HALVINGS + _PARABOLAS):
@@ -220,7 +219,7 @@ def refine(bench: Bench, model: Model, effect: Effect, looked: Search) -> Search
                 closer = _vertex(grid, trials, line, best, inner) or closer
             for point in closer:
                 grid.append(point)
-                trials.append(_at(bench, model, effect, trials[best].parameters, point))
+                trials.append(_at(bench, model, effect, trials[best].parameters, point, along=along))
     return Search(tuple(trials), looked.start_count)
 
 
@@ -231,10 +230,10 @@ def _at(
     parameters: Mapping[str, float],
     inner: Mapping[str, float],
     *,
-    parts: Parts | None = None,
+    along: Along,
 ) -> Trial:
     there = {f"{effect.name}.{name}": value for name, value in inner.items()}
-    return attempt(bench, model, {**parameters, **there}, parts=parts)
+    return attempt(bench, model, {**parameters, **there}, parts=along(inner))
 
 
 def _line(grid: list[dict[str, float]], best: int, inner: Parameter) -> list[int]:

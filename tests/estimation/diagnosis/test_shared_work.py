@@ -5,12 +5,14 @@ import pytest
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.bench import memory as memories
+from estimation.diagnosis.bench.along import parts_along
 from estimation.diagnosis.bench.memory import Memory
 from estimation.diagnosis.bench.moments import held_out_energy, moments_of, score
 from estimation.diagnosis.bench.standing import stand
 from estimation.diagnosis.bench.trial import attempt
 from estimation.effects import EFFECTS
 from estimation.model import Model
+from tests.estimation.diagnosis.presses import session
 
 
 def swings():
@@ -77,3 +79,16 @@ def test_errors_for_several_shrinkages_are_those_of_each():
     found = held_out_energy(moments, np.array([[1e-9] * 3, [0.1] * 3]))
     assert found[0] == pytest.approx(score(moments, 1e-9).held_out, rel=1e-9)
     assert found[1] == pytest.approx(score(moments, 0.1).held_out, rel=1e-9)
+
+
+def test_parts_along_an_effect_are_those_of_the_whole_model_there():
+    data = session(1)
+    base = [EFFECTS[name]() for name in ("stiffness", "contact_offset", "stress_relaxation")]
+    there = {"contact_offset.offset": 1e-3, "stress_relaxation.tau": 0.3}
+    for name, inner in (("dry_friction", {"presliding": 1e-4}), ("lag", {"tau": 0.01})):
+        effect = EFFECTS[name]()
+        model = Model("m", (*base, effect))
+        own = {f"{name}.{key}": value for key, value in inner.items()}
+        found = parts_along(data, model, effect, {**there, **dict.fromkeys(own, 1.0)})(inner)
+        for one, other in zip(found, model.parts(data, {**there, **own}), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-12)
