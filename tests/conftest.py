@@ -1,8 +1,12 @@
 """Settings that all tests share."""
 
+import os
 import signal
 
 from hypothesis import settings
+
+# As in palpate itself: matrices are small here, and shared out over threads they cost several times as much.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # A busy machine is no failure; the same examples everywhere, so that a red test stays red until it is mended.
 settings.register_profile("palpate", deadline=None, derandomize=True)
