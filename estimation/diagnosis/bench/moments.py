@@ -90,7 +90,7 @@ def score(moments: Moments, ridge: float = 1e-9, dof: int = 0) -> Scores:
     system = every[:, :-1, :-1] + ridge * np.eye(len(scale))
     gains = np.linalg.solve(system, every[:, :-1, -1:])[..., 0]
     used = np.concatenate([np.repeat(gains[:1], len(scaled), axis=0), gains[1:], gains[1:]])
-    sse, held_out, train = np.split(_sse(np.concatenate([scaled, scaled, others]), used), 3)
+    sse, held_out, train = _sse(np.concatenate([scaled, scaled, others]), used).reshape(3, -1)
     return Scores(gains[0] * scale, gains[1:] * scale, sse, train, held_out, system[0], scale, dof)
 
 
