@@ -276,7 +276,7 @@ def is_possible(effect: Effect, trial: Trial, bench: Bench, loose: float = 0.0) 
         return False
     # no time stamp is better than half a step
     half = 0.5 * sample_time(bench.frame.data.time_s, bench.frame.data.run)
-    if any(trial.parameters[f"{effect.name}.{p.name}"] < half for p in effect.inner if p.unit == "s"):
+    if any(abs(trial.parameters[f"{effect.name}.{p.name}"]) < half for p in effect.inner if p.unit == "s"):
         return False
     simpler = effect.simpler(_own_columns(effect, trial))
     if simpler.shape[1] == len(effect.gains):
