@@ -13,8 +13,8 @@ def left_over(standing: Standing, energy: float, signals: Sequence[str]) -> str:
     """How much could still be explained and by what, or that it is rather the runs that differ.
 
     What does not come back when a motion is repeated is no matter of the motion. If it is also more than
-    noise (a law that knows the clock would take it away), something changes between the runs: the specimen,
-    its warmth, the machine.
+    noise (a law that knows the clock would take it away), runs differ: the specimen, its warmth, the machine,
+    or the little by which the motion does.
 
     Args:
         standing: the best model.
@@ -27,6 +27,6 @@ def left_over(standing: Standing, energy: float, signals: Sequence[str]) -> str:
         share = 100.0 * max(standing.left_of_blocks(energy), 0.0)
         return f"{share:.0f} % of what is left could still be explained, by {told}"
     return (
-        f"of what is left, {floor.repeats:.3g} {unit} does not come back when a motion is repeated and is no "
-        f"noise: something changes from run to run; the rest depends on {told}"
+        f"of what is left, {floor.repeats:.3g} {unit} does not come back when nearly the same motion is "
+        f"repeated, and is no noise: see what differs from run to run; the rest depends on {told}"
     )
