@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
-from estimation.signals.blocks import blocks
+from estimation.signals.blocks import places
 from estimation.signals.runwise import play
 from robot_io.types import FloatArray
 
@@ -66,10 +66,17 @@ class Hysteresis(SensorEffect):
 
 
 def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> FloatArray:
-    """Mean reading of each run until the effort first moves, shape (runs,)."""
-    found = []
-    for rows in blocks(data.run):
-        moved = np.abs(effort[rows] - effort[rows.start]) > _STILL * width
-        count = int(np.argmax(moved)) if moved.any() else len(moved)
-        found.append(float(np.mean(data.effort[rows][:count])))
-    return np.array(found)
+    """Mean reading of each run until the effort first moves, shape (runs,) or (runs, p) with p columns.
+
+    Of a run that is held out these readings are used too: where its sensor stood before it was pressed, which
+    no other run tells.
+    """
+    starts, piece = places(data.run)
+    moved = np.abs(effort - effort[starts][piece]) > _STILL * width
+    reading, number = data.effort, np.arange(len(data))
+    if effort.ndim == 2:
+        reading, number = reading[:, None], number[:, None]
+    until = np.minimum.reduceat(np.where(moved, number, len(data)), starts)
+    still = number < until[piece]
+    found: FloatArray = np.add.reduceat(np.where(still, reading, 0.0), starts)
+    return found / np.add.reduceat(still.astype(np.float64), starts)

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
-from estimation.signals.blocks import blocks
+from estimation.signals.blocks import in_order_of_time
 from robot_io.types import FloatArray
 
 
@@ -58,7 +58,7 @@ class PlasticSet(MotionEffect):
 def _deepest(data: ChannelData, kept: float) -> FloatArray:
     """The deepest indentation that each sample's surface remembers, shape (n,)."""
     deepest, left = np.zeros(len(data)), 0.0
-    for rows in blocks(data.run):
+    for rows in in_order_of_time(data.time_s, data.run):
         deepest[rows] = np.maximum(np.maximum.accumulate(data.position[rows]), left)
         left = kept * float(deepest[rows][-1])
     return deepest

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from robot_io.types import BoolArray, IntArray
+from robot_io.types import BoolArray, FloatArray, IntArray
 
 
 def blocks(number: IntArray) -> Iterator[slice]:
@@ -18,6 +18,27 @@ def blocks(number: IntArray) -> Iterator[slice]:
     for start, stop in pairwise(borders):
         if stop > start:
             yield slice(start, stop)
+
+
+def places(number: IntArray) -> tuple[IntArray, IntArray]:
+    """First row of each stretch of equal numbers, and to which stretch each row belongs, shape (n,)."""
+    changes = np.append(True, np.diff(number) != 0)[: len(number)]
+    return np.flatnonzero(changes), np.cumsum(changes) - 1
+
+
+def in_order_of_time(time_s: FloatArray, run: IntArray) -> list[slice]:
+    """The rows of each run, the earliest first, whatever their numbers are.
+
+    Where runs overlap in time, each has a clock of its own, and they stay in their order.
+
+    Args:
+        time_s: shape (n,), increasing within a run [s].
+        run: shape (n,), one block of samples for each run.
+    """
+    numbered = list(blocks(run))
+    sorted_rows = sorted(numbered, key=lambda rows: float(time_s[rows.start]))
+    apart = all(time_s[one.stop - 1] <= time_s[two.start] for one, two in pairwise(sorted_rows))
+    return sorted_rows if apart else numbered
 
 
 def stretches(mask: BoolArray, number: IntArray) -> IntArray:

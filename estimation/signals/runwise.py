@@ -7,7 +7,7 @@ from math import perm
 import numpy as np
 from scipy.signal import lfilter
 
-from estimation.signals.blocks import blocks
+from estimation.signals.blocks import blocks, in_order_of_time, places
 from robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a rate is smoothed
@@ -31,12 +31,12 @@ def per_run(operator: Callable[[FloatArray], FloatArray], signal: FloatArray, ru
 def relax(signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float) -> FloatArray:
     """What is left of a strain (n,) as it relaxes: z' = signal' - z / tau, from z = 0 before the first run.
 
-    Between a run and a later one the strain is zero, and what has not faded by then is still there. A run
-    that begins before the last one's end was recorded by itself.
+    Between a run and the next in time the strain is zero, and what has not faded by then is still there. A
+    run that begins before the last one's end was recorded by itself.
     """
     relaxed = low_pass(signal, time_s, run, tau_s, from_rest=True)
     flowed, ended_s = 0.0, np.inf
-    for rows in blocks(run):
+    for rows in in_order_of_time(time_s, run):
         begun_s, since_s = time_s[rows.start], time_s[rows] - time_s[rows.start]
         if begun_s >= ended_s:
             relaxed[rows] += flowed * np.exp(-(begun_s - ended_s + since_s) / tau_s)
@@ -61,12 +61,14 @@ def low_pass(
     newest = 1.0 - (1.0 - decay) / ratio
     older = (1.0 - decay) / ratio - decay
 
-    def one_run(values: FloatArray) -> FloatArray:
-        first = values[:1] * (0.0 if from_rest else 1.0 - newest)
-        filtered, _ = lfilter([newest, older], [1.0, -decay], values, axis=0, zi=first)
-        return np.asarray(filtered)
-
-    return per_run(one_run, signal, run)
+    if signal.size == 0:
+        return signal.astype(np.float64)
+    filtered = np.asarray(lfilter([newest, older], [1.0, -decay], signal, axis=0), dtype=np.float64)
+    starts, piece = places(run)
+    wanted = signal[starts] * (newest if from_rest else 1.0)
+    gone = decay ** (np.arange(len(run)) - starts[piece])  # of what the filter brought along from before
+    filtered += (wanted - filtered[starts])[piece] * gone.reshape(-1, *([1] * (signal.ndim - 1)))
+    return filtered
 
 
 def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float) -> FloatArray:
@@ -162,22 +164,27 @@ def _cubic(window: int) -> FloatArray:
 
 def direction(position: FloatArray, run: IntArray, presliding: float) -> FloatArray:
     """Direction of motion in [-1, 1], (n,): it turns round over a path of `presliding`, and stays at rest."""
-    return per_run(lambda way: _direction(np.diff(way, prepend=way[:1]) / presliding), position, run)
+    first, number = places(run)
+    steps = np.diff(position, prepend=position[:1]) / presliding
+    steps[first] = 0.0
+    return _direction(steps, number)
 
 
-def _direction(steps: FloatArray) -> FloatArray:
+def _direction(steps: FloatArray, run: IntArray) -> FloatArray:
     """Between turns s goes to the sign of motion as exp(-path), so only the turns need a loop; (n,)."""
     sign = np.where(steps >= 0.0, 1.0, -1.0)
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(sign)) + 1])
-    piece = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(steps))))
+    starts, piece = places(2 * run + (sign > 0.0))
+    if not len(starts):
+        return steps
     path = np.cumsum(np.abs(steps))
     path -= np.concatenate([[0.0], path[starts[1:] - 1]])[piece]
     kept = np.exp(-path)
     ends = np.append(starts[1:], len(steps)) - 1
+    begins = np.append(True, np.diff(run[starts]) != 0)
     state, states = 0.0, []
-    for way, left in zip(sign[starts].tolist(), kept[ends].tolist(), strict=True):
-        states.append(state)
-        state = way + (state - way) * left
+    for way, left, afresh in zip(sign[starts].tolist(), kept[ends].tolist(), begins.tolist(), strict=True):
+        states.append(0.0 if afresh else state)
+        state = way + (states[-1] - way) * left
     moved: FloatArray = sign + (np.array(states)[piece] - sign) * kept
     return moved
 

@@ -78,3 +78,26 @@ def test_every_base_model_says_what_it_is(name):
 def test_an_unknown_model_lists_the_valid_ones():
     with pytest.raises(InputError, match=r"no model is called 'kelvin'.*kelvin_voigt"):
         MODELS["kelvin"]
+
+
+def two_presses():
+    """One press, recorded as run 5, and a later, shallower one, that is called run 2."""
+    t = np.concatenate([3.0 + np.arange(100) * 0.01, np.arange(100) * 0.01])
+    depth = np.concatenate([0.5 * np.sin(np.pi * np.arange(100) / 100), np.sin(np.pi * np.arange(100) / 100)])
+    force = 5 * depth + np.random.default_rng(0).normal(0, 0.02, 200)
+    return channel(force, depth, np.gradient(depth, 0.01), t, run=np.repeat([2, 5], 100))
+
+
+def test_a_dent_stays_for_the_next_press_in_time_whatever_the_numbers_of_the_runs_say():
+    data = two_presses()
+    dented = data.position - EFFECTS["plastic_set"]().move(data, {"share": 0.1, "kept": 1.0}).position
+    assert dented[:100] == pytest.approx(np.full(100, 0.1))
+    assert dented[100] == 0.0
+
+
+def test_a_sensor_with_hysteresis_takes_columns_as_it_takes_one_effort():
+    data, sensor = two_presses(), EFFECTS["hysteresis"]()
+    efforts = np.column_stack([5 * data.position, 3 * data.position - 0.2, np.zeros(200)])
+    together = sensor.sense(efforts, data, {"width": 0.3})
+    for column, effort in enumerate(efforts.T):
+        np.testing.assert_allclose(together[:, column], sensor.sense(effort, data, {"width": 0.3}))

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy.signal import savgol_filter
 
+from estimation.signals.blocks import in_order_of_time
 from estimation.signals.runwise import direction, low_pass, play, rate, relax, running_max, shift, steadied
 
 TIME = np.arange(1000) * 0.01
@@ -117,3 +118,50 @@ def test_a_steadied_position_is_a_cubic_through_each_window_within_each_run(step
         values = position[run == number]
         wanted = savgol_filter(values, window, 3) if window > 3 else values
         np.testing.assert_allclose(found[run == number], wanted, atol=1e-10)
+
+
+def some_runs(rng):
+    """A wavy signal, its times and runs of very different lengths, one of a single sample."""
+    run = np.repeat([4, 2, 9, 1, 7], [400, 1, 30, 2, 567])
+    return np.cumsum(rng.standard_normal(1000)), TIME, run
+
+
+@pytest.mark.parametrize("from_rest", [True, False])
+@pytest.mark.parametrize("tau_s", [1e-6, 0.02, 3.0, 500.0])
+def test_a_lag_of_all_runs_at_once_is_that_of_each_run_alone(from_rest, tau_s):
+    signal, time_s, run = some_runs(np.random.default_rng(3))
+    both = np.column_stack([signal, np.sin(signal)])
+    lagged = low_pass(both, time_s, run, tau_s, from_rest=from_rest)
+    for number in (4, 9, 7):
+        rows = run == number
+        for column in range(2):
+            alone = low_pass(both[rows, column], time_s[rows], run[rows], tau_s, from_rest=from_rest)
+            np.testing.assert_allclose(lagged[rows, column], alone, atol=1e-10)
+    if not from_rest:
+        assert lagged[run == 2] == pytest.approx(both[run == 2])
+
+
+def test_a_direction_of_all_runs_at_once_is_that_of_each_run_alone():
+    signal, _, run = some_runs(np.random.default_rng(4))
+    turned = direction(signal, run, 2.0)
+    for number in np.unique(run):
+        rows = run == number
+        np.testing.assert_allclose(turned[rows], direction(signal[rows], run[rows], 2.0), atol=1e-9)
+    assert direction(np.zeros(0), np.zeros(0, dtype=np.int64), 1.0).shape == (0,)
+
+
+def test_what_is_remembered_follows_time_and_not_the_numbers_of_the_runs():
+    strain = np.maximum(np.sin(2.0 * TIME), 0.0)
+    run = np.where(TIME < 2.5, 7, 3)
+    order = np.argsort(run, kind="stable")
+    whole = relax(strain, TIME, ONE_RUN, 0.8)
+    left = relax(strain[order], TIME[order], run[order], 0.8)
+    np.testing.assert_allclose(left, whole[order], atol=1e-9)
+
+
+def test_runs_that_overlap_have_clocks_of_their_own_and_keep_their_order():
+    run = np.repeat([0, 1, 2], [3, 3, 3])
+    later = np.array([10.0, 11, 12, 0, 1, 2, 5, 6, 7])
+    assert [rows.start for rows in in_order_of_time(later, run)] == [3, 6, 0]
+    own = np.array([0.2, 1, 2, 0.1, 1, 2, 0, 1, 2])
+    assert [rows.start for rows in in_order_of_time(own, run)] == [0, 3, 6]
