@@ -200,6 +200,11 @@ def encoder(  # noqa: PLR0917, one parameter an option
         raise InputError(
             "--pose: nothing moves then, and no stop is met; leave out --lower-stops, --upper-stops"
         )
+    if from_ is not None and (lower_stops is not None or upper_stops is not None):
+        raise InputError(
+            "--from: the stops were said when they were touched, and stand in that session; leave out "
+            "--lower-stops, --upper-stops"
+        )
     pose_rad, stops = pose_of(pose, robot_file), stops_of(lower_stops, upper_stops, robot_file)
     output = output_for(out, robot_file, "encoder", session)
     with ExitStack() as ending:

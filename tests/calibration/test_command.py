@@ -88,6 +88,7 @@ def test_a_zero_that_is_far_off_is_pointed_at(tmp_path):
         (("encoder", "--pose", "0,0,99"), ("--pose", "joint 3", "99")),
         (("encoder", "--pose", "home", "--upper-stops", "1,1,1"), ("--pose", "--upper-stops")),
         (("encoder", "--lower-stops", "0,0,0", "--upper-stops", "1,0,1"), ("--lower-stops", "joint 2")),
+        (("encoder", "--from", "x.mcap", "--lower-stops", "0,0,0"), ("--from", "--lower-stops")),
         (("torque", "--robot", "nobody"), ("nobody", "follower")),
         (("gravity", "--from", "missing.mcap"), ("missing.mcap", "no such file")),
         (("torque", "--robot", "follower", "--wire"), ("without wires",)),
