@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD as SIMPLE
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.markup import escape
 from rich.table import Table
 
@@ -51,13 +51,14 @@ def plain(value: Any) -> Any:  # noqa: ANN401
 
 
 def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
-    """A table in the house style: light rules, numbers to the right."""
+    """A table in the house style: light rules, numbers to the right; what is too wide is folded, not cut."""
     made = Table(
         title=title or None, title_style="bold", title_justify="left", header_style="bold", box=SIMPLE
     )
     aligned = set(right)
     for column in columns:
-        made.add_column(column, justify="right" if column in aligned else "left", no_wrap=column in aligned)
+        justify: JustifyMethod = "right" if column in aligned else "left"
+        made.add_column(column, justify=justify, no_wrap=column in aligned, overflow="fold")
     return made
 
 

@@ -6,10 +6,9 @@ from rich.table import Table
 
 from estimation.comparison import Comparison, Part
 from palpate import console
+from palpate.text.bars import Bar
 
-BAR = 18  # characters of the longest bar
 ALIKE = 1.1  # times the noise floor, below which an error passes for noise
-FULL, EIGHTHS = "█", " ▏▎▍▌▋▊▉"
 
 
 def headline(comparison: Comparison) -> str:
@@ -40,7 +39,7 @@ def parts_table(comparison: Comparison) -> Table:
                 f"{part.rmse:.3g}",
                 f"{part.mean:+.2g}",
                 f"{part.excess:.1f}",
-                _colored(bar(part.rmse / worst), part.excess),
+                Bar(part.rmse / worst, _color(part.excess)),
                 end_section=number == len(parts) - 1,
             )
     return shown
@@ -62,15 +61,8 @@ def as_data(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def bar(share: float, width: int = BAR) -> str:
-    """A bar of characters for a share from 0 to 1."""
-    eighths = round(max(0.0, min(share, 1.0)) * width * 8)
-    return (FULL * (eighths // 8) + EIGHTHS[eighths % 8]).strip()
-
-
-def _colored(text: str, excess: float) -> str:
-    color = "green" if excess < ALIKE else "yellow" if excess < 3 else "red"
-    return f"[{color}]{text}[/{color}]"
+def _color(excess: float) -> str:
+    return "green" if excess < ALIKE else "yellow" if excess < 3 else "red"
 
 
 def _part_data(part: Part) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from rich.text import Text
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.result import Accepted, Fitted, ParameterValue
 from palpate import console
-from palpate.text.comparison import bar
+from palpate.text.bars import Bar
 from palpate.words import chance, significant
 
 SIGMAS_95 = 1.96
@@ -131,18 +131,18 @@ def _evidence(found: ChannelDiagnosis) -> Iterator[RenderableType]:
 
 def _steps(found: ChannelDiagnosis) -> Table:
     unit = found.effort_unit
-    errors = (f"held-out error [{unit}]", "p")
+    errors = (f"held-out\nerror [{unit}]", "p")
     shown = console.table("", "step", *errors, "", "not to be told from", right=errors)
     floor = found.noise_floor or 0.0
     base = found.baseline.rmse if found.baseline is not None else 1.0
-    shown.add_row("base model", f"{base:.4g}", "", f"[red]{bar(1.0)}[/red]", "")
+    shown.add_row("base model", f"{base:.4g}", "", Bar(1.0, "red"), "")
     for entry in found.accepted:
         color = "green" if entry.rmse_after < 1.1 * floor else "yellow"
         shown.add_row(
             f"+ [bold]{entry.effect}[/bold]",
             f"{entry.rmse_after:.4g}",
             chance(entry.p_value),
-            f"[{color}]{bar(entry.rmse_after / base)}[/{color}]",
+            Bar(entry.rmse_after / base, color),
             ", ".join(entry.confused_with) or "[dim]–[/dim]",
         )
     shown.add_row("[dim]noise floor[/dim]", f"[dim]{floor:.4g}[/dim]", "", "", "")
@@ -150,16 +150,14 @@ def _steps(found: ChannelDiagnosis) -> Table:
 
 
 def _ranking(found: ChannelDiagnosis) -> Table:
-    error = f"held-out error [{found.effort_unit}]"
-    shown = console.table(
-        "", "alone beside the base model", error, "error falls by", "", right=(error, "error falls by")
-    )
+    error, falls = f"held-out\nerror [{found.effort_unit}]", "error\nfalls by"
+    shown = console.table("", "alone beside the base model", error, falls, "", right=(error, falls))
     for entry in found.ranking[:MOST_RANKED]:
         shown.add_row(
             entry.effect,
             f"{entry.rmse_held_out:.4g}",
             f"{100 * entry.score:z.0f} %",
-            f"[blue]{bar(entry.score)}[/blue]",
+            Bar(entry.score, "blue"),
         )
     return shown
 

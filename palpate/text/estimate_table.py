@@ -12,6 +12,7 @@ from palpate.text.estimate_report import PERCENT, error_text, short_name, shown_
 from palpate.words import count
 
 WIDE = 104  # characters that all columns of the short table need
+NARROW = 80  # below, the errors are left to the reader
 MOST_ABREAST = 3  # parameters that stand side by side
 JUDGED = {
     Identifiability.GOOD: "[green]good[/green]",
@@ -38,7 +39,7 @@ def _one_row_an_estimator(found: ChannelEstimates, truth: Mapping[str, float], w
     columns = ["estimator"]
     for parameter in parameters:
         columns.append(f"{short_name(parameter.name)}\n[{parameter.unit}]")
-        columns += ["error"] if parameter.name in truth else []
+        columns += ["error"] if parameter.name in truth and width >= NARROW else []
     columns += [f"rmse\n[{found.channel.kind.effort_unit}]", "cond.", "used"] if width >= WIDE else []
     columns += ["determined"]
     table = console.table(_title(found), *columns, right=columns[1:-1])
@@ -46,14 +47,14 @@ def _one_row_an_estimator(found: ChannelEstimates, truth: Mapping[str, float], w
         cells = [estimate.estimator]
         for parameter in shown_parameters(estimate):
             cells.append(with_interval(parameter))
-            cells += [error_text(parameter, truth)] if parameter.name in truth else []
+            cells += [error_text(parameter, truth)] if parameter.name in truth and width >= NARROW else []
         cells += _quality(estimate) if width >= WIDE else []
         table.add_row(*cells, JUDGED[estimate.identifiability])
     if any(parameter.name in truth for parameter in parameters):
         cells = ["[dim]truth[/dim]"]
         for parameter in parameters:
             cells.append(f"[dim]{truth[parameter.name]:g}[/dim]" if parameter.name in truth else "")
-            cells += [""] if parameter.name in truth else []
+            cells += [""] if parameter.name in truth and width >= NARROW else []
         table.add_section()
         table.add_row(*cells)
     return table

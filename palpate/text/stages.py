@@ -10,7 +10,8 @@ from estimation.revision import Revision
 from palpate import console
 from palpate.findings.revisions import KeptRevision
 from palpate.findings.story import Story
-from palpate.text.comparison import ALIKE, bar
+from palpate.text.bars import Bar
+from palpate.text.comparison import ALIKE
 from palpate.words import shown as shown_path
 from palpate.words import significant
 
@@ -61,7 +62,7 @@ def stage_table(stages: Sequence[Revision], unit: str, numbers: Sequence[int | N
         unit: of the errors.
         numbers: of the revision that each is kept as; None where it is not kept.
     """
-    error = f"held-out error [{unit}]"
+    error = f"held-out\nerror [{unit}]"
     shown = console.table("", "revision", "model", error, "x floor", "", right=("revision", error, "x floor"))
     floor, worst = stages[-1].noise_floor, max(stage.rmse for stage in stages)
     for stage, number in zip(stages, numbers, strict=True):
@@ -72,19 +73,17 @@ def stage_table(stages: Sequence[Revision], unit: str, numbers: Sequence[int | N
             f"+ [bold]{stage.added}[/bold]" if stage.added else stage.model.name,
             f"{stage.rmse:.4g}",
             f"{times:.2f}",
-            f"[{color}]{bar(stage.rmse / worst, 30)}[/{color}]",
+            Bar(stage.rmse / worst, color, 30),
         )
-    shown.add_row(
-        "", "[dim]noise floor[/dim]", f"[dim]{floor:.4g}[/dim]", "", f"[dim]{bar(floor / worst, 30)}[/dim]"
-    )
+    shown.add_row("", "[dim]noise floor[/dim]", f"[dim]{floor:.4g}[/dim]", "", Bar(floor / worst, "dim", 30))
     return shown
 
 
 def revision_table(revisions: Sequence[KeptRevision]) -> Table:
     """All revisions of a session."""
-    right = ("revision", "from", "held-out error", "x floor")
+    right = ("revision", "from", "held-out\nerror", "x floor")
     shown = console.table(
-        "", "revision", "from", "channel", "model", "held-out error", "x floor", "made", right=right
+        "", "revision", "from", "channel", "model", "held-out\nerror", "x floor", "made", right=right
     )
     for kept in revisions:
         # a better model sees the noise more clearly
