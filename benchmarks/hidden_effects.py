@@ -199,14 +199,39 @@ def report(outcomes: Sequence[Outcome]) -> None:
     parts: dict[str, list[Outcome]] = defaultdict(list)
     for outcome in outcomes:
         parts[outcome.job.part].append(outcome)
+    report_nothing(parts["none"])
+    report_one(parts["one"])
+    pairs = [all(any(h in g for g in stated(o.found)) for h in o.job.scene.hidden) for o in parts["pair"]]
+    print(f"two at once: both found {share(pairs)}")
+    removal("removed alone", parts["removed"])
+    plain = [o for o in parts["removed"] if next(iter(o.job.scene.hidden)) not in CONTAINED_IN]
+    removal("removed with every law that contains it", [*plain, *parts["removed with all"]])
+    report_floors(parts["one"])
+    intervals = share([hit for outcome in outcomes for hit in covered(outcome)])
+    print(f"95 % intervals of base parameters hold the truth: {intervals}")
+    seconds = [o.seconds for o in outcomes]
+    print(f"processor time: median {np.median(seconds):.1f} s, worst {max(seconds):.1f} s")
+    confusion(parts["one"], "hidden -> accepted")
+    confusion([o for o in parts["removed"] if o.found.accepted], "removed -> wrongly accepted")
+    print("missed")
+    for outcome in outcomes:
+        if not is_right(outcome):
+            print("  " + described(outcome))
+
+
+def report_nothing(outcomes: Sequence[Outcome]) -> None:
+    """False alarms by the colour of the noise."""
     for colour in (0.0, 0.9, 0.97):
-        alarms = [bool(o.found.accepted) for o in parts["none"] if o.job.scene.correlation == colour]
-        adequate = [
-            o.found.verdict is Verdict.ADEQUATE for o in parts["none"] if o.job.scene.correlation == colour
-        ]
+        found = [o.found for o in outcomes if o.job.scene.correlation == colour]
+        alarms = [bool(one.accepted) for one in found]
+        adequate = [one.verdict is Verdict.ADEQUATE for one in found]
         print(f"nothing hidden, AR(1) {colour}: false alarms {share(alarms)}, adequate {share(adequate)}")
+
+
+def report_one(outcomes: Sequence[Outcome]) -> None:
+    """Single effects by their strength."""
     for strength in (3.0, 10.0, 30.0):
-        chosen = [o for o in parts["one"] if strength in o.job.scene.hidden.values()]
+        chosen = [o for o in outcomes if strength in o.job.scene.hidden.values()]
         leading = share([is_first(o) for o in chosen])
         print(f"one at {strength:g} times the floor: first or in its group {leading}")
         exact = [
@@ -214,29 +239,17 @@ def report(outcomes: Sequence[Outcome]) -> None:
             for o in chosen
         ]
         print(f"  accepted, and nothing beside it: {share(exact)}")
-    pairs = [all(any(h in g for g in stated(o.found)) for h in o.job.scene.hidden) for o in parts["pair"]]
-    print(f"two at once: both found {share(pairs)}")
-    removed = parts["removed"]
-    removal("removed alone", removed)
-    plain = [o for o in removed if next(iter(o.job.scene.hidden)) not in CONTAINED_IN]
-    removal("removed with every law that contains it", [*plain, *parts["removed with all"]])
-    solved = [o for o in parts["one"] if [e.effect for e in o.found.accepted] == list(o.job.scene.hidden)]
+
+
+def report_floors(outcomes: Sequence[Outcome]) -> None:
+    """How near the final error of a solved scene is to the noise that was put in."""
+    solved = [o for o in outcomes if [e.effect for e in o.found.accepted] == list(o.job.scene.hidden)]
     floors = [
         o.found.final.rmse / FLOOR[o.job.scene.kind] < 1.05
         for o in solved
         if o.found.final is not None and "quantisation" not in o.job.scene.hidden
     ]
     print(f"final error within 5 % of the true floor: {share(floors)}")
-    intervals = share([hit for outcome in outcomes for hit in covered(outcome)])
-    print(f"95 % intervals of base parameters hold the truth: {intervals}")
-    seconds = [o.seconds for o in outcomes]
-    print(f"processor time: median {np.median(seconds):.1f} s, worst {max(seconds):.1f} s")
-    confusion(parts["one"], "hidden -> accepted")
-    confusion([o for o in removed if o.found.accepted], "removed -> wrongly accepted")
-    print("missed")
-    for outcome in outcomes:
-        if not is_right(outcome):
-            print("  " + described(outcome))
 
 
 def removal(title: str, outcomes: Sequence[Outcome]) -> None:

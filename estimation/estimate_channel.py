@@ -65,17 +65,7 @@ def estimate_channel(
         InputError: too few samples or none with an effort, or the estimator cannot work on them.
     """
     used = fitting_rows(data) if rows is None else rows
-    count = len(model.gains) + len(model.inner)
-    if np.count_nonzero(used) <= count:
-        raise InputError(
-            f"channel '{data.name}': {np.count_nonzero(used)} samples in use cannot determine {count} "
-            f"parameters of '{model.name}'; was the object touched?"
-        )
-    if not data.effort[used].any():
-        raise InputError(
-            f"channel '{data.name}': the effort is 0 {data.kind.effort_unit} in all {np.count_nonzero(used)} "
-            "samples in use; was the object touched, and the sensor connected?"
-        )
+    _check_samples(data, model, used)
     if data.surface is not None:
         data = replace(data, touching=used)
     problem = Problem(model, data, used, within=_where_touched(data, used))
@@ -87,6 +77,21 @@ def estimate_channel(
         regression = problem.regression(np.zeros(0))
         found = estimator.fit(regression, rng=rng)
     return mark_coarse(_mark_unphysical(found, model, regression), data, used)
+
+
+def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
+    """Refuse too few samples, and such without an effort."""
+    samples, parameters = np.count_nonzero(used), len(model.gains) + len(model.inner)
+    if samples <= parameters:
+        raise InputError(
+            f"channel '{data.name}': {samples} samples in use cannot determine {parameters} "
+            f"parameters of '{model.name}'; was the object touched?"
+        )
+    if not data.effort[used].any():
+        raise InputError(
+            f"channel '{data.name}': the effort is 0 {data.kind.effort_unit} in all {samples} "
+            "samples in use; was the object touched, and the sensor connected?"
+        )
 
 
 def _where_touched(data: ChannelData, used: BoolArray) -> Bounds:

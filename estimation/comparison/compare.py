@@ -99,13 +99,7 @@ def compare(data: ChannelData, model: Model, known_floor: float = np.inf) -> Com
     unseen = floor_unseen(standing, own.value)
     explained = is_explained(standing) and not np.isfinite(unseen)
     floor = replace(own, value=min(own.value, own.repeats or np.inf, unseen, known_floor))
-    parts = {
-        by: tuple(_part(label, residual, mask, floor.value) for label, mask in masks.items())
-        for by, masks in splits(standing.data).items()
-    }
-    parts = {
-        by: told for by, parts_by in parts.items() if len(told := tuple(p for p in parts_by if p.samples)) > 1
-    }
+    parts = _parts(standing.data, residual, floor.value)
     return Comparison(
         channel=data.name,
         effort_unit=data.kind.effort_unit,
@@ -118,6 +112,17 @@ def compare(data: ChannelData, model: Model, known_floor: float = np.inf) -> Com
         parts=parts,
         words=_words(rmse(residual), floor, parts, data.kind.effort_unit, explained=explained),
     )
+
+
+def _parts(data: ChannelData, residual: FloatArray, floor: float) -> dict[str, tuple[Part, ...]]:
+    """The error by each way of splitting that leaves more than one part with samples."""
+    found = {}
+    for by, masks in splits(data).items():
+        every = (_part(label, residual, mask, floor) for label, mask in masks.items())
+        told = tuple(part for part in every if part.samples)
+        if len(told) > 1:
+            found[by] = told
+    return found
 
 
 def _part(label: str, residual: FloatArray, mask: BoolArray, floor: float) -> Part:

@@ -117,19 +117,30 @@ def judge(
     level = np.sqrt(np.mean(jacobian**2, axis=0))
     lengths = np.where(level > 0, level, 1.0) * np.sqrt(len(jacobian))
     correlation = (jacobian / lengths).T @ (jacobian / lengths)
-    if not level.all():
-        silent = ", ".join(name for name, rms in zip(names, level, strict=True) if rms == 0)
-        return Judgement(Identifiability.NONE, f"{silent}: the motion does not excite it at all")
     fixed = np.isnan(covariance.std_err)
+    if not level.all():
+        silent = _those(names, level == 0)
+        return Judgement(Identifiability.NONE, f"{silent}: the motion does not excite it at all")
     if fixed.any() and not fixed.all():
-        ended = ", ".join(name for name, is_fixed in zip(names, fixed, strict=True) if is_fixed)
+        ended = _those(names, fixed)
         return Judgement(Identifiability.WEAK, f"{ended}: the search ended at the bound of what is physical")
     if condition_of_gram(correlation) > _SINGULAR or fixed.all():
         return Judgement(
             Identifiability.NONE,
             f"{', '.join(names)} cannot be told apart: the motion excites them in a fixed ratio",
         )
-    share = covariance.std_err * level / max(np.sqrt(np.mean(effort**2)), np.finfo(float).tiny)
+    return _by_size(names, values, covariance, correlation, level / _rms(effort))
+
+
+def _by_size(
+    names: tuple[str, ...],
+    values: FloatArray,
+    covariance: Covariance,
+    correlation: FloatArray,
+    weight: FloatArray,
+) -> Judgement:
+    """The same where all have standard errors; `weight` is what a unit of each makes of the effort."""
+    share = covariance.std_err * weight
     relative = covariance.std_err / np.maximum(np.abs(values), np.finfo(float).tiny)
     lost = share * ((relative > 1.0) & (share > _LOST_SHARE))
     if lost.any():
@@ -140,6 +151,14 @@ def judge(
         advice = _advice(names, values, covariance, correlation, int(np.argmax(rough)))
         return Judgement(Identifiability.WEAK, advice)
     return Judgement(Identifiability.GOOD, "the data determine every parameter")
+
+
+def _those(names: tuple[str, ...], chosen: BoolArray) -> str:
+    return ", ".join(name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen)
+
+
+def _rms(effort: FloatArray) -> float:
+    return max(float(np.sqrt(np.mean(effort**2))), np.finfo(float).tiny)
 
 
 def _doubt(names: tuple[str, ...], values: FloatArray, covariance: Covariance, index: int) -> str:

@@ -199,6 +199,22 @@ def _suspected(material: Material, typed: str, diagnosis: Diagnosis) -> list[tup
     return [(_added(material, typed, found, names), "see how far that takes the model")]
 
 
+def _what_was_found(
+    material: Material, typed: str, kept: str, diagnosis: Diagnosis, *, applied: bool
+) -> list[tuple[str, str]]:
+    """What to do with the effects that are missing; without any, with those that are suspected."""
+    missing = next((found for found in diagnosis.channels if found.accepted), None)
+    if missing is None:
+        return _suspected(material, typed, diagnosis)
+    if applied:
+        return [
+            (f"palpate export {kept}", "the improved model as a simulated world"),
+            (f"palpate revisions {kept}", "all stages, to go back to"),
+        ]
+    added = _added(material, typed, missing, [entry.effect for entry in missing.accepted])
+    return [(added, "refit with it, and keep that as a revision")]
+
+
 def _next(
     material: Material,
     typed: str,
@@ -210,18 +226,7 @@ def _next(
     unjudged: bool,
     afresh: bool,
 ) -> None:
-    steps = []
-    missing = [found for found in diagnosis.channels if found.accepted]
-    if missing and not applied:
-        names = [entry.effect for entry in missing[0].accepted]
-        steps.append(
-            (_added(material, typed, missing[0], names), "refit with it, and keep that as a revision")
-        )
-    elif not missing:
-        steps.extend(_suspected(material, typed, diagnosis))
-    if missing and applied:
-        steps.append((f"palpate export {kept}", "the improved model as a simulated world"))
-        steps.append((f"palpate revisions {kept}", "all stages, to go back to"))
+    steps = _what_was_found(material, typed, kept, diagnosis, applied=applied)
     if again is not None:
         steps.append((again, "the experiment that would tell more"))
     if afresh:
