@@ -33,5 +33,8 @@ def parts_along(data: ChannelData, model: Model, effect: Effect, parameters: Map
         return lambda inner: None
     moved = model.moved(data, known)
     columns, effort = model.without(effect.name).parts(data, known)
-    effort = effort + effect.known(moved)
-    return lambda inner: (np.hstack([columns, effect.columns(moved, inner)]), effort)
+
+    def parts(inner: Inner) -> Parts:
+        return np.hstack([columns, effect.columns(moved, inner)]), effort + effect.known(moved, inner)
+
+    return parts
