@@ -7,7 +7,7 @@ An `AdditiveEffect` adds effort, a `MotionEffect` changes the motion that the ef
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product
 from typing import ClassVar
@@ -17,6 +17,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from robot_io.types import FloatArray
 
+Errors = Callable[[], Mapping[str, float]]
 Inner = Mapping[str, float]  # values of inner (nonlinear) parameters by name
 
 
@@ -99,7 +100,9 @@ class Effect(ABC):
         """
         return columns[:, [p.name not in self.essential for p in self.gains]]
 
-    def is_misnamed(self, data: ChannelData, parameters: Mapping[str, float], noise: float) -> bool:
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
         """Whether these parameters make it another thing than its name says, though within their bounds.
 
         A model with such an effect may fit well, and still says nothing for the effect.
@@ -107,6 +110,7 @@ class Effect(ABC):
         Args:
             data: the channel, with the motion that acts.
             parameters: of the whole model, by "effect.parameter".
+            errors: gives their standard errors by the same names, NaN where unknown; asked only if needed.
             noise: root mean square of what the model leaves, in the unit of the effort.
         """
         return False

@@ -6,9 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from robot_io.types import FloatArray
 
+_CLEARLY = 2.0  # standard errors
 _OTHER_SPRINGS = {"hunt_crossley.k", "stress_relaxation.k1"}
 
 
@@ -40,7 +41,9 @@ class LayeredStiffness(AdditiveEffect):
         deepest = max(float(np.max(data.position, initial=0.0)), 1e-9)
         return tuple({"depth": float(part * deepest)} for part in np.linspace(0.1, 0.85, 11))
 
-    def is_misnamed(self, data: ChannelData, parameters: Mapping[str, float], noise: float) -> bool:
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
         """See `Effect.is_misnamed`: one of the two layers is not seen to press back.
 
         Without the upper one it is a gap or a dead band, without the lower one the end of the sensor's range.
@@ -52,4 +55,9 @@ class LayeredStiffness(AdditiveEffect):
         k3, deepest = parameters.get("cubic_stiffness.k3", 0.0), float(np.max(data.position))
         upper = k * kink + k3 * kink**3
         lower = (k + k2) * (deepest - kink) + k3 * (deepest**3 - kink**3)
-        return min(upper, lower) < noise
+        if min(upper, lower) < noise:
+            return True
+        if k3 != 0.0:
+            return False  # no single slope then tells what a layer carries
+        of_k, of_k2 = (np.nan_to_num(errors()[name]) for name in ("stiffness.k", f"{self.name}.k2"))
+        return bool(k < _CLEARLY * of_k or k + k2 < _CLEARLY * of_k2)

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from robot_io.types import FloatArray
 
 _SEEN = 0.5  # of the rise, that friction must really exceed its level at speed by
@@ -53,7 +53,9 @@ class StribeckFriction(AdditiveEffect):
             for share in (0.003, 0.01, 0.03)
         )
 
-    def is_misnamed(self, data: ChannelData, parameters: Mapping[str, float], noise: float) -> bool:
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
         """See `Effect.is_misnamed`: friction does not rise, since all of the rise is within the transition.
 
         What is left then is Coulomb friction, whose transition has a shape of its own.

@@ -9,10 +9,12 @@ from tests.estimation.test_effect_form import some_channel
 DEPTH_M, NOISE_N = 0.004, 0.05
 
 
-def is_layer(k, k2, **more):
+def is_layer(k, k2, error=0.0, **more):
     """Whether a spring (N/m) and what is added to it at depth are called layers."""
     given = {"stiffness.k": k, "layered_stiffness.k2": k2, "layered_stiffness.depth": DEPTH_M, **more}
-    return not EFFECTS["layered_stiffness"]().is_misnamed(session(1), given, NOISE_N)
+    return not EFFECTS["layered_stiffness"]().is_misnamed(
+        session(1), given, lambda: {"stiffness.k": 1.0, "layered_stiffness.k2": error}, NOISE_N
+    )
 
 
 @pytest.mark.parametrize(("k", "k2"), [(800.0, 700.0), (800.0, -500.0), (40.0, 20000.0), (1500.0, 30.0)])
@@ -28,6 +30,15 @@ def test_a_layer_below_nothing_is_a_gap(k):
 @pytest.mark.parametrize("k2", [-1500.0, -1498.0, -3000.0])
 def test_a_layer_that_takes_all_of_the_spring_away_is_the_end_of_a_range(k2):
     assert not is_layer(1500.0, k2)
+
+
+@pytest.mark.parametrize(("error", "layer"), [(20.0, True), (140.0, False), (float("nan"), True)])
+def test_a_soft_layer_that_may_as_well_be_none_is_none(error, layer):
+    assert is_layer(823.0, -762.0, error) is layer
+
+
+def test_a_thin_soft_layer_is_one_though_less_stiff_than_the_other_is_uncertain():
+    assert is_layer(40.0, 20000.0, error=100.0)
 
 
 def test_a_spring_that_stiffens_presses_back_by_its_cubic_part_too():
@@ -47,7 +58,7 @@ def is_stribeck(rise, speed, transition):
     own = {"coulomb": 0.34, "rise": rise, "speed": speed, "transition": transition}
     given = {f"stribeck_friction.{name}": value for name, value in own.items()}
     data = some_channel(next(iter(EFFECTS["stribeck_friction"].channels)))
-    return not EFFECTS["stribeck_friction"]().is_misnamed(data, given, NOISE_N)
+    return not EFFECTS["stribeck_friction"]().is_misnamed(data, given, dict, NOISE_N)
 
 
 @pytest.mark.parametrize(("rise", "speed"), [(0.2, 0.2), (0.05, 0.1), (0.6, 0.03)])

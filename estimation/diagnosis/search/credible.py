@@ -9,6 +9,7 @@ import numpy as np
 
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.bench.trial import Bench, Trial
+from estimation.diagnosis.judgement.intervals import values
 from estimation.diagnosis.search.selection import LOOSE, TIE, size
 from estimation.effect import Effect
 
@@ -34,7 +35,7 @@ def is_misnamed(effect: Effect, trial: Trial, bench: Bench) -> bool:
         bench: where.
     """
     data = trial.model.moved(bench.frame.data, trial.parameters)
-    return effect.is_misnamed(data, trial.parameters, _noise(trial, bench))
+    return effect.is_misnamed(data, trial.parameters, lambda: _errors(trial, bench), _noise(trial, bench))
 
 
 def _is_sensible(trial: Trial, bench: Bench) -> bool:
@@ -61,6 +62,10 @@ def _is_roundabout(start: Standing, standing: Standing) -> bool:
         added > count and (1.0 - start.flexible.by_signal[name]) * start.trial.held_out <= limit
         for name, count in _PLAIN_LAWS.items()
     )
+
+
+def _errors(trial: Trial, bench: Bench) -> dict[str, float]:
+    return {name: value.std_err for name, value in values(bench, trial).items()}
 
 
 def _noise(trial: Trial, bench: Bench) -> float:
