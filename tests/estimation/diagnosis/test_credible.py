@@ -72,3 +72,12 @@ def test_coulomb_friction_is_no_stribeck_friction_where_only_that_is_known():
     assert [entry.effect for entry in answer(joint, "stribeck_friction", "coulomb_friction").accepted] == [
         "coulomb_friction"
     ]
+
+
+@pytest.mark.parametrize(("damping", "credible"), [(15.0, True), (-0.1, True), (-15.0, False)])
+def test_a_base_model_whose_damper_pushes_is_not_believed(damping, credible):
+    tried = search(
+        session(53, lambda t, x, v, run: np.where(x > 0, np.maximum(K * x + damping * v, 0.0), 0.0))
+    )
+    assert tried.leaves_noise(tried.start)
+    assert is_credible(tried.start, tried.start) is credible
