@@ -11,6 +11,7 @@ from robot_io.types import FloatArray
 
 _EDGES = (0.5, 1.5)  # that are near enough for noise to reach, in steps
 _SMOOTH = 0.5  # noise in steps, from which on the treads are gone
+_REACH, _TREAD = 0.2, 0.1  # in steps, about an edge where it is steep; slope elsewhere, so that none is free
 _SHARES = (0.01, 0.05, 0.2)  # of a step, of noise
 
 
@@ -59,5 +60,11 @@ class Quantisation(SensorEffect):
         return tuple({"step": step, "noise": share * step} for share in _SHARES)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`: on average over many steps, one."""
-        return columns
+        """See `SensorEffect.slope`: steep about an edge, next to nothing on a tread, one on average.
+
+        What is held on a tread says nothing of the effort, however long it lasts; only where edges are does.
+        """
+        reach = _REACH * inner["step"]
+        ahead, behind = (self.sense(effort + side * reach, data, inner) for side in (1.0, -1.0))
+        steepness = _TREAD + (1.0 - _TREAD) * (ahead - behind) / (2.0 * reach)
+        return steepness[:, None] * columns
