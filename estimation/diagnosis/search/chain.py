@@ -183,7 +183,7 @@ def _reconsider(search: Search, steps: tuple[Step, ...]) -> tuple[Step, ...]:
             continue
         in_order = _in_order(search, without, search.screen(without), larger=True)
         best = in_order[0] if in_order else None
-        if best and best.effect.name != name:
+        if best:  # it may be the same, that had settled elsewhere before the later ones were there
             exchanged = search.with_candidate(best)
             simpler = any(best.size < size(effect) for effect in search.effects if effect.name == name)
             if exchanged.trial.held_out < (1.0 + (TIE if simpler else -TIE)) * end.trial.held_out:

@@ -218,14 +218,26 @@ def is_slight(start: Standing, before: Standing, held_out: float) -> bool:
     """Whether an effect takes away so little of all that is explained that another may just be imprecise.
 
     A strong effect that is computed from a motion measured with errors leaves a little of itself behind,
-    for which some small effect always has the shape.
+    for which some small effect always has the shape. Beside what fits only with a spring that pulls, nothing
+    is slight: that is no strong effect, but one that imitates several.
 
     Args:
         start: the base model.
         before: the model without the effect.
         held_out: energy left with it.
     """
-    return before.trial.held_out - held_out < SLIGHT * (start.trial.held_out - held_out)
+    little = before.trial.held_out - held_out < SLIGHT * (start.trial.held_out - held_out)
+    return little and not is_beyond_bounds(before.trial)
+
+
+def is_beyond_bounds(trial: Trial) -> bool:
+    """Whether a gain of the model, its base included, is clearly outside its bounds: a spring that pulls."""
+    effort = LOOSE * float(np.sqrt(np.mean(trial.target**2)))
+    for (name, gain), column in zip(trial.model.gains.items(), trial.columns.T, strict=True):
+        slack = 2.0 * trial.spread[name] + effort / max(float(np.sqrt(np.mean(column**2))), 1e-300)
+        if not gain.lower - slack <= trial.parameters[name] <= gain.upper + slack:
+            return True
+    return False
 
 
 def hopeless(before: Standing, chosen: Candidate) -> Evidence:

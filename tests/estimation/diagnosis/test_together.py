@@ -1,5 +1,7 @@
 """Several effects at once: found together, in the order in which the effort passes them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,8 +15,8 @@ from tests.estimation.diagnosis.presses import NOISE_N, kelvin_voigt, session
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 
 
-def named(data):
-    found = diagnose(data, MODEL, rng=np.random.default_rng(1)).channels[0]
+def named(data, tried=None):
+    found = diagnose(data, MODEL, tried, rng=np.random.default_rng(1)).channels[0]
     assert found.verdict is Verdict.MISSING
     assert found.final.rmse == pytest.approx(NOISE_N, rel=0.05)
     return {entry.effect: entry.parameters for entry in found.accepted}
@@ -62,6 +64,31 @@ def test_two_curves_that_look_alike_are_found_beside_each_other():
     found = named(session(37, lambda t, x, v, run: kelvin_voigt(x - 0.003, v, stiffening(x - 0.003))))
     assert set(found) == {"cubic_stiffness", "contact_offset"}
     assert found["contact_offset"]["offset"].value == pytest.approx(0.003, rel=0.02)
+
+
+def test_a_power_law_does_not_swallow_a_surface_that_lies_deeper():
+    # with a spring and a damper that pull, its exponent draws both, but for 0.3 % of what they explain
+    def deeper(t, x, v, run):
+        d = np.maximum(x - 0.004, 0.0)
+        return np.maximum(5000.0 * d**1.42 + 17500.0 * d**1.42 * v, 0.0)
+
+    names = ("hunt_crossley", "contact_offset", "cubic_stiffness")
+    found = named(session(40, deeper), [EFFECTS[name]() for name in names])
+    assert set(found) == {"hunt_crossley", "contact_offset"}
+    assert found["contact_offset"]["offset"].value == pytest.approx(0.004, rel=0.03)
+
+
+def test_where_the_edges_of_coarse_steps_lie_tells_a_bias_and_the_stiffness_to_a_fraction_of_a_step():
+    # most of a press is held on one tread, which says nothing
+    smooth = session(42, lambda t, x, v, run: kelvin_voigt(x, v) + 0.7)
+    coarse = replace(smooth, effort=2.0 * np.round(smooth.effort / 2.0))
+    tried = [EFFECTS[name]() for name in ("quantisation", "bias", "layered_stiffness")]
+    found = diagnose(coarse, MODEL, tried, rng=np.random.default_rng(1)).channels[0]
+    assert {entry.effect for entry in found.accepted} == {"quantisation", "bias"}
+    fitted = found.final.parameters
+    assert fitted["bias.offset"].value == pytest.approx(0.7, abs=0.05)
+    assert fitted["stiffness.k"].value == pytest.approx(800.0, rel=0.01)
+    assert fitted["quantisation.noise"].value == pytest.approx(NOISE_N, rel=0.4)
 
 
 def swing(law, runs=5, step=0.01):
