@@ -198,7 +198,7 @@ def _rivals(search: Search, chain: Chain, named: Sequence[Step], name: str) -> l
     if name not in [candidate.effect.name for candidate in found]:
         return alone
     step_s = sample_time(search.data.time_s, search.data.run)
-    return list(dict.fromkeys([*rivals(found, name, without, step_s), *alone]))
+    return list(dict.fromkeys([*rivals(found, name, without, step_s, search.together), *alone]))
 
 
 def _suspects(chain: Chain) -> list[Suspect]:

@@ -1,6 +1,6 @@
 """Which effects the data cannot tell apart."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -51,7 +51,9 @@ def _held_out(trial: Trial, bench: Bench) -> FloatArray:
     return left
 
 
-def rivals(found: Sequence[Candidate], name: str, base: Fit, step_s: float) -> list[str]:
+def rivals(
+    found: Sequence[Candidate], name: str, base: Fit, step_s: float, together: Callable[[Candidate], Trial]
+) -> list[str]:
     """Effects that would have done as well as the one called `name`, best first.
 
     As well means that they explain the same beside the model, with an error in held-out runs that is as
@@ -64,21 +66,27 @@ def rivals(found: Sequence[Candidate], name: str, base: Fit, step_s: float) -> l
         name: the one that was taken.
         base: that model alone.
         step_s: time between samples [s].
+        together: fits all parameters together with a candidate's: beside the others as they were, one that
+            needs them a little different looks far worse than it is.
     """
     taken = next(c for c in found if c.effect.name == name)
-    limit, shortest = (1.0 + TIE) * taken.held_out, SHORT * step_s
-    best = taken.search.best
-    alike = [c for c in found if c is not taken and likeness(base.trial, best, c.search.best) > SAME]
-    return [
-        c.effect.name
-        for c in alike
-        if (
-            c.held_out <= limit
-            or (_is_time(c, shortest) and _is_time(taken, shortest))
-            or not is_clear(best, c.search.best, base.plain)
-        )
-        and not contains(c, taken)
+    best, shortest = taken.search.best, SHORT * step_s
+    alike = [
+        c
+        for c in found
+        if c is not taken and likeness(base.trial, best, c.search.best) > SAME and not contains(c, taken)
     ]
+    if not alike:
+        return []
+    ours = together(taken)
+
+    def as_good(candidate: Candidate) -> bool:
+        if _is_time(candidate, shortest) and _is_time(taken, shortest):
+            return True
+        theirs = together(candidate)
+        return theirs.held_out <= (1.0 + TIE) * ours.held_out or not is_clear(ours, theirs, base.plain)
+
+    return [c.effect.name for c in alike if as_good(c)]
 
 
 def _is_time(candidate: Candidate, below_s: float) -> bool:

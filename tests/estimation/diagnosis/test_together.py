@@ -78,6 +78,18 @@ def test_a_power_law_does_not_swallow_a_surface_that_lies_deeper():
     assert found["contact_offset"]["offset"].value == pytest.approx(0.004, rel=0.03)
 
 
+def test_what_draws_the_same_once_all_is_fitted_is_stated_though_it_looked_worse_beside_the_rest_as_it_was():
+    # below a limit of the reading, a dead band and a surface that lies deeper are one curve
+    def short(t, x, v, run):
+        return np.clip(np.maximum(1000.0 * x + 4.0 * v, 0.0) * (x > 0) - 3.0, 0.0, 4.5)
+
+    tried = [EFFECTS[name]() for name in ("deadband", "contact_offset", "saturation")]
+    found = diagnose(session(41, short), MODEL, tried, rng=np.random.default_rng(1)).channels[0]
+    assert found.verdict is Verdict.MISSING
+    groups = [{entry.effect, *entry.confused_with} for entry in found.accepted]
+    assert groups == [{"saturation"}, {"deadband", "contact_offset"}]
+
+
 def test_where_the_edges_of_coarse_steps_lie_tells_a_bias_and_the_stiffness_to_a_fraction_of_a_step():
     # most of a press is held on one tread, which says nothing
     smooth = session(42, lambda t, x, v, run: kelvin_voigt(x, v) + 0.7)
