@@ -81,7 +81,7 @@ def build(search: Search) -> Chain:
         step, refused = _next(search, before, found)
         if step is None:
             break
-        steps = _reconsider(search, (*steps, step))
+        steps = _settled(search, _reconsider(search, (*steps, step)))
     if not search.is_explained(steps[-1].standing if steps else start) or _size(search, steps) > MODEST:
         steps = _better(search, steps, pair(search))
     end = steps[-1].standing if steps else start
@@ -89,6 +89,18 @@ def build(search: Search) -> Chain:
     doubted = not complete and search.leaves_noise(end)
     chain = Chain(start, steps, ranking, refused, search.floor, complete, doubted=doubted)
     return chain if complete or not steps else replace(chain, dominant=_dominant(search, chain))
+
+
+def _settled(search: Search, steps: tuple[Step, ...]) -> tuple[Step, ...]:
+    """The same effects, where each had settled before the others were there and something is left."""
+    names = [step.effect for step in steps]
+    for name in names if len(names) > 1 else ():
+        if search.is_explained(steps[-1].standing):
+            break
+        again = search.elsewhere(steps[-1].standing, name)
+        if again.trial.held_out < (1.0 - TIE) * steps[-1].standing.trial.held_out:
+            steps = confirmed(search, again, names) or steps
+    return steps
 
 
 def _better(search: Search, steps: tuple[Step, ...], two: tuple[Step, ...] | None) -> tuple[Step, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.diagnosis.bench.memory import Memory
 from estimation.diagnosis.bench.standing import Standing, fit, stand
-from estimation.diagnosis.bench.trial import Trial
+from estimation.diagnosis.bench.trial import Trial, look, refine
 from estimation.diagnosis.bench.unexplained import is_explained
 from estimation.diagnosis.search.credible import is_credible
 from estimation.diagnosis.search.library import candidates
@@ -110,6 +110,16 @@ class Search:
             self._screened.pop(_key(model), None)
             self._standings[_key(model)] = anew
         return self._standings[_key(model)]
+
+    def elsewhere(self, standing: Standing, name: str) -> Standing:
+        """The same model, with one effect looked for afresh beside the others as they are."""
+        model, known = standing.trial.model, standing.trial.parameters
+        effect = next(effect for effect in model.effects if effect.name == name)
+        looked = look(standing.plain, model, effect, known, effect.starts(standing.data))
+        best = refine(standing.plain, model, effect, looked).best
+        if best.sse >= BETTER * standing.trial.sse:
+            return standing
+        return self.stand_anew(model, best.parameters)
 
     def without(self, standing: Standing, name: str) -> Standing:
         """The model of `standing` less one effect."""
