@@ -40,7 +40,9 @@ class Probed:
     def groups(self) -> dict[str, list[set[str]]]:
         """Effects accepted in each channel, each with those it is said to be confused with."""
         return {
-            entry.channel: [{a.effect, *a.confused_with} for a in entry.accepted]
+            entry.channel: [
+                {_simulated(name) for name in (a.effect, *a.confused_with)} for a in entry.accepted
+            ]
             for entry in self.found
             if entry.accepted
         }
@@ -63,6 +65,11 @@ class Probed:
         rest = [f"unexplained in {', '.join(unknown)}"] if unknown else []
         rest += [f"insufficient in {', '.join(refused)}"] if refused else []
         return "; ".join([*(f"{names} in {channel}" for channel, names in said.items()), *rest]) or "adequate"
+
+
+def _simulated(effect: str) -> str:
+    """What the simulator calls an effect that was found: a force sensor's dead band shows in the joints."""
+    return "deadband" if effect == "force_deadband" else effect
 
 
 def drawable() -> list[str]:

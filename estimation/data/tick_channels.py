@@ -45,8 +45,8 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
 
     A move between two runs belongs to the run after it. The context holds the whole arm's motion as
     `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints), and what its tip does:
-    `contact_force` (n,), positive in compression and less what the sensor reads in free air, and
-    `press_direction_world` (n, 3).
+    `contact_force` (n,), positive in compression and less what the sensor reads in free air, `touching` (n,),
+    1 where that is surely a contact and 0 elsewhere, and `press_direction_world` (n, 3).
 
     Args:
         ticks: the stream "tick".
@@ -60,11 +60,17 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
         _motion(time_s, chosen["encoder_at_s"], joint, run, calm=False)
         for joint in chosen.vector("joint_position_rad").T
     ]
+    force_n = _force_at(time_s, chosen)
+    contacts = list(find_contacts(force_n, run, chosen["phase"]))
+    touching = np.zeros(len(chosen))
+    for contact in contacts:
+        touching[contact.rows] = 1.0
     context = {
         "joint_position": np.column_stack([position for position, _, _ in motions]),
         "joint_velocity": np.column_stack([velocity for _, velocity, _ in motions]),
         "joint_acceleration": np.column_stack([acceleration for _, _, acceleration in motions]),
-        "contact_force": _above_free_air(_force_at(time_s, chosen), run, chosen["phase"]),
+        "contact_force": force_n - _tare(contacts).of(run),  # no joint feels a sensor's bias
+        "touching": touching,
         "press_direction_world": chosen["press_direction_world"],
     }
     torque = chosen.vector("torque_measured_nm")
@@ -89,11 +95,6 @@ def _force_at(time_s: FloatArray, ticks: Samples) -> FloatArray:
     if not good.any():
         return np.zeros(len(time_s))
     return np.asarray(np.interp(time_s, ticks["force_at_s"][good], ticks["force_n"][good]))
-
-
-def _above_free_air(force_n: FloatArray, run: IntArray, phase: IntArray) -> FloatArray:
-    """Force less its mean in each run's free air: no joint feels a sensor's bias."""
-    return force_n - _tare(list(find_contacts(force_n, run, phase))).of(run)
 
 
 def _good(ticks: Samples, *status_columns: str) -> BoolArray:

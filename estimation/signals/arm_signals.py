@@ -15,6 +15,7 @@ TORQUE = "rigid_body_torque"
 REGRESSOR = "rigid_body_regressor"
 PAYLOAD = "payload_effort_per_kg"
 TOUCH = "contact_torque"
+LEVER = "contact_torque_per_newton"
 TILT = "tilt_effort_per_rad"
 WEIGHT = "weight_effort"
 _MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
@@ -36,7 +37,8 @@ def with_rigid_body(
     the joint's own position and acceleration, `payload_effort_per_kg` (n,), and, where the first joint is
     level, `weight_effort` (n,), what the weight across that axis takes, and `tilt_effort_per_rad` (n,), its
     change with a turn of the base about the axis, counted about world x or y, whichever is nearer. Where the
-    tip's contact force is known, `contact_torque` (n,) is what the joint spends on pressing.
+    tip's contact force is known, `contact_torque` (n,) is what the joint spends on pressing, and
+    `contact_torque_per_newton` (n,) its lever.
 
     Raises:
         InputError: the context lacks the motion of all joints, or their number differs from the body's.
@@ -55,7 +57,8 @@ def with_rigid_body(
     context |= _with_slopes(TORQUE, lambda *motion: body.inverse_dynamics(*motion)[joint], (q, v, a), joint)
     context[PAYLOAD] = np.array([_payload(body, *rows)[joint] for rows in zip(q, v, a, strict=True)])
     if "contact_force" in data.context:
-        context[TOUCH] = _touch(body, data)[:, joint]
+        context[LEVER] = _lever(body, data)[:, joint]
+        context[TOUCH] = context[LEVER] * data.context["contact_force"]
     axis = body.joint_axes()[0].axis_world
     if abs(axis[2]) < 1e-6:
         quarter = np.zeros(body.joint_count)
@@ -95,9 +98,8 @@ def _payload(body: RigidBody, q: FloatArray, v: FloatArray, a: FloatArray) -> Fl
     return torque
 
 
-def _touch(body: RigidBody, data: ChannelData) -> FloatArray:
-    """Torques (n, joints) that press with the measured force: J^T F p, p the press direction."""
-    press = data.context["contact_force"][:, None] * data.context["press_direction_world"]
+def _lever(body: RigidBody, data: ChannelData) -> FloatArray:
+    """Torques (n, joints) that press with one newton: J^T p, p the press direction."""
     jacobians = np.array([body.tip_jacobian(row)[:3] for row in data.context["joint_position"]])
-    torque: FloatArray = np.einsum("nij,ni->nj", jacobians, press)
+    torque: FloatArray = np.einsum("nij,ni->nj", jacobians, data.context["press_direction_world"])
     return torque

@@ -66,6 +66,7 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
     hidden: list[Imperfection] = []
     used: list[str] = []
     left_out: list[str] = []
+    taken: dict[str, str] = {}  # effects that belong to no single joint, and where they were found first
     for channel in fitted:
         effects = _by_effect(channel.revision)
         where = channel.revision.channel
@@ -73,6 +74,9 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
             scenario, lines = _with_object(scenario, effects, channel.surface)
             used += lines
         for name, values in effects.items():
+            if name in ARM and taken.setdefault(name, where) != where:
+                left_out.append(f"{where}: '{name}' is one for the whole arm, and taken from {taken[name]}")
+                continue
             made, lines = _entries(name, values, channel)
             hidden += made
             (used if made else left_out).extend(f"{where}: {line}" for line in lines)
@@ -124,7 +128,7 @@ def _entries(
     if name not in terms:
         return [], [f"the simulator has no effect '{name}'"]
     try:
-        placed = [entry | _place(str(entry["effect"]), channel) for entry in terms[name](values)]
+        placed = [_place(str(entry["effect"]), channel) | entry for entry in terms[name](values)]
         made = [parse_imperfection(entry) for entry in placed]
     except (InputError, ZeroDivisionError) as error:
         return [], [f"the simulator cannot do '{name}' with these values: {error}"]

@@ -96,6 +96,7 @@ JOINT: Mapping[str, Term] = {
 
 ARM: Mapping[str, Term] = {  # effects that belong to no single joint
     "gravity_tilt": _one("gravity_tilt", pitch_rad="tilt"),
+    "force_deadband": lambda p: [{"effect": "deadband", "half_width": p["width"], "channel": "contact"}],
     "payload": _one("payload", mass_kg="mass"),
 }
 

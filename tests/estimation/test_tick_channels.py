@@ -176,6 +176,15 @@ def test_no_joint_feels_what_the_force_sensor_reads_in_free_air():
     assert biased.max() == pytest.approx(truth.force_n.max(), rel=0.02)
 
 
+def test_a_joint_knows_where_the_tip_touches():
+    truth = recorded()
+    context = joint_channels(ticks(truth))[0].context
+    touching = context["touching"] == 1.0
+    assert np.mean(touching) > 0.2
+    assert np.all(truth.force_n[touching] > 0.0)
+    assert not touching[truth.phase == Phase.FREE_AIR].any()
+
+
 def test_a_force_that_was_sampled_at_another_time_is_brought_to_the_torque_s():
     truth = recorded()
     late_s = 0.0004

@@ -42,7 +42,8 @@ def revision(channel, **parameters):
 
 def test_every_effect_of_the_simulator_is_reached_by_the_name_of_a_fitted_one():
     known = {**CONTACT, **JOINT, **ARM, **SENSOR}
-    assert set(known) == set(IMPERFECTIONS) - {"sensor_gain"}  # found by calibration, not by a fit
+    # a gain is found by calibration, not by a fit; a dead band by the contact and by the joints
+    assert set(known) - {"force_deadband"} == set(IMPERFECTIONS) - {"sensor_gain"}
 
 
 @pytest.mark.parametrize(
@@ -64,7 +65,21 @@ def test_typical_values_of_every_effect_can_be_exported(terms, channel):
             assert export.left_out == () or "hunt_crossley" in export.left_out[0]
             continue
         assert not export.left_out, name
-        assert name in {entry.name for entry in export.scenario.hidden}
+        simulated = {"force_deadband": "deadband"}.get(name, name)
+        assert simulated in {entry.name for entry in export.scenario.hidden}
+
+
+def test_what_belongs_to_the_whole_arm_is_exported_once():
+    """Every joint shows the tilt of the base, and the dead band of the force sensor."""
+    shown = {"gravity_tilt__tilt": 0.1, "force_deadband__width": 0.3}
+    fitted = [FittedChannel(revision(f"joint_{number}", **shown), None, 3) for number in (1, 2)]
+    export = export_scenario(Scenario(), fitted, "x")
+    assert [(e.name, e.channels[0]) for e in export.scenario.hidden] == [
+        ("gravity_tilt", "joint_1"),
+        ("deadband", "contact"),
+    ]
+    assert len(export.left_out) == 2
+    assert all("taken from joint_1" in line for line in export.left_out)
 
 
 def test_what_the_simulator_cannot_do_is_said():
