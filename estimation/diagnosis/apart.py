@@ -4,15 +4,16 @@ import multiprocessing
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
 import numpy as np
 
-from estimation.channel import ChannelData
+from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.diagnose import diagnose
 from estimation.diagnosis.result import ChannelDiagnosis
+from estimation.diagnosis.true_force import Judged, with_true_force
 from estimation.effect import Effect
 from estimation.model import Model
 from robot_io.errors import PalpateError
@@ -62,9 +63,23 @@ def diagnose_apart(jobs: Sequence[Job], processes: int, progress: Progress) -> l
     """
     count = min(processes, len(jobs))
     if count < 2 or sum(len(job.data) for job in jobs) < _FEWEST_SAMPLES or not _importable(jobs):
-        return [job.run(progress) for job in jobs]
+        return _contacts_first(jobs, lambda some: [job.run(progress) for job in some])
     with _workers(count) as workers:
-        return _share_out(jobs, workers, progress)
+        return _contacts_first(jobs, lambda some: _share_out(some, workers, progress))
+
+
+def _contacts_first(
+    jobs: Sequence[Job], run: Callable[[Sequence[Job]], list[ChannelDiagnosis]]
+) -> list[ChannelDiagnosis]:
+    """Contacts, then what may depend on them, as in `diagnose`."""
+    judged: dict[int, Judged] = {}
+    for is_contact in (True, False):
+        chosen = [i for i, job in enumerate(jobs) if (job.data.kind is ChannelKind.CONTACT) is is_contact]
+        before = list(judged.values())
+        made = [replace(jobs[i], data=with_true_force(jobs[i].data, before, jobs[i].effects)) for i in chosen]
+        for i, job, found in zip(chosen, made, run(made), strict=True):
+            judged[i] = Judged(job.data, job.model, found)
+    return [judged[i].found for i in range(len(jobs))]
 
 
 def _importable(jobs: Sequence[Job]) -> bool:

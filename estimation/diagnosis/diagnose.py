@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from estimation.channel import ChannelData
+from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.bench.unexplained import depends_on
 from estimation.diagnosis.judgement.below_a_step import below_a_step
@@ -34,6 +34,7 @@ from estimation.diagnosis.search.library import library
 from estimation.diagnosis.search.search import Progress, Search
 from estimation.diagnosis.search.selection import LEAST_GAIN
 from estimation.diagnosis.search.step import Step
+from estimation.diagnosis.true_force import Judged, with_true_force
 from estimation.effect import Effect
 from estimation.model import Model
 from estimation.signals.runwise import sample_time
@@ -48,7 +49,7 @@ def diagnose(
     progress: Progress | None = None,
     file: str = "",
 ) -> Diagnosis:
-    """Diagnose each channel by itself.
+    """Diagnose each channel; those of one robot then tell on each other, see `with_true_force`.
 
     Args:
         data: one channel or several.
@@ -64,11 +65,13 @@ def diagnose(
     channels = [data] if isinstance(data, ChannelData) else list(data)
     models = [model] * len(channels) if isinstance(model, Model) else list(model)
     known = library() if effects is None else tuple(effects)
-    entries = [
-        diagnose_channel(channel, base, known, rng, progress or (lambda what, share: None))
-        for channel, base in zip(channels, models, strict=True)
-    ]
-    return Diagnosis(file=file, model=models[0].name if models else "", channels=entries)
+    told = progress or (lambda what, share: None)
+    judged: dict[int, Judged] = {}
+    for number in sorted(range(len(channels)), key=lambda i: channels[i].kind is not ChannelKind.CONTACT):
+        channel, base = with_true_force(channels[number], list(judged.values()), known), models[number]
+        judged[number] = Judged(channel, base, diagnose_channel(channel, base, known, rng, told))
+    found = [judged[number].found for number in range(len(channels))]
+    return Diagnosis(file=file, model=models[0].name if models else "", channels=found)
 
 
 def diagnose_channel(
