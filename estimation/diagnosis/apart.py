@@ -11,6 +11,7 @@ from multiprocessing.context import SpawnProcess
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.diagnosis.common_cause import settle
 from estimation.diagnosis.diagnose import diagnose
 from estimation.diagnosis.result import ChannelDiagnosis
 from estimation.diagnosis.true_force import Judged, with_true_force
@@ -71,7 +72,7 @@ def diagnose_apart(jobs: Sequence[Job], processes: int, progress: Progress) -> l
 def _contacts_first(
     jobs: Sequence[Job], run: Callable[[Sequence[Job]], list[ChannelDiagnosis]]
 ) -> list[ChannelDiagnosis]:
-    """Contacts, then what may depend on them, as in `diagnose`."""
+    """Contacts, then what may depend on them; then all of them together, as in `diagnose`."""
     judged: dict[int, Judged] = {}
     for is_contact in (True, False):
         chosen = [i for i, job in enumerate(jobs) if (job.data.kind is ChannelKind.CONTACT) is is_contact]
@@ -79,7 +80,7 @@ def _contacts_first(
         made = [replace(jobs[i], data=with_true_force(jobs[i].data, before, jobs[i].effects)) for i in chosen]
         for i, job, found in zip(chosen, made, run(made), strict=True):
             judged[i] = Judged(job.data, job.model, found)
-    return [judged[i].found for i in range(len(jobs))]
+    return settle([judged[i] for i in range(len(jobs))], jobs[0].effects if jobs else ())
 
 
 def _importable(jobs: Sequence[Job]) -> bool:

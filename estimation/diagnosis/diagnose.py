@@ -8,6 +8,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.bench.unexplained import depends_on
+from estimation.diagnosis.common_cause import settle
 from estimation.diagnosis.judgement.below_a_step import below_a_step
 from estimation.diagnosis.judgement.gate import refuse, usable
 from estimation.diagnosis.judgement.intervals import Value, final, values
@@ -49,7 +50,7 @@ def diagnose(
     progress: Progress | None = None,
     file: str = "",
 ) -> Diagnosis:
-    """Diagnose each channel; those of one robot then tell on each other, see `with_true_force`.
+    """Diagnose each channel; those of one robot then tell on each other, see `with_true_force` and `settle`.
 
     Args:
         data: one channel or several.
@@ -70,7 +71,7 @@ def diagnose(
     for number in sorted(range(len(channels)), key=lambda i: channels[i].kind is not ChannelKind.CONTACT):
         channel, base = with_true_force(channels[number], list(judged.values()), known), models[number]
         judged[number] = Judged(channel, base, diagnose_channel(channel, base, known, rng, told))
-    found = [judged[number].found for number in range(len(channels))]
+    found = settle([judged[number] for number in range(len(channels))], known)
     return Diagnosis(file=file, model=models[0].name if models else "", channels=found)
 
 
