@@ -22,7 +22,8 @@ class Bias(AdditiveEffect):
     gains = (Parameter("offset", "{effort}", -1e9, 1e9, (-1.0, 1.0)),)
     confused_with: ClassVar[dict[str, str]] = {
         "contact_offset": "record free air: a bias is there too",
-        "gravity_tilt": "move over a wide range",
+        "gravity_tilt": "judge all joints together: a tilt is in all of them; or move over a wide range",
+        "payload": "judge all joints together: a payload is in all of them; or change the posture",
         "drift": "wait: a bias stays",
         "asymmetric_friction": "let the joint rest: a bias stays",
     }

@@ -29,7 +29,7 @@ class GravityTilt(AdditiveEffect):
     )
     confused_with: ClassVar[dict[str, str]] = {
         "bias": "move over a wide range: a bias is the same in every posture",
-        "joint_spring": "move over a wide range",
+        "joint_spring": "judge all joints together: a tilt is in all of them; or move over a wide range",
         "payload": "change the posture: weight and tilt are a quarter turn apart",
     }
 

@@ -25,7 +25,7 @@ class JointSpring(AdditiveEffect):
     essential = ("k",)
     confused_with: ClassVar[dict[str, str]] = {
         "bias": "move over a wide range: a bias is the same everywhere",
-        "gravity_tilt": "move over a wide range",
+        "gravity_tilt": "judge all joints together: a tilt is in all of them; or move over a wide range",
         "cubic_stiffness": "move over a wide range",
         "stiffness": "none in one channel: it is the same term, named for a contact",
     }

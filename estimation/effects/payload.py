@@ -21,6 +21,7 @@ class Payload(AdditiveEffect):
     confused_with: ClassVar[dict[str, str]] = {
         "torque_gain": "change the posture: a payload loads the joints by posture",
         "gravity_tilt": "change the posture",
+        "bias": "judge all joints together: a payload is in all of them; or change the posture",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
