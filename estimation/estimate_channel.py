@@ -95,13 +95,15 @@ def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
 
 
 def _where_touched(data: ChannelData, used: BoolArray) -> Bounds:
-    """Bounds of a surface that was found: what the touch allows; where it is, if the press tells no slope."""
+    """Bounds of a surface that was found: what the touch allows; where it is, if the press tells no slope.
+
+    Where forces begin may be deeper than the touch, if something pulls that the model does not know.
+    """
     if data.surface is None:
         return NO_BOUNDS
     if steps_spanned(data, used) < FEWEST_STEPS:
         return {_OFFSET: (-_NOWHERE_M, _NOWHERE_M)}
-    found_m = data.surface.position_m
-    return {_OFFSET: (data.surface.highest_m - found_m, data.surface.deepest_m - found_m + _NOWHERE_M)}
+    return {_OFFSET: (data.surface.highest_m - data.surface.position_m, float("inf"))}
 
 
 def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:

@@ -134,7 +134,7 @@ class ChannelEstimates:
         return (trusted or ranked or list(self.estimates))[0]
 
     def surface_of(self, estimate: Estimate) -> Surface | None:
-        """The surface as this estimate has it; None where the channel's depth was given."""
+        """The surface as this estimate has it, not below the touch; None where depth was given."""
         surface = self.channel.surface
         if surface is None:
             return None
@@ -142,7 +142,8 @@ class ChannelEstimates:
         if offset is None:
             return surface
         std_err_m = offset.std_err if np.isfinite(offset.std_err) else surface.std_err_m
-        return replace(surface, position_m=surface.position_m + offset.value, std_err_m=std_err_m)
+        position_m = min(surface.position_m + offset.value, surface.deepest_m)
+        return replace(surface, position_m=position_m, std_err_m=std_err_m)
 
     def prediction(self) -> FloatArray:
         """The best estimate's effort for the whole channel, shape (n,)."""

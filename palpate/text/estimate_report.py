@@ -35,7 +35,7 @@ def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:
         lines.append(f"surface found at {place}{sure}{true}")
     lines += _tare_remark(found.channel)
     lines += _misfit_remark(found)
-    lines += _steps_remark(found)
+    lines += _pull_remark(found) + _steps_remark(found)
     lines += [f"{name}: {problem}" for name, problem in found.failures.items()]
     for estimate in found.estimates:
         left_out = 1.0 - float(np.mean(estimate.inliers))
@@ -52,6 +52,23 @@ def _notes(found: ChannelEstimates) -> list[str]:
         if estimate.identifiability is not Identifiability.GOOD or estimate.unphysical:
             against.setdefault(estimate.note, []).append(estimate.estimator)
     return [f"{', '.join(names)}: {note}" for note, names in against.items()]
+
+
+def _pull_remark(found: ChannelEstimates) -> list[str]:
+    """That the model's force begins below the touch, though the object was touched there."""
+    surface, offset = (
+        found.channel.surface,
+        next((p for p in found.best.parameters if p.name == OFFSET), None),
+    )
+    if surface is None or offset is None:
+        return []
+    deeper_m = surface.position_m + offset.value - surface.deepest_m
+    if not deeper_m > NOTABLE * offset.std_err:
+        return []
+    return [
+        f"the force of {found.model.name} begins {MILLI * deeper_m:.2g} mm below the touch: something pulls "
+        "that it does not know, or the object begins softly"
+    ]
 
 
 def _steps_remark(found: ChannelEstimates) -> list[str]:

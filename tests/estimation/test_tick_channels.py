@@ -11,6 +11,8 @@ from estimation.channel import ChannelKind
 from estimation.data.contact import contact_rows, find_contacts
 from estimation.data.tick_channels import contact_channels, joint_channels
 from estimation.estimate_channel import fitting_rows
+from palpate.findings.estimation_run import estimate_with
+from palpate.text.estimate_report import remarks
 from robot_io.types import Status
 from tests.estimation.little_probe import NOISE_N, Probe, hunt_crossley, kelvin_voigt, probe, ticks
 
@@ -195,3 +197,14 @@ def test_a_force_that_was_sampled_at_another_time_is_brought_to_the_torque_s():
     together = ticks(truth, torque_at_s=at_torque, force_at_s=at_torque, force_n=20.0 * at_torque)
     wanted = joint_channels(together)[0].context["contact_force"]
     np.testing.assert_allclose(pressed[5:], wanted[5:], atol=0.1 * 20.0 * late_s)
+
+
+def test_what_sticks_to_the_tool_moves_neither_the_stiffness_nor_the_surface():
+    truth = probe(kelvin_voigt(800.0, 40.0), surface_m=SURFACE_M, noise_n=0.005)
+    pulled = replace(truth, force_n=truth.force_n - 0.8 * (truth.true_along_m > SURFACE_M))
+    (channel,) = contact_channels(ticks(pulled), tared=True)
+    found = estimate_with(channel, "kelvin_voigt", ["lsq"])
+    assert found.best["stiffness.k"].value == pytest.approx(800.0, rel=2e-3)
+    assert found.best["contact_offset.offset"].value > 5e-4
+    assert found.surface_of(found.best).position_m <= channel.surface.deepest_m
+    assert any("below the touch" in line for line in remarks(found, {}))
