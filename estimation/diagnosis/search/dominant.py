@@ -53,14 +53,14 @@ def is_dominant(
 
 
 def _plain_law(before: Standing) -> float:
-    """Energy in held-out runs that the best law of one term leaves, a power or the direction.
+    """Energy in held-out runs that the best law of one term leaves: a constant, a power or the direction.
 
     An effect that is not in the library may be as plain as that.
     """
     bench, data = before.plain, before.data
     x, v = (bench.frame.reduce(np.where(data.engaged, s, 0.0)) for s in (data.position, data.velocity))
     turn = np.tanh(v / (_TURN * float(np.sqrt(np.mean(v**2))) or 1.0))
-    terms = (x, x**2, x**3, x**5, v, v * np.abs(v), v**3, turn)
+    terms = (np.ones(len(x)), x, x**2, x**3, x**5, v, v * np.abs(v), v**3, turn)
     left = (bench.fit(np.column_stack([before.trial.columns, t]), before.trial.target) for t in terms)
     return min(float(scores.held_out.sum()) for scores in left)
 
