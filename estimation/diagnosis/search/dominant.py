@@ -44,6 +44,9 @@ def is_dominant(
         return False
     others = [c for c in found if c.possible or c.size <= chosen.size]
     others = [c for c in others if c.effect.name != chosen.effect.name]
+    # the name will be that of its plainest part: what has that part and one term more is no other law
+    plainest = simplest(chosen, [c for c in found if c.possible], before)
+    others = [c for c in others if not contains(c, plainest)]
     others = [c for c in others if not contains(c, chosen) and not contains(chosen, c)]
     if any(c.held_out - floor < MARGIN * (left - floor) for c in others):
         return False
