@@ -82,6 +82,7 @@ ONE_LAW = (
     {"bias", "drift"},
     {"coulomb_friction", "stribeck_friction"},
     {"coulomb_friction", "asymmetric_friction"},
+    {"deadband", "contact_offset"},  # together a wider dead band
 )
 
 

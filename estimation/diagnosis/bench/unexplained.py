@@ -9,8 +9,8 @@ LEFT = 0.03  # share of the held-out error that a flexible regression may take a
 JOINT_LEFT = (
     0.05  # the same sample by sample, for a joint: noise of the derived acceleration is in the model too
 )
-# Signals that the noise of a derived acceleration is no part of: what depends on them is no such noise.
-_PLAIN = ("offset", "time", "position", "velocity", "direction")
+# Signals that are measured, not derived: what depends on them is no noise of a derivative.
+_PLAIN = ("offset", "time", "position")
 _SHARE = 0.4  # of the most telling signal's share; signals with less are not named
 _LEAST = 0.01
 

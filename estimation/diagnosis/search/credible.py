@@ -10,7 +10,7 @@ import numpy as np
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.bench.trial import Bench, Trial
 from estimation.diagnosis.judgement.intervals import values
-from estimation.diagnosis.search.selection import LOOSE, TIE, size
+from estimation.diagnosis.search.selection import TIE, is_beyond_bounds, size
 from estimation.effect import Effect
 
 _PLAIN_LAWS = {"offset": 1, "time": 2}  # signals of which any smooth law has so few parameters
@@ -43,14 +43,8 @@ def _is_sensible(trial: Trial, bench: Bench) -> bool:
 
     A wrong effect may explain all if only the spring is allowed to pull.
     """
-    if any(is_misnamed(effect, trial, bench) for effect in trial.model.effects):
-        return False
-    effort = max(_noise(trial, bench), LOOSE * float(np.sqrt(np.mean(trial.target**2))))
-    for (name, gain), column in zip(trial.model.gains.items(), trial.columns.T, strict=True):
-        slack = 2.0 * trial.spread[name] + effort / max(float(np.sqrt(np.mean(column**2))), 1e-300)
-        if not gain.lower - slack <= trial.parameters[name] <= gain.upper + slack:
-            return False
-    return True
+    misnamed = any(is_misnamed(effect, trial, bench) for effect in trial.model.effects)
+    return not misnamed and not is_beyond_bounds(trial, _noise(trial, bench))
 
 
 def _is_roundabout(start: Standing, standing: Standing) -> bool:

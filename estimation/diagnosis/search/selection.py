@@ -230,9 +230,14 @@ def is_slight(start: Standing, before: Standing, held_out: float) -> bool:
     return little and not is_beyond_bounds(before.trial)
 
 
-def is_beyond_bounds(trial: Trial) -> bool:
-    """Whether a gain of the model, its base included, is clearly outside its bounds: a spring that pulls."""
-    effort = LOOSE * float(np.sqrt(np.mean(trial.target**2)))
+def is_beyond_bounds(trial: Trial, noise: float = 0.0) -> bool:
+    """Whether a gain of the model, its base included, is clearly outside its bounds: a spring that pulls.
+
+    Args:
+        trial: of the model.
+        noise: effort that a gain may be beyond them for, where that is more than a share of the whole.
+    """
+    effort = max(noise, LOOSE * float(np.sqrt(np.mean(trial.target**2))))
     for (name, gain), column in zip(trial.model.gains.items(), trial.columns.T, strict=True):
         slack = 2.0 * trial.spread[name] + effort / max(float(np.sqrt(np.mean(column**2))), 1e-300)
         if not gain.lower - slack <= trial.parameters[name] <= gain.upper + slack:
