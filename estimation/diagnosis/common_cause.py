@@ -16,7 +16,7 @@ from estimation.diagnosis.judgement.gate import usable
 from estimation.diagnosis.judgement.intervals import Value, final, values
 from estimation.diagnosis.judgement.next_experiment import separating
 from estimation.diagnosis.result import ChannelDiagnosis, Fitted, ParameterValue, Verdict
-from estimation.diagnosis.search.selection import screen
+from estimation.diagnosis.search.screening import screen
 from estimation.diagnosis.true_force import Judged
 from estimation.effect import Effect
 

@@ -32,8 +32,8 @@ from estimation.diagnosis.result import (
 from estimation.diagnosis.search.chain import Chain, build
 from estimation.diagnosis.search.confusion import SAME, likeness, rivals
 from estimation.diagnosis.search.library import library
+from estimation.diagnosis.search.possible import LEAST_GAIN
 from estimation.diagnosis.search.search import Progress, Search
-from estimation.diagnosis.search.selection import LEAST_GAIN
 from estimation.diagnosis.search.step import Step
 from estimation.diagnosis.true_force import Judged, with_true_force
 from estimation.effect import Effect

@@ -11,7 +11,7 @@ from estimation.diagnosis.judgement.intervals import Value, final, values
 from estimation.diagnosis.judgement.noise_floor import noise_floor
 from estimation.diagnosis.judgement.objection import floor_unseen
 from estimation.diagnosis.search.library import library
-from estimation.diagnosis.search.selection import screen
+from estimation.diagnosis.search.screening import screen
 from estimation.effect import Effect
 from estimation.model import Model
 from robot_io.errors import InputError

@@ -3,23 +3,12 @@
 from dataclasses import dataclass, replace
 
 from estimation.diagnosis.bench.standing import Standing
+from estimation.diagnosis.search.candidate import TIE, TRIES, Candidate, choose, close_to_best, size
 from estimation.diagnosis.search.credible import is_misnamed
 from estimation.diagnosis.search.dominant import is_dominant, simplest
+from estimation.diagnosis.search.evidence import Evidence, evidence, hopeless, is_slight
+from estimation.diagnosis.search.possible import LEAST_GAIN, is_possible
 from estimation.diagnosis.search.search import Search
-from estimation.diagnosis.search.selection import (
-    LEAST_GAIN,
-    TIE,
-    TRIES,
-    Candidate,
-    Evidence,
-    choose,
-    close_to_best,
-    evidence,
-    hopeless,
-    is_possible,
-    is_slight,
-    size,
-)
 from estimation.diagnosis.search.step import Step, confirmed
 from estimation.diagnosis.search.together import pair
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.diagnosis.bench.standing import Fit
 from estimation.diagnosis.bench.trial import Bench, Trial
-from estimation.diagnosis.search.selection import TIE, Candidate
+from estimation.diagnosis.search.candidate import TIE, Candidate
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import FloatArray
 

@@ -10,7 +10,8 @@ import numpy as np
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.bench.trial import Bench, Trial
 from estimation.diagnosis.judgement.intervals import values
-from estimation.diagnosis.search.selection import TIE, is_beyond_bounds, size
+from estimation.diagnosis.search.candidate import TIE, size
+from estimation.diagnosis.search.possible import is_beyond_bounds
 from estimation.effect import Effect
 
 _PLAIN_LAWS = {"offset": 1, "time": 2}  # signals of which any smooth law has so few parameters

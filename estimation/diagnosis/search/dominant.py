@@ -13,8 +13,8 @@ import numpy as np
 from estimation.channel import ChannelKind
 from estimation.diagnosis.bench.flexible import signals_of
 from estimation.diagnosis.bench.standing import Standing
+from estimation.diagnosis.search.candidate import Candidate, close_to_best
 from estimation.diagnosis.search.confusion import contains
-from estimation.diagnosis.search.selection import Candidate, close_to_best
 from robot_io.types import FloatArray
 
 SHARE = 0.9  # of the explainable energy, that an effect has to take away

@@ -10,9 +10,10 @@ from estimation.diagnosis.bench.memory import Memory
 from estimation.diagnosis.bench.standing import Standing, fit, stand
 from estimation.diagnosis.bench.trial import Trial, look, refine
 from estimation.diagnosis.bench.unexplained import is_explained
+from estimation.diagnosis.search.candidate import Candidate
 from estimation.diagnosis.search.credible import is_credible
 from estimation.diagnosis.search.library import candidates
-from estimation.diagnosis.search.selection import Candidate, try_all
+from estimation.diagnosis.search.screening import try_all
 from estimation.effect import Effect, SensorEffect
 from estimation.model import Model
 from robot_io.types import BoolArray

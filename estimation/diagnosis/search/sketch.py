@@ -11,9 +11,10 @@ from estimation.diagnosis.bench.frame import Frame
 from estimation.diagnosis.bench.memory import Memory
 from estimation.diagnosis.bench.standing import fit
 from estimation.diagnosis.bench.trial import Trial
+from estimation.diagnosis.search.candidate import TIE, Candidate
 from estimation.diagnosis.search.library import candidates
+from estimation.diagnosis.search.screening import screen
 from estimation.diagnosis.search.search import Search
-from estimation.diagnosis.search.selection import TIE, Candidate, screen
 
 BESIDE = 4  # candidates that are looked at beside each
 FITTED = 30  # pairs of which all parameters are fitted together

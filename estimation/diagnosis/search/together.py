@@ -1,7 +1,8 @@
 """Two effects that are found only together: one of them alone explains little, or the wrong one does more."""
 
+from estimation.diagnosis.search.candidate import TIE
+from estimation.diagnosis.search.evidence import least_sample_gain
 from estimation.diagnosis.search.search import Search
-from estimation.diagnosis.search.selection import TIE, least_sample_gain
 from estimation.diagnosis.search.sketch import promising_pairs
 from estimation.diagnosis.search.step import Step, confirmed
 

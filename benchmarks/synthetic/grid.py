@@ -1,0 +1,119 @@
+"""Which made-up sessions are diagnosed: single effects, pairs, nothing, and what the library lacks."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from synthetic.scene import Scene, make, names
+
+from estimation.base_model import ModelContext
+from estimation.channel import ChannelKind
+from estimation.diagnosis import ChannelDiagnosis, diagnose
+from estimation.diagnosis.search.library import library
+from estimation.models import MODELS
+
+BASE = {ChannelKind.CONTACT: "kelvin_voigt", ChannelKind.REVOLUTE: "pendulum"}
+# Laws of the library that contain a hidden one, exactly and at any motion, beside the base models used here.
+# This is by what their equations say, whatever comes out: where only the hidden law is removed, these can
+# still draw it. What comes near only where a damper or the range of motion is small is not listed.
+CONTAINED_IN: dict[str, dict[str, str]] = {
+    "bias": {
+        "drift": "a drift of no rate is its offset",
+        "joint_spring": "a spring of no stiffness is its preload",
+    },
+    "coulomb_friction": {
+        "stribeck_friction": "a Stribeck law of no rise is its level",
+        "asymmetric_friction": "of one force and slope both ways it is Coulomb and viscous friction",
+    },
+    "cubic_stiffness": {"hunt_crossley": "a power law of exponent 3 without a damper is a cubic spring"},
+    "tool_compliance": {
+        "stress_relaxation": "a spring in series with a spring and damper is a standard linear solid"
+    },
+}
+# Two effects that together are one law of the library: no data tells how many they are.
+ONE_LAW = (
+    {"bias", "drift"},
+    {"coulomb_friction", "stribeck_friction"},
+    {"coulomb_friction", "asymmetric_friction"},
+    {"deadband", "contact_offset"},  # together a wider dead band
+)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One session to make and diagnose."""
+
+    part: str
+    scene: Scene
+    without: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out of a job."""
+
+    job: Job
+    found: ChannelDiagnosis
+    seconds: float
+    truth: dict[str, float]
+
+
+def run(job: Job) -> Outcome | None:
+    """Make the session and diagnose it; None where the effect cannot be made that strong."""
+    made = make(job.scene)
+    if made is None:
+        return None
+    started = time.process_time()
+    model = MODELS[BASE[job.scene.kind]]().build(ModelContext())
+    effects = [effect for effect in library() if effect.name not in job.without]
+    found = diagnose(made.data, model, effects, rng=np.random.default_rng(job.scene.seed)).channels[0]
+    return Outcome(job, found, time.process_time() - started, made.truth)
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much of the grid is run.
+
+    Attributes:
+        nothing: sessions with nothing hidden, of each colour.
+        seeds: sessions of each effect and strength.
+        strengths: of single effects, times the floor.
+        removed: of effects that are taken out of the library.
+        pairs: sessions with two effects.
+    """
+
+    nothing: int
+    seeds: int
+    strengths: tuple[float, ...]
+    removed: tuple[float, ...]
+    pairs: int
+
+
+ALL = (3.0, 10.0, 30.0)
+QUICK, FULL = Size(4, 1, (10.0,), (10.0,), 4), Size(70, 4, ALL, ALL, 60)
+SMALL = {
+    ChannelKind.CONTACT: Size(5, 1, ALL, (10.0,), 14),
+    ChannelKind.REVOLUTE: Size(2, 1, (10.0,), (10.0,), 10),
+}
+
+
+def jobs(kind: ChannelKind, size: Size, first: int) -> Iterator[Job]:
+    """The grid, from this seed on."""
+    for colour in (0.0, 0.9, 0.97):
+        for seed in range(size.nothing):
+            yield Job("none", Scene(kind, {}, colour, 1000 + first + seed))
+    for number, name in enumerate(names(kind)):
+        for seed in range(first, first + size.seeds):
+            colour = 0.97 if (seed + number) % 2 else 0.0
+            for strength in size.strengths:
+                yield Job("one", Scene(kind, {name: strength}, colour, seed))
+            for strength in size.removed:
+                scene = Scene(kind, {name: strength}, 0.0, seed)
+                yield Job("removed", scene, (name,))
+                if name in CONTAINED_IN:
+                    yield Job("removed with all", scene, (name, *CONTAINED_IN[name]))
+    for seed in range(2000 + first, 2000 + first + size.pairs):
+        pair = np.random.default_rng(seed).choice(names(kind), 2, replace=False)
+        if set(pair) not in ONE_LAW:
+            yield Job("pair", Scene(kind, {str(name): 10.0 for name in pair}, 0.0, seed))
