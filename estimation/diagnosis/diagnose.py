@@ -85,7 +85,7 @@ def diagnose_channel(
         return _insufficient(data, reason)
     search = Search(data, model, good, effects, rng, progress)
     chain = build(search)
-    objection = objection_to(chain)
+    objection = objection_to(chain.end, chain.floor, is_complete=chain.is_complete)
     if objection:
         chain = replace(chain, is_complete=False, dominant=None)
     reason = _too_coarse(search, chain)

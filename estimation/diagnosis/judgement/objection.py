@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.judgement.agreement import Disagreement, disagreement
 from estimation.diagnosis.judgement.unlike_noise import Excess, quiet_floor, unlike_noise
-from estimation.diagnosis.search.chain import Chain
 
 _CLEARLY = 0.5  # times the error that is left
 
@@ -25,17 +24,22 @@ class Objection:
     floor: float
 
 
-def objection_to(chain: Chain) -> Objection | None:
+def objection_to(end: Standing, energy: float, *, is_complete: bool) -> Objection | None:
     """Look for runs that follow different laws, and for a rest in contact that is no noise.
 
     Where a smooth law still explains something, runs must differ by clearly more than that.
+
+    Args:
+        end: the model with all that was accepted.
+        energy: on blocks of held-out runs, that a flexible regression left beside any model.
+        is_complete: whether no more than noise is left, as far as that tells.
     """
-    unit = chain.start.data.kind.effort_unit
-    apart = disagreement(chain.end)
-    if apart and (chain.is_complete or apart.alone < _CLEARLY * chain.end.floor(chain.floor)):
+    unit = end.data.kind.effort_unit
+    apart = disagreement(end)
+    if apart and (is_complete or apart.alone < _CLEARLY * end.floor(energy)):
         return Objection(_runs(apart, unit), ("run",), apart.alone)
-    excess = unlike_noise(chain.end) if chain.is_complete else None
-    return Objection(_rest(excess, unit), ("time",), quiet_floor(chain.end)) if excess else None
+    excess = unlike_noise(end) if is_complete else None
+    return Objection(_rest(excess, unit), ("time",), quiet_floor(end)) if excess else None
 
 
 def floor_unseen(standing: Standing, floor: float) -> float:
