@@ -50,23 +50,25 @@ def rehearse(effect: Effect, data: ChannelData) -> None:
     if not effect.applies_to(data):
         return
     with foreign_code(where):
-        made, shape = _output(effect, data)
-    if np.shape(made) != shape:
-        raise InputError(f"{where}: gives an array of shape {np.shape(made)}, wanted is {shape}")
-    if not np.isfinite(made).all():
-        raise InputError(f"{where}: gives values that are not finite")
+        outputs = _outputs(effect, data)
+    for name, made, shape in outputs:
+        if np.shape(made) != shape:
+            raise InputError(f"{where}: {name} gives an array of shape {np.shape(made)}, wanted is {shape}")
+        if not np.isfinite(made).all():
+            raise InputError(f"{where}: {name} gives values that are not finite")
 
 
-def _output(effect: Effect, data: ChannelData) -> tuple[FloatArray, tuple[int, ...]]:
-    """What an effect makes of a channel, and the shape that this should have."""
+def _outputs(effect: Effect, data: ChannelData) -> list[tuple[str, FloatArray, tuple[int, ...]]]:
+    """What an effect makes of a channel: the method, its array, and the shape that this should have."""
     inner = effect.starts(data)[0]
     match effect:
         case AdditiveEffect():
-            return effect.columns(data, inner), (len(data), len(effect.gains))
+            columns = ("columns", effect.columns(data, inner), (len(data), len(effect.gains)))
+            return [columns, ("known", effect.known(data, inner), (len(data),))]
         case MotionEffect():
-            return effect.move(data, inner).position, (len(data),)
+            return [("move", effect.move(data, inner).position, (len(data),))]
         case SensorEffect():
-            return effect.sense(data.effort, data, inner), (len(data),)
+            return [("sense", effect.sense(data.effort, data, inner), (len(data),))]
     raise TypeError("derive it from AdditiveEffect, MotionEffect or SensorEffect")
 
 

@@ -179,6 +179,16 @@ class Broken(Waves):
     def columns(self, data, inner):
         return np.ones(3)
 
+class OldForm(Waves):
+    name = "old_form"
+    def known(self, data):
+        return np.zeros(len(data))
+
+class Short(Waves):
+    name = "short"
+    def known(self, data, inner):
+        return np.zeros(3)
+
 class Nameless(AdditiveEffect):
     def columns(self, data, inner):
         return data.position[:, None]
@@ -192,6 +202,8 @@ class Nameless(AdditiveEffect):
         ("FILE:Missing", ("Missing", "Waves")),
         ("FILE", ("FILE.py:Class",)),
         ("FILE:Broken", ("broken", "shape")),
+        ("FILE:OldForm", ("old_form", "known() takes 2 positional arguments")),
+        ("FILE:Short", ("short", "known gives an array of shape (3,)")),
         ("FILE:Nameless", ("states no", "name")),
     ],
 )

@@ -1,5 +1,6 @@
 """The grid on which a diagnosis works: means over short blocks, and folds of whole runs."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -8,7 +9,7 @@ from scipy.sparse import csr_array
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.bench.load import LOAD
-from estimation.diagnosis.bench.memory import Memory
+from estimation.diagnosis.bench.memory import Itself, Memory
 from estimation.effect import AdditiveEffect, Inner
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
@@ -24,6 +25,7 @@ _CORNER_REACH = 3  # samples to either side that a derived velocity is wrong for
 _MOST_CORNERS = 0.2  # of the blocks; more are no corners, but a motion that is coarsely sampled
 _SETTLING_S = 0.25  # from the first sample
 _REST = 0.05  # of the joint's usual highest speed
+_Compute = Callable[[ChannelData, Inner], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -68,18 +70,25 @@ class Frame:
 
     def columns(self, effect: AdditiveEffect, inner: Inner) -> FloatArray:
         """Columns of an effect on blocks, shape (m, k), on the motion as measured."""
-
-        def compute() -> FloatArray:
-            return self.reduce(effect.columns(self.data, inner))
-
-        if LOAD in effect.needs:  # it changes with the model
-            return compute()
-        return self.memory.recall((effect, *inner.values()), compute)
+        return self._recall("columns", effect, inner, effect.columns)
 
     def known(self, effect: AdditiveEffect, inner: Inner) -> FloatArray:
         """Effort on blocks that an effect adds without any gain, shape (m,)."""
-        key = ("known", effect, *inner.values())
-        return self.memory.recall(key, lambda: self.reduce(effect.known(self.data, inner)))
+        return self._recall("known", effect, inner, effect.known)
+
+    def _recall(
+        self,
+        what: str,
+        effect: AdditiveEffect,
+        inner: Inner,
+        compute: Callable[[ChannelData, Inner], FloatArray],
+    ) -> FloatArray:
+        def reduced() -> FloatArray:
+            return self.reduce(compute(self.data, inner))
+
+        if LOAD in effect.needs:  # it changes with the model
+            return reduced()
+        return self.memory.recall((what, Itself(effect), *inner.values()), reduced)
 
     @cached_property
     def _sums(self) -> csr_array:

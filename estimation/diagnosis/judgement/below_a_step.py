@@ -10,10 +10,11 @@ _HANDFUL = 12  # different readings in all; with more, an effort crosses so many
 def below_a_step(standing: Standing) -> str | None:
     """Why nothing more can be said of a channel, and the remedy; None if its reader's steps are fine enough.
 
-    A rounded reading is off by up to half a step, and always in the same way where the motion is the same. So
-    what depends on the motion and is less than a step may be the rounding or the world, as long as the effort
-    crosses only a few steps (B. Widrow, I. Kollár, Quantization Noise (2008): rounding is like noise only
-    where it meets many steps, or noise larger than one).
+    A reader that rounds is off by up to half a step, one that cuts off by up to a whole one, and always in
+    the same way where the motion is the same. So what depends on the motion and is less than a step may be
+    the reader or the world, as long as the effort crosses only a few steps (B. Widrow, I. Kollár,
+    Quantization Noise (2008): rounding is like noise only where it meets many steps, or noise larger than
+    one).
 
     Args:
         standing: the base model.

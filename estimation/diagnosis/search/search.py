@@ -7,8 +7,8 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.diagnosis.bench.memory import Memory
-from estimation.diagnosis.bench.standing import Standing, fit, stand
-from estimation.diagnosis.bench.trial import Trial, look, refine
+from estimation.diagnosis.bench.standing import Fit, Standing, fit, stand
+from estimation.diagnosis.bench.trial import look, refine
 from estimation.diagnosis.bench.unexplained import is_explained
 from estimation.diagnosis.search.candidate import Candidate
 from estimation.diagnosis.search.credible import is_credible
@@ -96,13 +96,13 @@ class Search:
             return self.stand_anew(best.model, best.parameters)
         return self.stand(best.model, best.parameters)
 
-    def together(self, candidate: Candidate) -> Trial:
+    def together(self, candidate: Candidate) -> Fit:
         """The model that the candidate was tried in, with all parameters fitted together."""
         best = candidate.search.best
         known = self._standings.get(_key(best.model))
         if known is not None and best.sse >= BETTER * known.trial.sse:
-            return known.trial
-        return fit(self.data, best.model, best.parameters, self.good, self._memory).trial
+            return known
+        return fit(self.data, best.model, best.parameters, self.good, self._memory)
 
     def stand_anew(self, model: Model, parameters: Mapping[str, float]) -> Standing:
         """A model, fitted from these parameters on whatever is known, and remembered if that is better."""

@@ -5,6 +5,7 @@ import pytest
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import diagnose
+from estimation.diagnosis.search.confusion import is_as_small
 from estimation.effects import EFFECTS
 from estimation.model import Model
 
@@ -49,3 +50,27 @@ def test_a_difference_that_chance_does_not_make_is_used():
     entry, _ = told(carrying(0.002, 0.0))
     assert entry.effect == "bias"
     assert entry.confused_with == []
+
+
+RUN = np.repeat(np.arange(RUNS), 500)
+
+
+def squared_noise(seed):
+    return np.random.default_rng(seed).normal(size=len(RUN)) ** 2
+
+
+def test_errors_that_differ_as_chance_makes_them_differ_are_as_small():
+    told = [is_as_small(squared_noise(seed), squared_noise(seed + 1000), RUN) for seed in range(100)]
+    assert np.mean(told) > 0.95
+
+
+def test_an_error_that_is_larger_all_along_is_not_as_small():
+    assert not is_as_small(squared_noise(1), squared_noise(2) * 1.15, RUN)
+
+
+@pytest.mark.parametrize("runs", [1, 2, RUNS])
+def test_an_error_that_is_much_larger_in_one_place_of_a_few_runs_is_not_as_small(runs):
+    worse = squared_noise(3)
+    for run in range(runs):
+        worse[500 * run + 100 : 500 * run + 105] += 150.0
+    assert not is_as_small(squared_noise(3), worse, RUN)

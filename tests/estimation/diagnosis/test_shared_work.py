@@ -1,5 +1,7 @@
 """What is computed once for many models must be what each would compute by itself."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from estimation.diagnosis.bench.memory import Memory
 from estimation.diagnosis.bench.moments import held_out_energy, moments_of, score
 from estimation.diagnosis.bench.standing import stand
 from estimation.diagnosis.bench.trial import attempt
+from estimation.effect import AdditiveEffect, Parameter
 from estimation.effects import EFFECTS
 from estimation.model import Model
 from tests.estimation.diagnosis.presses import session
@@ -92,3 +95,19 @@ def test_parts_along_an_effect_are_those_of_the_whole_model_there():
         found = parts_along(data, model, effect, {**there, **dict.fromkeys(own, 1.0)})(inner)
         for one, other in zip(found, model.parts(data, {**there, **own}), strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-12)
+
+
+def test_an_effect_that_is_a_dataclass_is_remembered_too_and_by_itself_alone():
+    @dataclass  # equal by its values, and without a hash
+    class Lift(AdditiveEffect):
+        slope: float
+        name = "lift"
+        gains = (Parameter("a", "{effort}", -100.0, 100.0, (0.1, 1.0)),)
+
+        def columns(self, data, inner):
+            return self.slope * np.cos(data.position)[:, None]
+
+    data, shared = swings(), Memory()
+    for slope in (1.0, 1.0, 2.0):
+        found = stand(data, Model("lift", (Lift(slope),)), {}, memory=shared).trial
+        assert found.columns == pytest.approx(stand(data, Model("lift", (Lift(slope),)), {}).trial.columns)
