@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from estimation.diagnosis.bench.inner_search import Attempts
 from estimation.diagnosis.bench.standing import Standing
-from estimation.diagnosis.bench.trial import Search
 from estimation.effect import Effect
 
 TRIES = 3  # candidates weighed before giving up
@@ -23,7 +23,7 @@ class Candidate:
     """
 
     effect: Effect
-    search: Search
+    search: Attempts
     possible: bool = True
 
     @property

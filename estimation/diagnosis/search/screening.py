@@ -4,9 +4,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from estimation.diagnosis.bench.inner_search import Attempts, look, refine
 from estimation.diagnosis.bench.polish import polish
 from estimation.diagnosis.bench.standing import Fit
-from estimation.diagnosis.bench.trial import Search, Trial, look, refine
+from estimation.diagnosis.bench.trial import Trial
 from estimation.diagnosis.search.candidate import Candidate
 from estimation.diagnosis.search.possible import LOOSE, is_possible
 from estimation.effect import Effect, SensorEffect
@@ -52,7 +53,7 @@ def try_all(
         best = refine(standing.plain, first.best.model, effect, first) if gain >= least else first
         possible = is_possible(effect, best.best, standing.plain, LOOSE)
         if not possible and gain >= PROMISING * gains.max():
-            best = Search((*best.trials, polish(standing.plain, best.best)), best.start_count)
+            best = Attempts((*best.trials, polish(standing.plain, best.best)), best.start_count)
             possible = is_possible(effect, best.best, standing.plain, LOOSE)
         found.append(Candidate(effect, best, possible))
     return sorted(found, key=lambda candidate: candidate.held_out)

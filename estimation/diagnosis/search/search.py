@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.diagnosis.bench.inner_search import look, refine
 from estimation.diagnosis.bench.memory import Memory
 from estimation.diagnosis.bench.standing import Fit, Standing, fit, stand
-from estimation.diagnosis.bench.trial import look, refine
 from estimation.diagnosis.bench.unexplained import is_explained
 from estimation.diagnosis.search.candidate import Candidate
 from estimation.diagnosis.search.credible import is_credible
