@@ -6,7 +6,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.effects.stress_relaxation import StressRelaxation
 from estimation.fitting.fit import fit
 from estimation.model import Model
-from estimation.signals.blocks import blocks
+from estimation.signals.blocks import since_their_start
 
 _PUSHED = 0.1  # of the greatest effort; where an object lets go, its force is cut off at nothing
 _BETTER = 0.95  # of the error, that another way to count must leave at most
@@ -14,10 +14,7 @@ _BETTER = 0.95  # of the error, that another way to count must leave at most
 
 def on_clocks_of_their_own(data: ChannelData) -> ChannelData:
     """The channel with a clock that begins anew in each run: none is another's sequel."""
-    time_s = data.time_s.copy()
-    for rows in blocks(data.run):
-        time_s[rows] -= data.time_s[rows.start]
-    return replace(data, time_s=time_s)
+    return replace(data, time_s=since_their_start(data.time_s, data.run))
 
 
 def relaxes_afresh(data: ChannelData, model: Model) -> bool:

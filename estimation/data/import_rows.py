@@ -7,7 +7,7 @@ import numpy as np
 from control.loop.phases import Phase
 from estimation.data.assign_columns import Columns
 from estimation.data.table import Table
-from estimation.signals.blocks import blocks
+from estimation.signals.blocks import since_their_start
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, IntArray
 
@@ -57,12 +57,7 @@ def arrange_rows(columns: Columns, *, fresh: bool = False) -> Rows:
     rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels)
     _check_times(columns, rows)
     _check_lengths(table, rows)
-    if not fresh:
-        return rows
-    begun_s = time_s.copy()
-    for part in blocks(rows.run):
-        begun_s[part] -= time_s[part.start]
-    return replace(rows, time_s=begun_s)
+    return replace(rows, time_s=since_their_start(time_s, rows.run)) if fresh else rows
 
 
 def _runs(table: Table, column: str | None) -> tuple[IntArray, dict[int, str]]:

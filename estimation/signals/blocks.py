@@ -45,3 +45,11 @@ def stretches(mask: BoolArray, number: IntArray) -> IntArray:
     """Numbers, shape (n,), that change wherever the mask or the number of the run changes."""
     changes = (np.diff(mask) != 0) | (np.diff(number) != 0)
     return np.concatenate([[0], np.cumsum(changes)])[: len(mask)]
+
+
+def since_their_start(time_s: FloatArray, run: IntArray) -> FloatArray:
+    """Times [s] (n,) on a clock that begins anew with each run."""
+    begun_s = time_s.copy()
+    for rows in blocks(run):
+        begun_s[rows] -= time_s[rows.start]
+    return begun_s
