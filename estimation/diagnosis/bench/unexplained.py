@@ -9,7 +9,7 @@ LEFT = 0.03  # share of the held-out error that a flexible regression may take a
 JOINT_LEFT = (
     0.05  # the same sample by sample, for a joint: noise of the derived acceleration is in the model too
 )
-# Signals that are measured, not derived: what depends on them is no noise of a derivative.
+# Signals that are measured, not derived: what depends on them more than on acceleration is no noise of that.
 _PLAIN = ("offset", "time", "position")
 _SHARE = 0.4  # of the most telling signal's share; signals with less are not named
 _LEAST = 0.01
@@ -26,7 +26,8 @@ def is_explained(standing: Standing, floor: float = np.inf) -> bool:
         return True
     if standing.data.kind is ChannelKind.CONTACT or standing.left_of_samples(floor) > JOINT_LEFT:
         return False
-    return max(standing.flexible.by_signal[name] for name in _PLAIN) <= 1.0 - (1.0 - LEFT) ** 2
+    share = standing.flexible.by_signal
+    return max(share[name] for name in _PLAIN) <= max(1.0 - (1.0 - LEFT) ** 2, share["acceleration"])
 
 
 def depends_on(standing: Standing) -> list[str]:
