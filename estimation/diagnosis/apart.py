@@ -10,11 +10,11 @@ from multiprocessing.context import SpawnProcess
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.common_cause import settle
+from estimation.channel import ChannelData
 from estimation.diagnosis.diagnose import diagnose
+from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.result import ChannelDiagnosis
-from estimation.diagnosis.true_force import Judged, with_true_force
+from estimation.diagnosis.robot import judge_robot
 from estimation.effect import Effect
 from estimation.model import Model
 from robot_io.errors import PalpateError
@@ -47,7 +47,7 @@ class Job:
         return found
 
 
-def diagnose_apart(jobs: Sequence[Job], processes: int, progress: Progress) -> list[ChannelDiagnosis]:
+def diagnose_apart(jobs: Sequence[Job], processes: int, progress: Progress) -> list[Judged]:
     """Diagnose channels, several at a time where that is worth it; the answers are the same either way.
 
     Effects that were loaded from a file of the user's are not known to another process, so with such the
@@ -64,23 +64,18 @@ def diagnose_apart(jobs: Sequence[Job], processes: int, progress: Progress) -> l
     """
     count = min(processes, len(jobs))
     if count < 2 or sum(len(job.data) for job in jobs) < _FEWEST_SAMPLES or not _importable(jobs):
-        return _contacts_first(jobs, lambda some: [job.run(progress) for job in some])
+        return _judge(jobs, lambda some: [job.run(progress) for job in some])
     with _workers(count) as workers:
-        return _contacts_first(jobs, lambda some: _share_out(some, workers, progress))
+        return _judge(jobs, lambda some: _share_out(some, workers, progress))
 
 
-def _contacts_first(
-    jobs: Sequence[Job], run: Callable[[Sequence[Job]], list[ChannelDiagnosis]]
-) -> list[ChannelDiagnosis]:
-    """Contacts, then what may depend on them; then all of them together, as in `diagnose`."""
-    judged: dict[int, Judged] = {}
-    for is_contact in (True, False):
-        chosen = [i for i, job in enumerate(jobs) if (job.data.kind is ChannelKind.CONTACT) is is_contact]
-        before = list(judged.values())
-        made = [replace(jobs[i], data=with_true_force(jobs[i].data, before, jobs[i].effects)) for i in chosen]
-        for i, job, found in zip(chosen, made, run(made), strict=True):
-            judged[i] = Judged(job.data, job.model, found)
-    return settle([judged[i] for i in range(len(jobs))], jobs[0].effects if jobs else ())
+def _judge(jobs: Sequence[Job], run: Callable[[Sequence[Job]], list[ChannelDiagnosis]]) -> list[Judged]:
+    channels, models = [job.data for job in jobs], [job.model for job in jobs]
+
+    def run_some(numbers: Sequence[int], made: Sequence[ChannelData]) -> list[ChannelDiagnosis]:
+        return run([replace(jobs[i], data=data) for i, data in zip(numbers, made, strict=True)])
+
+    return judge_robot(channels, models, jobs[0].effects if jobs else (), run_some)
 
 
 def _importable(jobs: Sequence[Job]) -> bool:

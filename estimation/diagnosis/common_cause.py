@@ -12,12 +12,12 @@ import numpy as np
 
 from estimation.channel import ChannelKind
 from estimation.diagnosis.bench.standing import Standing, stand
+from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.judgement.gate import usable
 from estimation.diagnosis.judgement.intervals import Value, final, values
 from estimation.diagnosis.judgement.next_experiment import separating
 from estimation.diagnosis.result import ChannelDiagnosis, Fitted, ParameterValue, Verdict
 from estimation.diagnosis.search.screening import screen
-from estimation.diagnosis.true_force import Judged
 from estimation.effect import Effect
 
 ARM_WIDE = {"payload": "mass", "gravity_tilt": "tilt"}  # effects with one value in all joints; what that is

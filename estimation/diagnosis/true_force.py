@@ -6,12 +6,12 @@ gives ahead of its sensor.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.result import ChannelDiagnosis
+from estimation.diagnosis.judged import Judged
 from estimation.effect import Effect, SensorEffect
 from estimation.model import Model
 from estimation.signals.arm_signals import LEVER, TOUCH
@@ -19,15 +19,6 @@ from robot_io.types import FloatArray
 
 _FORCE = "contact_force"
 _OF_THE_ZERO = {"bias", "drift"}
-
-
-@dataclass(frozen=True)
-class Judged:
-    """A channel with its base model and what was found out about it."""
-
-    data: ChannelData
-    model: Model
-    found: ChannelDiagnosis
 
 
 def with_true_force(joint: ChannelData, contacts: Sequence[Judged], effects: Sequence[Effect]) -> ChannelData:

@@ -44,7 +44,7 @@ def diagnose_subjects(
     """Diagnose each by itself, on all processors; see `estimation.diagnosis.diagnose`."""
     library = tuple(effects)
     jobs = [Job(subject.channel, subject.model, library, SEED) for subject in subjects]
-    found = diagnose_apart(jobs, os.cpu_count() or 1, progress)
+    found = [one.found for one in diagnose_apart(jobs, os.cpu_count() or 1, progress)]
     return Diagnosis(file=file, model=model_names(tuple(subjects)), channels=found)
 
 

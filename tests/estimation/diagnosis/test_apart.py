@@ -31,7 +31,7 @@ def test_the_answers_are_those_of_one_after_the_other(jobs, monkeypatch):
     alone = diagnose_apart(jobs, 1, lambda what, share: None)
     monkeypatch.setattr(apart, "_FEWEST_SAMPLES", 0)
     together = diagnose_apart(jobs, 2, lambda what, share: told.append(what))
-    assert [found.model_dump() for found in together] == [found.model_dump() for found in alone]
+    assert [one.found.model_dump() for one in together] == [one.found.model_dump() for one in alone]
     assert {f"contact_{seed}: done" for seed in (1, 2, 3)} <= set(told)
 
 
@@ -42,7 +42,7 @@ def test_a_user_s_effect_is_tried_in_the_process_that_knows_it(jobs, monkeypatch
     monkeypatch.setattr(apart, "_FEWEST_SAMPLES", 0)
     monkeypatch.setattr(apart, "_workers", None)
     own = [replace(job, effects=(*FEW, Own())) for job in jobs]
-    ranked = {entry.effect for entry in diagnose_apart(own, 2, lambda what, share: None)[0].ranking}
+    ranked = {entry.effect for entry in diagnose_apart(own, 2, lambda what, share: None)[0].found.ranking}
     assert "own" in ranked
 
 

@@ -10,8 +10,8 @@ from control.arm.rigid_body import RigidBody
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.common_cause import settle
+from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.result import Accepted
-from estimation.diagnosis.true_force import Judged
 from estimation.effects import EFFECTS
 from estimation.model import Model
 from estimation.signals.arm_signals import with_rigid_body

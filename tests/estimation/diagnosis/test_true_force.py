@@ -5,8 +5,9 @@ import pytest
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Verdict, diagnose
+from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.result import Accepted, Fitted, ParameterValue
-from estimation.diagnosis.true_force import Judged, with_true_force
+from estimation.diagnosis.true_force import with_true_force
 from estimation.effects import EFFECTS
 from estimation.model import Model
 from estimation.signals.arm_signals import LEVER, TOUCH
