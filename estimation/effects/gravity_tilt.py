@@ -9,6 +9,7 @@ from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
 
 _STARTS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # rad, to either side
+_OF_ARM = "payload_effort_per_kg"  # which every joint of an arm has whose kinematics are known
 
 
 class GravityTilt(AdditiveEffect):
@@ -37,9 +38,13 @@ class GravityTilt(AdditiveEffect):
         """See `AdditiveEffect.columns`; shape (n, 1)."""
         return np.cos(data.position)[:, None]
 
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`; an arm of several joints is no pendulum: its own form, or none."""
+        return super().applies_to(data) and (_OF_ARM not in data.context or _is_known(data))
+
     def suited_to(self, data: ChannelData) -> "GravityTilt":
         """See `Effect.suited_to`."""
-        return _TiltOfKnownArm() if {"weight_effort", "tilt_effort_per_rad"} <= set(data.context) else self
+        return _TiltOfKnownArm() if _is_known(data) else self
 
 
 class _TiltOfKnownArm(GravityTilt):
@@ -56,3 +61,8 @@ class _TiltOfKnownArm(GravityTilt):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         return tuple({"tilt": side * start} for side in (-1.0, 1.0) for start in _STARTS)
+
+
+def _is_known(data: ChannelData) -> bool:
+    """Whether it was computed what the tilt takes; that is not done where the first axis is not level."""
+    return {"weight_effort", "tilt_effort_per_rad"} <= set(data.context)

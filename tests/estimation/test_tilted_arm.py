@@ -1,5 +1,6 @@
 """What a tilted base does to an arm whose masses are known."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,3 +57,12 @@ def test_a_tilt_is_no_spring_though_the_joint_moves_little():
     tilt = entry.parameters["tilt"]
     assert tilt.unit == "rad"
     assert abs(tilt.value - 0.14) < 3.0 * tilt.std_err < 0.03
+
+
+def test_no_joint_of_an_arm_is_taken_for_a_pendulum_on_a_tilted_base():
+    """What a tilt takes is not computed where the first axis is not level: then nothing is said of it."""
+    arm, tilt = swinging(1, dip_rad=0.0), EFFECTS["gravity_tilt"]()
+    lacking = {k: v for k, v in arm.context.items() if k not in {"tilt_effort_per_rad", "weight_effort"}}
+    assert tilt.applies_to(arm)
+    assert not tilt.applies_to(replace(arm, context=lacking))
+    assert tilt.applies_to(replace(arm, context={}))  # a single joint
