@@ -10,8 +10,8 @@ from estimation.diagnosis.judgement.gate import refuse, usable
 from estimation.diagnosis.judgement.intervals import Value, final, values
 from estimation.diagnosis.judgement.noise_floor import noise_floor
 from estimation.diagnosis.judgement.objection import floor_unseen
+from estimation.diagnosis.search.extend import extend
 from estimation.diagnosis.search.library import library
-from estimation.diagnosis.search.screening import screen
 from estimation.effect import Effect
 from estimation.model import Model
 from robot_io.errors import InputError
@@ -70,11 +70,7 @@ def revise(
     standing = stand(data, model, {}, good)
     revisions = [_revision(0, "", standing)]
     for number, name in enumerate(names, start=1):
-        effect = _applicable(standing, known, name)
-        found = screen(standing, [effect])
-        best = found[0].search.best if found else None
-        extended = best.model if best else standing.trial.model.with_effect(effect)
-        standing = stand(data, extended, best.parameters if best else standing.trial.parameters, good)
+        standing = extend(data, standing, _applicable(standing, known, name), good)
         revisions.append(_revision(number, name, standing))
     return tuple(revisions)
 
@@ -85,7 +81,8 @@ def _applicable(standing: Standing, known: dict[str, Effect], name: str) -> Effe
     effect = known[name]
     if not effect.applies_to(standing.data):
         lacking = [signal for signal in effect.needs if signal not in standing.data.context]
-        why = f"needs {', '.join(lacking)}" if lacking else f"is not for a {standing.data.kind.value} channel"
+        which = "this" if standing.data.kind in effect.channels else f"a {standing.data.kind.value}"
+        why = f"needs {', '.join(lacking)}" if lacking else f"is not for {which} channel"
         raise InputError(f"effect '{name}' {why} (channel '{standing.data.name}')")
     return effect.suited_to(standing.data)
 
