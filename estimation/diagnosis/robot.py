@@ -7,7 +7,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.common_cause import settle
 from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.result import ChannelDiagnosis
-from estimation.diagnosis.true_force import with_true_force
+from estimation.diagnosis.true_force import sensor_faults, with_true_force
 from estimation.effect import Effect
 from estimation.model import Model
 
@@ -37,4 +37,15 @@ def judge_robot(
         for i, data, found in zip(numbers, made, run(numbers, made), strict=True):
             judged[i] = Judged(data, models[i], found)
     ordered = [judged[i] for i in range(len(channels))]
-    return [replace(one, found=found) for one, found in zip(ordered, settle(ordered, effects), strict=True)]
+    faults = dict.fromkeys(name for one in ordered for name in sensor_faults(one, effects))
+    answers = zip(channels, ordered, settle(ordered, effects), strict=True)
+    return [
+        replace(one, found=found if one.data is recorded else _corrected(found, list(faults)))
+        for recorded, one, found in answers
+    ]
+
+
+def _corrected(found: ChannelDiagnosis, faults: Sequence[str]) -> ChannelDiagnosis:
+    """The answer, which says that it is not about the force as it was measured."""
+    said = f"judged by the force of the contact's model, ahead of the sensor's {' and '.join(faults)}"
+    return found.model_copy(update={"reason": f"{found.reason}; {said}"})

@@ -12,6 +12,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.judged import Judged
+from estimation.diagnosis.result import Accepted, Verdict
 from estimation.effect import Effect, SensorEffect
 from estimation.model import Model
 from estimation.signals.arm_signals import LEVER, TOUCH
@@ -24,28 +25,39 @@ _OF_THE_ZERO = {"bias", "drift"}
 def with_true_force(joint: ChannelData, contacts: Sequence[Judged], effects: Sequence[Effect]) -> ChannelData:
     """The joint's channel with the force that the contacts' models give, where a sensor's fault was named.
 
+    Each contact speaks for its own runs alone. One whose model is not complete says nothing of the force, nor
+    does one whose fault may as well be the object's: of that, the joints can tell.
+
     Args:
         joint: as it was recorded; other channels are returned as they are.
         contacts: what was judged before it in the same session; all but contacts is passed over.
         effects: the library in which the effects that were found are.
     """
-    if LEVER not in joint.context or not any(_sensors(contact, effects) for contact in contacts):
+    known = [contact for contact in contacts if sensor_faults(contact, effects)]
+    if LEVER not in joint.context or not known:
         return joint
     force_n = joint.context[_FORCE].copy()
-    for contact in contacts:
-        time_s = contact.data.time_s
-        inside = (time_s[0] <= joint.time_s) & (joint.time_s <= time_s[-1])
-        if _sensors(contact, effects):
-            force_n[inside] = np.interp(joint.time_s[inside], time_s, _pushed(contact, effects))
+    for contact in known:
+        pushed_n = _pushed(contact, effects)
+        for run in contact.data.runs:
+            theirs = contact.data.run == run
+            time_s = contact.data.time_s[theirs]
+            ours = (joint.run == run) & (time_s[0] <= joint.time_s) & (joint.time_s <= time_s[-1])
+            force_n[ours] = np.interp(joint.time_s[ours], time_s, pushed_n[theirs])
     return replace(joint, context={**joint.context, _FORCE: force_n, TOUCH: joint.context[LEVER] * force_n})
 
 
-def _sensors(contact: Judged, effects: Sequence[Effect]) -> list[Effect]:
-    """Effects of the force sensor that were accepted in a contact."""
-    if contact.data.kind is not ChannelKind.CONTACT:
+def sensor_faults(contact: Judged, effects: Sequence[Effect]) -> list[str]:
+    """Faults of the force sensor that a contact shows, if it surely does: all of them, or none."""
+    if contact.data.kind is not ChannelKind.CONTACT or contact.found.verdict is not Verdict.MISSING:
         return []
-    names = {entry.effect for entry in contact.found.accepted}
-    return [effect for effect in effects if effect.name in names and isinstance(effect, SensorEffect)]
+    of_sensor = {effect.name for effect in effects if isinstance(effect, SensorEffect)}
+    faults = [entry for entry in contact.found.accepted if entry.effect in of_sensor]
+    return [entry.effect for entry in faults] if all(_is_sure(entry, of_sensor) for entry in faults) else []
+
+
+def _is_sure(fault: Accepted, of_sensor: set[str]) -> bool:
+    return of_sensor.issuperset(fault.confused_with)
 
 
 def _pushed(contact: Judged, effects: Sequence[Effect]) -> FloatArray:

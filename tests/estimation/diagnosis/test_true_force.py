@@ -9,6 +9,7 @@ from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.result import Accepted, Fitted, ParameterValue
 from estimation.diagnosis.true_force import with_true_force
 from estimation.effects import EFFECTS
+from estimation.fresh_runs import on_clocks_of_their_own
 from estimation.model import Model
 from estimation.signals.arm_signals import LEVER, TOUCH
 
@@ -86,6 +87,34 @@ def test_what_an_object_does_is_no_fault_of_its_sensor():
     assert with_true_force(joint, [judged(contact, cubic_stiffness={"k3": 1e5})], EVERY) is joint
     assert with_true_force(joint, [], EVERY) is joint
     assert with_true_force(contact, [judged(contact, deadband={"width": WIDTH_N})], EVERY) is contact
+
+
+@pytest.mark.parametrize("clocks", [lambda data: data, on_clocks_of_their_own])
+def test_a_contact_speaks_for_its_own_runs_whichever_was_probed_in_between(clocks):
+    contact, joint, true_n = pressing()
+    contact, joint = clocks(contact), clocks(joint)
+    here, there = contact.of_runs(np.array([0, 2])), contact.of_runs(np.array([1]))
+    seen = [judged(here, deadband={"width": WIDTH_N}), judged(there, cubic_stiffness={"k3": 1e5})]
+    used_n, between = with_true_force(joint, seen, EVERY).context["contact_force"], joint.run == 1
+    assert used_n[~between] == pytest.approx(true_n[~between], abs=1e-9)
+    assert used_n[between] == pytest.approx(joint.context["contact_force"][between], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "rivals", "taken"),
+    [
+        (Verdict.MISSING, ["lag"], True),  # whichever it is, the sensor is at fault
+        (Verdict.MISSING, ["lag", "contact_offset"], False),
+        (Verdict.UNEXPLAINED, [], False),
+    ],
+)
+def test_a_fault_that_may_be_no_fault_is_left_to_the_joints(verdict, rivals, taken):
+    contact, joint, _ = pressing()
+    seen = judged(contact, deadband={"width": WIDTH_N})
+    (entry,) = seen.found.accepted
+    unsure = {"verdict": verdict, "accepted": [entry.model_copy(update={"confused_with": rivals})]}
+    seen = Judged(contact, seen.model, seen.found.model_copy(update=unsure))
+    assert (with_true_force(joint, [seen], EVERY) is not joint) is taken
 
 
 def test_a_joint_shows_the_dead_band_that_to_the_contact_is_a_deeper_surface():
