@@ -1,26 +1,32 @@
 """What the joints of one arm say about each other.
 
-A load at the tip and a tilt of the base are one cause with one value in all joints. Where one joint cannot
-tell such a cause from another (a spring, a bias), the others often can: they show it with the same value, or
-they show that it is not there.
+A load at the tip, a tilt of the base and a dead band of the force sensor are one cause with one value in all
+joints. Where one joint cannot tell such a cause from another (a spring, a bias), the others often can: they
+show it with the same value, or they show that it is not there.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from estimation.channel import ChannelKind
+from estimation.diagnosis.answer import fitted
 from estimation.diagnosis.bench.standing import Standing, stand
+from estimation.diagnosis.bench.unexplained import is_explained
 from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.judgement.gate import usable
 from estimation.diagnosis.judgement.intervals import Value, final, values
 from estimation.diagnosis.judgement.next_experiment import separating
-from estimation.diagnosis.result import ChannelDiagnosis, Fitted, ParameterValue, Verdict
-from estimation.diagnosis.search.screening import screen
+from estimation.diagnosis.judgement.noise_floor import noise_floor
+from estimation.diagnosis.judgement.objection import objection_to
+from estimation.diagnosis.result import Accepted, ChannelDiagnosis, Floor, Verdict
+from estimation.diagnosis.search.credible import is_credible
+from estimation.diagnosis.search.extend import extend
+from estimation.diagnosis.search.possible import is_possible
 from estimation.effect import Effect
 
-ARM_WIDE = {"payload": "mass", "gravity_tilt": "tilt"}  # effects with one value in all joints; what that is
+# Effects with one value in all joints, and what that is; the signals that they need carry each joint's share.
+ARM_WIDE = {"payload": "mass", "gravity_tilt": "tilt", "force_deadband": "width"}
 CLEARLY = 4.0  # standard errors
 SHARE = 0.05  # of a value, that models of several joints may disagree by
 
@@ -31,6 +37,7 @@ class _Witness:
 
     judged: Judged
     value: Value
+    can_tell: bool
 
     @property
     def told(self) -> str:
@@ -50,8 +57,9 @@ class _Witness:
 def settle(judged: Sequence[Judged], effects: Sequence[Effect]) -> list[ChannelDiagnosis]:
     """Prefer a common cause where other joints agree on it; rule it out where one shows another value.
 
-    Only a joint's own group of alike effects is decided on. Contacts, joints that are insufficient or
-    unexplained, and joints of an arm that is not known are left as they are and not asked.
+    Only a joint's own group of alike effects is decided on, and only a joint that can tell the cause from
+    others rules it out. Contacts, joints that are insufficient or unexplained, and joints of an arm that is
+    not known are left as they are and not asked.
 
     Args:
         judged: the channels of one robot.
@@ -74,25 +82,34 @@ def settle(judged: Sequence[Judged], effects: Sequence[Effect]) -> list[ChannelD
     return found
 
 
+def others_may_tell(one: Judged, effects: Sequence[Effect]) -> bool:
+    """Whether a joint's group is of a kind that the robot's other joints can decide on."""
+    causes = [effect for effect in effects if effect.name in ARM_WIDE]
+    return any(_is_doubtful(one.found, cause.name) and _can_say(one, cause) for cause in causes)
+
+
 def _can_say(one: Judged, cause: Effect) -> bool:
     """Whether a joint is of a known arm, so that values compare, and settled but for its group."""
-    known = not one.model.gains and "payload_effort_per_kg" in one.data.context and cause.applies_to(one.data)
-    settled = one.found.verdict in {Verdict.ADEQUATE, Verdict.MISSING}
-    return known and settled and one.data.kind is ChannelKind.REVOLUTE
+    known = not one.model.gains and "payload_effort_per_kg" in one.data.context
+    return known and cause.applies_to(one.data) and one.found.verdict in {Verdict.ADEQUATE, Verdict.MISSING}
 
 
 def _is_doubtful(found: ChannelDiagnosis, cause: str) -> bool:
     """Whether all that was found is one effect that is not told from others, this one among them."""
-    if len(found.accepted) != 1 or found.verdict is not Verdict.MISSING:
-        return False
-    (entry,) = found.accepted
+    one_alone = len(found.accepted) == 1 and found.verdict is Verdict.MISSING
+    return one_alone and _holds(found.accepted[0], cause)
+
+
+def _holds(entry: Accepted, cause: str) -> bool:
+    """Whether an effect is not told from others, this one among them."""
     return bool(entry.confused_with) and cause in {entry.effect, *entry.confused_with}
 
 
 def _ask(one: Judged, cause: str, effects: Sequence[Effect]) -> _Witness:
-    kept = [] if _is_doubtful(one.found, cause) else [entry.effect for entry in one.found.accepted]
-    standing = _stand(one, [*(name for name in kept if name != cause), cause], effects)
-    return _Witness(one, values(*final(standing, complete=True))[f"{cause}.{ARM_WIDE[cause]}"])
+    sure = [entry.effect for entry in one.found.accepted if not _holds(entry, cause)]
+    standing = _stand(one, [*(name for name in sure if name != cause), cause], effects)
+    value = values(*final(standing, complete=True))[f"{cause}.{ARM_WIDE[cause]}"]
+    return _Witness(one, value, can_tell=len(sure) == len(one.found.accepted))
 
 
 def _stand(one: Judged, names: Sequence[str], effects: Sequence[Effect]) -> Standing:
@@ -100,11 +117,7 @@ def _stand(one: Judged, names: Sequence[str], effects: Sequence[Effect]) -> Stan
     by_name, good = {effect.name: effect for effect in effects}, usable(one.data)
     standing = stand(one.data, one.model, {}, good)
     for name in names:
-        effect = by_name[name].suited_to(one.data)
-        tried = screen(standing, [effect])
-        start = tried[0].search.best if tried else standing.trial
-        model = start.model if tried else start.model.with_effect(effect)
-        standing = stand(one.data, model, start.parameters, good)
+        standing = extend(one.data, standing, by_name[name].suited_to(one.data), good)
     return standing
 
 
@@ -114,26 +127,38 @@ def _weigh(
     """The joint's answer, with what the other joints say of a cause that it cannot tell from others."""
     (entry,) = witness.judged.found.accepted
     rest = [name for name in (entry.effect, *entry.confused_with) if name != cause]
-    against = [other.told for other in others if not witness.agrees(other)]
-    if against:
+    same = [other for other in others if other.shows_it and witness.agrees(other)]
+    known = any(other.can_tell for other in same)  # then who cannot tell has nothing to add
+    differ = [other for other in others if not witness.agrees(other) and (other.can_tell or not known)]
+    against = [other.told for other in differ if other.can_tell]
+    if same and not differ:
+        told = ", ".join(other.told for other in same)
+        said = f"{cause} rather than {' or '.join(rest)}: the same is in {told}"
+        return _named(witness.judged, [cause], said, effects)
+    if against and not same:
         return _named(witness.judged, rest, f"no {cause}: that of {', '.join(against)} differs", effects)
-    same = [other.told for other in others if other.shows_it]
-    if not same:
-        return witness.judged.found
-    said = f"{cause} rather than {' or '.join(rest)}: the same is in {', '.join(same)}"
-    return _named(witness.judged, [cause], said, effects)
+    return witness.judged.found  # nobody can tell, or they contradict each other
 
 
 def _named(one: Judged, group: Sequence[str], said: str, effects: Sequence[Effect]) -> ChannelDiagnosis:
-    """The answer with the first of a group in the place of what was named, and the others as its rivals."""
+    """The answer with the first of a group in the place of what was named, and the others as its rivals.
+
+    It stays as it was where the first does not complete the model, by the same rules as in the search. The
+    p-value is still that of what was named, whose curve this is.
+    """
     name, *rivals = group
     effect = next(e for e in effects if e.name == name)
-    standing = _stand(one, [name], effects)
-    found = {key: _entry(value) for key, value in values(*final(standing, complete=True)).items()}
-    entry = one.found.accepted[0].model_copy(
+    (entry,) = one.found.accepted
+    start, before, standing = (_stand(one, names, effects) for names in ([], [entry.effect], [name]))
+    energy = min(float(each.flexible.held_out.sum()) for each in (start, before, standing))
+    if not _is_complete(start, standing, energy, effect.suited_to(one.data)):
+        return one.found
+    now, floor = fitted(standing, complete=True), noise_floor(standing, energy)
+    own = {key.split(".", 1)[1]: v for key, v in now.parameters.items() if key.startswith(f"{name}.")}
+    accepted = entry.model_copy(
         update={
             "effect": name,
-            "parameters": {k.split(".", 1)[1]: v for k, v in found.items() if k.startswith(f"{name}.")},
+            "parameters": own,
             "rmse_after": standing.rmse,
             "confused_with": rivals,
             "physics": effect.physics,
@@ -143,13 +168,20 @@ def _named(one: Judged, group: Sequence[str], said: str, effects: Sequence[Effec
     )
     changed = {
         "reason": f"with {name}, nothing smooth is left in the error; {said}",
-        "accepted": [entry],
-        "final": Fitted(rmse=standing.rmse, parameters=found),
+        "noise_floor": floor.value,
+        "floor": Floor(**asdict(floor)),
+        "accepted": [accepted],
+        "final": now,
         "next_experiment": separating(effect, rivals, one.data.kind) if rivals else None,
     }
     return one.found.model_copy(update=changed)
 
 
-def _entry(value: Value) -> ParameterValue:
-    known = np.isfinite(value.std_err)
-    return ParameterValue(value=value.value, std_err=value.std_err if known else None, unit=value.unit)
+def _is_complete(start: Standing, standing: Standing, energy: float, added: Effect) -> bool:
+    """Whether a model with one effect added leaves noise alone, and is what its names say."""
+    sensible = is_possible(added, standing.trial, standing.plain) and is_credible(start, standing)
+    return (
+        sensible
+        and is_explained(standing, energy)
+        and objection_to(standing, energy, is_complete=True) is None
+    )

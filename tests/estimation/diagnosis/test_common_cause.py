@@ -20,7 +20,10 @@ URDF = Path(sim_backend.__file__).parent / "arms/follower/follower.urdf"
 HOME_RAD = np.array([0.87, -1.47, -0.98])
 STEP_S, RUNS, NOISE_NM = 0.02, 3, 0.02
 ARM = Model("rigid_body", (EFFECTS["rigid_body"](),))
-LIBRARY = [EFFECTS[name]() for name in ("bias", "joint_spring", "gravity_tilt", "payload", "torque_gain")]
+LIBRARY = [
+    EFFECTS[name]()
+    for name in ("bias", "joint_spring", "gravity_tilt", "payload", "torque_gain", "force_deadband")
+]
 
 
 def joints(added):
@@ -32,6 +35,8 @@ def joints(added):
     a = np.concatenate([np.gradient(speed, STEP_S, axis=0) for speed in np.split(v, RUNS)])
     run, body = np.repeat(np.arange(RUNS), len(t)), RigidBody.from_urdf(URDF, "tip")
     context = {"joint_position": q, "joint_velocity": v, "joint_acceleration": a}
+    context |= {"contact_force": 0.0 * run, "touching": np.tile(1.0 * (np.sin(2.0 * t) > 0.0), RUNS)}
+    context["press_direction_world"] = np.tile([0.0, 0.0, -1.0], (len(run), 1))
     made = []
     for joint in range(3):
         motion = (np.tile(t, RUNS), q[:, joint], v[:, joint], a[:, joint])
@@ -80,6 +85,8 @@ def test_a_load_that_one_joint_cannot_tell_from_a_bias_is_known_by_the_others():
     assert entry.parameters["mass"].value == pytest.approx(0.1, abs=0.005)
     assert first.final.parameters["payload.mass"] == entry.parameters["mass"]
     assert "the same is in joint_2" in first.reason
+    assert first.noise_floor == pytest.approx(NOISE_NM, rel=0.1)
+    assert first.floor.value == first.noise_floor
     assert first.next_experiment is None
 
 
@@ -120,3 +127,47 @@ def test_a_joint_that_cannot_say_is_not_asked():
     answers = [answer("joint_1", "payload", "bias"), unsure]
     pairs = zip(made[:2], answers, strict=True)
     assert settle([Judged(data, ARM, found) for data, found in pairs], LIBRARY) == answers
+
+
+def load_and_bias(joint, data):
+    """A load in all joints, and a bias in the second, which so shows another load."""
+    return payload(0.1)(joint, data) + 0.3 * (joint == 1)
+
+
+def test_joints_that_cannot_tell_do_not_contradict_each_other_out_of_a_cause():
+    data = joints(load_and_bias)
+    answers = [answer(each.name, "payload", "bias") for each in data]
+    pairs = zip(data, answers, strict=True)
+    assert settle([Judged(each, ARM, found) for each, found in pairs], LIBRARY) == answers
+
+
+def test_a_joint_that_cannot_tell_rules_nothing_out():
+    data = joints(lambda joint, data: (0.3, -0.3, 0.0)[joint])[:2]
+    answers = [answer(each.name, "payload", "bias") for each in data]
+    pairs = zip(data, answers, strict=True)
+    assert settle([Judged(each, ARM, found) for each, found in pairs], LIBRARY) == answers
+
+
+def test_a_joint_that_cannot_tell_is_not_heard_against_one_that_can():
+    data = joints(load_and_bias)
+    answers = [answer("joint_1", "bias", "payload"), answer("joint_2", "bias", "payload"), answer("joint_3")]
+    first, *_ = settle([Judged(*pair) for pair in zip(data, [ARM] * 3, answers, strict=True)], LIBRARY)
+    assert [entry.effect for entry in first.accepted] == ["payload"]
+    assert "joint_2" not in first.reason
+
+
+def test_nothing_is_put_in_the_place_of_a_cause_that_leaves_more_than_noise():
+    """The load's own curve, in one joint alone: no load, but no bias either."""
+    found, answers = settled(
+        joints(lambda joint, data: 3 * (joint == 0) * payload(0.1)(0, data)), ("payload", "bias")
+    )
+    assert found == answers
+
+
+def test_a_dead_band_of_the_force_sensor_has_one_width_in_all_joints():
+    key = "contact_torque_per_newton"
+    swallowed = joints(lambda joint, data: 0.4 * data.context[key] * data.context["touching"])
+    (first, *_), _ = settled(swallowed, ("torque_gain", "force_deadband"))
+    (entry,) = first.accepted
+    assert (entry.effect, entry.confused_with) == ("force_deadband", [])
+    assert entry.parameters["width"].value == pytest.approx(0.4, abs=0.05)
