@@ -8,6 +8,9 @@ import typer
 
 from control.loop.tick_record import STREAM_NAME
 from estimation.diagnosis import ChannelDiagnosis, Diagnosis, Verdict
+from estimation.diagnosis.common_cause import others_may_tell
+from estimation.diagnosis.judged import Judged
+from estimation.effect import Effect
 from estimation.effects.stress_relaxation import StressRelaxation
 from estimation.fresh_runs import relaxes_afresh
 from estimation.models import MODELS
@@ -32,7 +35,7 @@ from palpate.findings.effect_library import EffectLibrary, library_with
 from palpate.findings.estimation_run import Material, load_material
 from palpate.findings.next_plan import plan_of, same_world, write_plan
 from palpate.findings.revisions import RevisionShelf
-from palpate.findings.story import Story, diagnose_subjects, tell_story
+from palpate.findings.story import Story, diagnosis_of, judge_subjects, tell_story
 from palpate.findings.subject import ALL_CHANNELS, Subject, channels_to_diagnose, subjects_of
 from palpate.report.outcome import NAMES as OUTCOME
 from palpate.report.outcome import write_json, write_outcome
@@ -91,14 +94,16 @@ def command(  # noqa: PLR0917, one parameter an option
     subjects = channels_to_diagnose(known, channel, probed=probed)
     data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
     typed = retyped(file, model=model, urdf=urdf, **data)
-    unjudged = channel is None and len(subjects) < len(known)
     library = library_with(effect)
     library.rehearse([subject.channel for subject in subjects])
     wanted = out is not None or apply or (material.session is not None and not as_json)
     names = (RESULT, PLAN, *OUTCOME)
     folder = output_folder(folder_to_fill(material, out, names, force=force)) if wanted else None
     with diagnosis_progress([subject.channel.name for subject in subjects]) as progress:
-        diagnosis = diagnose_subjects(subjects, library.effects, progress, str(file))
+        judged = judge_subjects(subjects, library.effects, progress)
+    diagnosis = diagnosis_of(judged, str(file))
+    left_out = len(subjects) < len(known)
+    why_all = why_all_channels(judged, library.effects, chosen=channel is not None) if left_out else None
     if as_json:
         console.print_json(diagnosis.model_dump(mode="json"))
     else:
@@ -106,11 +111,11 @@ def command(  # noqa: PLR0917, one parameter an option
     afresh = not as_json and material.session is None and met_afresh(subjects, diagnosis)
     if folder is None:
         if not as_json:
-            _next(material, typed, typed, diagnosis, None, applied=apply, unjudged=unjudged, afresh=afresh)
+            _next(material, typed, typed, diagnosis, None, applied=apply, why_all=why_all, afresh=afresh)
         return
     write_json(diagnosis.model_dump(mode="json"), folder / RESULT)
     plan = _write_plan(material, diagnosis, folder)
-    stories = _stories(subjects, diagnosis, library)
+    stories = stories_of(judged, library)
     if apply:
         _keep(folder, stories, library.own, quiet=as_json)
     written = write_outcome(
@@ -121,7 +126,7 @@ def command(  # noqa: PLR0917, one parameter an option
         print_files({"result": folder / RESULT, **written})
         again = _again(material, plan)
         kept = retyped(file, folder=out, **data)
-        _next(material, typed, kept, diagnosis, again, applied=apply, unjudged=unjudged, afresh=afresh)
+        _next(material, typed, kept, diagnosis, again, applied=apply, why_all=why_all, afresh=afresh)
 
 
 def met_afresh(subjects: Sequence[Subject], diagnosis: Diagnosis) -> bool:
@@ -133,6 +138,23 @@ def met_afresh(subjects: Sequence[Subject], diagnosis: Diagnosis) -> bool:
     return False
 
 
+def why_all_channels(judged: Sequence[Judged], effects: Sequence[Effect], *, chosen: bool) -> str | None:
+    """What judging the channels that were left out would tell; None where nobody knows of anything.
+
+    Args:
+        judged: those that were not left out.
+        effects: the library.
+        chosen: whether the user left them out.
+    """
+    if not chosen:
+        return "the arm's joints were not judged"
+    unsure = next((one for one in judged if others_may_tell(one, effects)), None)
+    if unsure is None:
+        return None
+    (entry,) = unsure.found.accepted
+    return f"the other joints may tell {entry.effect} from {' or '.join(entry.confused_with)}"
+
+
 def _print(diagnosis: Diagnosis) -> None:
     out = console.stdout()
     for number, found in enumerate(diagnosis.channels):
@@ -142,12 +164,17 @@ def _print(diagnosis: Diagnosis) -> None:
             out.print(part)
 
 
-def _stories(subjects: Sequence[Subject], diagnosis: Diagnosis, library: EffectLibrary) -> list[Story]:
-    """Refit stage by stage, for the pictures."""
+def stories_of(judged: Sequence[Judged], library: EffectLibrary) -> list[Story]:
+    """Refit what was judged stage by stage, for the pictures."""
     with console.stderr().status("refitting stage by stage"):
         return [
-            tell_story(subject, found, [entry.effect for entry in found.accepted], library.effects)
-            for subject, found in zip(subjects, diagnosis.channels, strict=True)
+            tell_story(
+                Subject(one.data, one.model),
+                one.found,
+                [entry.effect for entry in one.found.accepted],
+                library.effects,
+            )
+            for one in judged
         ]
 
 
@@ -223,7 +250,7 @@ def _next(
     again: str | None,
     *,
     applied: bool,
-    unjudged: bool,
+    why_all: str | None,
     afresh: bool,
 ) -> None:
     steps = _what_was_found(material, typed, kept, diagnosis, applied=applied)
@@ -236,10 +263,8 @@ def _next(
                 "if each run met a fresh spot: that explains more",
             )
         )
-    if unjudged:
-        steps.append(
-            (f"palpate diagnose {typed} --channel {ALL_CHANNELS}", "the arm's joints were not judged")
-        )
+    if why_all:
+        steps.append((f"palpate diagnose {typed} --channel {ALL_CHANNELS}", why_all))
     if any(found.verdict is Verdict.UNEXPLAINED for found in diagnosis.channels):
         steps.extend(
             (f"palpate diagnose {typed} --context {as_shell_word(name)}", f"whether it depends on {name}")

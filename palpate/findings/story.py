@@ -8,6 +8,7 @@ from estimation.channel import ChannelKind
 from estimation.comparison import Comparison, compare
 from estimation.diagnosis import ChannelDiagnosis, Diagnosis
 from estimation.diagnosis.apart import Job, Progress, diagnose_apart
+from estimation.diagnosis.judged import Judged
 from estimation.effect import Effect
 from estimation.revision import Revision, revise
 from palpate.findings.subject import Subject, model_names
@@ -41,11 +42,23 @@ def compare_subject(subject: Subject) -> Comparison:
 def diagnose_subjects(
     subjects: Sequence[Subject], effects: Iterable[Effect], progress: Progress, file: str
 ) -> Diagnosis:
-    """Diagnose each by itself, on all processors; see `estimation.diagnosis.diagnose`."""
+    """What is missing in each; see `judge_subjects`."""
+    return diagnosis_of(judge_subjects(subjects, effects, progress), file)
+
+
+def judge_subjects(
+    subjects: Sequence[Subject], effects: Iterable[Effect], progress: Progress
+) -> list[Judged]:
+    """Diagnose the channels of one robot, on all processors; see `estimation.diagnosis.robot.judge_robot`."""
     library = tuple(effects)
     jobs = [Job(subject.channel, subject.model, library, SEED) for subject in subjects]
-    found = [one.found for one in diagnose_apart(jobs, os.cpu_count() or 1, progress)]
-    return Diagnosis(file=file, model=model_names(tuple(subjects)), channels=found)
+    return diagnose_apart(jobs, os.cpu_count() or 1, progress)
+
+
+def diagnosis_of(judged: Sequence[Judged], file: str) -> Diagnosis:
+    """The answers alone, for the record."""
+    model = model_names(tuple(Subject(one.data, one.model) for one in judged))
+    return Diagnosis(file=file, model=model, channels=[one.found for one in judged])
 
 
 def tell_story(
@@ -54,7 +67,7 @@ def tell_story(
     """Compare the base model, and add effects stage by stage.
 
     Args:
-        subject: the channel and its base model.
+        subject: the channel, as it was judged, and its base model.
         diagnosis: what was found missing, if anybody asked.
         added: effects to add, in order.
         effects: where they are found.

@@ -1,28 +1,36 @@
 """`palpate diagnose`: the command around the diagnosis."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from control.probing.plan import ProbingPlan, load_probing_plan
 from estimation.channel import ChannelKind
+from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.judgement.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.result import (
     Accepted,
     ChannelDiagnosis,
     Diagnosis,
+    Fitted,
     NextExperiment,
     Suspect,
     Verdict,
 )
 from estimation.effects import EFFECTS
+from estimation.model import Model
+from estimation.signals.arm_signals import LEVER, TOUCH
 from palpate.commands import diagnose as diagnose_command
+from palpate.findings.effect_library import library_with
 from palpate.findings.next_plan import plan_of, write_plan
 from palpate.findings.subject import Subject
 from palpate.text.diagnosis import sentence
 from tests.estimation.contact_data import base_model
 from tests.estimation.diagnosis.presses import kelvin_voigt, maxwell, session
+from tests.estimation.diagnosis.test_common_cause import ARM, answer, joints
+from tests.estimation.diagnosis.test_true_force import pressing
 from tests.palpate.cli import assert_refused, run
 from tests.palpate.presses import CUBIC, write_presses
 
@@ -305,3 +313,33 @@ def test_fresh_spots_on_one_clock_are_noticed():
         )
         diagnosis = Diagnosis(file="", model="kelvin_voigt", channels=[found])
         assert diagnose_command.met_afresh([subject], diagnosis) == noticed
+
+
+def test_a_joint_is_refitted_with_the_force_by_which_it_was_judged():
+    """Where the contact's sensor is at fault: as recorded, the joint's error would be another."""
+    _, joint, true_n = pressing(noise_nm=0.02)
+    given = {"contact_force": true_n, TOUCH: joint.context[LEVER] * true_n}
+    mended = replace(joint, context={**joint.context, **given})
+    found = ChannelDiagnosis(
+        channel="joint_1",
+        verdict=Verdict.ADEQUATE,
+        reason="",
+        effort_unit="N m",
+        baseline=Fitted(rmse=0.02, parameters={}),
+    )
+    arm = Model("rigid_body", (EFFECTS["rigid_body"](),))
+    (story,) = diagnose_command.stories_of([Judged(mended, arm, found)], library_with(None))
+    assert story.stages[0].rmse == pytest.approx(0.02, rel=0.05)
+
+
+def test_a_joint_that_cannot_tell_alone_is_told_of_the_others():
+    data = joints(lambda joint, data: 0.0)[0]
+    library = library_with(None).effects
+    for group, told in (
+        (("payload", "bias"), "the other joints may tell payload from bias"),
+        (("bias", "joint_spring"), None),  # in this joint alone, whatever the others show
+        ((), None),
+    ):
+        alone = [Judged(data, ARM, answer("joint_1", *group))]
+        assert diagnose_command.why_all_channels(alone, library, chosen=True) == told
+    assert diagnose_command.why_all_channels([], library, chosen=False) == "the arm's joints were not judged"
