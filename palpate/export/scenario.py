@@ -66,12 +66,15 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
     hidden: list[Imperfection] = []
     used: list[str] = []
     left_out: list[str] = []
-    taken: dict[str, str] = {}  # effects that belong to no single joint, and where they were found first
+    taken = _told_by_the_contact(
+        fitted
+    )  # effects that belong to no single joint, and where they were found first
+    swallowed_n = 0.0 if taken else _swallowed_n(fitted)
     for channel in fitted:
         effects = _by_effect(channel.revision)
         where = channel.revision.channel
         if channel.is_contact:
-            scenario, lines = _with_object(scenario, effects, channel.surface)
+            scenario, lines = _with_object(scenario, effects, channel.surface, swallowed_n)
             used += lines
         for name, values in effects.items():
             if name in ARM and taken.setdefault(name, where) != where:
@@ -83,6 +86,20 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
     return Export(scenario.with_hidden(hidden), tuple(used), tuple(left_out))
 
 
+def _told_by_the_contact(fitted: Sequence[FittedChannel]) -> dict[str, str]:
+    """What the contact's own model says already: a dead band that the joints found is the same one."""
+    contacts = [
+        one.revision.channel for one in fitted if one.is_contact and "deadband" in _by_effect(one.revision)
+    ]
+    return {"force_deadband": contacts[0]} if contacts else {}
+
+
+def _swallowed_n(fitted: Sequence[FittedChannel]) -> float:
+    """Force [N] that the sensor swallows, as the joints tell; the contact took it for a deeper surface."""
+    found = (_by_effect(one.revision).get("force_deadband") for one in fitted)
+    return next((effect["width"] for effect in found if effect), 0.0)
+
+
 def _by_effect(revision: KeptRevision) -> Effects:
     found: Effects = defaultdict(dict)
     for name, parameter in revision.parameters.items():
@@ -91,7 +108,9 @@ def _by_effect(revision: KeptRevision) -> Effects:
     return dict(found)
 
 
-def _with_object(scenario: Scenario, effects: Effects, surface: Surface | None) -> tuple[Scenario, list[str]]:
+def _with_object(
+    scenario: Scenario, effects: Effects, surface: Surface | None, swallowed_n: float
+) -> tuple[Scenario, list[str]]:
     """Put spring, damper and surface into the object itself, and take them off the list."""
     spring, damper = effects.pop("stiffness", None), effects.pop("damping", None)
     law: dict[str, object] | None = None
@@ -112,7 +131,8 @@ def _with_object(scenario: Scenario, effects: Effects, surface: Surface | None) 
     lines = ["object: " + ", ".join(f"{key} {_shown(value)}" for key, value in law.items())]
     if surface is not None:
         deeper = effects.pop("contact_offset", {"offset": 0.0})["offset"]
-        changed["surface_height_m"] = -(surface.position_m + deeper)
+        unseen_m = swallowed_n / spring["k"] if spring and spring["k"] > 0.0 else 0.0
+        changed["surface_height_m"] = -(surface.position_m + deeper - unseen_m)
         lines.append(f"object: surface_height_m {_shown(changed['surface_height_m'])}")
     data = scenario.model_dump()
     return validate(Scenario, data | {"object": data["object"] | changed}), lines

@@ -7,6 +7,7 @@ import pytest
 
 from control.loop.phases import Phase
 from estimation.effects import EFFECTS
+from estimation.surface import Surface
 from palpate.export import export_scenario
 from palpate.export.scenario import FittedChannel
 from palpate.export.terms import ARM, CONTACT, JOINT, SENSOR
@@ -80,6 +81,31 @@ def test_what_belongs_to_the_whole_arm_is_exported_once():
     ]
     assert len(export.left_out) == 2
     assert all("taken from joint_1" in line for line in export.left_out)
+
+
+def pressed(**more):
+    """A spring of 500 N/m that the sensor first shows at 49 mm along the press."""
+    contact = revision("contact", stiffness__k=500.0, damping__c=20.0, **more)
+    return FittedChannel(contact, Surface(0.049, 1e-6), 0)
+
+
+def dead_bands(found):
+    return [one.half_width for one in found.scenario.hidden if one.name == "deadband"]
+
+
+def test_a_dead_band_that_the_joints_found_hid_the_first_of_the_press_from_the_contact():
+    joint = FittedChannel(revision("joint_1", force_deadband__width=0.5), None, 3)
+    found = export_scenario(load_scenario("default"), [pressed(), joint], "as fitted")
+    assert dead_bands(found) == [0.5]
+    assert found.scenario.object.surface_height_m == pytest.approx(-0.048)  # 0.5 N is 1 mm of the spring
+
+
+def test_a_dead_band_found_by_contact_and_joints_is_one():
+    joint = FittedChannel(revision("joint_1", force_deadband__width=0.5), None, 3)
+    found = export_scenario(load_scenario("default"), [pressed(deadband__width=0.45), joint], "as fitted")
+    assert dead_bands(found) == [0.45]
+    assert found.scenario.object.surface_height_m == pytest.approx(-0.049)
+    assert any("force_deadband" in line for line in found.left_out)
 
 
 def test_what_the_simulator_cannot_do_is_said():
