@@ -1,6 +1,6 @@
 """Hides effects in made-up sessions and counts how often the diagnosis is right.
 
-    python benchmarks/hidden_effects.py [--quick | --small] [--kind contact|revolute] [--seed 0]
+    python benchmarks/hidden_effects.py [--quick | --small | --sample N] [--kind contact|revolute] [--seed 0]
     python benchmarks/hidden_effects.py --simulated [--quick] [--seed 0]
 
 Two processes by default (--processes).
@@ -16,6 +16,8 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+from rich.progress import track
 from simulated.probing import drawable, probe
 from synthetic.grid import BASE, FULL, QUICK, SMALL, jobs, run
 from synthetic.tally import report, share
@@ -56,6 +58,7 @@ def main() -> None:
     )
     parser.add_argument("--quick", action="store_true", help="one seed, one strength")
     parser.add_argument("--small", action="store_true", help="one seed, about a quarter of an hour")
+    parser.add_argument("--sample", type=int, help="so many sessions of the full grid, drawn by chance")
     parser.add_argument("--kind", choices=["contact", "revolute"], help="one kind of channel only")
     parser.add_argument("--simulated", action="store_true", help="probing runs of the simulated arm")
     parser.add_argument("--seed", type=int, default=0, help="first seed")
@@ -67,10 +70,14 @@ def main() -> None:
     kinds = [ChannelKind(options.kind)] if options.kind else list(BASE)
     for kind in kinds:
         print(f"\n== {kind.value}, base model {BASE[kind]}", flush=True)
+        size = QUICK if options.quick else SMALL[kind] if options.small else FULL
+        grid = list(jobs(kind, size, options.seed))
+        if options.sample is not None:
+            np.random.default_rng(0).shuffle(grid)
+            grid = grid[: options.sample]
         with _pool(options.processes) as pool:
-            size = QUICK if options.quick else SMALL[kind] if options.small else FULL
-            grid = jobs(kind, size, options.seed)
-            outcomes = [o for o in pool.map(run, grid, chunksize=1) if o is not None]
+            found = track(pool.map(run, grid, chunksize=1), "diagnosing", total=len(grid))
+            outcomes = [outcome for outcome in found if outcome is not None]
         report(outcomes)
 
 
