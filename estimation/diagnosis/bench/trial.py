@@ -16,6 +16,7 @@ from estimation.model import Model, Parts, own
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _MOST_ROUNDS = 7
+_LOST = 1e6  # times the largest effort
 
 
 @dataclass(frozen=True)
@@ -130,8 +131,10 @@ def attempt(
             break  # where the object lets go is where it did: the same fit again
         before = slopes
         gains = np.array([now[name] for name in names])
-        target = bench.frame.reduce(data.effort - effort + slopes @ gains)
-        columns = bench.frame.reduce(slopes)
+        wanted = data.effort - effort + slopes @ gains
+        if number and not np.abs(wanted).max(initial=0.0) < _LOST * np.abs(data.effort).max(initial=0.0):
+            break  # the last step led nowhere near the data, and the next would overflow
+        target, columns = bench.frame.reduce(wanted), bench.frame.reduce(slopes)
         if number >= least and _energy(bench, target - columns @ gains) <= arrived * expected:
             break
         scores = bench.fit(columns, target)
