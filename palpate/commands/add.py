@@ -69,7 +69,7 @@ def command(  # noqa: PLR0917, one parameter an option
     """
     material = load_material(file, import_options(column, unit, where, context, fresh_runs))
     data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
-    typed = retyped(file, model=model, urdf=urdf, out=out, **data)
+    given = {"effect": effect, "urdf": urdf, "tip-frame": tip_frame}
     arm, library = given_arm(urdf, tip_frame, material.arm), library_with(effect)
     folder = folder_to_fill(material, out, OUTCOME, force=force)
     wish = Wish(effects, model, channel, start, fresh)
@@ -77,14 +77,16 @@ def command(  # noqa: PLR0917, one parameter an option
         growth = grow(material, arm, RevisionShelf(folder), library, wish)
     with console.stderr().status("report, picture and recording"):
         added = [stage.added for stage in growth.story.stages[1:]]
-        again = f"palpate add {typed} {' '.join(added)} --fresh"
+        begun = {"model": growth.story.subject.model.name, "channel": growth.story.subject.channel.name}
+        again = retyped(file, out=out, **begun, **given, **data)
+        again = f"palpate add {again} {' '.join(added)} --fresh"
         written = write_outcome(output_folder(folder), material, [growth.story], [again])
     if as_json:
         channel_name = growth.story.subject.channel.name
         kept = [revision.model_dump(mode="json") for revision in growth.kept]
         console.print_json({"file": str(file), "channel": channel_name, "revisions": kept})
     else:
-        back = retyped(file, urdf=urdf, out=out, **data)
+        back = retyped(file, out=out, **given, **data)
         _print(back, retyped(file, folder=out, **data), growth, written)
 
 

@@ -26,7 +26,14 @@ from palpate.files import output_folder
 from palpate.findings.derived import folder_to_fill
 from palpate.findings.estimation_run import load_material
 from palpate.findings.story import compare_subject, tell_story
-from palpate.findings.subject import Subject, model_names, only_channel, subjects_of
+from palpate.findings.subject import (
+    ALL_CHANNELS,
+    Subject,
+    channels_to_diagnose,
+    model_names,
+    only_channel,
+    subjects_of,
+)
 from palpate.report.outcome import NAMES as OUTCOME
 from palpate.report.outcome import write_json, write_outcome
 from palpate.text.comparison import ALIKE, as_data, headline, parts_table
@@ -64,7 +71,8 @@ def command(  # noqa: PLR0917, one parameter an option
     subjects = only_channel(found, channel)
     folder = folder_to_fill(material, out, (RESULT, *OUTCOME), force=force) if out is not None else None
     given = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
-    typed = retyped(file, model=model, urdf=urdf, **given)
+    judged_by = {"model": model, "urdf": urdf, "tip-frame": tip_frame}
+    typed = retyped(file, channel=channel, **judged_by, **given)
     if folder is not None:
         output_folder(folder)
     compared, failures = _compare(subjects)
@@ -86,7 +94,7 @@ def command(  # noqa: PLR0917, one parameter an option
         console.stderr().print(f"\nreport  [bold]{shown(written['report'])}[/bold]")
     if not as_json:
         console.next_steps(
-            (f"palpate diagnose {typed}", "which physical effect is missing"),
+            (f"palpate diagnose {typed}{_where(subjects, compared, channel)}", "which effect is missing"),
             (f"palpate compare {typed} --out FOLDER", "a report to zoom into"),
         )
 
@@ -108,6 +116,15 @@ def _compare(subjects: tuple[Subject, ...]) -> tuple[list[Comparison], dict[str,
     if not compared:
         raise InputError(next(iter(failures.values())))
     return compared, failures
+
+
+def _where(subjects: tuple[Subject, ...], compared: list[Comparison], channel: str | None) -> str:
+    """The option without which `diagnose` would not judge a channel that the model misses."""
+    judged = {subject.channel.name for subject in channels_to_diagnose(subjects, None)}
+    missed = [comparison.channel for comparison in compared if comparison.lack_of_fit >= ALIKE]
+    if channel is not None or judged.issuperset(missed):
+        return ""
+    return f" --channel {missed[0] if len(missed) == 1 else ALL_CHANNELS}"
 
 
 def _print(compared: list[Comparison], failures: dict[str, str]) -> None:

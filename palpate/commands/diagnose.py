@@ -1,6 +1,7 @@
 """`palpate diagnose`: is anything missing in the model, and which physical effect is it?"""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -50,6 +51,16 @@ PLAN = "next-experiment.yaml"
 MOST_ASKED = 3  # unused columns that are pointed out
 
 
+@dataclass(frozen=True)
+class Ways:
+    """What follows the name of each command that may be next: the file, with the options that it takes."""
+
+    diagnose: str
+    add: str
+    compare: str
+    kept: str
+
+
 def command(  # noqa: PLR0917, one parameter an option
     file: FileArgument,
     model: Annotated[
@@ -93,7 +104,13 @@ def command(  # noqa: PLR0917, one parameter an option
     probed = material.session is not None and STREAM_NAME in material.session.stream_names
     subjects = channels_to_diagnose(known, channel, probed=probed)
     data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
-    typed = retyped(file, model=model, urdf=urdf, **data)
+    judged_by = {"model": model, "urdf": urdf, "tip-frame": tip_frame}
+    ways = Ways(
+        diagnose=retyped(file, channel=channel, effect=effect, **judged_by, **data),
+        add=retyped(file, effect=effect, **judged_by, **data),
+        compare=retyped(file, channel=None if channel == ALL_CHANNELS else channel, **judged_by, **data),
+        kept=retyped(file, folder=out, **data),
+    )
     library = library_with(effect)
     library.rehearse([subject.channel for subject in subjects])
     wanted = out is not None or apply or (material.session is not None and not as_json)
@@ -111,22 +128,20 @@ def command(  # noqa: PLR0917, one parameter an option
     afresh = not as_json and material.session is None and met_afresh(subjects, diagnosis)
     if folder is None:
         if not as_json:
-            _next(material, typed, typed, diagnosis, None, applied=apply, why_all=why_all, afresh=afresh)
+            _next(material, ways, diagnosis, None, applied=apply, why_all=why_all, afresh=afresh)
         return
     write_json(diagnosis.model_dump(mode="json"), folder / RESULT)
     plan = _write_plan(material, diagnosis, folder)
     stories = stories_of(judged, library)
     if apply:
         _keep(folder, stories, library.own, quiet=as_json)
-    written = write_outcome(
-        folder, material, stories, [f"palpate diagnose {typed}{' --apply' if apply else ''}"]
-    )
+    repeated = f"palpate diagnose {ways.diagnose}{' --apply' if apply else ''}"
+    written = write_outcome(folder, material, stories, [repeated])
     if not as_json:
         console.stdout().print()
         print_files({"result": folder / RESULT, **written})
         again = _again(material, plan)
-        kept = retyped(file, folder=out, **data)
-        _next(material, typed, kept, diagnosis, again, applied=apply, why_all=why_all, afresh=afresh)
+        _next(material, ways, diagnosis, again, applied=apply, why_all=why_all, afresh=afresh)
 
 
 def met_afresh(subjects: Sequence[Subject], diagnosis: Diagnosis) -> bool:
@@ -218,34 +233,41 @@ def _added(material: Material, typed: str, found: ChannelDiagnosis, effects: Ite
 
 
 def _suspected(material: Material, typed: str, diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """The command that adds what would help though it does not complete a model."""
-    found = next((one for one in diagnosis.channels if one.suspects), None)
-    if found is None:
-        return []
-    names = [suspect.effect for suspect in found.suspects]
-    return [(_added(material, typed, found, names), "see how far that takes the model")]
+    """The commands that add what would help though it does not complete a model."""
+    return [
+        (
+            _added(material, typed, found, [suspect.effect for suspect in found.suspects]),
+            "see how far that takes the model",
+        )
+        for found in diagnosis.channels
+        if found.suspects
+    ]
 
 
 def _what_was_found(
-    material: Material, typed: str, kept: str, diagnosis: Diagnosis, *, applied: bool
+    material: Material, ways: Ways, diagnosis: Diagnosis, *, applied: bool
 ) -> list[tuple[str, str]]:
     """What to do with the effects that are missing; without any, with those that are suspected."""
-    missing = next((found for found in diagnosis.channels if found.accepted), None)
-    if missing is None:
-        return _suspected(material, typed, diagnosis)
+    missing = [found for found in diagnosis.channels if found.accepted]
+    if not missing:
+        return _suspected(material, ways.add, diagnosis)
     if applied:
         return [
-            (f"palpate export {kept}", "the improved model as a simulated world"),
-            (f"palpate revisions {kept}", "all stages, to go back to"),
+            (f"palpate export {ways.kept}", "the improved model as a simulated world"),
+            (f"palpate revisions {ways.kept}", "all stages, to go back to"),
         ]
-    added = _added(material, typed, missing, [entry.effect for entry in missing.accepted])
-    return [(added, "refit with it, and keep that as a revision")]
+    return [
+        (
+            _added(material, ways.add, found, [entry.effect for entry in found.accepted]),
+            "refit with it, and keep that as a revision",
+        )
+        for found in missing
+    ]
 
 
 def _next(
     material: Material,
-    typed: str,
-    kept: str,
+    ways: Ways,
     diagnosis: Diagnosis,
     again: str | None,
     *,
@@ -253,25 +275,31 @@ def _next(
     why_all: str | None,
     afresh: bool,
 ) -> None:
-    steps = _what_was_found(material, typed, kept, diagnosis, applied=applied)
+    steps = _what_was_found(material, ways, diagnosis, applied=applied)
     if again is not None:
         steps.append((again, "the experiment that would tell more"))
     if afresh:
         steps.append(
             (
-                f"palpate diagnose {typed} --fresh-runs",
+                f"palpate diagnose {ways.diagnose} --fresh-runs",
                 "if each run met a fresh spot: that explains more",
             )
         )
     if why_all:
-        steps.append((f"palpate diagnose {typed} --channel {ALL_CHANNELS}", why_all))
+        steps.append((f"palpate diagnose {ways.add} --channel {ALL_CHANNELS}", why_all))
     if any(found.verdict is Verdict.UNEXPLAINED for found in diagnosis.channels):
         steps.extend(
-            (f"palpate diagnose {typed} --context {as_shell_word(name)}", f"whether it depends on {name}")
+            (
+                f"palpate diagnose {ways.diagnose} --context {as_shell_word(name)}",
+                f"whether it depends on {name}",
+            )
             for name in material.unused[:MOST_ASKED]
         )
         steps.append(
-            (f"palpate diagnose {typed} --effect my_effects.py:MyEffect", "try a hypothesis of your own")
+            (
+                f"palpate diagnose {ways.diagnose} --effect my_effects.py:MyEffect",
+                "try a hypothesis of your own",
+            )
         )
-    steps.append((f"palpate compare {typed}", "where the model fails"))
+    steps.append((f"palpate compare {ways.compare}", "where the model fails"))
     console.next_steps(*steps)

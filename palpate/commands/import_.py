@@ -87,5 +87,7 @@ def _print(imported: Imported, session: Path) -> None:
     out.print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
     console.next_steps(
         (f"palpate estimate {typed(session)}", "parameters of a model with their intervals"),
+        (f"palpate compare {typed(session)}", "how far off a simple model is, and where"),
+        (f"palpate diagnose {typed(session)}", "which physical effect is missing"),
         (f"palpate info {typed(session)}", "what is in the file"),
     )

@@ -206,4 +206,7 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
     estimate = (f"palpate estimate {session}", "stiffness and damping with their intervals")
     inspect = (f"palpate inspect {session}", "see it in Rerun")
     info = (f"palpate info {session}", "what is in the file")
-    console.next_steps(*[estimate] * outcome.touched, *[inspect] * (not stuck), info)
+    compare = (f"palpate compare {session}", "how far off a spring and damper are, and where")
+    diagnose = (f"palpate diagnose {session}", "which physical effect is missing")
+    steps = [estimate, compare, diagnose] if outcome.touched else []
+    console.next_steps(*steps, *[inspect] * (not stuck), info)

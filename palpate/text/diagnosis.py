@@ -11,7 +11,7 @@ from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.result import Accepted, Fitted, ParameterValue
 from palpate import console
 from palpate.text.bars import Bar
-from palpate.words import chance, significant
+from palpate.words import NOT_DETERMINED, chance, significant
 
 SIGMAS_95 = 1.96
 MOST_RANKED = 5
@@ -87,7 +87,7 @@ def parameter_table(fitted: Fitted, title: str = "") -> Table:
 def value_and_half(parameter: ParameterValue) -> tuple[str, str]:
     """The value, and half of its 95 % interval, with digits that mean something."""
     if parameter.std_err is None:
-        return significant(parameter.value), "?"
+        return significant(parameter.value), NOT_DETERMINED
     half = SIGMAS_95 * parameter.std_err
     return significant(parameter.value, half), significant(half, half)
 
@@ -123,7 +123,8 @@ def _evidence(found: ChannelDiagnosis) -> Iterator[RenderableType]:
                 yield Text.from_markup(f"  [yellow]this data cannot tell it from {rivals}[/yellow]")
     for sentence_against in evidence_against(found):
         yield Text(sentence_against)
-    if found.final is not None and (found.accepted or found.verdict is not Verdict.UNEXPLAINED):
+    named = found.accepted or found.verdict is not Verdict.UNEXPLAINED
+    if named and found.final is not None and found.final.parameters:
         yield parameter_table(found.final)
     if found.ranking and found.verdict is not Verdict.ADEQUATE:
         yield _ranking(found)

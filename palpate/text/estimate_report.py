@@ -12,7 +12,7 @@ from estimation.rounding import in_steps, steps_spanned
 from estimation.surface import FEWEST_STEPS
 from palpate.findings.estimation_run import BEST, MOST, OFFSET, ChannelEstimates
 from palpate.findings.truth import SURFACE
-from palpate.words import significant
+from palpate.words import NOT_DETERMINED, significant
 from robot_io.calibration import parse_calibrations
 from robot_io.session import Session
 
@@ -207,7 +207,7 @@ def with_interval(parameter: ParameterEstimate) -> str:
     lower, upper = parameter.interval
     half = (upper - lower) / 2
     if not np.isfinite(half):
-        return f"{significant(parameter.value)} ± ?"
+        return f"{significant(parameter.value)} ({NOT_DETERMINED})"
     return f"{significant(parameter.value, half)} ± {significant(half, half)}"
 
 

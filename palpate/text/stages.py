@@ -12,8 +12,8 @@ from palpate.findings.revisions import KeptRevision
 from palpate.findings.story import Story
 from palpate.text.bars import Bar
 from palpate.text.comparison import ALIKE
+from palpate.words import NOT_DETERMINED, significant
 from palpate.words import shown as shown_path
-from palpate.words import significant
 
 SIGMAS_95 = 1.96
 _NO_FALL = 0.98  # of the error before
@@ -43,7 +43,7 @@ def parameter_table(stage: Revision) -> Table:
         half = SIGMAS_95 * found.std_err
         known = bool(np.isfinite(half))
         value = significant(found.value, half if known else None)
-        shown.add_row(name, value, significant(half, half) if known else "?", found.unit)
+        shown.add_row(name, value, significant(half, half) if known else NOT_DETERMINED, found.unit)
     return shown
 
 

@@ -12,7 +12,7 @@ from sim_backend.noise_scale import NoiseScale
 
 
 class DryFriction(ContactImperfection):
-    """F += z, dz/dx = (f sign(dx) - z) / s: against the motion, full after a way of a few s.
+    """F += z, dz/abs(dx) = (f sign(dx) - z) / s: against the motion, full after a way of a few s.
 
     Dahl's model, "Solid friction damping of mechanical vibrations", AIAA J. 14 (1976): rate-independent
     hysteresis. It is integrated exactly over each step, so that no stiffness f / s can make it unstable.

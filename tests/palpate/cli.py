@@ -1,5 +1,6 @@
 """Runs the command line in this process, and as a user starts it."""
 
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -34,3 +35,9 @@ def assert_refused(result, *words: str, code: int = 2) -> None:
     assert lines[0].startswith("palpate: ")
     for word in words:
         assert word in lines[0]
+
+
+def next_commands(result: Result) -> list[list[str]]:
+    """What stands below "Next": each command as words, without the program's name and the purpose."""
+    lines = result.stderr.partition("Next\n")[2].splitlines()
+    return [shlex.split(line.strip().split("  ")[0])[1:] for line in lines if line.strip()]

@@ -2,9 +2,10 @@
 
 import json
 
+import numpy as np
 import pytest
 
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import assert_refused, next_commands, run
 from tests.palpate.presses import NOISE_N, write_presses
 
 
@@ -63,3 +64,20 @@ def test_bad_options_are_refused(hardening, options, words):
 def test_a_single_run_cannot_be_judged(tmp_path):
     one = write_presses(tmp_path / "one.csv", speeds_m_s=(0.02,))
     assert_refused(run("compare", one), "single run")
+
+
+def test_where_only_a_joint_is_missed_the_next_command_judges_it(tmp_path):
+    plain = write_presses(tmp_path / "plain.csv", cubic=0)
+    rows = np.loadtxt(plain, delimiter=",", skiprows=1)
+    t = rows[:, 0]
+    speed = np.cos(9 * t)
+    torque = 0.05 * -9 * np.sin(9 * t) + 0.4 * np.tanh(speed / 0.02)
+    torque += np.random.default_rng(0).normal(0, 0.005, len(t))
+    data = tmp_path / "both.csv"
+    header = "time_s,displacement_m,force_N,run,position_1_rad,torque_1_Nm"
+    rows = np.column_stack([rows, np.sin(9 * t) / 9, torque])
+    np.savetxt(data, rows, delimiter=",", header=header, comments="", fmt="%.9g")
+    result = run("compare", data)
+    assert "fits contact" in result.stdout
+    assert "misses joint_1" in result.stdout
+    assert next_commands(result)[0][-2:] == ["--channel", "joint_1"]

@@ -31,7 +31,7 @@ from tests.estimation.contact_data import base_model
 from tests.estimation.diagnosis.presses import kelvin_voigt, maxwell, session
 from tests.estimation.diagnosis.test_common_cause import ARM, answer, joints
 from tests.estimation.diagnosis.test_true_force import pressing
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import assert_refused, next_commands, run
 from tests.palpate.presses import CUBIC, write_presses
 
 KEYS = {
@@ -138,19 +138,18 @@ def test_what_is_suspected_can_be_added_by_the_next_command(tmp_path):
     assert "Suspected, one on top of the other: cubic_stiffness (to " in told
 
 
-def test_the_next_command_says_which_of_several_joints_it_is_for(tmp_path):
+def test_a_next_command_for_each_joint_says_which_it_is_for(tmp_path):
     run_number, t = np.repeat(np.arange(3), 600), np.tile(np.arange(600) * 0.01, 3)
     w = 2 * np.pi * (0.5 + 0.1 * run_number)
     q, v, a = np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)
     noise = np.random.default_rng(0).normal(0.0, 0.005, (2, len(t)))
-    torques = 0.05 * a + noise + [[0.0], [0.6]] * np.tanh(v / 0.02)
+    torques = 0.05 * a + noise + [[0.4], [0.6]] * np.tanh(v / 0.02)
     data = tmp_path / "joints.csv"
     header = "time_s,run,position_1_rad,torque_1_Nm,position_2_rad,torque_2_Nm"
     rows = np.column_stack([t, run_number, q, torques[0], q, torques[1]])
     np.savetxt(data, rows, delimiter=",", header=header, comments="", fmt="%.7g")
-    result = run("diagnose", data, "--channel", "joint_2")
-    (line,) = [line for line in result.stderr.splitlines() if "palpate add" in line]
-    assert "--channel joint_2" in line
+    added = [words for words in next_commands(run("diagnose", data)) if words[0] == "add"]
+    assert [words[-2:] for words in added] == [["--channel", "joint_1"], ["--channel", "joint_2"]]
 
 
 def test_an_effect_of_ones_own_is_found_by_its_own_name(tmp_path):
@@ -159,10 +158,15 @@ def test_an_effect_of_ones_own_is_found_by_its_own_name(tmp_path):
     file.write_text(OWN_EFFECT)
     law = lambda x, v: 400 * x + 6 * v + 0.4 * np.sin(1500 * x)  # noqa: E731
     data = write_presses(tmp_path / "wavy.csv", force_of=law)
-    result = run("diagnose", data, "--effect", f"{file}:Waves", "--json")
-    assert result.exit_code == 0, result.stderr
-    (channel,) = json.loads(result.stdout)["channels"]
+    shown = run("diagnose", data, "--effect", f"{file}:Waves", "--out", tmp_path / "found")
+    assert shown.exit_code == 0, shown.stderr
+    (channel,) = json.loads((tmp_path / "found" / "diagnosis.json").read_text())["channels"]
     assert [entry["effect"] for entry in channel["accepted"]] == ["waves"]
+    (added,) = [words for words in next_commands(shown) if words[0] == "add"]
+    grown = run(*added, "--out", tmp_path / "grown", "--json")
+    assert grown.exit_code == 0, grown.stderr
+    report = (tmp_path / "grown" / "report.html").read_text()
+    assert f"--effect {file}:Waves" in report
 
 
 OWN_EFFECT = """

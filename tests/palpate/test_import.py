@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from robot_io.session import Session
-from tests.palpate.cli import ROOT, assert_refused, run
+from tests.palpate.cli import ROOT, assert_refused, next_commands, run
 
 DATA = Path(os.environ.get("PALPATE_DATA", ROOT.parent / "shared" / "data"))
 SOFT = DATA / "soft_indentation" / "runs.csv.gz"
@@ -44,7 +44,9 @@ def test_the_command_that_a_session_keeps_can_be_typed_again(good, tmp_path, mon
 
 def test_without_a_name_it_goes_to_the_sessions(good, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert run("import", good).exit_code == 0
+    result = run("import", good)
+    assert result.exit_code == 0
+    assert [words[0] for words in next_commands(result)] == ["estimate", "compare", "diagnose", "info"]
     assert (tmp_path / "sessions" / "good.mcap").is_file()
     assert_refused(run("import", good), "exists already")
 
