@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from control.loop.tick_record import STREAM_NAME
 from estimation.diagnosis import ChannelDiagnosis, Diagnosis, Verdict
 from estimation.diagnosis.common_cause import others_may_tell
 from estimation.diagnosis.judged import Judged
@@ -101,8 +100,7 @@ def command(  # noqa: PLR0917, one parameter an option
     """
     material = load_material(file, import_options(column, unit, where, context, fresh_runs))
     known = subjects_of(material, model, given_arm(urdf, tip_frame, material.arm))
-    probed = material.session is not None and STREAM_NAME in material.session.stream_names
-    subjects = channels_to_diagnose(known, channel, probed=probed)
+    subjects = channels_to_diagnose(known, channel, probed=material.probed)
     data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
     judged_by = {"model": model, "urdf": urdf, "tip-frame": tip_frame}
     ways = Ways(

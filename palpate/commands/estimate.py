@@ -23,13 +23,13 @@ from palpate.data_options import (
 )
 from palpate.findings.estimation_run import (
     ALL,
-    DEFAULT_MODEL,
     ChannelEstimates,
     Material,
     choose_estimators,
     estimate_with,
     load_material,
 )
+from palpate.findings.subject import to_estimate
 from palpate.text.estimate_report import as_data, calibration_remark, remarks
 from palpate.text.estimate_table import estimate_table
 from palpate.words import count, safe, shown, typed
@@ -38,7 +38,9 @@ from robot_io.errors import InputError
 
 def command(  # noqa: PLR0917, one parameter an option
     file: FileArgument,
-    model: Annotated[str, typer.Option(help=f"One of {', '.join(MODELS)}.")] = DEFAULT_MODEL,
+    model: Annotated[
+        str | None, typer.Option(help=f"One of {', '.join(MODELS)}; default: what suits the channels.")
+    ] = None,
     estimator: Annotated[
         str, typer.Option(help=f"{ALL}, or some of {', '.join(ESTIMATORS)}, with commas.")
     ] = ALL,
@@ -59,12 +61,13 @@ def command(  # noqa: PLR0917, one parameter an option
     names = choose_estimators(estimator)
     material = load_material(file, import_options(column, unit, where, context, fresh_runs), tared=True)
     arm = given_arm(urdf, tip_frame, material.arm)
-    channels = [only_runs(channel, run) for channel in material.described_by(model)]
-    found = [estimate_with(channel, model, names, arm) for channel in channels]
+    chosen = to_estimate(material, model, arm)
+    found = [estimate_with(only_runs(channel, run), name, names, arm) for channel, name in chosen]
     if as_json:
         results = [as_data(each, material.truth_of(each.channel)) for each in found]
         cut_off = material.session is not None and material.session.truncated
-        console.print_json({"file": str(file), "model": model, "cut_off": cut_off, "channels": results})
+        used = "+".join(dict.fromkeys(name for _, name in chosen))
+        console.print_json({"file": str(file), "model": used, "cut_off": cut_off, "channels": results})
     else:
         _print(material, found)
 

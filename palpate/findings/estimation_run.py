@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from control.loop.tick_record import STREAM_NAME
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.channels import is_session, session_channels
@@ -80,6 +81,11 @@ class Material:
     arm: Arm
     unused: tuple[str, ...] = ()
 
+    @property
+    def probed(self) -> bool:
+        """Whether an arm was to touch something."""
+        return self.session is not None and STREAM_NAME in self.session.stream_names
+
     def described_by(self, model: str) -> tuple[ChannelData, ...]:
         """The channels that a base model describes.
 
@@ -92,10 +98,12 @@ class Material:
             wanted = " or ".join(_IN_WORDS[kind] for kind in sorted(kinds))
             there = ", ".join(f"{channel.name} ({channel.kind})" for channel in self.channels)
             hint = (
-                "" if self.session is None or ChannelKind.CONTACT not in kinds else "; was anything touched?"
+                "." if self.session is None or ChannelKind.CONTACT not in kinds else "; was anything touched?"
             )
+            valid = [n for n in MODELS if MODELS[n].channels & {channel.kind for channel in self.channels}]
             raise InputError(
-                f"{self.path}: model '{model}' describes a {wanted}, its channels are: {there}{hint}"
+                f"{self.path}: model '{model}' describes a {wanted}, its channels are: {there}{hint} "
+                f"Choose with --model: {', '.join(valid)}"
             )
         return found
 

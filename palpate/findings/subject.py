@@ -9,6 +9,7 @@ from palpate.findings.estimation_run import DEFAULT_MODEL, Arm, Material, contex
 from robot_io.errors import InputError
 
 ARM_MODEL = "rigid_body"
+FITTED_ARM_MODEL = "rigid_body_fitted"
 LOOSE_JOINT_MODEL = "inertia"
 
 
@@ -40,6 +41,26 @@ def usual_model(channel: ChannelData, arm: Arm) -> str:
     if channel.kind is ChannelKind.CONTACT:
         return DEFAULT_MODEL
     return ARM_MODEL if arm.urdf else LOOSE_JOINT_MODEL
+
+
+def to_estimate(material: Material, model: str | None, arm: Arm) -> tuple[tuple[ChannelData, str], ...]:
+    """The channels to estimate, each with its model: contacts where there are any or were to be, else joints.
+
+    Args:
+        material: what was measured.
+        model: what the user asked for; None for what suits each channel and has something to estimate.
+        arm: what the channels belong to.
+
+    Raises:
+        InputError: the model is unknown, or describes none of the channels.
+    """
+    contacts = any(channel.kind is ChannelKind.CONTACT for channel in material.channels)
+    if model is None and (contacts or material.probed):
+        model = DEFAULT_MODEL
+    if model is not None:
+        return tuple((channel, model) for channel in material.described_by(model))
+    joints = FITTED_ARM_MODEL if arm.urdf else LOOSE_JOINT_MODEL
+    return tuple((channel, joints) for channel in material.channels)
 
 
 def model_names(subjects: tuple[Subject, ...]) -> str:

@@ -188,7 +188,9 @@ def test_a_joint_is_estimated_with_a_joint_model(joint):
 
 
 def test_a_joint_is_no_contact(joint):
-    assert_refused(run("estimate", joint), "kelvin_voigt", "contact", "joint_1 (revolute)")
+    assert_refused(
+        run("estimate", joint, "--model", "kelvin_voigt"), "kelvin_voigt", "contact", "joint_1 (revolute)"
+    )
 
 
 def test_a_model_without_what_it_needs_is_refused(joint, probed, tmp_path):
@@ -275,4 +277,18 @@ def test_options_of_data_files_are_refused_for_a_session(probed):
 
 def test_a_model_for_something_else_is_refused_in_words(probed, tmp_path):
     refused = run("estimate", contact_csv(tmp_path / "mine.csv"), "--model", "inertia")
-    assert_refused(refused, "describes a prismatic joint or revolute joint", "contact (contact)")
+    words = ("describes a prismatic joint or revolute joint", "contact (contact)", "--model: hunt_crossley")
+    assert_refused(refused, *words)
+
+
+def test_a_joint_is_estimated_without_a_word_on_the_model(tmp_path):
+    t = np.arange(400) * 0.01
+    torque = -0.05 * 9 * np.sin(3 * t) + 0.2 * 3 * np.cos(3 * t)
+    rows = np.column_stack([t, np.sin(3 * t), torque + np.random.default_rng(0).normal(0, 0.001, len(t))])
+    file = tmp_path / "joint.csv"
+    header = "time_s,position_rad,torque_Nm"
+    np.savetxt(file, rows, delimiter=",", header=header, comments="", fmt="%.9g")
+    data = estimate_json(file)
+    assert data["model"] == "inertia"
+    (channel,) = data["channels"]
+    assert channel["estimates"][0]["parameters"]["inertia.m"]["value"] == pytest.approx(0.05, rel=0.05)
