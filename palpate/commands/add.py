@@ -42,7 +42,10 @@ def command(  # noqa: PLR0917, one parameter an option
     ] = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the base model again.")] = False,
     model: Annotated[
-        str | None, typer.Option(help=f"Base model to begin with: one of {', '.join(MODELS)}.")
+        str | None,
+        typer.Option(
+            help=f"Base model: one of {', '.join(MODELS)}; default: that of the newest revision, if any."
+        ),
     ] = None,
     channel: Annotated[str | None, typer.Option(help="Where to add them, such as joint_2.")] = None,
     effect: Annotated[

@@ -7,7 +7,7 @@ from palpate.findings.effect_library import EffectLibrary
 from palpate.findings.estimation_run import Arm, Material
 from palpate.findings.revisions import KeptRevision, RevisionShelf
 from palpate.findings.story import Story, channel_for, tell_story
-from palpate.findings.subject import Subject, only_channel, subjects_of
+from palpate.findings.subject import Subject, only_channel, subject_of, subjects_of, usual_model
 from robot_io.errors import InputError
 
 
@@ -58,12 +58,17 @@ def grow(material: Material, arm: Arm, shelf: RevisionShelf, library: EffectLibr
         InputError: a name is unknown, an effect is there already or does not apply, or options contradict.
     """
     start = shelf.get(wish.start) if wish.start is not None else None
-    subject = _subject(material, arm, library, wish, start)
+    if start is not None:
+        subject = _continued(material, arm, wish, start)
+    else:
+        chosen = [library.get(name) for name in wish.effects]
+        subject = channel_for(only_channel(_begun(material, arm, shelf, wish), wish.channel), chosen)
     parent = start
     if parent is None and not wish.fresh:
         parent = shelf.latest(subject.channel.name, subject.model.name)
     before = [] if parent is None else parent.effects
     _check_own(parent, library)
+    _check_new(parent, wish)
     library.rehearse([subject.channel])
     story = tell_story(subject, None, [*before, *wish.effects], library.effects)
     unit = subject.channel.kind.effort_unit
@@ -71,18 +76,36 @@ def grow(material: Material, arm: Arm, shelf: RevisionShelf, library: EffectLibr
     return Growth(story, parent, kept)
 
 
-def _subject(
-    material: Material, arm: Arm, library: EffectLibrary, wish: Wish, start: KeptRevision | None
-) -> Subject:
-    """The channel in question with its base model."""
-    if start is None:
-        chosen = [library.get(name) for name in wish.effects]
-        return channel_for(only_channel(subjects_of(material, wish.model, arm), wish.channel), chosen)
+def _continued(material: Material, arm: Arm, wish: Wish, start: KeptRevision) -> Subject:
+    """The channel of a revision with its base model."""
     contradictions = {"--fresh": wish.fresh, "--model": wish.model, "--channel": wish.channel}
     given = [option for option, value in contradictions.items() if value]
     if given:
         raise InputError(f"--from {start.number} says channel and model already: leave out {given[0]}")
     return only_channel(subjects_of(material, start.model, arm), start.channel)[0]
+
+
+def _begun(material: Material, arm: Arm, shelf: RevisionShelf, wish: Wish) -> tuple[Subject, ...]:
+    """The channels, each with the base model that the user names, else that of its newest revision."""
+    if wish.model is not None or wish.fresh:
+        return subjects_of(material, wish.model, arm)
+    wanted = [channel for channel in material.channels if wish.channel in {None, channel.name}]
+    newest = [shelf.latest(channel.name) for channel in wanted]
+    begun = tuple(
+        subject_of(channel, kept.model if kept else usual_model(channel, arm), arm)
+        for channel, kept in zip(wanted, newest, strict=True)
+    )
+    return begun or subjects_of(material, None, arm)
+
+
+def _check_new(parent: KeptRevision | None, wish: Wish) -> None:
+    """What the revision has already cannot be added once more."""
+    there = [name for name in wish.effects if parent is not None and name in parent.effects]
+    if parent is not None and there:
+        raise InputError(
+            f"revision {parent.number} has {', '.join(there)} already: go on from one without it "
+            "(--from, see palpate revisions), or begin anew (--fresh)"
+        )
 
 
 def _check_own(parent: KeptRevision | None, library: EffectLibrary) -> None:

@@ -33,7 +33,7 @@ def subjects_of(material: Material, model: str | None, arm: Arm) -> tuple[Subjec
         InputError: the model is unknown, describes none of the channels, or lacks something.
     """
     channels = material.channels if model is None else material.described_by(model)
-    return tuple(_subject(channel, model or usual_model(channel, arm), arm) for channel in channels)
+    return tuple(subject_of(channel, model or usual_model(channel, arm), arm) for channel in channels)
 
 
 def usual_model(channel: ChannelData, arm: Arm) -> str:
@@ -81,7 +81,12 @@ def only_channel(subjects: tuple[Subject, ...], name: str | None) -> tuple[Subje
     return chosen
 
 
-def _subject(channel: ChannelData, model: str, arm: Arm) -> Subject:
+def subject_of(channel: ChannelData, model: str, arm: Arm) -> Subject:
+    """A channel with a base model.
+
+    Raises:
+        InputError: the model is unknown, or lacks something.
+    """
     base, context = MODELS[model](), context_of(channel, arm)
     built = base.build(context)
     return Subject(base.prepare(channel, context), built)

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from tests.palpate.cli import assert_refused, run
@@ -31,6 +32,21 @@ def test_stages_are_kept_continued_and_gone_back_to(hardening, tmp_path):
     assert listed == [*first, second, third]
     shown = run("revisions", hardening, "--folder", tmp_path).stdout
     assert "kelvin_voigt + cubic_stiffness" in shown
+
+
+def test_without_a_word_on_it_the_model_of_the_newest_revision_goes_on(tmp_path):
+    t = np.arange(1200) * 0.005
+    torque = 0.2 * -9 * np.sin(3 * t) + 0.5 * 3 * np.cos(3 * t) + 2 * np.sin(np.sin(3 * t))
+    torque += np.random.default_rng(0).normal(0, 0.01, len(t))
+    joint, rows = tmp_path / "joint.csv", np.column_stack([t, np.sin(3 * t), torque])
+    np.savetxt(joint, rows, delimiter=",", header="time_s,position_rad,torque_Nm", comments="", fmt="%.9f")
+    add(joint, tmp_path, "delay")
+    first = add(joint, tmp_path, "bias", "--model", "pendulum")
+    (second,) = add(joint, tmp_path, "coulomb_friction")
+    assert (second["model"], second["parent"]) == ("pendulum", first[-1]["number"])
+    again = run("add", joint, "bias", "--out", tmp_path)
+    assert_refused(again, f"revision {second['number']} has bias already", "--from", "--fresh")
+    assert add(joint, tmp_path, "bias", "--fresh")[-1]["model"] == "inertia"
 
 
 def test_what_is_shown_falls_to_the_floor(hardening, tmp_path):

@@ -185,6 +185,7 @@ def test_a_joint_is_estimated_with_a_joint_model(joint):
     (channel,) = estimate_json(joint, "--model", "inertia", "--estimator", "lsq")["channels"]
     values = [parameter["value"] for parameter in channel["estimates"][0]["parameters"].values()]
     assert values == pytest.approx([0.2, 0.5], rel=0.01)
+    assert estimate_json(joint, "--estimator", "lsq")["channels"] == [channel]  # the model that suits it
 
 
 def test_a_joint_is_no_contact(joint):
@@ -279,16 +280,3 @@ def test_a_model_for_something_else_is_refused_in_words(probed, tmp_path):
     refused = run("estimate", contact_csv(tmp_path / "mine.csv"), "--model", "inertia")
     words = ("describes a prismatic joint or revolute joint", "contact (contact)", "--model: hunt_crossley")
     assert_refused(refused, *words)
-
-
-def test_a_joint_is_estimated_without_a_word_on_the_model(tmp_path):
-    t = np.arange(400) * 0.01
-    torque = -0.05 * 9 * np.sin(3 * t) + 0.2 * 3 * np.cos(3 * t)
-    rows = np.column_stack([t, np.sin(3 * t), torque + np.random.default_rng(0).normal(0, 0.001, len(t))])
-    file = tmp_path / "joint.csv"
-    header = "time_s,position_rad,torque_Nm"
-    np.savetxt(file, rows, delimiter=",", header=header, comments="", fmt="%.9g")
-    data = estimate_json(file)
-    assert data["model"] == "inertia"
-    (channel,) = data["channels"]
-    assert channel["estimates"][0]["parameters"]["inertia.m"]["value"] == pytest.approx(0.05, rel=0.05)
