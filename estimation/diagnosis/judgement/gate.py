@@ -12,6 +12,7 @@ from estimation.signals.runwise import per_run, sample_time
 from robot_io.types import BoolArray, FloatArray
 
 LEAST_SAMPLES = 100
+SINGLE_RUN = "a single run"  # how the reason begins where only the division into runs is missing
 _LONGEST_CONTACT_M = 0.2  # deeper indentations than this are a mistaken unit
 _STIFFEST_N_M = 1e7
 _SOFTEST_N_M = 1e-2
@@ -71,12 +72,23 @@ def _runs(data: ChannelData) -> str | None:
     if len(data.runs) > 1:
         return None
     if data.kind is ChannelKind.CONTACT:
-        return "a single run, so nothing can be held out to judge by; probe at least three times"
+        presses = _presses(data)
+        if presses > 1:
+            return f"{SINGLE_RUN} with {presses} presses; number them in a column `run` of the data file"
+        return f"{SINGLE_RUN}, so nothing can be held out to judge by; probe at least three times"
     parts = np.array_split(data.position, 5)
     ranges = np.array([np.ptp(part) for part in parts])
     if ranges.min() < 0.3 * np.ptp(data.position):
-        return "a single run that goes through its motion once; record at least three runs"
+        return f"{SINGLE_RUN} that goes through its motion once; record at least three runs"
     return None
+
+
+def _presses(data: ChannelData) -> int:
+    """How often the object was pressed to half of the deepest indentation, after it was let go."""
+    deepest = float(data.position.max())
+    sides = np.where(data.position > 0.5 * deepest, 1, np.where(data.position < 0.1 * deepest, -1, 0))
+    met = sides[sides != 0]
+    return int(np.count_nonzero((met[1:] > 0) & (met[:-1] < 0)) + (len(met) > 0 and met[0] > 0))
 
 
 def _units(data: ChannelData) -> str | None:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from estimation.channel import ChannelKind
+from estimation.diagnosis.judgement.gate import SINGLE_RUN
 from estimation.diagnosis.result import NextExperiment
 from estimation.effect import Effect
 
@@ -45,6 +46,11 @@ _DEEP = Plan(
 _FREE_AIR = Plan(
     "record free air before and after each press",
     {"speeds_m_s": [0.01, 0.05], "free_air_s": 3.0, "hold_s": 1.0, "repeats": 3},
+)
+_RUNS = Plan(
+    "press at least three times, slowly and fast, each as a run of its own; in a data file, a column `run` "
+    "numbers them",
+    {"speeds_m_s": [0.01, 0.03, 0.1], "hold_s": 1.0, "repeats": 2},
 )
 _REPEATS = Plan(
     "repeat one and the same press on one spot, and see whether a run differs again",
@@ -113,7 +119,8 @@ def exploring(signals: Sequence[str], kind: ChannelKind) -> NextExperiment:
 
 def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
     """The experiment that makes up for data that cannot say anything."""
-    plan = _FREE_AIR if kind is ChannelKind.CONTACT else _JOINT
+    contact = _RUNS if reason.startswith(SINGLE_RUN) else _FREE_AIR
+    plan = contact if kind is ChannelKind.CONTACT else _JOINT
     return NextExperiment(
         purpose="make a diagnosis possible: " + reason,
         separates=[],

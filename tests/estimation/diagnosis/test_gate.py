@@ -47,6 +47,15 @@ def test_bad_data_gets_a_reason_and_no_name(words):
     assert found.accepted == []
 
 
+def test_presses_that_were_not_divided_into_runs_are_to_be_numbered():
+    found = diagnose(BAD["single run"], MODEL, rng=np.random.default_rng(0)).channels[0]
+    assert f"{len(DATA.runs)} presses" in found.reason
+    assert "`run`" in found.reason
+    assert "`run`" in found.next_experiment.instruction
+    one = DATA.of_runs(DATA.runs[:1])
+    assert refuse(one) == "a single run, so nothing can be held out to judge by; probe at least three times"
+
+
 def test_good_data_passes():
     assert refuse(DATA) is None
 
