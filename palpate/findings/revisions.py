@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from estimation.revision import Revision
 from palpate.files import output_folder, write_text
+from palpate.findings.revision_check import flaw
 from robot_io.errors import InputError
 
 FOLDER = "revisions"
@@ -18,7 +19,7 @@ FOLDER = "revisions"
 class KeptParameter(BaseModel):
     """One parameter; `std_err` is None where the data do not determine it."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     value: float
     std_err: float | None
@@ -44,7 +45,7 @@ class KeptRevision(BaseModel):
         software_version: by which palpate.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     number: int
     parent: int | None
@@ -83,7 +84,7 @@ class RevisionShelf:
             InputError: a file is not a revision.
         """
         files = sorted(self._folder.glob("[0-9]*.json")) if self._folder.is_dir() else []
-        return [_read(file) for file in files]
+        return [_read(file) for file in files if file.stem.isdecimal()]
 
     def get(self, number: int) -> KeptRevision:
         """One revision.
@@ -196,6 +197,16 @@ def _revision(  # noqa: PLR0917, one argument a fact that is kept
 
 def _read(file: Path) -> KeptRevision:
     try:
-        return KeptRevision.model_validate_json(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValidationError) as error:
-        raise InputError(f"revision {file}: is damaged; delete it to go on without it") from error
+        revision = KeptRevision.model_validate_json(file.read_text(encoding="utf-8"))
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise _damaged(file, f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise _damaged(file, "it cannot be read") from error
+    if wrong := flaw(revision, int(file.stem)):
+        raise _damaged(file, wrong)
+    return revision
+
+
+def _damaged(file: Path, why: str) -> InputError:
+    return InputError(f"revision {file}: is damaged: {why}; delete it to go on without it")
