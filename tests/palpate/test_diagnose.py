@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from control.probing.plan import ProbingPlan, load_probing_plan
 from estimation.channel import ChannelKind
@@ -16,6 +17,7 @@ from estimation.diagnosis.result import (
     Diagnosis,
     Fitted,
     NextExperiment,
+    ParameterValue,
     Suspect,
     Verdict,
 )
@@ -26,7 +28,7 @@ from palpate.commands import diagnose as diagnose_command
 from palpate.findings.effect_library import library_with
 from palpate.findings.next_plan import plan_of, write_plan
 from palpate.findings.subject import Subject
-from palpate.text.diagnosis import sentence
+from palpate.text.diagnosis import sentence, show
 from tests.estimation.contact_data import base_model
 from tests.estimation.diagnosis.presses import kelvin_voigt, maxwell, session
 from tests.estimation.diagnosis.test_common_cause import ARM, answer, joints
@@ -96,6 +98,20 @@ def test_json_alone_is_on_stdout_and_writes_nothing(tmp_path, monkeypatch):
     (channel,) = json.loads(result.stdout)["channels"]
     assert channel["verdict"] == "adequate"
     assert [path.name for path in tmp_path.iterdir()] == ["plain.csv"]
+
+
+@pytest.mark.parametrize(
+    "parameters", [{}, {"bias.offset": ParameterValue(value=0.4, std_err=None, unit="N")}]
+)
+def test_parameters_are_shown_where_there_are_any_with_a_word_on_what_is_not_determined(parameters):
+    fitted = Fitted(rmse=0.1, parameters=parameters)
+    verdict = {"verdict": Verdict.ADEQUATE, "reason": "", "effort_unit": "N", "noise_floor": 0.1}
+    found = ChannelDiagnosis(channel="joint_1", **verdict, baseline=fitted, final=fitted)
+    out = Console(width=100, record=True)
+    for part in show(found):
+        out.print(part)
+    told = out.export_text()
+    assert ("parameter" in told) == ("not determined" in told) == bool(parameters)
 
 
 def test_data_that_cannot_say_gets_the_reason(tmp_path):
