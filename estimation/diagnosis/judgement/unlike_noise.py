@@ -7,20 +7,19 @@ motor nearby. Free air shows what the sensor's own noise is like.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lombscargle
 
 from estimation.channel import ChannelKind
 from estimation.data.derivatives import grid_step
 from estimation.diagnosis.bench.held_out import held_out_residual
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.judgement.noise_floor import free_air
+from estimation.diagnosis.judgement.swinging import strongest_swing
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _TIMES = 3.0  # the noise to be expected
 _LIKE_NEIGHBOUR = 0.5  # correlation of neighbouring blocks, which noise as in free air does not have
 _BLOCKS = 40  # in contact and in free air, with fewer of which nothing is said
-_SLOWEST = 3.0  # periods within the longest run
 _PEAK = 0.2  # share of the variance in one frequency that makes it worth naming
 
 
@@ -103,17 +102,9 @@ def _neighbours(residual: FloatArray, run: IntArray, chosen: BoolArray) -> float
 
 
 def _frequency(standing: Standing, residual: FloatArray, contact: BoolArray) -> float | None:
-    """Where a periodogram of what is left in contact has its peak, all runs on one clock [Hz]."""
+    """At which what is left in contact swings most, if it does much [Hz]."""
     frame = standing.plain.frame
-    time_s = frame.reduce(frame.data.time_s)[contact]
-    longest_s = max(float(np.ptp(time_s[frame.run[contact] == run])) for run in np.unique(frame.run[contact]))
     step_s = sample_time(frame.data.time_s, frame.data.run) * frame.rows.shape[1]
-    if longest_s < 10 * step_s:
-        return None
-    values = residual[contact] - residual[contact].mean()
-    frequencies = np.arange(_SLOWEST / longest_s, 0.4 / step_s, 0.1 / longest_s)
-    if len(frequencies) == 0:
-        return None
-    power = lombscargle(time_s, values, 2.0 * np.pi * frequencies, normalize=True)
-    best = int(np.argmax(power))
-    return float(frequencies[best]) if power[best] > _PEAK else None
+    left = np.where(contact, residual, np.nan)
+    found = strongest_swing(frame.reduce(frame.data.time_s), frame.run, left, step_s)
+    return found[0] if found and found[1] > _PEAK else None
