@@ -37,6 +37,10 @@ class Attempts:
         """The trial that fits all data best."""
         return min(self.trials, key=lambda trial: trial.sse)
 
+    def without_blocks(self) -> "Attempts":
+        """The same, see `Trial.without_blocks`."""
+        return Attempts(tuple(trial.without_blocks() for trial in self.trials), self.start_count)
+
     @property
     def held_out(self) -> FloatArray:
         """Squared whitened residuals of each fold, the inner parameters chosen on the other folds."""
@@ -74,7 +78,9 @@ def refine(bench: Bench, model: Model, effect: Effect, looked: Attempts) -> Atte
             for point in closer:
                 grid.append(point)
                 trials.append(_at(bench, model, effect, trials[best].parameters, point, along=along))
-    return Attempts(tuple(trials), looked.start_count)
+    best_trial = min(trials, key=lambda trial: trial.sse)
+    between = (t if t is best_trial else t.without_blocks() for t in trials[looked.start_count :])
+    return Attempts((*looked.trials, *between), looked.start_count)
 
 
 def _at(

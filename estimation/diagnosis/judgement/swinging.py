@@ -59,7 +59,8 @@ def _pieces(time_s: FloatArray, run: IntArray, signal: FloatArray, step_s: float
             if len(chosen):
                 place = np.rint((time_s[chosen] - time_s[chosen[0]]) / step_s).astype(np.int64)
                 values = signal[chosen] - signal[chosen].mean()
-                pieces.append((np.bincount(place).astype(np.float64), np.bincount(place, values)))
+                sums = np.bincount(place, values).astype(np.float64)
+                pieces.append((np.bincount(place).astype(np.float64), sums))
     return pieces
 
 

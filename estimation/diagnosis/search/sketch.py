@@ -4,12 +4,12 @@ Beside the wrong first effect the right second one explains little, so no pair i
 does alone. What comes out is where to begin on the channel itself.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from estimation.channel import ChannelData
 from estimation.diagnosis.bench.frame import Frame
 from estimation.diagnosis.bench.memory import Memory
-from estimation.diagnosis.bench.standing import fit
+from estimation.diagnosis.bench.standing import Fit, fit
 from estimation.diagnosis.bench.trial import Trial
 from estimation.diagnosis.search.candidate import TIE, Candidate
 from estimation.diagnosis.search.library import candidates
@@ -55,13 +55,12 @@ def promising_pairs(search: Search) -> list[Pair]:
     coarse, good, memory = coarse_copy(start.plain.frame), start.plain.frame.trusted, Memory()
     base = fit(coarse, search.model, start.trial.parameters, good, memory)
     found: list[tuple[Candidate, Candidate]] = []
-    firsts = screen(base, candidates(coarse, search.model, search.effects))
+    firsts = _screened(base, coarse, search)
     for number, one in enumerate(firsts):
         search.progress(f"{coarse.name}: pairs with {one.effect.name}", number / len(firsts))
         best = one.search.best
         beside = fit(coarse, best.model, best.parameters, good, memory)
-        others = screen(beside, candidates(coarse, best.model, search.effects))
-        found += [(one, other) for other in others[:BESIDE]]
+        found += [(one, other) for other in _screened(beside, coarse, search)[:BESIDE]]
     found.sort(key=lambda two: two[1].held_out)
     pairs: dict[frozenset[str], Pair] = {}
     for one, other in found[:FITTED]:
@@ -72,6 +71,12 @@ def promising_pairs(search: Search) -> list[Pair]:
     least = min((pair.left for pair in pairs.values()), default=0.0)
     promising = [pair for pair in pairs.values() if pair.left <= PROMISING * least]
     return sorted(promising, key=lambda pair: (pair.left > (1.0 + TIE) * least, pair.size, pair.left))[:MOST]
+
+
+def _screened(standing: Fit, coarse: ChannelData, search: Search) -> list[Candidate]:
+    """Candidates beside a model, without their blocks: of long data, those of all pairs fill the memory."""
+    found = screen(standing, candidates(coarse, standing.trial.model, search.effects))
+    return [replace(candidate, search=candidate.search.without_blocks()) for candidate in found]
 
 
 def coarse_copy(frame: Frame) -> ChannelData:
