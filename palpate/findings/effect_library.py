@@ -7,7 +7,8 @@ from estimation.channel import ChannelData
 from estimation.diagnosis.search.library import library
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
-from palpate.findings.user_effect import load_user_effect, rehearse
+from palpate.findings.rehearsal import rehearse
+from palpate.findings.user_effect import load_user_effect
 from robot_io.errors import InputError
 
 
@@ -16,7 +17,7 @@ class EffectLibrary:
     """What is tried.
 
     Attributes:
-        effects: all of them; one of the user's replaces palpate's of the same name.
+        effects: all of them.
         own: FILE.py:Class by name of the user's.
     """
 
@@ -52,9 +53,19 @@ def library_with(texts: Sequence[str] | None) -> EffectLibrary:
         texts: each of the form FILE.py:Class.
 
     Raises:
-        InputError: a file or class is not there, cannot be run, or states no effect.
+        InputError: a file or class is not there, cannot be run, or states no effect, or one whose name is
+            taken.
     """
-    own = {effect.name: (effect, text) for text in texts or () for effect in (load_user_effect(text),)}
-    known = (effect for effect in library() if effect.name not in own)
-    loaded = (effect for effect, _ in own.values())
-    return EffectLibrary((*known, *loaded), {name: text for name, (_, text) in own.items()})
+    palpates = library()
+    loaded: dict[str, tuple[Effect, str]] = {}
+    for text in texts or ():
+        effect = load_user_effect(text)
+        taken = "palpate" if effect.name in EFFECTS else loaded.get(effect.name, (effect, ""))[1]
+        if taken and taken != text:
+            raise InputError(
+                f"--effect {text}: the name '{effect.name}' is taken by an effect of {taken}; "
+                "give the class another name"
+            )
+        loaded[effect.name] = effect, text
+    own = (effect for effect, _ in loaded.values())
+    return EffectLibrary((*palpates, *own), {name: text for name, (_, text) in loaded.items()})

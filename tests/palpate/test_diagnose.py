@@ -217,6 +217,50 @@ class Short(Waves):
     def known(self, data, inner):
         return np.zeros(3)
 
+class Complex(Waves):
+    name = "complex"
+    def columns(self, data, inner):
+        return 1j * data.position[:, None]
+
+class Text(Waves):
+    name = "text"
+    def columns(self, data, inner):
+        return "hello"
+
+class Writes(Waves):
+    name = "writes"
+    def columns(self, data, inner):
+        data.position[:] = 0.0
+        return data.position[:, None]
+
+class Misnames(Waves):
+    name = "misnames"
+    def is_misnamed(self, data, parameters):
+        return True
+
+class Suits(Waves):
+    name = "suits"
+    def suited_to(self, data):
+        return None
+
+class Starts(Waves):
+    name = "starts"
+    inner = (Parameter("t", "s", 0.0, 1.0, (0.1, 0.2)),)
+    def starts(self, data):
+        return ({},)
+
+class Backwards(Waves):
+    name = "backwards"
+    inner = (Parameter("t", "s", 1.0, 0.0, (0.1, 0.2)),)
+
+class Simpler(Waves):
+    name = "simpler"
+    def simpler(self, columns):
+        raise KeyError("a")
+
+class Taken(Waves):
+    name = "bias"
+
 class Nameless(AdditiveEffect):
     def columns(self, data, inner):
         return data.position[:, None]
@@ -232,6 +276,15 @@ class Nameless(AdditiveEffect):
         ("FILE:Broken", ("broken", "shape")),
         ("FILE:OldForm", ("old_form", "known() takes 2 positional arguments")),
         ("FILE:Short", ("short", "known gives an array of shape (3,)")),
+        ("FILE:Complex", ("complex", "complex128", "real numbers")),
+        ("FILE:Text", ("text", "real numbers")),
+        ("FILE:Writes", ("writes", "read-only", "mine.py")),
+        ("FILE:Misnames", ("misnames", "is_misnamed() takes 3 positional arguments")),
+        ("FILE:Suits", ("suited_to", "same name")),
+        ("FILE:Starts", ("starts gives", "t")),
+        ("FILE:Backwards", ("'t'", "ascending")),
+        ("FILE:Simpler", ("simpler", "KeyError")),
+        ("FILE:Taken", ("'bias' is taken", "another name")),
         ("FILE:Nameless", ("states no", "name")),
     ],
 )

@@ -1,0 +1,25 @@
+"""The rehearsal of an effect lets every effect pass that is sound: all of palpate's own are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.channel import ChannelKind
+from estimation.effects import EFFECTS
+from palpate.findings.rehearsal import rehearse
+from tests.estimation.diagnosis.presses import kelvin_voigt, session
+
+DATA = session(1, lambda t, x, v, run: kelvin_voigt(x, v))
+
+
+@pytest.mark.parametrize("kind", ChannelKind)
+@pytest.mark.parametrize("name", EFFECTS)
+def test_palpates_own_effects_pass(name, kind):
+    rehearse(EFFECTS[name](), replace(DATA, kind=kind))
+
+
+def test_the_data_can_still_be_written_into_afterwards():
+    rehearse(EFFECTS["bias"](), DATA)
+    assert DATA.position.flags.writeable
+    assert np.all(np.isfinite(DATA.position))
