@@ -185,13 +185,17 @@ def _given(columns: Columns, key: Key, source: _Source, rows: Rows) -> FloatArra
 
 
 def _check_scale(columns: Columns, key: Key, source: _Source, given: FloatArray, derived: FloatArray) -> None:
-    """Refuse a velocity that is many times what the position says."""
+    """Refuse a velocity that is many times what the position says, or has the other sign."""
     product, power = float(given @ derived), float(derived @ derived)
-    if product < _RELATED * np.sqrt(power * float(given @ given)) or power == 0.0:
+    if abs(product) < _RELATED * np.sqrt(power * float(given @ given)) or power == 0.0:
         return
     ratio = product / power
-    if not 1 / _WRONG_SCALE < ratio < _WRONG_SCALE:
-        raise InputError(
-            f"{columns.table.path}: column '{columns.name(key)}' is {ratio:.3g} times the rate of change of "
-            f"'{columns.name(source.position)}'; one of the units is wrong: correct it with --unit"
-        )
+    if 1 / _WRONG_SCALE < ratio < _WRONG_SCALE:
+        return
+    remedy = "one of the units is wrong: correct it with --unit"
+    if ratio < 0.0:
+        remedy = "one of the two has the wrong sign: turn it in the file, or leave the velocity out"
+    raise InputError(
+        f"{columns.table.path}: column '{columns.name(key)}' is {ratio:.3g} times the rate of change of "
+        f"'{columns.name(source.position)}'; {remedy}"
+    )

@@ -316,6 +316,15 @@ def test_a_velocity_in_the_wrong_unit_is_noticed(contact):
     assert "column 'velocity_m_s' is 1e+03 times the rate of change of 'displacement_m'" in text
 
 
+@pytest.mark.parametrize("share", [-1.0, -0.97])
+def test_a_velocity_of_the_wrong_sign_is_refused(tmp_path, share):
+    velocity = share * 0.009 * np.cos(9 * T)
+    columns = {"time_s": T, "position_rad": 0.001 * np.sin(9 * T), "velocity_rad_s": velocity, "torque_Nm": F}
+    text = refusal(write_csv(tmp_path / "joint.csv", columns))
+    assert f"column 'velocity_rad_s' is {share:.3g}" in text
+    assert "wrong sign" in text
+
+
 def test_units_of_position_and_velocity_must_go_together(tmp_path):
     columns = {"time_s": T, "position_rad": X, "velocity_m_s": X, "torque_Nm": F}
     assert "units that do not go together" in refusal(write_csv(tmp_path / "mixed.csv", columns))
