@@ -18,6 +18,9 @@ _STIFFEST_N_M = 1e7
 _SOFTEST_N_M = 1e-2
 _FASTEST_RAD_S = 300.0
 _STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was at its end
+# Free air at a sensor's lower end: how much of it, how far from zero (of all readings' range), how many of
+# the readings above are distinct, and how alike neighbouring bends of them are (-0.67 in white noise).
+_MOST_OF_AIR, _OFF_ZERO, _FINE, _NOISY = 0.7, 0.01, 0.5, -0.3
 # Readings in all, with which a sensor says little, or is coarse. Each edge between two of them tells one
 # point of the curve: a straight one, bent by a damper, needs four to be seen to be right or wrong.
 _TOO_FEW_LEVELS, _FEW_LEVELS = 5, 50
@@ -164,7 +167,30 @@ def _saturated(data: ChannelData) -> str | None:
         share = float(np.mean(data.effort[loaded] == extreme))
         if share > _STUCK_SHARE:
             return f"{100 * share:.0f} % of the loaded samples show {extreme:.6g}: the sensor is at its end"
-    return None
+    return _stuck_in_air(data)
+
+
+def _stuck_in_air(data: ChannelData) -> str | None:
+    """A lower end that free air lies beyond: one reading there, not zero, and noise as soon as it is left.
+
+    A dead band about zero reads zero; a sensor with coarse steps, and data without noise, may well show one
+    reading in free air.
+    """
+    lowest = float(data.effort.min())
+    air, above = data.effort[~data.engaged], data.effort[data.effort > lowest]
+    if data.kind is not ChannelKind.CONTACT or data.tare is not None or not len(air):
+        return None
+    share = float(np.mean(air == lowest))
+    off_zero = abs(lowest) > _OFF_ZERO * float(np.ptp(data.effort))
+    if share < _MOST_OF_AIR or not off_zero or len(np.unique(above)) < _FINE * len(above):
+        return None
+    bends = np.diff(data.effort, 2)[data.effort[1:-1] > lowest]
+    if len(bends) < LEAST_SAMPLES or _likeness(bends[1:], bends[:-1]) > _NOISY:
+        return None
+    return (
+        f"{100 * share:.0f} % of free air shows exactly {lowest:.6g}, and nothing shows less: the sensor is at "
+        "its lower end; shift its range, or preload it"
+    )
 
 
 def _offset(data: ChannelData) -> str | None:

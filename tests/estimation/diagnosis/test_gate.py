@@ -7,7 +7,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
 from estimation.diagnosis.judgement.gate import refuse, usable
 from estimation.effects import EFFECTS
-from tests.estimation.diagnosis.presses import session
+from tests.estimation.diagnosis.presses import kelvin_voigt, session
 from tests.estimation.diagnosis.test_diagnose import MODEL
 
 DATA = session(3)
@@ -58,6 +58,24 @@ def test_presses_that_were_not_divided_into_runs_are_to_be_numbered():
 
 def test_good_data_passes():
     assert refuse(DATA) is None
+
+
+def test_free_air_below_the_range_of_the_sensor_says_nothing_of_the_force():
+    assert "lower end" in refuse(replace(DATA, effort=np.maximum(DATA.effort, 1.0)))
+
+
+ONE_READING_IN_AIR = {
+    "a dead band about zero": np.sign(DATA.effort) * np.maximum(np.abs(DATA.effort) - 0.5, 0.0),
+    "no force below zero": np.maximum(DATA.effort - 0.5, 0.0),
+    "no noise, and an offset": 0.7 + kelvin_voigt(DATA.position, DATA.velocity),
+    "steps, and an offset": 0.1 * np.round((DATA.effort - 0.3 * (DATA.position < 0.0)) / 0.1) + 0.5,
+    "steps coarser than the noise": 0.2 * np.round(DATA.effort / 0.2) + 0.6,
+}
+
+
+@pytest.mark.parametrize("name", ONE_READING_IN_AIR)
+def test_free_air_may_show_one_reading_for_other_reasons(name):
+    assert refuse(replace(DATA, effort=ONE_READING_IN_AIR[name])) is None
 
 
 def test_coarse_steps_are_not_taken_for_the_end_of_the_range():
