@@ -13,6 +13,7 @@ from robot_io.types import BoolArray, FloatArray
 
 LEAST_SAMPLES = 100
 SINGLE_RUN = "a single run"  # how the reason begins where only the division into runs is missing
+_MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms, whose search takes about 7 GB
 _LONGEST_CONTACT_M = 0.2  # deeper indentations than this are a mistaken unit
 _STIFFEST_N_M = 1e7
 _SOFTEST_N_M = 1e-2
@@ -188,8 +189,8 @@ def _stuck_in_air(data: ChannelData) -> str | None:
     if len(bends) < LEAST_SAMPLES or _likeness(bends[1:], bends[:-1]) > _NOISY:
         return None
     return (
-        f"{100 * share:.0f} % of free air shows exactly {lowest:.6g}, and nothing shows less: the sensor is at "
-        "its lower end; shift its range, or preload it"
+        f"{100 * share:.0f} % of free air shows exactly {lowest:.6g}, and nothing shows less: "
+        "the sensor is at its lower end; shift its range, or preload it"
     )
 
 
@@ -212,6 +213,11 @@ def _offset(data: ChannelData) -> str | None:
 def _blocks(data: ChannelData) -> str | None:
     """There must be a block to fit to, and one to hold out, in another run if there are several."""
     least, lengths = block_length(data), np.unique(data.run, return_counts=True)[1]
+    if np.sum(lengths // least) > _MOST_BLOCKS:
+        return (
+            f"{np.sum(lengths // least)} blocks are more than can be searched, {_MOST_BLOCKS}; "
+            "take some of the runs with --where"
+        )
     parts = lengths // least if len(lengths) == 1 else lengths >= least
     if parts.sum() < 2:
         return f"fewer than two runs have {least} samples or more; record longer runs"

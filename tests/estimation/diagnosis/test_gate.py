@@ -19,6 +19,19 @@ def shuffled_where_pressed():
     return effort
 
 
+def over_and_over(times):
+    """The same runs again and again, slowly sampled, so that each sample is a block."""
+    number = np.repeat(np.arange(times), len(DATA))
+    again = DATA.select(np.tile(np.arange(len(DATA)), times))
+    return replace(
+        again,
+        time_s=10.0 * again.time_s + 1e4 * number,
+        velocity=0.1 * again.velocity,
+        run=again.run + 6 * number,
+    )
+
+
+LONG = over_and_over(300_000 // len(DATA) + 1)
 BAD = {
     "never changes": replace(DATA, effort=np.full(len(DATA), 2.0)),
     "single run": replace(DATA, run=np.zeros(len(DATA), dtype=np.int64)),
@@ -30,6 +43,7 @@ BAD = {
     "at its end": replace(DATA, effort=np.minimum(DATA.effort, 3.0)),
     "too coarse": replace(DATA, effort=4.0 * np.round(DATA.effort / 4.0)),
     "align": replace(DATA, effort=np.roll(DATA.effort, 250)),
+    "take some of the runs": LONG,
     "samples": DATA.select(np.arange(50)),
     "only 0 samples": DATA.select(np.arange(0)),
     "longer runs": replace(
