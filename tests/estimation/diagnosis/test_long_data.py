@@ -1,0 +1,38 @@
+"""What a search keeps of long data: the blocks of a few trials, not of all."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.diagnosis.bench.frame import frame_of
+from estimation.diagnosis.bench.inner_search import look, refine
+from estimation.diagnosis.bench.standing import stand
+from estimation.effects import EFFECTS
+from tests.estimation.diagnosis.presses import session
+from tests.estimation.diagnosis.test_diagnose import MODEL
+
+DATA = session(3)
+
+
+def test_trials_between_the_starts_keep_no_blocks_unless_they_are_best():
+    standing, effect = stand(DATA, MODEL, {}), EFFECTS["saturation"]()
+    model = MODEL.with_effect(effect)
+    looked = look(standing.plain, model, effect, standing.trial.parameters, effect.starts(DATA))
+    refined = refine(standing.plain, model, effect, looked)
+    assert len(refined.trials) > refined.start_count
+    assert all(len(trial.columns) for trial in (*refined.starts, refined.best))
+    others = [trial for trial in refined.trials[refined.start_count :] if trial is not refined.best]
+    assert others
+    assert not any(trial.columns.size + trial.target.size for trial in others)
+    bare = refined.without_blocks()
+    assert not any(trial.columns.size for trial in bare.trials)
+    np.testing.assert_array_equal(bare.held_out, refined.held_out)
+    assert bare.best.parameters == refined.best.parameters
+
+
+def test_blocks_are_those_of_each_run_also_where_runs_take_turns():
+    turns = replace(DATA, run=np.arange(len(DATA)) % 3)
+    frame = frame_of(turns)
+    assert (turns.run[frame.rows] == frame.run[:, None]).all()
+    assert (np.diff(frame.rows, axis=1) == 3).all()
+    assert np.unique(frame.fold[frame.run == 1]).size == 1
