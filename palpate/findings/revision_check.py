@@ -1,18 +1,15 @@
 """Whether a revision that was read, and may have been edited by hand, makes sense."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from estimation.base_model import ModelContext
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
+from palpate.findings.kept_revision import KeptRevision
 from robot_io.errors import InputError
 
-if TYPE_CHECKING:
-    from palpate.findings.revisions import KeptRevision
 
-
-def flaw(revision: "KeptRevision", number: int) -> str | None:
+def flaw(revision: KeptRevision, number: int) -> str | None:
     """What is wrong with a revision, in a few words; None if nothing is.
 
     Args:
@@ -22,7 +19,7 @@ def flaw(revision: "KeptRevision", number: int) -> str | None:
     return next(_flaws(revision, number), None)
 
 
-def _flaws(revision: "KeptRevision", number: int) -> Iterator[str]:
+def _flaws(revision: KeptRevision, number: int) -> Iterator[str]:
     if revision.number != number:
         yield f"its number is {revision.number}"
     if revision.parent is not None and not 0 <= revision.parent < number:
@@ -42,7 +39,7 @@ def _flaws(revision: "KeptRevision", number: int) -> Iterator[str]:
         yield f"its parameter {lacking[0]} is missing"
 
 
-def _wanted(revision: "KeptRevision") -> set[str]:
+def _wanted(revision: KeptRevision) -> set[str]:
     """Parameters that the base model and all effects have, "effect.parameter"."""
     names = {*revision.effects, *(name.partition(".")[0] for name in revision.parameters)}
     fixed = [EFFECTS[name] for name in names if name in EFFECTS]
