@@ -41,6 +41,11 @@ class Parameter:
     typical: tuple[float, float]
     log: bool = False
 
+    @property
+    def beginning(self) -> float:
+        """Where a search begins that knows nothing: at nothing, where that makes sense, or mid range."""
+        return 0.0 if self.lower <= 0.0 <= self.upper else float(self.spread(3)[1])
+
     def spread(self, count: int) -> FloatArray:
         """`count` values over the typical range, evenly by difference, or by ratio where `log`."""
         low, high = self.typical

@@ -98,7 +98,8 @@ def fit(
         memory: of other fits to this channel.
     """
     memory = memory or Memory()
-    known = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
+    known = dict.fromkeys(model.gains, 0.0) | {n: inner.beginning for n, inner in model.inner.items()}
+    known |= {name: parameters[name] for name in known.keys() & parameters.keys()}
     first = attempt(_bench(data, model, known, good, memory), model, known, rounds=3)
     plain = _bench(data, model, first.parameters, good, memory)
     trial = polish(plain, first)

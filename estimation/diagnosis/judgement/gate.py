@@ -13,7 +13,7 @@ from robot_io.types import BoolArray, FloatArray
 
 LEAST_SAMPLES = 100
 SINGLE_RUN = "a single run"  # how the reason begins where only the division into runs is missing
-_MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms, whose search takes about 7 GB
+_MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms: memory grows with them
 _LONGEST_CONTACT_M = 0.2  # deeper indentations than this are a mistaken unit
 _STIFFEST_N_M = 1e7
 _SOFTEST_N_M = 1e-2
