@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from estimation.channel import ChannelData, ChannelKind
+from estimation.channel import ChannelData
 from estimation.diagnosis.common_cause import settle
 from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.result import ChannelDiagnosis
@@ -18,7 +18,7 @@ Run = Callable[[Sequence[int], Sequence[ChannelData]], Sequence[ChannelDiagnosis
 def judge_robot(
     channels: Sequence[ChannelData], models: Sequence[Model], effects: Sequence[Effect], run: Run
 ) -> list[Judged]:
-    """Contacts first, then what carries their force; then all of them together.
+    """All at once; then again what carries a force whose sensor proved at fault; then all of them together.
 
     Args:
         channels: of one robot, as they were recorded.
@@ -29,14 +29,12 @@ def judge_robot(
     Returns:
         One for each channel, in the order given; see `with_true_force` and `settle`.
     """
-    judged: dict[int, Judged] = {}
-    for is_contact in (True, False):
-        numbers = [i for i, data in enumerate(channels) if (data.kind is ChannelKind.CONTACT) is is_contact]
-        contacts = list(judged.values())
-        made = [with_true_force(channels[i], contacts, effects) for i in numbers]
-        for i, data, found in zip(numbers, made, run(numbers, made), strict=True):
-            judged[i] = Judged(data, models[i], found)
-    ordered = [judged[i] for i in range(len(channels))]
+    everything = range(len(channels))
+    ordered = [Judged(*one) for one in zip(channels, models, run(everything, channels), strict=True)]
+    made = [with_true_force(data, ordered, effects) for data in channels]
+    again = [i for i in everything if made[i] is not channels[i]]
+    for i, found in zip(again, run(again, [made[i] for i in again]) if again else (), strict=True):
+        ordered[i] = Judged(made[i], models[i], found)
     faults = dict.fromkeys(name for one in ordered for name in sensor_faults(one, effects))
     answers = zip(channels, ordered, settle(ordered, effects), strict=True)
     return [
