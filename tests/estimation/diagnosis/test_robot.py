@@ -1,4 +1,4 @@
-"""Channels of one robot are judged in the order in which they depend on each other."""
+"""Channels of one robot are judged at once, and again where they depend on what another showed."""
 
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.robot import judge_robot
@@ -25,9 +25,9 @@ def judge(accepted):
     return joint, judge_robot([joint, contact], [ARM, seen.model], EVERY, run), asked
 
 
-def test_a_joint_is_judged_after_the_contact_by_its_force_and_handed_on_with_it():
+def test_a_joint_is_judged_again_by_the_contact_s_force_and_handed_on_with_it():
     joint, (of_joint, of_contact), asked = judge({"deadband": {"width": WIDTH_N}})
-    assert asked == [1, 0]
+    assert asked == [0, 1, 0]
     assert [of_joint.data.name, of_contact.data.name] == ["joint_1", "contact"]
     assert of_joint.data.context["contact_force"].max() > joint.context["contact_force"].max() + 0.9 * WIDTH_N
     assert of_joint.found.reason == (
@@ -36,6 +36,7 @@ def test_a_joint_is_judged_after_the_contact_by_its_force_and_handed_on_with_it(
 
 
 def test_a_joint_is_judged_as_recorded_where_no_sensor_is_at_fault():
-    joint, (of_joint, _), _ = judge({"cubic_stiffness": {"k3": 1e5}})
+    joint, (of_joint, _), asked = judge({"cubic_stiffness": {"k3": 1e5}})
+    assert asked == [0, 1]
     assert of_joint.data is joint
     assert of_joint.found.reason == "as it was"
