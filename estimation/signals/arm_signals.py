@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -23,9 +24,7 @@ Motion = tuple[
     FloatArray, FloatArray, FloatArray
 ]  # of all joints: position, velocity, acceleration, (n, joints)
 Dynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
-_GRAVITY_M_S2 = 9.81
 _STEP_RAD = 1e-4
-_STEP_S = 1e-4
 
 
 def with_rigid_body(
@@ -53,9 +52,9 @@ def with_rigid_body(
         )
     context = dict(data.context)
     if regressor:
-        context |= _with_slopes(REGRESSOR, lambda *motion: body.regressor(*motion)[joint], (q, v, a), joint)
-    context |= _with_slopes(TORQUE, lambda *motion: body.inverse_dynamics(*motion)[joint], (q, v, a), joint)
-    context[PAYLOAD] = np.array([_payload(body, *rows)[joint] for rows in zip(q, v, a, strict=True)])
+        context |= _with_slopes(REGRESSOR, partial(_regressor, body, joint), (q, v, a), joint)
+    context |= _with_slopes(TORQUE, partial(_torque, body, joint), (q, v, a), joint)
+    context[PAYLOAD] = _torque(body.with_load(1.0), joint, q, v, a) - context[TORQUE]
     if "contact_force" in data.context:
         context[LEVER] = _lever(body, data)[:, joint]
         context[TOUCH] = context[LEVER] * data.context["contact_force"]
@@ -63,8 +62,9 @@ def with_rigid_body(
     if abs(axis[2]) < 1e-6:
         quarter = np.zeros(body.joint_count)
         quarter[0] = 0.5 * np.pi * np.sign(axis[np.argmax(np.abs(axis))])
+        rest = np.zeros_like(q)
         here, ahead, over, behind = (
-            np.array([body.gravity(row + turns * quarter)[joint] for row in q]) for turns in range(4)
+            _torque(body, joint, q + turns * quarter, rest, rest) for turns in range(4)
         )
         context[TILT], context[WEIGHT] = 0.5 * (ahead - behind), 0.5 * (here - over)
     return replace(data, context=context)
@@ -77,8 +77,7 @@ def _with_slopes(name: str, dynamics: Dynamics, motion: Motion, joint: int) -> d
     step[joint] = 1.0
 
     def along(dq: float, da: float) -> FloatArray:
-        shifted = zip(q + dq * step, v, a + da * step, strict=True)
-        return np.array([dynamics(*rows) for rows in shifted])
+        return dynamics(q + dq * step, v, a + da * step)
 
     here = along(0.0, 0.0)
     return {
@@ -88,14 +87,14 @@ def _with_slopes(name: str, dynamics: Dynamics, motion: Motion, joint: int) -> d
     }
 
 
-def _payload(body: RigidBody, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-    """Torques (n,) that one kilogram at the tip takes: J^T (a_tip - g)."""
-    jacobian = body.tip_jacobian(q)[:3]
-    turned = body.tip_jacobian(q + _STEP_S * v)[:3]
-    acceleration = jacobian @ a + (turned - jacobian) @ v / _STEP_S
-    acceleration[2] += _GRAVITY_M_S2
-    torque: FloatArray = jacobian.T @ acceleration
-    return torque
+def _torque(body: RigidBody, joint: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+    """What the arm takes at one joint, shape (n,)."""
+    return body.inverse_dynamics_along(q, v, a)[:, joint]
+
+
+def _regressor(body: RigidBody, joint: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+    """One joint's rows of the regressor, shape (n, 10 joints)."""
+    return np.array([body.regressor(*rows)[joint] for rows in zip(q, v, a, strict=True)])
 
 
 def _lever(body: RigidBody, data: ChannelData) -> FloatArray:

@@ -190,3 +190,26 @@ def test_a_joint_that_moves_no_mass_is_named():
     inertial = urdf[urdf.index("<inertial>") : urdf.index("</inertial>") + len("</inertial>")]
     assert RigidBody.from_urdf(urdf, "tip").weightless_joint == ""
     assert RigidBody.from_urdf(urdf.replace(inertial, ""), "tip").weightless_joint == "pivot"
+
+
+def test_many_samples_at_once_are_as_each_by_itself():
+    motions = random_states(20).transpose(1, 0, 2)
+    for body in bodies():
+        one_by_one = [body.inverse_dynamics(*rows) for rows in random_states(20)]
+        assert body.inverse_dynamics_along(*motions) == pytest.approx(np.array(one_by_one), abs=1e-12)
+
+
+def test_a_load_takes_what_moves_a_point_mass_at_the_tip():
+    step_s, mass_kg = 1e-5, 0.7
+    for body in bodies():
+        for position, velocity, acceleration in random_states(5):
+            ahead, behind = (
+                body.tip_motion(
+                    position + s * velocity + 0.5 * s**2 * acceleration, velocity + s * acceleration
+                ).velocity_world_m_s
+                for s in (step_s, -step_s)
+            )
+            force = mass_kg * ((ahead - behind) / (2.0 * step_s) + [0.0, 0.0, 9.81])
+            loaded = body.with_load(mass_kg).inverse_dynamics(position, velocity, acceleration)
+            bare = body.inverse_dynamics(position, velocity, acceleration)
+            assert loaded - bare == pytest.approx(body.tip_jacobian(position)[:3].T @ force, abs=1e-6)
