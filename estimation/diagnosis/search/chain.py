@@ -111,6 +111,8 @@ def _dominant(search: Search, chain: Chain) -> Step | None:
     start, found = chain.start, chain.ranking
     for candidate in close_to_best(start, found):
         after = search.with_candidate(candidate)
+        if not is_possible(candidate.effect, after.trial, after.plain):
+            continue
         if is_misnamed(candidate.effect, after.trial, after.plain):
             continue
         if is_dominant(start, after, candidate, search.tried(start), chain.floor):
