@@ -1,5 +1,5 @@
 """Model against measurement."""
 
-from estimation.comparison.compare import Comparison, Part, compare
+from estimation.comparison.compare import Comparison, Part, compare, compare_standing
 
-__all__ = ["Comparison", "Part", "compare"]
+__all__ = ["Comparison", "Part", "compare", "compare_standing"]

@@ -8,13 +8,12 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.comparison.split import splits
 from estimation.diagnosis.bench.held_out import held_out_residual, rmse
-from estimation.diagnosis.bench.standing import stand
+from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.bench.unexplained import is_explained
-from estimation.diagnosis.judgement.gate import refuse, usable
 from estimation.diagnosis.judgement.noise_floor import NoiseFloor, noise_floor
 from estimation.diagnosis.judgement.objection import floor_unseen
 from estimation.model import Model
-from robot_io.errors import InputError
+from estimation.revision import standings
 from robot_io.types import BoolArray, FloatArray
 
 
@@ -89,23 +88,25 @@ def compare(data: ChannelData, model: Model, known_floor: float = np.inf) -> Com
     Raises:
         InputError: the channel cannot be judged; the reason is in the message.
     """
-    good = usable(data)
-    reason = refuse(data.select(good), model)
-    if reason:
-        raise InputError(f"channel '{data.name}': {reason}")
-    standing = stand(data, model, {}, good)
+    (standing,) = standings(data, model, ())
+    return compare_standing(standing, known_floor)
+
+
+def compare_standing(standing: Standing, known_floor: float = np.inf) -> Comparison:
+    """Compare a model that is fitted already, with or without effects added to it; see `compare`."""
+    data, model = standing.data, standing.trial.model
     residual = held_out_residual(standing.plain.frame, standing.trial)
     own = noise_floor(standing)
     unseen = floor_unseen(standing, own.value)
     explained = is_explained(standing) and not np.isfinite(unseen)
     floor = replace(own, value=min(own.value, own.repeats or np.inf, unseen, known_floor))
-    parts = _parts(standing.data, residual, floor.value)
+    parts = _parts(data, residual, floor.value)
     return Comparison(
         channel=data.name,
         effort_unit=data.kind.effort_unit,
         model=model.name,
         parameters=standing.trial.parameters,
-        predicted=model.predict(standing.data, standing.trial.parameters),
+        predicted=model.predict(data, standing.trial.parameters),
         residual=residual,
         rmse=rmse(residual),
         floor=floor,

@@ -125,6 +125,8 @@ class ChannelDiagnosis(_Entry):
         final: the model with all that was accepted.
         depends_on: signals that the remaining error depends on.
         next_experiment: what would tell more; None if nothing would.
+        force_ahead_of: faults of the force sensor, ahead of which the contact's model says with what force
+            this joint was judged; empty for the force as it was measured.
     """
 
     channel: str
@@ -140,6 +142,7 @@ class ChannelDiagnosis(_Entry):
     final: Fitted | None = None
     depends_on: list[str] = Field(default_factory=list)
     next_experiment: NextExperiment | None = None
+    force_ahead_of: list[str] = Field(default_factory=list)
 
 
 class Diagnosis(_Entry):

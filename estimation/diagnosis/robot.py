@@ -46,4 +46,4 @@ def judge_robot(
 def _corrected(found: ChannelDiagnosis, faults: Sequence[str]) -> ChannelDiagnosis:
     """The answer, which says that it is not about the force as it was measured."""
     said = f"judged by the force of the contact's model, ahead of the sensor's {' and '.join(faults)}"
-    return found.model_copy(update={"reason": f"{found.reason}; {said}"})
+    return found.model_copy(update={"reason": f"{found.reason}; {said}", "force_ahead_of": list(faults)})

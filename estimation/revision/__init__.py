@@ -1,5 +1,5 @@
 """Stages of a model."""
 
-from estimation.revision.revise import Revision, revise
+from estimation.revision.revise import Revision, revise, revision_of, standings
 
-__all__ = ["Revision", "revise"]
+__all__ = ["Revision", "revise", "revision_of", "standings"]

@@ -1,6 +1,6 @@
 """Adds effects to a model one by one and keeps each stage, so that one can see the error fall and go back."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from estimation.channel import ChannelData
@@ -62,17 +62,28 @@ def revise(
     Raises:
         InputError: the channel cannot be judged, or an effect is unknown, there already, or does not apply.
     """
+    stages = zip(["", *names], standings(data, model, names, effects), strict=True)
+    return tuple(revision_of(number, *stage) for number, stage in enumerate(stages))
+
+
+def standings(
+    data: ChannelData, model: Model, names: Sequence[str], effects: Iterable[Effect] | None = None
+) -> Iterator[Standing]:
+    """The base model as it stands, and then with one effect more at a time; see `revise`.
+
+    Raises:
+        InputError: as for `revise`.
+    """
     good = usable(data)
     reason = refuse(data.select(good), model)
     if reason:
         raise InputError(f"channel '{data.name}': {reason}")
     known = {effect.name: effect for effect in (library() if effects is None else effects)}
     standing = stand(data, model, {}, good)
-    revisions = [_revision(0, "", standing)]
-    for number, name in enumerate(names, start=1):
+    yield standing
+    for name in names:
         standing = extend(data, standing, _applicable(standing, known, name), good)
-        revisions.append(_revision(number, name, standing))
-    return tuple(revisions)
+        yield standing
 
 
 def _applicable(standing: Standing, known: dict[str, Effect], name: str) -> Effect:
@@ -87,7 +98,8 @@ def _applicable(standing: Standing, known: dict[str, Effect], name: str) -> Effe
     return effect.suited_to(standing.data)
 
 
-def _revision(number: int, added: str, standing: Standing) -> Revision:
+def revision_of(number: int, added: str, standing: Standing) -> Revision:
+    """What is kept of a stage."""
     residual = held_out_residual(standing.plain.frame, standing.trial)
     bench, trial = final(standing)
     floor = noise_floor(standing)

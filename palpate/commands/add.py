@@ -1,5 +1,6 @@
 """`palpate add`: add effects to the model, and watch the error fall."""
 
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -26,7 +27,11 @@ from palpate.findings.derived import folder_to_fill
 from palpate.findings.effect_library import library_with
 from palpate.findings.estimation_run import load_material
 from palpate.findings.growth import Growth, Wish, grow
+from palpate.findings.kept_diagnosis import kept_diagnosis
+from palpate.findings.retold import retold
 from palpate.findings.revisions import RevisionShelf
+from palpate.findings.story import Story
+from palpate.findings.subject import ALL_CHANNELS
 from palpate.report.outcome import NAMES as OUTCOME
 from palpate.report.outcome import write_outcome
 from palpate.text.stages import fall_sentence, parameter_table, print_files, stage_table
@@ -76,24 +81,36 @@ def command(  # noqa: PLR0917, one parameter an option
     arm, library = given_arm(urdf, tip_frame, material.arm), library_with(effect)
     folder = folder_to_fill(material, out, OUTCOME, force=force)
     wish = Wish(effects, model, channel, start, fresh)
+    shelf = RevisionShelf(folder)
     with console.stderr().status("refitting stage by stage"):
-        growth = grow(material, arm, RevisionShelf(folder), library, wish)
+        known = kept_diagnosis(folder, material, arm, library.effects)
+        growth = grow(material, arm, shelf, library, wish, known)
+        stories = retold(growth.story, material, arm, shelf, library, known)
     with console.stderr().status("report, picture and recording"):
-        added = [stage.added for stage in growth.story.stages[1:]]
-        begun = {"model": growth.story.subject.model.name, "channel": growth.story.subject.channel.name}
-        again = retyped(file, out=out, **begun, **given, **data)
-        again = f"palpate add {again} {' '.join(added)} --fresh"
-        written = write_outcome(output_folder(folder), material, [growth.story], [again])
+        commands = list(_commands(stories, lambda **how: retyped(file, out=out, **how, **given, **data)))
+        written = write_outcome(output_folder(folder), material, stories, commands)
     if as_json:
         channel_name = growth.story.subject.channel.name
         kept = [revision.model_dump(mode="json") for revision in growth.kept]
         console.print_json({"file": str(file), "channel": channel_name, "revisions": kept})
     else:
         back = retyped(file, out=out, **given, **data)
-        _print(back, retyped(file, folder=out, **data), growth, written)
+        beside = retyped(file, folder=out, **given, **data)
+        _print(back, retyped(file, folder=out, **data), beside, growth, written)
 
 
-def _print(back: str, kept: str, growth: Growth, written: dict[str, Path]) -> None:
+def _commands(stories: Sequence[Story], typed: Callable[..., str]) -> Iterator[str]:
+    """What leads to all of these stories, in order; `typed` writes the file with options."""
+    judged = [story.subject.channel.name for story in stories if story.diagnosis is not None]
+    if judged:
+        yield f"palpate diagnose {typed(channel=judged[0] if len(judged) == 1 else ALL_CHANNELS)}"
+    for story in stories:
+        if story.added:
+            begun = typed(model=story.subject.model.name, channel=story.subject.channel.name)
+            yield f"palpate add {begun} {' '.join(story.added)} --fresh"
+
+
+def _print(back: str, kept: str, beside: str, growth: Growth, written: dict[str, Path]) -> None:
     story, out = growth.story, console.stdout()
     unit = story.subject.channel.kind.effort_unit
     out.print(fall_sentence(story))
@@ -103,6 +120,7 @@ def _print(back: str, kept: str, growth: Growth, written: dict[str, Path]) -> No
     steps = [
         (f"rerun {typed_path(written['recording'])}", "see the model grow, revision by revision"),
         (f"palpate revisions {kept}", "all stages, to go back to"),
+        (f"palpate compare {beside} --revision {growth.kept[-1].number}", "where the model still fails"),
         (f"palpate export {kept}", "the improved model as a simulated world"),
     ]
     if growth.parent is not None or len(growth.kept) > 1:

@@ -1,5 +1,7 @@
 """`palpate compare`: where does the model fail?"""
 
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +14,7 @@ from palpate.data_options import (
     ColumnOption,
     ContextOption,
     FileArgument,
+    FolderOption,
     ForceOption,
     FreshOption,
     TipFrameOption,
@@ -23,9 +26,13 @@ from palpate.data_options import (
     retyped,
 )
 from palpate.files import output_folder
-from palpate.findings.derived import folder_to_fill
+from palpate.findings.compared import Wanted, compare_wanted, of_revisions
+from palpate.findings.derived import derived_folder, folder_to_fill, kept_revisions
+from palpate.findings.effect_library import library_with
 from palpate.findings.estimation_run import load_material
-from palpate.findings.story import compare_subject, tell_story
+from palpate.findings.kept_diagnosis import is_same, kept_diagnosis
+from palpate.findings.revisions import KeptRevision
+from palpate.findings.story import tell_story
 from palpate.findings.subject import (
     ALL_CHANNELS,
     Subject,
@@ -37,10 +44,12 @@ from palpate.findings.subject import (
 from palpate.report.outcome import NAMES as OUTCOME
 from palpate.report.outcome import write_json, write_outcome
 from palpate.text.comparison import ALIKE, as_data, headline, parts_table
+from palpate.text.diagnosis import force_remark
 from palpate.words import safe, shown
 from robot_io.errors import InputError
 
 RESULT = "comparison.json"
+MISSING = "which effect is missing"
 
 
 def command(  # noqa: PLR0917, one parameter an option
@@ -49,6 +58,17 @@ def command(  # noqa: PLR0917, one parameter an option
         str | None, typer.Option(help=f"One of {', '.join(MODELS)}; default: what suits each channel.")
     ] = None,
     channel: Annotated[str | None, typer.Option(help="Only this channel, such as contact.")] = None,
+    revision: Annotated[
+        list[int] | None,
+        typer.Option(help="What was added, instead of the base model (palpate revisions).", metavar="N"),
+    ] = None,
+    folder: FolderOption = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Effect of your own that a revision has; its file is run.", metavar="FILE.py:CLASS"
+        ),
+    ] = None,
     urdf: UrdfOption = None,
     tip_frame: TipFrameOption = None,
     column: ColumnOption = None,
@@ -64,76 +84,121 @@ def command(  # noqa: PLR0917, one parameter an option
 ) -> None:
     """Put a model beside the measurement: how far off it is, and where it fails first.
 
-    All errors are on runs that the fit has not seen; the noise floor is what a complete model would leave.
+    The base model, whatever was added; --revision shows that. All errors are on runs that the fit has not
+    seen; the noise floor is what a complete model would leave.
     """
     material = load_material(file, import_options(column, unit, where, context, fresh_runs))
-    found = subjects_of(material, model, given_arm(urdf, tip_frame, material.arm))
-    subjects = only_channel(found, channel)
-    folder = folder_to_fill(material, out, (RESULT, *OUTCOME), force=force) if out is not None else None
-    given = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
-    judged_by = {"model": model, "urdf": urdf, "tip-frame": tip_frame}
-    typed = retyped(file, channel=channel, **judged_by, **given)
-    if folder is not None:
-        output_folder(folder)
-    compared, failures = _compare(subjects)
-    data: dict[str, object] = {
+    arm, library = given_arm(urdf, tip_frame, material.arm), library_with(effect)
+    shelf, place = kept_revisions(material, folder), derived_folder(material, folder)
+    if revision:
+        _refuse(model, channel)
+        wanted = of_revisions(material, arm, shelf, library, revision)
+    else:
+        wanted = [Wanted(one) for one in only_channel(subjects_of(material, model, arm), channel)]
+    target = folder_to_fill(material, out, (RESULT, *OUTCOME), force=force) if out is not None else None
+    if target is not None:
+        output_folder(target)
+    kept = kept_diagnosis(place, material, arm, library.effects)
+    wanted = [replace(one, subject=kept.as_judged(one.subject)) for one in wanted]
+    compared, failures = _compare(wanted, lambda one: compare_wanted(one, kept, shelf, library.effects))
+    subjects = tuple(one.subject for one in wanted)
+    result: dict[str, object] = {
         "file": str(file),
         "model": model_names(subjects),
-        "channels": [as_data(comparison) for comparison in compared],
+        "channels": [
+            as_data(each) | {"force_ahead_of": list(one.subject.force_ahead_of)} for one, each in compared
+        ],
         "failures": failures,
     }
     if as_json:
-        console.print_json(data)
+        console.print_json(result)
     else:
         _print(compared, failures)
-    if folder is not None:
-        write_json(data, folder / RESULT)
-        judged = [subject for subject in subjects if subject.channel.name not in failures]
-        stories = [tell_story(subject, None, (), ()) for subject in judged]
-        written = write_outcome(folder, material, stories, [f"palpate compare {typed}"])
+    data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
+    judged_by = {"model": model, "urdf": urdf, "tip-frame": tip_frame}
+    numbers = [str(number) for number in revision or ()]
+    grown = {"revision": numbers, "folder": folder, "effect": effect}
+    again = f"palpate compare {retyped(file, channel=channel, **judged_by, **grown, **data)}"
+    if target is not None:
+        write_json(result, target / RESULT)
+        stories = [tell_story(one.subject, None, one.added, library.effects, kept) for one, _ in compared]
+        written = write_outcome(target, material, stories, [again])
         console.stderr().print(f"\nreport  [bold]{shown(written['report'])}[/bold]")
-    if not as_json:
-        console.next_steps(
-            (f"palpate diagnose {typed}{_where(subjects, compared, channel)}", "which effect is missing"),
-            (f"palpate compare {typed} --out FOLDER", "a report to zoom into"),
-        )
+    if as_json:
+        return
+    newest = [str(found.number) for one in wanted if (found := shelf.latest(one.subject.channel.name))]
+    steps = [(f"{again} --out FOLDER", "a report to zoom into")]
+    if not numbers:
+        all_that_was_added = {**grown, "revision": newest, "urdf": urdf, "tip-frame": tip_frame}
+        added = f"palpate compare {retyped(file, **all_that_was_added, **data)}"
+        typed = retyped(file, channel=channel, **judged_by, **data)
+        missing = f"palpate diagnose {typed}{_where(subjects, compared, channel)}"
+        steps = [*([(added, "with what was added since")] if newest else []), (missing, MISSING), *steps]
+    else:
+        steps = [(f"palpate revisions {retyped(file, folder=folder, **data)}", "all stages"), *steps]
+    console.next_steps(*steps)
 
 
-def _compare(subjects: tuple[Subject, ...]) -> tuple[list[Comparison], dict[str, str]]:
+def _refuse(model: str | None, channel: str | None) -> None:
+    """A revision has a model and a channel already."""
+    given = [option for option, value in {"--model": model, "--channel": channel}.items() if value]
+    if given:
+        raise InputError(f"--revision says channel and model already: leave out {given[0]}")
+
+
+def _compare(
+    wanted: Sequence[Wanted], compare: Callable[[Wanted], Comparison]
+) -> tuple[list[tuple[Wanted, Comparison]], dict[str, str]]:
     """Compare each; channels that cannot be judged are told with their reason.
 
     Raises:
         InputError: none can be judged.
     """
-    compared, failures = [], {}
+    compared: list[tuple[Wanted, Comparison]] = []
+    failures: dict[str, str] = {}
     with console.stderr().status("comparing") as status:
-        for subject in subjects:
-            status.update(f"comparing {subject.channel.name}")
+        for one in wanted:
+            name = one.subject.channel.name
+            status.update(f"comparing {name}")
             try:
-                compared.append(compare_subject(subject))
+                compared.append((one, compare(one)))
             except InputError as error:
-                failures[subject.channel.name] = str(error)
+                failures[name] = str(error)
     if not compared:
         raise InputError(next(iter(failures.values())))
     return compared, failures
 
 
-def _where(subjects: tuple[Subject, ...], compared: list[Comparison], channel: str | None) -> str:
+def _where(
+    subjects: tuple[Subject, ...], compared: Sequence[tuple[Wanted, Comparison]], channel: str | None
+) -> str:
     """The option without which `diagnose` would not judge a channel that the model misses."""
     judged = {subject.channel.name for subject in channels_to_diagnose(subjects, None)}
-    missed = [comparison.channel for comparison in compared if comparison.lack_of_fit >= ALIKE]
+    missed = [found.channel for _, found in compared if found.lack_of_fit >= ALIKE]
     if channel is not None or judged.issuperset(missed):
         return ""
     return f" --channel {missed[0] if len(missed) == 1 else ALL_CHANNELS}"
 
 
-def _print(compared: list[Comparison], failures: dict[str, str]) -> None:
+def _print(compared: Sequence[tuple[Wanted, Comparison]], failures: Mapping[str, str]) -> None:
     out = console.stdout()
-    for number, comparison in enumerate(compared):
+    for number, (one, comparison) in enumerate(compared):
         out.print(("\n" if number else "") + headline(comparison))
+        if one.revision is not None and not is_same(one.revision.rmse, comparison.rmse):
+            out.print(f"  [yellow]{_other_then(one.revision)}[/yellow]")
+        if told := force_remark(one.subject.force_ahead_of):
+            out.print(f"  {told}")
         for words in comparison.words[1:] if comparison.lack_of_fit > ALIKE else ():
             out.print(f"  {words}")
         if comparison.lack_of_fit > ALIKE or len(compared) == 1:
             out.print(parts_table(comparison))
     for reason in failures.values():
         out.print(f"[yellow]{safe(reason)}[/yellow]")
+
+
+def _other_then(revision: KeptRevision) -> str:
+    error = f"{revision.rmse:.3g} {revision.effort_unit}"
+    return (
+        f"revision {revision.number} was kept with an error of {error}: of other rows, by another force, or "
+        "by another version of palpate"
+    )

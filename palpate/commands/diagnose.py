@@ -33,6 +33,7 @@ from palpate.files import output_folder
 from palpate.findings.derived import folder_to_fill
 from palpate.findings.effect_library import EffectLibrary, library_with
 from palpate.findings.estimation_run import Material, load_material
+from palpate.findings.kept_diagnosis import RESULT
 from palpate.findings.next_plan import plan_of, same_world, write_plan
 from palpate.findings.revisions import RevisionShelf
 from palpate.findings.story import Story, diagnosis_of, judge_subjects, tell_story
@@ -45,7 +46,6 @@ from palpate.text.stages import print_files
 from palpate.words import as_shell_word
 from palpate.words import typed as path_typed
 
-RESULT = "diagnosis.json"
 PLAN = "next-experiment.yaml"
 MOST_ASKED = 3  # unused columns that are pointed out
 
@@ -106,7 +106,9 @@ def command(  # noqa: PLR0917, one parameter an option
     ways = Ways(
         diagnose=retyped(file, channel=channel, effect=effect, **judged_by, **data),
         add=retyped(file, effect=effect, **judged_by, **data),
-        compare=retyped(file, channel=None if channel == ALL_CHANNELS else channel, **judged_by, **data),
+        compare=retyped(
+            file, channel=None if channel == ALL_CHANNELS else channel, folder=out, **judged_by, **data
+        ),
         kept=retyped(file, folder=out, **data),
     )
     library = library_with(effect)

@@ -70,7 +70,8 @@ def command(  # noqa: PLR0917, one parameter an option
         )
     else:
         data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
-        _print(retyped(file, **data), path, export)
+        numbers = [str(each.number) for each in kept]
+        _print(retyped(file, revision=numbers, folder=folder, **data), path, export)
 
 
 def _revisions(material: Material, shelf: RevisionShelf, numbers: list[int] | None) -> list[KeptRevision]:

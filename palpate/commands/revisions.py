@@ -57,5 +57,6 @@ def command(  # noqa: PLR0917, one parameter an option
     exported, last = retyped(file, folder=folder, **data), revisions[-1].number
     console.next_steps(
         (f"palpate add {added} EFFECT --from {first}", "go back to a revision, and continue there"),
+        (f"palpate compare {exported} --revision {last}", "where it still fails"),
         (f"palpate export {exported} --revision {last}", "as a simulated world"),
     )

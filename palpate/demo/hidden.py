@@ -13,6 +13,7 @@ from palpate.demo.probe import probe_demo
 from palpate.files import output_folder
 from palpate.findings.effect_library import library_with
 from palpate.findings.estimation_run import DEFAULT_MODEL, load_material
+from palpate.findings.kept_diagnosis import RESULT
 from palpate.findings.revisions import RevisionShelf
 from palpate.findings.story import Story, diagnose_subjects, tell_story
 from palpate.findings.subject import subjects_of
@@ -29,7 +30,6 @@ from sim_backend.secret import Answer, sealed_path
 HIDDEN = ("stress_relaxation", "cubic_stiffness", "quadratic_damping")
 STRENGTH = 20.0  # times the noise floor
 PLAN = ProbingPlan(repeats=2)
-RESULT = "diagnosis.json"
 
 
 @dataclass(frozen=True)

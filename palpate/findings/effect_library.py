@@ -7,6 +7,7 @@ from estimation.channel import ChannelData
 from estimation.diagnosis.search.library import library
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
+from palpate.findings.kept_revision import KeptRevision
 from palpate.findings.rehearsal import rehearse
 from palpate.findings.user_effect import load_user_effect
 from robot_io.errors import InputError
@@ -33,6 +34,16 @@ class EffectLibrary:
         for effect in self.effects:
             for channel in channels if effect.name in self.own else ():
                 rehearse(effect, channel)
+
+    def check_own(self, revision: KeptRevision) -> None:
+        """A revision names the user's effects, but their code is run only when the user says so now.
+
+        Raises:
+            InputError: the user did not.
+        """
+        for text in revision.user_effects:
+            if text not in self.own.values():
+                raise InputError(f"revision {revision.number} has an effect of your own: add --effect {text}")
 
     def get(self, name: str) -> Effect:
         """An effect by its name.

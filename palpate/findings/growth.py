@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from palpate.findings.effect_library import EffectLibrary
 from palpate.findings.estimation_run import Arm, Material
+from palpate.findings.kept_diagnosis import KeptDiagnosis
 from palpate.findings.revisions import KeptRevision, RevisionShelf
 from palpate.findings.story import Story, channel_for, tell_story
 from palpate.findings.subject import Subject, only_channel, subject_of, subjects_of, usual_model
@@ -51,8 +52,23 @@ class Wish:
     fresh: bool = False
 
 
-def grow(material: Material, arm: Arm, shelf: RevisionShelf, library: EffectLibrary, wish: Wish) -> Growth:
+def grow(  # noqa: PLR0917, what it grows from
+    material: Material,
+    arm: Arm,
+    shelf: RevisionShelf,
+    library: EffectLibrary,
+    wish: Wish,
+    kept: KeptDiagnosis | None = None,
+) -> Growth:
     """Add effects, refitting everything at each stage.
+
+    Args:
+        material: the data.
+        arm: what its channels belong to.
+        shelf: earlier revisions, and where the new ones go.
+        library: where effects are found.
+        wish: what the user asks for.
+        kept: what was found earlier: a joint is refitted by the force by which it was judged.
 
     Raises:
         InputError: a name is unknown, an effect is there already or does not apply, or options contradict.
@@ -67,13 +83,16 @@ def grow(material: Material, arm: Arm, shelf: RevisionShelf, library: EffectLibr
     if parent is None and not wish.fresh:
         parent = shelf.latest(subject.channel.name, subject.model.name)
     before = [] if parent is None else parent.effects
-    _check_own(parent, library)
+    if parent is not None:
+        library.check_own(parent)
     _check_new(parent, wish)
     library.rehearse([subject.channel])
-    story = tell_story(subject, None, [*before, *wish.effects], library.effects)
+    if kept is not None:
+        subject = kept.as_judged(subject)
+    story = tell_story(subject, None, [*before, *wish.effects], library.effects, kept)
     unit = subject.channel.kind.effort_unit
-    kept = shelf.keep(subject.channel.name, unit, story.stages, parent=parent, user_effects=library.own)
-    return Growth(story, parent, kept)
+    new = shelf.keep(subject.channel.name, unit, story.stages, parent=parent, user_effects=library.own)
+    return Growth(story, parent, new)
 
 
 def _continued(material: Material, arm: Arm, wish: Wish, start: KeptRevision) -> Subject:
@@ -106,12 +125,3 @@ def _check_new(parent: KeptRevision | None, wish: Wish) -> None:
             f"revision {parent.number} has {', '.join(there)} already: go on from one without it "
             "(--from, see palpate revisions), or begin anew (--fresh)"
         )
-
-
-def _check_own(parent: KeptRevision | None, library: EffectLibrary) -> None:
-    """A revision names the user's effects, but their code is run only when the user says so now."""
-    if parent is None:
-        return
-    for text in parent.user_effects:
-        if text not in library.own.values():
-            raise InputError(f"revision {parent.number} has an effect of your own: add --effect {text}")

@@ -20,10 +20,13 @@ class Subject:
     Attributes:
         channel: with the signals that the model needs.
         model: the base model, as built for this channel.
+        force_ahead_of: faults of the force sensor, ahead of which the contact's model says with what force
+            the tip presses; empty for the force as it was measured.
     """
 
     channel: ChannelData
     model: Model
+    force_ahead_of: tuple[str, ...] = ()
 
 
 def subjects_of(material: Material, model: str | None, arm: Arm) -> tuple[Subject, ...]:

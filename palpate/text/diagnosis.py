@@ -1,6 +1,6 @@
 """A diagnosis for people: first what to do about it, then what speaks for it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from rich.console import RenderableType
 from rich.padding import Padding
@@ -62,9 +62,11 @@ def sentence(found: ChannelDiagnosis) -> str:
     return f"{where}: something is missing {rest}. {_fall(found)}"
 
 
-def evidence_against(found: ChannelDiagnosis) -> Iterator[str]:
-    """Why nothing, or nothing more, is named, in sentences; none where all is explained."""
+def remarks(found: ChannelDiagnosis) -> Iterator[str]:
+    """Why nothing, or nothing more, is named, in sentences, and what a joint was judged by."""
     if found.verdict is not Verdict.UNEXPLAINED:
+        if told := force_remark(found.force_ahead_of):
+            yield told
         return
     yield f"Why: {found.reason}."
     if found.suspects:
@@ -74,6 +76,15 @@ def evidence_against(found: ChannelDiagnosis) -> Iterator[str]:
             f"Suspected, one on top of the other: {_enumerated(falls)}. Each lowers the error in held-out "
             "runs, but a name is sure only where nothing but noise is left."
         )
+
+
+def force_remark(faults: Sequence[str]) -> str:
+    """That a joint is about another force than the one that was measured; empty where it is about that."""
+    if not faults:
+        return ""
+    return (
+        f"The force on it is that of the contact's model, ahead of the sensor's {_enumerated(list(faults))}."
+    )
 
 
 def parameter_table(fitted: Fitted, title: str = "") -> Table:
@@ -121,8 +132,8 @@ def _evidence(found: ChannelDiagnosis) -> Iterator[RenderableType]:
             if entry.confused_with:
                 rivals = _enumerated(entry.confused_with, "or")
                 yield Text.from_markup(f"  [yellow]this data cannot tell it from {rivals}[/yellow]")
-    for sentence_against in evidence_against(found):
-        yield Text(sentence_against)
+    for remark in remarks(found):
+        yield Text(remark)
     named = found.accepted or found.verdict is not Verdict.UNEXPLAINED
     if named and found.final is not None and found.final.parameters:
         yield parameter_table(found.final)

@@ -81,3 +81,38 @@ def test_where_only_a_joint_is_missed_the_next_command_judges_it(tmp_path):
     assert "fits contact" in result.stdout
     assert "misses joint_1" in result.stdout
     assert next_commands(result)[0][-2:] == ["--channel", "joint_1"]
+
+
+def test_what_was_added_can_be_put_beside_the_measurement_too(hardening, tmp_path):
+    added = run("add", hardening, "cubic_stiffness", "--out", tmp_path, "--json")
+    kept = json.loads(added.stdout)["revisions"][-1]
+    result = run("compare", hardening, "--revision", 1, "--folder", tmp_path, "--json")
+    assert result.exit_code == 0, result.stderr
+    (channel,) = json.loads(result.stdout)["channels"]
+    assert channel["model"] == "kelvin_voigt + cubic_stiffness"
+    assert channel["rmse"] == pytest.approx(kept["rmse"])
+    assert channel["lack_of_fit"] < 1.1
+    assert channel["parameters"]["cubic_stiffness.k3"] == pytest.approx(2e6, rel=0.05)
+    shown = run("compare", hardening, "--folder", tmp_path)
+    assert "kelvin_voigt misses contact" in shown.stdout
+    assert next_commands(shown)[0][-4:] == ["--revision", "1", "--folder", str(tmp_path)]
+
+
+def test_a_revision_of_other_rows_is_said_to_be_one(hardening, tmp_path):
+    run("add", hardening, "cubic_stiffness", "--out", tmp_path)
+    other = write_presses(tmp_path / "other.csv", seed=5)
+    told = run("compare", other, "--revision", 1, "--folder", tmp_path).stdout
+    assert "revision 1 was kept with an error of" in " ".join(told.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--revision", 9), ("no revision 9", "There are: 0, 1")),
+        (("--revision", 0, "--revision", 1), ("several of channel 'contact'",)),
+        (("--revision", 1, "--model", "hunt_crossley"), ("leave out --model",)),
+    ],
+)
+def test_revisions_that_cannot_be_compared_are_refused(hardening, tmp_path, options, words):
+    run("add", hardening, "cubic_stiffness", "--out", tmp_path)
+    assert_refused(run("compare", hardening, "--folder", tmp_path, *options), *words)

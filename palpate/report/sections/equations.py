@@ -10,6 +10,7 @@ from palpate.report import pieces
 from palpate.report.report import Report
 from palpate.report.section import Section
 
+_BREAK = re.compile(r"[,;] (?![^(]*\))")  # between a term and its conditions, not within parentheses
 GREEK = {"tau": "τ", "mu": "μ", "pi": "π"}
 
 
@@ -65,9 +66,9 @@ def _sides(effect: Effect) -> tuple[str, str]:
 
 def _first_part(effect: Effect) -> str:
     """A term without its left side and its conditions; a reading's "effort + b" adds only b."""
-    return re.sub(r"^effort \+ ", "", re.split(r"[,;] ", _sides(effect)[1])[0])
+    return re.sub(r"^effort \+ ", "", _BREAK.split(_sides(effect)[1])[0])
 
 
 def _condition(effect: Effect) -> str:
     """What an equation says after its term."""
-    return "".join(re.split(r"[,;] ", _sides(effect)[1], maxsplit=1)[1:])
+    return "".join(_BREAK.split(_sides(effect)[1], maxsplit=1)[1:])

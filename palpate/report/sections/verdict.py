@@ -10,6 +10,8 @@ from palpate.report.report import Report
 from palpate.report.section import Section
 from palpate.text import diagnosis as diagnosis_text
 from palpate.text.comparison import headline
+from palpate.text.diagnosis import force_remark
+from palpate.text.stages import fall_sentence
 
 
 class VerdictSection(Section):
@@ -35,15 +37,22 @@ def _diagnosed(story: Story) -> str:
         f"Seen as: {escape(entry.signature)}.{_rivals(entry.confused_with)}</p>"
         for entry in found.accepted
     ]
-    told += [f"<p class='quiet'>{escape(text)}</p>" for text in diagnosis_text.evidence_against(found)]
+    told += [f"<p class='quiet'>{escape(text)}</p>" for text in diagnosis_text.remarks(found)]
+    if story.added and not story.adds_what_was_found:
+        told.append(f"<p>Added since: {_plain(fall_sentence(story))}</p>")
     return f"<div class='verdict {found.verdict}'>{''.join(told)}</div>"
 
 
 def _compared(story: Story) -> str:
     if story.comparison is None:
         return ""
-    words = "".join(f"<p class='quiet'>{escape(text)}</p>" for text in story.comparison.words)
-    return f"<div class='verdict'><p>{_plain(headline(story.comparison))}</p>{words}</div>"
+    last = story.grown or story.comparison
+    words = [*last.words, force_remark(story.subject.force_ahead_of)]
+    told = [f"<p>{_plain(headline(last))}</p>"]
+    if story.added:
+        told.append(f"<p>{_plain(fall_sentence(story))}</p>")
+    told += [f"<p class='quiet'>{escape(text)}</p>" for text in words if text]
+    return f"<div class='verdict'>{''.join(told)}</div>"
 
 
 def _rivals(names: list[str]) -> str:
