@@ -26,6 +26,12 @@ def places(number: IntArray) -> tuple[IntArray, IntArray]:
     return np.flatnonzero(changes), np.cumsum(changes) - 1
 
 
+def rows_of_runs(run: IntArray) -> list[IntArray]:
+    """The rows of each run in ascending order of their numbers, in one go: there may be thousands of runs."""
+    order = np.argsort(run, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(run[order])) + 1)
+
+
 def in_order_of_time(time_s: FloatArray, run: IntArray) -> list[slice]:
     """The rows of each run, the earliest first, whatever their numbers are.
 

@@ -11,6 +11,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.bench.load import LOAD
 from estimation.diagnosis.bench.memory import Itself, Memory
 from estimation.effect import AdditiveEffect, Inner
+from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -118,7 +119,7 @@ def frame_of(data: ChannelData, good: BoolArray | None = None, memory: Memory | 
     """
     block = block_length(data)
     rows, folds = [], []
-    runs = _rows_of_runs(data)
+    runs = rows_of_runs(data.run)
     pieces = 1 if len(runs) > 1 else _PIECES
     for number, of_run in enumerate(runs):
         blocks = of_run[: len(of_run) // block * block].reshape(-1, block)
@@ -130,12 +131,6 @@ def frame_of(data: ChannelData, good: BoolArray | None = None, memory: Memory | 
     trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
     trusted &= ~(_mixed(data, grid) | _at_rest(data, grid) | _at_corners(data, grid))
     return Frame(data, grid, data.run[grid[:, 0]], fold, trusted, memory or Memory())
-
-
-def _rows_of_runs(data: ChannelData) -> list[IntArray]:
-    """The samples of each run, in one go: there may be thousands of runs."""
-    order = np.argsort(data.run, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(data.run[order])) + 1)
 
 
 def off_borders(frame: Frame, moved: ChannelData) -> Frame:
@@ -161,7 +156,7 @@ def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
     if sample_time(data.time_s, data.run) > _SLOW_S:
         return np.zeros(len(rows), dtype=np.bool_)
     sharp = np.zeros(len(data), dtype=np.bool_)
-    for of_run in _rows_of_runs(data) if data.kind is ChannelKind.CONTACT else ():
+    for of_run in rows_of_runs(data.run) if data.kind is ChannelKind.CONTACT else ():
         velocity = data.velocity[of_run]
         jumps = np.flatnonzero(np.abs(np.diff(velocity)) > _CORNER * np.ptp(velocity))
         around = jumps[:, None] + np.arange(-_CORNER_REACH, _CORNER_REACH + 2)

@@ -10,6 +10,8 @@ import numpy as np
 
 from estimation.diagnosis.bench.held_out import held_out_residual, rmse
 from estimation.diagnosis.bench.standing import Standing
+from estimation.signals.blocks import rows_of_runs
+from robot_io.types import IntArray
 
 _TIMES = 1.5  # the error by itself; slow noise of a few runs stays well below that
 _ROWS = 30  # samples for each gain, with which a run can be fitted by itself
@@ -43,8 +45,9 @@ def disagreement(standing: Standing) -> Disagreement | None:
     slopes = np.column_stack([slopes, np.ones(len(data))])  # a run may have a zero of its own
     residual = data.effort - effort
     alone = np.full(len(data), np.nan)
-    for run in data.runs:
-        rows = np.flatnonzero((data.run == run) & np.isfinite(predicted))
+    judged: list[IntArray] = []
+    for of_run in rows_of_runs(data.run):
+        rows = of_run[np.isfinite(predicted[of_run])]
         if len(rows) < _ROWS * slopes.shape[1]:
             predicted[rows] = np.nan  # too short to be fitted by itself
             continue
@@ -53,9 +56,10 @@ def disagreement(standing: Standing) -> Disagreement | None:
         fitted = np.linalg.lstsq(columns, residual[rows], rcond=1e-9)[0]
         freedom = len(rows) / (len(rows) - slopes.shape[1])
         alone[rows] = (residual[rows] - columns @ fitted) * np.sqrt(freedom)
-    judged = np.unique(data.run[np.isfinite(alone)])
+        judged.append(rows)
     if len(judged) < 2 or not rmse(predicted) > _TIMES * rmse(alone):
         return None
-    errors = [(rmse(predicted[data.run == run]), rmse(alone[data.run == run])) for run in judged]
+    errors = [(rmse(predicted[rows]), rmse(alone[rows])) for rows in judged]
     worst = int(np.argmax([together**2 - single**2 for together, single in errors]))
-    return Disagreement(int(judged[worst]), rmse(predicted), rmse(alone), *errors[worst])
+    run = int(data.run[judged[worst][0]])
+    return Disagreement(run, rmse(predicted), rmse(alone), *errors[worst])

@@ -2,17 +2,18 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.bench.held_out import held_out_residual
 from estimation.diagnosis.bench.standing import Standing
+from estimation.signals.blocks import rows_of_runs
 from robot_io.types import FloatArray, IntArray
 
 _ALIKE = 0.02  # two runs are repeats if their positions differ by less than this share of the range
 _LEAST = 50  # samples
+_ENOUGH = 2000  # pairs of runs to compare; of the others of very many runs, only neighbours are
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,7 @@ def free_air(data: ChannelData) -> float | None:
     if data.kind is not ChannelKind.CONTACT:
         return None
     parts = []
-    for run in data.runs:
-        rows = np.flatnonzero(data.run == run)
+    for rows in rows_of_runs(data.run):
         pressed = data.engaged[rows]
         before = rows[: int(np.argmax(pressed)) if pressed.any() else len(rows)]
         # the last of them may already belong to the touch
@@ -76,11 +76,20 @@ def repeats(data: ChannelData, residual: FloatArray) -> float | None:
 def _pairs(data: ChannelData) -> Iterator[tuple[IntArray, IntArray]]:
     """Rows of each two runs with the same motion, cut to the shorter."""
     span = float(np.ptp(data.position)) or 1.0
-    rows = [np.flatnonzero(data.run == run) for run in data.runs]
-    for one, other in combinations(rows, 2):
+    for one, other in _compared(rows_of_runs(data.run)):
         count = min(len(one), len(other))
         if count < _LEAST or count < 0.9 * max(len(one), len(other)):
             continue
         first, second = one[:count], other[:count]
         if np.sqrt(np.mean((data.position[first] - data.position[second]) ** 2)) < _ALIKE * span:
             yield first, second
+
+
+def _compared(rows: list[IntArray]) -> Iterator[tuple[IntArray, IntArray]]:
+    """Each two runs, the nearest in number first; as many as are enough."""
+    count = 0
+    for apart in range(1, len(rows)):
+        if count >= _ENOUGH:
+            return
+        yield from zip(rows, rows[apart:], strict=False)
+        count += len(rows) - apart

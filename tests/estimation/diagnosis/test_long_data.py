@@ -3,10 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from estimation.diagnosis.bench.frame import frame_of
 from estimation.diagnosis.bench.inner_search import look, refine
 from estimation.diagnosis.bench.standing import stand
+from estimation.diagnosis.judgement.noise_floor import repeats
 from estimation.effects import EFFECTS
 from tests.estimation.diagnosis.presses import session
 from tests.estimation.diagnosis.test_diagnose import MODEL
@@ -36,3 +38,13 @@ def test_blocks_are_those_of_each_run_also_where_runs_take_turns():
     assert (turns.run[frame.rows] == frame.run[:, None]).all()
     assert (np.diff(frame.rows, axis=1) == 3).all()
     assert np.unique(frame.fold[frame.run == 1]).size == 1
+
+
+def test_of_very_many_runs_only_neighbours_are_compared():
+    runs, count = 3000, 60
+    rng = np.random.default_rng(2)
+    few = DATA.select(np.arange(runs * count) % count)
+    run = np.repeat(np.arange(runs), count)
+    many = replace(few, run=run, time_s=few.time_s + 10.0 * run)
+    drift = 0.01 * (run // 2)  # all but neighbours differ by more than the noise
+    assert repeats(many, drift + rng.normal(0.0, 0.05, runs * count)) == pytest.approx(0.05, rel=0.02)
