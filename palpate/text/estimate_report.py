@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.diagnosis.judgement.gate import spoilt
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
 from estimation.fitting.misfit import Misfit, misfit
 from estimation.rounding import in_steps, steps_spanned
@@ -26,7 +27,7 @@ POOR = 4.0  # times the noise: right models stay below 2.6, also on objects of 1
 
 def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:
     """What the table does not say: the surface, and what the data cannot determine."""
-    lines = []
+    lines = _spoilt_remark(found)
     surface = found.surface_of(found.best)
     if surface is not None:
         place = f"{MILLI * surface.position_m:.3f} mm along the press direction"
@@ -43,6 +44,16 @@ def remarks(found: ChannelEstimates, truth: Mapping[str, float]) -> list[str]:
             share = f"{PERCENT * left_out:.0f} % of the samples"
             lines.append(f"{estimate.estimator} set {share} aside: the model does not describe them")
     return lines + _notes(found)
+
+
+def spoilt_by(found: ChannelEstimates) -> str | None:
+    """What is wrong with the data, so that no estimate of them means anything; None if nothing shows."""
+    return spoilt(found.channel, found.model)
+
+
+def _spoilt_remark(found: ChannelEstimates) -> list[str]:
+    reason = spoilt_by(found)
+    return [] if reason is None else [f"do not rely on these estimates: {reason}"]
 
 
 def _notes(found: ChannelEstimates) -> list[str]:
@@ -135,6 +146,7 @@ def as_data(found: ChannelEstimates, truth: Mapping[str, float]) -> dict[str, An
         "samples": int(np.count_nonzero(found.rows)),
         "truth": dict(truth),
         "tare": _tare_data(found.channel),
+        "spoilt": spoilt_by(found),
         "failures": found.failures,
         "misfit": vars(misfit_of(found)),
         "estimates": [_estimate_data(found, estimate, truth) for estimate in found.estimates],

@@ -11,6 +11,7 @@ from palpate.findings.estimation_run import choose_estimators
 from palpate.text.estimate_report import with_interval
 from palpate.words import significant
 from tests.palpate.cli import assert_refused, run
+from tests.palpate.presses import write_presses
 
 HEADER = "time_s,displacement_m,force_N\n"
 ROWS = "".join(f"{i},{i},{i}\n" for i in range(2, 9))
@@ -108,6 +109,26 @@ def test_a_force_with_the_wrong_sign_is_pointed_out_by_every_estimator(tmp_path)
     assert "the sign of effort or motion is turned" in " ".join(
         run("estimate", file, "--estimator", "lsq").stdout.split()
     )
+
+
+@pytest.mark.parametrize(
+    ("column", "bend", "words"),
+    [
+        (2, lambda force: np.full(len(force), 3.0), "the effort never changes"),
+        (1, lambda depth: 1e3 * depth, "is the displacement in millimetres?"),
+        (2, lambda force: np.minimum(force, 0.5 * force.max()), "the sensor is at its end"),
+        (2, np.abs, "turned round or cut off"),
+    ],
+)
+def test_data_that_mean_nothing_are_said_to_in_the_words_of_the_diagnosis(tmp_path, column, bend, words):
+    file = write_presses(tmp_path / "presses.csv", cubic=0.0)
+    sound = np.loadtxt(file, delimiter=",", skiprows=1)
+    assert estimate_json(file, "--estimator", "lsq")["channels"][0]["spoilt"] is None
+    sound[:, column] = bend(sound[:, column])
+    np.savetxt(file, sound, delimiter=",", header=f"{HEADER.strip()},run", comments="", fmt="%.9g")
+    shown = " ".join(run("estimate", file, "--estimator", "lsq").stdout.split())
+    assert words in shown.partition("do not rely on these estimates: ")[2]
+    assert words in estimate_json(file, "--estimator", "lsq")["channels"][0]["spoilt"]
 
 
 def test_other_names_and_units_are_given_as_options(tmp_path):

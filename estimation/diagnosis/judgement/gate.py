@@ -7,6 +7,9 @@ from scipy.ndimage import median_filter
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.bench.frame import block_length, frame_of
+from estimation.diagnosis.judgement.copied import copied
+from estimation.diagnosis.judgement.folded import folded
+from estimation.diagnosis.judgement.turns import strange_turns
 from estimation.model import Model
 from estimation.signals.runwise import per_run, sample_time
 from robot_io.types import BoolArray, FloatArray
@@ -24,7 +27,8 @@ _STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was
 _MOST_OF_AIR, _OFF_ZERO, _FINE, _NOISY = 0.7, 0.01, 0.5, -0.3
 # Readings in all, with which a sensor says little, or is coarse. Each edge between two of them tells one
 # point of the curve: a straight one, bent by a damper, needs four to be seen to be right or wrong.
-_TOO_FEW_LEVELS, _FEW_LEVELS = 5, 50
+# A joint meets each edge in many states of motion, but a single edge gives no scale.
+_TOO_FEW_LEVELS, _TOO_FEW_OF_A_JOINT, _FEW_LEVELS = 5, 3, 50
 _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
 _LEAST_EXPLAINED = 0.1  # share of a force's variance that depth and velocity explain, whatever the object is
@@ -51,16 +55,33 @@ def refuse(data: ChannelData, model: Model | None = None) -> str | None:
             range should have been, so that these are no reason.
     """
     known = model is not None and not model.gains and not model.inner
-    for check in _CHECKS if known else (*_CHECKS, _saturated):
-        reason = check(data)
-        if reason:
-            return reason
-    return None
+    checks = _CHECKS if known else (*_CHECKS, _saturated)
+    return next(filter(None, (check(data) for check in checks)), None) or strange_turns(data, model)
+
+
+def spoilt(data: ChannelData, model: Model) -> str | None:
+    """What is wrong with the readings or the motion, whatever is asked of them; None if nothing shows.
+
+    Unlike `refuse`, it asks for nothing to be held out.
+    """
+    good = data.select(usable(data))
+    reasons = (check(good) for check in (*_OF_THE_SIGNALS, _saturated))
+    return next(filter(None, reasons), None) or strange_turns(good, model)
 
 
 def _length(data: ChannelData) -> str | None:
     if len(data) < LEAST_SAMPLES:
         return f"only {len(data)} samples; record at least {LEAST_SAMPLES}"
+    return None
+
+
+def _size(data: ChannelData) -> str | None:
+    """Refuse before anything takes time and memory."""
+    lengths = np.unique(data.run, return_counts=True)[1]
+    count = int(np.sum(lengths // block_length(data)))
+    if count > _MOST_BLOCKS:
+        more = f"{count} blocks are more than can be searched, {_MOST_BLOCKS}"
+        return f"{more}; take some of the runs with --where"
     return None
 
 
@@ -154,7 +175,7 @@ def _stranger(data: ChannelData) -> str | None:
 
 def _resolution(data: ChannelData) -> str | None:
     levels = len(np.unique(data.effort))
-    if levels < _TOO_FEW_LEVELS and data.kind is ChannelKind.CONTACT:
+    if levels < (_TOO_FEW_LEVELS if data.kind is ChannelKind.CONTACT else _TOO_FEW_OF_A_JOINT):
         return f"only {levels} different readings: the sensor's steps are too coarse for this effort"
     return None
 
@@ -213,11 +234,6 @@ def _offset(data: ChannelData) -> str | None:
 def _blocks(data: ChannelData) -> str | None:
     """There must be a block to fit to, and one to hold out, in another run if there are several."""
     least, lengths = block_length(data), np.unique(data.run, return_counts=True)[1]
-    if np.sum(lengths // least) > _MOST_BLOCKS:
-        return (
-            f"{np.sum(lengths // least)} blocks are more than can be searched, {_MOST_BLOCKS}; "
-            "take some of the runs with --where"
-        )
     parts = lengths // least if len(lengths) == 1 else lengths >= least
     if parts.sum() < 2:
         return f"fewer than two runs have {least} samples or more; record longer runs"
@@ -234,14 +250,6 @@ def _likeness(one: FloatArray, other: FloatArray) -> float:
     return float(np.corrcoef(one, other)[0, 1])
 
 
-_CHECKS: tuple[Callable[[ChannelData], str | None], ...] = (
-    _length,
-    _variation,
-    _runs,
-    _units,
-    _time,
-    _offset,
-    _contact,
-    _resolution,
-    _blocks,
-)
+_Check = Callable[[ChannelData], str | None]
+_OF_THE_SIGNALS: tuple[_Check, ...] = (_variation, _units, _time, _offset, _contact, _resolution, folded)
+_CHECKS: tuple[_Check, ...] = (_length, _size, _variation, _runs, copied, *_OF_THE_SIGNALS[1:], _blocks)

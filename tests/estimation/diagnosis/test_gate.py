@@ -3,10 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
 from estimation.diagnosis.judgement.gate import refuse, usable
 from estimation.effects import EFFECTS
+from estimation.models import MODELS
+from estimation.tare import Tare
 from tests.estimation.diagnosis.presses import kelvin_voigt, session
 from tests.estimation.diagnosis.test_diagnose import MODEL
 
@@ -31,6 +34,12 @@ def over_and_over(times):
     )
 
 
+def one_run_again_and_again():
+    rows = np.tile(np.flatnonzero(DATA.run == 0), 4)
+    number = np.repeat(np.arange(4), len(rows) // 4)
+    return replace(DATA.select(rows), run=number, time_s=DATA.time_s[rows] + 10.0 * number)
+
+
 LONG = over_and_over(300_000 // len(DATA) + 1)
 BAD = {
     "never changes": replace(DATA, effort=np.full(len(DATA), 2.0)),
@@ -46,6 +55,9 @@ BAD = {
     "take some of the runs": LONG,
     "samples": DATA.select(np.arange(50)),
     "only 0 samples": DATA.select(np.arange(0)),
+    "is a copy of run 0": one_run_again_and_again(),
+    "with its sign": replace(DATA, effort=np.abs(DATA.effort)),
+    "turned round or cut off": replace(DATA, effort=np.maximum(DATA.effort, 0.0)),
     "longer runs": replace(
         DATA, time_s=0.1 * DATA.time_s, velocity=10.0 * DATA.velocity, run=np.arange(len(DATA)) // 8
     ),
@@ -72,6 +84,18 @@ def test_presses_that_were_not_divided_into_runs_are_to_be_numbered():
 
 def test_good_data_passes():
     assert refuse(DATA) is None
+
+
+@pytest.mark.parametrize("bias_n", [0.0, 0.02, 0.3])
+def test_readings_that_were_not_folded_pass(bias_n):
+    shifted = DATA.effort - DATA.effort.min() if bias_n == 0.0 else DATA.effort + bias_n
+    assert refuse(replace(DATA, effort=shifted)) is None
+
+
+def test_a_tare_does_not_hide_that_readings_were_folded():
+    folded = np.abs(DATA.effort)
+    tare = Tare(DATA.runs, np.full(len(DATA.runs), 0.04), np.full(len(DATA.runs), 0.01))
+    assert "with its sign" in refuse(replace(DATA, effort=folded - 0.04, tare=tare))
 
 
 def test_free_air_below_the_range_of_the_sensor_says_nothing_of_the_force():
@@ -125,6 +149,49 @@ def test_a_single_recording_of_a_joint_passes_if_it_repeats_itself():
     assert refuse(again) is None
     once = replace(again, position=t, velocity=np.ones(4000))
     assert "once" in refuse(once)
+
+
+def swinging(scale=1.0, seed=0, torque=lambda q, v, a: 0.05 * a + 2.0 * np.sin(q) + 0.1 * v):
+    """A pendulum's swings in four runs; `scale` is what its angle is multiplied by when it is recorded."""
+    rng = np.random.default_rng(seed)
+    t = np.tile(np.arange(2000) * 0.005, 4)
+    run = np.repeat(np.arange(4), 2000)
+    w = 2.0 + 0.5 * run
+    q = 0.9 * np.sin(w * t) + 0.3 * np.sin(0.37 * w * t + run)
+    v = 0.9 * w * np.cos(w * t) + 0.111 * w * np.cos(0.37 * w * t + run)
+    a = -0.9 * w**2 * np.sin(w * t) - 0.0411 * w**2 * np.sin(0.37 * w * t + run)
+    effort = torque(q, v, a) + rng.normal(0, 0.02, len(t))
+    motion = (scale * q, scale * v, scale * a)
+    return ChannelData("joint_1", ChannelKind.REVOLUTE, t, *motion, effort, run, np.full(len(t), -1))
+
+
+@pytest.mark.parametrize(("scale", "asks"), [(1.0, False), (180.0 / np.pi, True), (100.0, True)])
+def test_an_angle_over_several_turns_with_which_the_weight_does_not_come_back_is_in_degrees(scale, asks):
+    reason = refuse(swinging(scale), MODELS["pendulum"]().build(ModelContext()))
+    assert ("in degrees" in reason) if asks else reason is None
+
+
+def test_a_spring_wound_up_by_several_turns_and_a_pendulum_that_goes_round_pass():
+    spring = swinging(30.0, torque=lambda q, v, a: 3.0 * q + 0.1 * v)
+    assert refuse(spring, MODELS["inertia"]().build(ModelContext())) is None
+    round_and_round = swinging(
+        30.0, torque=lambda q, v, a: 2.0 * np.sin(30.0 * q) + 0.1 * v + 0.2 * np.sign(v)
+    )
+    assert refuse(round_and_round, MODELS["pendulum"]().build(ModelContext())) is None
+
+
+@pytest.mark.parametrize(
+    ("bend", "words"),
+    [
+        (np.abs, "turned round or cut off"),
+        (lambda torque: np.maximum(torque, 0.0), "exactly zero"),
+        (lambda torque: np.sign(torque + 1e-9), "2 different readings"),
+    ],
+)
+def test_a_torque_that_lost_its_sign_or_all_but_that_is_refused(bend, words):
+    data = swinging()
+    assert words in refuse(replace(data, effort=bend(data.effort)))
+    assert refuse(data) is None
 
 
 def test_a_probing_session_in_which_a_joint_moves_in_one_run_only_says_nothing():
