@@ -3,6 +3,7 @@
 import numpy as np
 
 from estimation.channel import ChannelKind
+from estimation.diagnosis.bench.exact import is_exact
 from estimation.diagnosis.bench.standing import Standing
 
 LEFT = 0.03  # share of the held-out error that a flexible regression may take away from a complete model
@@ -22,7 +23,7 @@ def is_explained(standing: Standing, floor: float = np.inf) -> bool:
         standing: the model in question.
         floor: energy on blocks of held-out runs that a flexible regression left beside another model.
     """
-    if standing.left_of_blocks(floor) <= LEFT:
+    if is_exact(standing) or standing.left_of_blocks(floor) <= LEFT:
         return True
     if standing.data.kind is ChannelKind.CONTACT or standing.left_of_samples(floor) > JOINT_LEFT:
         return False

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from estimation.diagnosis.bench.exact import is_exact
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.judgement.agreement import Disagreement, disagreement
 from estimation.diagnosis.judgement.unlike_noise import Excess, quiet_floor, unlike_noise
@@ -34,6 +35,8 @@ def objection_to(end: Standing, energy: float, *, is_complete: bool) -> Objectio
         energy: on blocks of held-out runs, that a flexible regression left beside any model.
         is_complete: whether no more than noise is left, as far as that tells.
     """
+    if is_exact(end):
+        return None
     unit = end.data.kind.effort_unit
     apart = disagreement(end)
     if apart and (is_complete or apart.alone < _CLEARLY * end.floor(energy)):
@@ -49,6 +52,8 @@ def floor_unseen(standing: Standing, floor: float) -> float:
         standing: a model, complete or not.
         floor: what a smooth law of the signals would leave.
     """
+    if is_exact(standing):
+        return float("inf")
     apart = disagreement(standing)
     alone = apart.alone if apart and apart.alone < _CLEARLY * floor else float("inf")
     return min(alone, quiet_floor(standing))

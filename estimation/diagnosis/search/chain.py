@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+from estimation.diagnosis.bench.exact import is_exact
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.search.candidate import TIE, TRIES, Candidate, choose, close_to_best, size
 from estimation.diagnosis.search.credible import is_misnamed
@@ -67,6 +68,8 @@ def build(search: Search) -> Chain:
         before = steps[-1].standing if steps else start
         found = search.screen(before)
         ranking = ranking or tuple(found)
+        if is_exact(before):
+            break
         step, refused = _next(search, before, found)
         if step is None:
             break
