@@ -4,13 +4,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimation.surface import Surface
 from estimation.tare import Tare
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray, IntArray
+
+_ARRAYS = ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase")
 
 
 class ChannelKind(StrEnum):
@@ -33,7 +37,7 @@ class ChannelKind(StrEnum):
 
 @dataclass(frozen=True)
 class ChannelData:
-    """One channel's samples; all arrays have length n and belong together row by row.
+    """One channel's samples; all arrays have length n, belong together row by row, and are read-only.
 
     Attributes:
         name: "contact", "joint_1" ...
@@ -81,7 +85,7 @@ class ChannelData:
             InputError: an array has the wrong length or shape, is missing, or is not finite.
         """
         length = len(self.time_s)
-        for what in ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase"):
+        for what in _ARRAYS:
             _check(self.name, what, getattr(self, what), length)
         for what, values in self.context.items():
             _check(self.name, what, values, length)
@@ -90,7 +94,10 @@ class ChannelData:
                 raise InputError(
                     f"channel '{self.name}': recorded signal '{what}' is not one number a sample"
                 )
-        object.__setattr__(self, "context", MappingProxyType(dict(self.context)))
+        for what in (*_ARRAYS, "touching"):
+            object.__setattr__(self, what, _read_only(getattr(self, what)))
+        context = {what: _read_only(values) for what, values in self.context.items()}
+        object.__setattr__(self, "context", MappingProxyType(context))
 
     def __reduce__(self) -> tuple[type["ChannelData"], tuple[object, ...]]:
         """For another process: a read-only view of a dict cannot be pickled, the dict can."""
@@ -116,10 +123,7 @@ class ChannelData:
 
     def select(self, rows: BoolArray | IntArray) -> "ChannelData":
         """The channel with only these rows (a mask or indices)."""
-        arrays = {
-            what: getattr(self, what)[rows]
-            for what in ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase")
-        }
+        arrays = {what: getattr(self, what)[rows] for what in _ARRAYS}
         touching = None if self.touching is None else self.touching[rows]
         return replace(
             self,
@@ -141,3 +145,12 @@ def _check(channel: str, what: str, values: FloatArray | IntArray, length: int) 
         raise InputError(
             f"channel '{channel}': {what} is not finite at sample {bad[0]} (and {len(bad) - 1} more)"
         )
+
+
+def _read_only(values: NDArray[Any] | None) -> NDArray[Any] | None:
+    """A view of an array that cannot be written into, while its owner still can; None as it is."""
+    if values is None:
+        return None
+    view = np.asarray(values).view()
+    view.setflags(write=False)
+    return view

@@ -1,34 +1,28 @@
 """Tries an effect of the user's own before a diagnosis relies upon it."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.effect import AdditiveEffect, Effect, Inner, MotionEffect, SensorEffect
 from estimation.effects import EFFECTS
+from palpate.findings.guarded_effect import wrong_array
 from palpate.foreign_code import foreign_code
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
-_REAL = "fiub"  # kinds of dtype: floats, whole numbers, truth values
 _Shape = tuple[int, ...]
-_ARRAYS = ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase", "touching")
 
 
 def rehearse(effect: Effect, data: ChannelData) -> None:
     """Call each method of a user's effect once on a channel.
-
-    The channel's arrays cannot be written into: an effect that does so would change the data of all others.
 
     Raises:
         InputError: a method fails there, or gives arrays of the wrong shape, or values that are not real
             numbers or not finite.
     """
     where = f"effect '{effect.name}' on channel '{data.name}'"
-    data = _read_only(data)
     with foreign_code(where):
         if not effect.applies_to(data):
             return
@@ -41,7 +35,7 @@ def rehearse(effect: Effect, data: ChannelData) -> None:
         if wrong:
             raise InputError(f"{where}: {wrong}")
         for name, made, shape in _outputs(effect, data, starts[len(starts) // 2]):
-            wrong = _wrong_array(made, shape)
+            wrong = wrong_array(made, shape)
             if wrong:
                 raise InputError(f"{where}: {name} gives {wrong}")
         _judged(effect, data)
@@ -97,17 +91,6 @@ def _outputs(effect: Effect, data: ChannelData, inner: Inner) -> Iterator[tuple[
             yield "effort of follow", sensed, (count,)
 
 
-def _wrong_array(made: FloatArray, shape: _Shape) -> str | None:
-    kind = np.asarray(made).dtype
-    if kind.kind not in _REAL:
-        return f"values of type {kind}, wanted are real numbers"
-    if np.shape(made) != shape:
-        return f"an array of shape {np.shape(made)}, wanted is {shape}"
-    if not np.isfinite(made).all():
-        return "values that are not finite"
-    return None
-
-
 def _judged(effect: Effect, data: ChannelData) -> None:
     """Ask for its name beside all other effects, each parameter in the middle of its typical range."""
     usual = _usual(*(EFFECTS[name]() for name in EFFECTS), effect)
@@ -118,14 +101,6 @@ def _judged(effect: Effect, data: ChannelData) -> None:
 def _usual(*effects: Effect) -> Mapping[str, float]:
     parameters = ((effect.name, p) for effect in effects for p in (*effect.gains, *effect.inner))
     return {f"{name}.{p.name}": float(p.spread(3)[1]) for name, p in parameters}
-
-
-def _read_only(data: ChannelData) -> ChannelData:
-    arrays: dict[str, Any] = {
-        what: _frozen(getattr(data, what)) for what in _ARRAYS if getattr(data, what) is not None
-    }
-    context = {name: _frozen(values) for name, values in data.context.items()}
-    return replace(data, **arrays, context=context)
 
 
 def _frozen(values: FloatArray) -> FloatArray:

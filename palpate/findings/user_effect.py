@@ -9,6 +9,7 @@ from typing import Any
 
 from estimation.effect import Effect
 from palpate.files import existing_file
+from palpate.findings.guarded_effect import guarded
 from palpate.foreign_code import foreign_code
 from robot_io.errors import InputError
 
@@ -59,4 +60,5 @@ def _checked(text: str, found: type[Effect]) -> Effect:
             f"--effect {text}: states no {', '.join(missing)} (estimation/effects/bias.py is a short example)"
         )
     with foreign_code(f"--effect {text}: cannot be made"):
-        return found()
+        found()
+        return guarded(found)()

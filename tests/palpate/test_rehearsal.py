@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from estimation.channel import ChannelKind
@@ -17,9 +16,3 @@ DATA = session(1, lambda t, x, v, run: kelvin_voigt(x, v))
 @pytest.mark.parametrize("name", EFFECTS)
 def test_palpates_own_effects_pass(name, kind):
     rehearse(EFFECTS[name](), replace(DATA, kind=kind))
-
-
-def test_the_data_can_still_be_written_into_afterwards():
-    rehearse(EFFECTS["bias"](), DATA)
-    assert DATA.position.flags.writeable
-    assert np.all(np.isfinite(DATA.position))

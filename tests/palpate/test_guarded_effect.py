@@ -1,0 +1,63 @@
+"""An effect of the user's own that is sound at one place and not at another, where a search calls it."""
+
+import numpy as np
+import pytest
+
+from estimation.channel import ChannelKind
+from estimation.effect import AdditiveEffect, Parameter
+from palpate.findings.guarded_effect import guarded
+from palpate.findings.rehearsal import rehearse
+from robot_io.errors import InputError
+from tests.estimation.diagnosis.presses import session
+
+DATA = session(1)
+
+
+class Power(AdditiveEffect):
+    """Sound up to a depth, and then as `goes_wrong` has it."""
+
+    name = "power"
+    physics = equation = source = signature = "none"
+    channels = frozenset(ChannelKind)
+    gains = (Parameter("k", "N", -1e6, 1e6, (0.1, 10.0)),)
+    inner = (Parameter("d", "m", 0.0, 0.2, (0.001, 0.02)),)
+    goes_wrong = staticmethod(lambda data, columns: columns)
+
+    def columns(self, data, inner):
+        made = np.maximum(data.position - inner["d"], 0.0)[:, None] ** 2
+        return type(self).goes_wrong(data, made) if inner["d"] > 0.015 else made
+
+
+def write(data, columns):
+    data.effort[:] = 0.0
+    return columns
+
+
+def stop(data, columns):
+    raise ZeroDivisionError("by nothing")
+
+
+WRONG = {
+    "read-only": write,
+    "by nothing": stop,
+    "not finite": lambda data, columns: columns * np.nan,
+    "shape": lambda data, columns: columns[:, 0],
+    "type complex": lambda data, columns: columns * 1j,
+}
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_what_a_rehearsal_does_not_come_to_is_one_clear_line_all_the_same(words):
+    found = type("Wrong", (Power,), {"goes_wrong": staticmethod(WRONG[words])})
+    effect, before = guarded(found)(), DATA.effort.copy()
+    rehearse(effect, DATA)
+    with pytest.raises(InputError, match=f"effect 'power' on channel 'contact'.*{words}"):
+        effect.columns(DATA, {"d": 0.018})
+    assert np.array_equal(DATA.effort, before)
+
+
+def test_a_sound_effect_gives_what_it_gave_before_and_keeps_its_module():
+    effect = guarded(Power)()
+    assert np.array_equal(effect.columns(DATA, {"d": 0.018}), Power().columns(DATA, {"d": 0.018}))
+    assert type(effect).__module__ == Power.__module__
+    assert isinstance(effect, Power)
