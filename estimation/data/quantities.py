@@ -23,7 +23,7 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """Dimensions that each quantity may have."""
 
-_ALSO = {"depth": "displacement"}
+_ALSO = {"depth": "displacement", "angle": "position"}
 _NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_ALSO])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
 
 
@@ -56,6 +56,8 @@ def parse_role(name: str) -> Role | None:
     quantity = _ALSO.get(named, named)
     unit = normalise(ending)
     if unit and dimension_of(unit) not in QUANTITIES[quantity]:
+        return None
+    if named == "angle" and dimension_of(unit) != "angle":  # without its unit it may be any angle
         return None
     return Role(quantity, joint, unit)
 

@@ -232,6 +232,17 @@ def test_columns_of_numbers_that_nothing_was_made_of_are_told(contact):
     assert import_file(path, ImportOptions(context=("humidity",))).unused == ("temperature_C",)
 
 
+def test_an_angle_in_degrees_is_a_position_in_radians(tmp_path):
+    swing = {"time_s": T, "angle_deg": np.degrees(np.sin(9 * T)), "torque_Nm": F}
+    assert only(import_file(write_csv(tmp_path / "swing.csv", swing))).position == pytest.approx(
+        np.sin(9 * T)
+    )
+
+
+def test_an_angle_that_says_no_unit_may_be_of_anything(contact):
+    assert import_file(contact(angle=T)).unused == ("angle",)
+
+
 def test_names_in_lower_case_and_a_depth_are_understood(tmp_path):
     plain = {"time_s": T, "depth_mm": 1e3 * X, "force_n": F}
     channel = only(import_file(write_csv(tmp_path / "plain.csv", plain)))
