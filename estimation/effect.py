@@ -161,9 +161,12 @@ class SensorEffect(Effect):
 
     Class attributes:
         linear: whether sense(a + b) == sense(a) + sense(b), so that it can act on columns.
+        pointwise: whether it is linear and each reading is of that moment's effort alone, the same at any
+            time, so that it can act on means over samples.
     """
 
     linear: ClassVar[bool]
+    pointwise: ClassVar[bool] = False
 
     @abstractmethod
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:

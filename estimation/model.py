@@ -64,7 +64,7 @@ class Model:
     @cached_property
     def is_linear_in_gains(self) -> bool:
         """Whether, with the inner parameters fixed, the effort is linear in the gains."""
-        return all(effect.linear for effect in self._sensors)
+        return all(effect.linear for effect in self.sensors)
 
     def regression(self, data: ChannelData, inner: Parameters, sigma: FloatArray | None = None) -> Regression:
         """The linear problem left when the inner parameters are fixed.
@@ -83,7 +83,7 @@ class Model:
         if not self.is_linear_in_gains:
             raise InputError(f"model '{self.name}' is not linear in its gains: use predict()")
         columns, known = self.parts(data, inner)
-        for sensor in self._sensors:
+        for sensor in self.sensors:
             sensed = sensor.sense(np.column_stack([columns, known]), data, own(sensor, inner))
             columns, known = sensed[:, :-1], sensed[:, -1]
         units = self.units(data)[: len(self.gains)]
@@ -127,14 +127,15 @@ class Model:
                 slopes = slopes.copy()
                 slopes[lifted[:, None], self._one_sided] = 0.0
                 effort[lifted] -= push[lifted]
-        for sensor in self._sensors:
+        for sensor in self.sensors:
             slopes, effort = sensor.follow(effort, slopes, data, own(sensor, parameters))
         return slopes, effort
 
     @cached_property
     def is_sum(self) -> bool:
-        """Whether all effects add effort: no motion is changed, and no reading."""
-        return len(self.additive) == len(self.effects)
+        """Whether means over samples are all that is needed: motion as it is, readings at most scaled."""
+        pointwise = sum(sensor.pointwise for sensor in self.sensors)
+        return len(self.additive) + pointwise == len(self.effects)
 
     @cached_property
     def additive(self) -> list[AdditiveEffect]:
@@ -147,7 +148,8 @@ class Model:
         return np.flatnonzero([effect.one_sided for effect in self.additive for _ in effect.gains])
 
     @cached_property
-    def _sensors(self) -> list[SensorEffect]:
+    def sensors(self) -> list[SensorEffect]:
+        """The effects on the way to the reader, in order."""
         return [e for e in self.effects if isinstance(e, SensorEffect)]
 
     def moved(self, data: ChannelData, parameters: Parameters) -> ChannelData:

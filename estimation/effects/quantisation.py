@@ -10,6 +10,7 @@ from estimation.effect import Inner, Parameter, SensorEffect
 from robot_io.types import FloatArray
 
 _EDGES = (0.5, 1.5)  # that are near enough for noise to reach, in steps
+_FURTHEST = 8.5  # standard deviations that noise carries anything; beyond, it is less than rounding
 _SMOOTH = 0.5  # noise in steps, from which on the treads are gone
 _REACH, _TREAD = 0.2, 0.1  # in steps, about an edge where it is steep; slope elsewhere, so that none is free
 _SHARES = (0.01, 0.05, 0.2)  # of a step, of noise
@@ -41,10 +42,10 @@ class Quantisation(SensorEffect):
         """See `SensorEffect.sense`."""
         step = inner["step"]
         noise = min(inner["noise"] / step, _SMOOTH)
-        whole = np.round(effort / step)
-        part = effort / step - whole
-        up, down = (sum(ndtr((side * part - edge) / noise) for edge in _EDGES) for side in (1.0, -1.0))
-        return np.asarray(step * (whole + up - down))
+        steps = effort / step
+        whole = np.round(steps)
+        steps -= whole
+        return np.asarray(step * (whole + _carried_over(steps, noise) - _carried_over(-steps, noise)))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: the mean distance between neighbouring readings, and shares of it.
@@ -68,3 +69,12 @@ class Quantisation(SensorEffect):
         ahead, behind = (self.sense(effort + side * reach, data, inner) for side in (1.0, -1.0))
         steepness = _TREAD + (1.0 - _TREAD) * (ahead - behind) / (2.0 * reach)
         return steepness[:, None] * columns
+
+
+def _carried_over(part: FloatArray, noise: float) -> FloatArray:
+    """Edges above `part` that noise carries it over, expected, same shape; both in steps."""
+    over = np.zeros_like(part)
+    for edge in _EDGES:
+        near = part > edge - _FURTHEST * noise
+        over[near] += ndtr((part[near] - edge) / noise)
+    return over

@@ -27,6 +27,7 @@ class TorqueGain(SensorEffect):
         "bias": "lift two loads: a gain grows with the load",
     }
     linear = True
+    pointwise = True
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: closer and closer to one, since few constants are far off."""

@@ -35,7 +35,10 @@ class TorqueRipple(AdditiveEffect):
         if inner["cycles"] * np.ptp(data.position) < _LEAST_WAVES * 2.0 * np.pi:
             return np.zeros((len(data), 2))
         angle = inner["cycles"] * data.position
-        return np.column_stack([np.sin(angle), np.cos(angle)])
+        wave = np.empty((len(data), 2))
+        np.sin(angle, out=wave[:, 0])
+        np.cos(angle, out=wave[:, 1])
+        return wave
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: so close together that no wave within the range is missed."""

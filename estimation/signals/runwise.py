@@ -66,8 +66,9 @@ def low_pass(
     filtered = np.asarray(lfilter([newest, older], [1.0, -decay], signal, axis=0), dtype=np.float64)
     starts, piece = places(run)
     wanted = signal[starts] * (newest if from_rest else 1.0)
-    gone = decay ** (np.arange(len(run)) - starts[piece])  # of what the filter brought along from before
-    filtered += (wanted - filtered[starts])[piece] * gone.reshape(-1, *([1] * (signal.ndim - 1)))
+    since = np.arange(len(run)) - starts[piece]
+    left = (decay ** np.arange(since.max() + 1))[since]  # of what the filter brought along from before
+    filtered += (wanted - filtered[starts])[piece] * left.reshape(-1, *([1] * (signal.ndim - 1)))
     return filtered
 
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import ndtri
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Effect, MotionEffect, SensorEffect
@@ -99,3 +100,22 @@ def test_slopes_and_reading_at_once_are_those_of_each(name):
     slopes, reading = effect.follow(data.effort, columns, data, inner)
     np.testing.assert_allclose(slopes, effect.slope(data.effort, columns, data, inner), rtol=1e-12)
     np.testing.assert_allclose(reading, effect.sense(data.effort, data, inner), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", [n for n, e in EFFECTS.items() if getattr(e, "pointwise", False)])
+def test_a_pointwise_sensor_shows_the_mean_of_what_it_showed(name):
+    effect = EFFECTS[name]()
+    data, inner = some_channel(next(iter(effect.channels))), inner_values(effect)
+    of_samples = effect.sense(data.effort, data, inner).reshape(-1, 10).mean(axis=1)
+    of_means = effect.sense(data.effort.reshape(-1, 10).mean(axis=1), data, inner)
+    np.testing.assert_allclose(of_means, of_samples, rtol=1e-12)
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.1, 0.2, 0.4])
+def test_coarse_steps_show_on_the_average_what_noise_makes_of_them(noise):
+    effect, step = EFFECTS["quantisation"](), 0.5
+    effort = np.linspace(-1.3, 1.3, 53)
+    each = noise * step * ndtri((np.arange(20_000) + 0.5) / 20_000)  # equally likely
+    shown = (step * np.round((effort[:, None] + each) / step)).mean(axis=1)
+    found = effect.sense(effort, some_channel(ChannelKind.CONTACT), {"step": step, "noise": noise * step})
+    np.testing.assert_allclose(found, shown, atol=1e-4 * step)

@@ -45,7 +45,8 @@ def flexible(bench: Bench, trial: Trial) -> Flexible:
     frame = bench.frame
     base, target = trial.columns, trial.target
     blocks = signals_of(bench, trial)
-    moments = bench.moments(np.column_stack([base, *blocks.values()]), target)
+    columns = np.column_stack([base, *blocks.values()])
+    moments = bench.moments(columns, target)
     own = base.shape[1]
     owner = np.concatenate([[-1] * own, *([i] * b.shape[1] for i, b in enumerate(blocks.values()))])
     before = float(score(moments.only(owner < 0)).held_out.sum())
@@ -55,7 +56,8 @@ def flexible(bench: Bench, trial: Trial) -> Flexible:
         name: 1.0 - one.energy / before if before > 0.0 else 0.0
         for name, one in zip(blocks, alone, strict=True)
     }
-    residual = _held_out_residual(np.column_stack([base, *blocks.values()]), target, frame, best)
+    plain = moments if bench.colour is WHITE else Bench(frame, WHITE).moments(columns, target)
+    residual = _held_out_residual(columns, target, frame, plain, best)
     return Flexible(best.held_out, residual, by_signal)
 
 
@@ -107,16 +109,19 @@ def _best(moments: Moments, owner: IntArray, alone: list[_Tried], before: float)
     return min(best, every, key=lambda one: one.energy)
 
 
-def _held_out_residual(columns: FloatArray, target: FloatArray, frame: Frame, best: _Tried) -> FloatArray:
+def _held_out_residual(
+    columns: FloatArray, target: FloatArray, frame: Frame, plain: Moments, best: _Tried
+) -> FloatArray:
     residual = np.empty_like(target)
     columns = columns[:, best.kept]
     width = np.sqrt(np.mean(columns**2, axis=0))
-    columns /= np.where(width > 0.0, width, 1.0)
-    products = Bench(frame, WHITE).moments(columns, target).products
+    width[width == 0.0] = 1.0
+    scale = np.append(1.0 / width, 1.0)
+    products = plain.only(best.kept).products * scale[:, None] * scale
     whole = products.sum(axis=0)
     for fold in range(frame.folds):
         test = frame.fold == fold
         mean = (whole - products[fold]) / np.sum(~test & frame.trusted)
         gains = np.linalg.solve(mean[:-1, :-1] + np.diag(best.ridge), mean[:-1, -1])
-        residual[test] = target[test] - columns[test] @ gains
+        residual[test] = target[test] - columns[test] @ (gains / width)
     return residual

@@ -40,6 +40,7 @@ class Frame:
         fold: shape (m,), fold in which each block is held out, from 0.
         trusted: shape (m,), whether a block counts.
         memory: what was computed on blocks of this channel, whatever its load and whichever blocks count.
+        of_load: what was computed with this load.
     """
 
     data: ChannelData
@@ -48,6 +49,7 @@ class Frame:
     fold: IntArray
     trusted: BoolArray
     memory: Memory = field(default_factory=Memory)
+    of_load: Memory = field(default_factory=Memory)
 
     def __len__(self) -> int:
         """Number of blocks m."""
@@ -84,12 +86,9 @@ class Frame:
         inner: Inner,
         compute: Callable[[ChannelData, Inner], FloatArray],
     ) -> FloatArray:
-        def reduced() -> FloatArray:
-            return self.reduce(compute(self.data, inner))
-
-        if LOAD in effect.needs:  # it changes with the model
-            return reduced()
-        return self.memory.recall((what, Itself(effect), *inner.values()), reduced)
+        memory = self.of_load if LOAD in effect.needs else self.memory  # it changes with the model
+        key = (what, Itself(effect), *inner.values())
+        return memory.recall(key, lambda: self.reduce(compute(self.data, inner)))
 
     @cached_property
     def _sums(self) -> csr_array:

@@ -148,13 +148,17 @@ def attempt(
 
 
 def _sum(bench: Bench, model: Model, parameters: Mapping[str, float]) -> Trial:
-    """The same for a sum of effects that no sensor bends: all that is needed is on blocks."""
-    frame, blocks, target = bench.frame, [np.empty((len(bench.frame), 0))], bench.frame.effort
+    """The same for a sum of effects that a sensor scales at most: all that is needed is on blocks."""
+    frame, blocks, known = bench.frame, [np.empty((len(bench.frame), 0))], np.zeros(len(bench.frame))
     inner = {name: parameters.get(name, 0.0) for name in model.inner}
     for effect in model.additive:
         blocks.append(frame.columns(effect, own(effect, inner)))
-        target = target - frame.known(effect, own(effect, inner))
+        known = known + frame.known(effect, own(effect, inner))
     columns = np.hstack(blocks)
+    for sensor in model.sensors:
+        sensed = sensor.sense(np.column_stack([columns, known]), frame.data, own(sensor, inner))
+        columns, known = sensed[:, :-1], sensed[:, -1]
+    target = frame.effort - known
     scores = bench.fit(columns, target)
     gains = dict(zip(model.gains, scores.gains.tolist(), strict=True))
     return Trial(model, {**gains, **inner}, columns, target, scores)

@@ -46,14 +46,15 @@ def test_models_that_share_their_work_are_fitted_as_by_themselves():
     assert alone.trial.parameters["payload.mass"] == pytest.approx(0.4, abs=0.01)
 
 
-def test_a_sum_is_fitted_on_blocks_as_it_is_sample_by_sample():
+@pytest.mark.parametrize("scaled", [{}, {"torque_gain.gain": 0.8}])
+def test_a_sum_is_fitted_on_blocks_as_it_is_sample_by_sample(scaled):
     data = swings()
-    model = Model(
-        "rigid_body", tuple(EFFECTS[name]() for name in ("rigid_body", "payload", "viscous_friction"))
-    )
-    bench = stand(data, model, {}).plain
-    found = attempt(bench, model, {})
-    slopes, known = model.parts(data, {})
+    names = ("rigid_body", "payload", "viscous_friction", *(["torque_gain"] if scaled else []))
+    model = Model("rigid_body", tuple(EFFECTS[name]() for name in names))
+    assert model.is_sum
+    bench = stand(data, model, scaled).plain
+    found = attempt(bench, model, scaled)
+    slopes, known = model.linearise(data, dict.fromkeys(model.gains, 0.0) | scaled)
     columns, target = bench.frame.reduce(slopes), bench.frame.reduce(data.effort - known)
     kept = bench.kept
     gains = np.linalg.lstsq(columns[kept], target[kept], rcond=None)[0]
