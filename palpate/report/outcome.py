@@ -9,8 +9,6 @@ from palpate.files import write_text
 from palpate.findings.estimation_run import Material
 from palpate.findings.story import Story
 from palpate.report import Report, write_report
-from palpate.views.plots.waterfall import save_waterfall
-from palpate.views.recording.revisions import write_revisions
 from palpate.words import count
 
 REPORT = "report.html"
@@ -38,14 +36,22 @@ def write_outcome(
     report = Report(material.path.name, _facts(material, stories), tuple(stories), tuple(commands))
     written = {"report": write_report(report, folder / REPORT)}
     grown = [story for story in stories if len(story.stages) > 1]
+    return written | _pictures(folder, material.path.stem, grown) if grown else written
+
+
+def _pictures(folder: Path, name: str, grown: Sequence[Story]) -> dict[str, Path]:
+    # what draws takes longer to import than all else, and a verdict should not wait for it
+    from palpate.views.plots.waterfall import save_waterfall  # noqa: PLC0415
+    from palpate.views.recording.revisions import write_revisions  # noqa: PLC0415
+
+    written: dict[str, Path] = {}
     for story in grown:
-        name = "waterfall" if len(grown) == 1 else f"waterfall-{story.subject.channel.name}"
-        written[name] = folder / f"{name}.png"
         channel = story.subject.channel
-        save_waterfall(channel.name, channel.kind.effort_unit, story.stages, written[name])
-    if grown:
-        written["recording"] = folder / RECORDING
-        write_revisions(material.path.stem, grown, written["recording"])
+        what = "waterfall" if len(grown) == 1 else f"waterfall-{channel.name}"
+        written[what] = folder / f"{what}.png"
+        save_waterfall(channel.name, channel.kind.effort_unit, story.stages, written[what])
+    written["recording"] = folder / RECORDING
+    write_revisions(name, grown, written["recording"])
     return written
 
 
