@@ -2,9 +2,11 @@
 
 import multiprocessing
 import signal
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
@@ -12,6 +14,8 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.diagnosis.diagnose import diagnose
+from estimation.diagnosis.each import Each, one_by_one
+from estimation.diagnosis.helping import Done, Help, Shared, lend_a_hand, shared
 from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.result import ChannelDiagnosis
 from estimation.diagnosis.robot import judge_robot
@@ -39,10 +43,11 @@ class Job:
     effects: tuple[Effect, ...]
     seed: int
 
-    def run(self, progress: Progress) -> ChannelDiagnosis:
+    def run(self, progress: Progress, each: Each = one_by_one) -> ChannelDiagnosis:
         """Do it."""
         rng = np.random.default_rng(self.seed)
-        found = diagnose(self.data, self.model, self.effects, rng=rng, progress=progress).channels[0]
+        told = diagnose(self.data, self.model, self.effects, rng=rng, progress=progress, each=each)
+        found = told.channels[0]
         progress(f"{self.data.name}: done", 1.0)
         return found
 
@@ -86,38 +91,58 @@ def _importable(jobs: Sequence[Job]) -> bool:
 def _share_out(
     jobs: Sequence[Job], workers: Sequence[Connection], progress: Progress
 ) -> list[ChannelDiagnosis]:
-    """The next job to whoever is free."""
+    """The next job to whoever is free; where there is none, help for those who asked for it."""
     waiting = list(enumerate(jobs))
     found: dict[int, ChannelDiagnosis] = {}
     at_work: dict[Connection, int] = {}
+    asked: dict[Connection, Shared] = {}
+    helping: dict[Connection, Shared] = {}
 
     def give_next(worker: Connection) -> None:
-        at_work.pop(worker, None)
+        wanted = next((one for one in asked.values() if one.waiting), None)
         if waiting:
             at_work[worker], job = waiting.pop(0)
-            with _noticed():
-                worker.send(job)
+            worker.send(job)
+        elif wanted:
+            helping[worker] = wanted
+            wanted.join(worker)
 
-    for worker in workers:
-        give_next(worker)
+    def take(worker: Connection, answer: ChannelDiagnosis | Help | Done) -> None:
+        if isinstance(answer, ChannelDiagnosis):
+            found[at_work.pop(worker)] = answer
+            give_next(worker)
+        elif isinstance(answer, Help):
+            asked[worker] = Shared(worker, answer, deque(range(len(answer.tasks))))
+            asked[worker].give(worker)
+            for idle in [one for one in workers if one not in at_work and one not in helping]:
+                give_next(idle)
+        elif worker not in helping:
+            asked[worker].take(worker, answer)
+        elif not helping[worker].take(worker, answer):
+            del helping[worker]
+            give_next(worker)
+
+    with _noticed():
+        for worker in workers:
+            give_next(worker)
     while at_work:
-        for ready in wait(list(at_work)):
-            worker = next(w for w in at_work if w is ready)
+        for ready in wait([*at_work, *helping]):
+            worker = next(w for w in workers if w is ready)
             answer = _answer(worker)
-            if isinstance(answer, ChannelDiagnosis):
-                found[at_work[worker]] = answer
-                give_next(worker)
-            else:
+            if isinstance(answer, tuple):
                 progress(*answer)
+                continue
+            with _noticed():
+                take(worker, answer)
     return [found[number] for number in range(len(jobs))]
 
 
-def _answer(worker: Connection) -> ChannelDiagnosis | tuple[str, float]:
+def _answer(worker: Connection) -> ChannelDiagnosis | Help | Done | tuple[str, float]:
     with _noticed():
         answer = worker.recv()
     if isinstance(answer, Exception):
         raise answer
-    found: ChannelDiagnosis | tuple[str, float] = answer
+    found: ChannelDiagnosis | Help | Done | tuple[str, float] = answer
     return found
 
 
@@ -156,9 +181,14 @@ def _work(parent: Connection) -> None:
     """Do jobs until ended by the parent, whose business Ctrl-C is."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     while True:
-        job: Job = parent.recv()
+        asked: Job | Help = parent.recv()
         try:
-            answer: ChannelDiagnosis | Exception = job.run(lambda what, share: parent.send((what, share)))
+            if isinstance(asked, Help):
+                lend_a_hand(parent, asked)
+                continue
+            answer: ChannelDiagnosis | Exception = asked.run(
+                lambda what, share: parent.send((what, share)), partial(shared, parent)
+            )
         except Exception as error:
             answer = error
         parent.send(answer)

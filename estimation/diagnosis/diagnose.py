@@ -7,6 +7,7 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.diagnosis.answer import answer, insufficient
+from estimation.diagnosis.each import Each, one_by_one
 from estimation.diagnosis.judgement.below_a_step import below_a_step
 from estimation.diagnosis.judgement.gate import refuse, usable
 from estimation.diagnosis.judgement.objection import objection_to
@@ -27,6 +28,7 @@ def diagnose(
     rng: np.random.Generator,
     progress: Progress | None = None,
     file: str = "",
+    each: Each = one_by_one,
 ) -> Diagnosis:
     """Diagnose each channel; those of one robot then tell on each other, see `judge_robot`.
 
@@ -37,6 +39,7 @@ def diagnose(
         rng: for surrogates.
         progress: told what is being done and which share of that is done.
         file: what the data came from, for the record.
+        each: does the same work on several things, perhaps in several processes.
 
     Returns:
         One entry for each channel, in the order given.
@@ -48,21 +51,27 @@ def diagnose(
 
     def run(numbers: Sequence[int], made: Sequence[ChannelData]) -> list[ChannelDiagnosis]:
         pairs = zip(numbers, made, strict=True)
-        return [diagnose_channel(channel, models[i], known, rng, told) for i, channel in pairs]
+        return [diagnose_channel(channel, models[i], known, rng, told, each=each) for i, channel in pairs]
 
     found = [one.found for one in judge_robot(channels, models, known, run)]
     return Diagnosis(file=file, model=models[0].name if models else "", channels=found)
 
 
 def diagnose_channel(
-    data: ChannelData, model: Model, effects: tuple[Effect, ...], rng: np.random.Generator, progress: Progress
+    data: ChannelData,
+    model: Model,
+    effects: tuple[Effect, ...],
+    rng: np.random.Generator,
+    progress: Progress,
+    *,
+    each: Each = one_by_one,
 ) -> ChannelDiagnosis:
     """Diagnose one channel; see `diagnose`."""
     good = usable(data)
     reason = refuse(data.select(good), model)
     if reason:
         return insufficient(data, reason)
-    search = Search(data, model, good, effects, rng, progress)
+    search = Search(data, model, good, effects, rng, progress, each)
     chain = build(search)
     objection = objection_to(chain.end, chain.floor, is_complete=chain.is_complete)
     if objection:

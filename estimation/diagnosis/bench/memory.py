@@ -36,6 +36,10 @@ class Memory:
     size: int = 0
     _known: OrderedDict[Hashable, FloatArray] = field(default_factory=OrderedDict)
 
+    def __reduce__(self) -> tuple[type["Memory"], tuple[()]]:
+        """For another process: it begins with nothing, and computes what it needs sooner than it is sent."""
+        return Memory, ()
+
     def recall(self, what: Hashable, compute: Callable[[], FloatArray]) -> FloatArray:
         """What was computed for `what` before, or is now."""
         if what not in self._known:

@@ -10,6 +10,7 @@ from estimation.diagnosis.bench.inner_search import look, refine
 from estimation.diagnosis.bench.memory import Memory
 from estimation.diagnosis.bench.standing import Fit, Standing, fit, stand
 from estimation.diagnosis.bench.unexplained import is_explained
+from estimation.diagnosis.each import Each, one_by_one
 from estimation.diagnosis.search.candidate import Candidate
 from estimation.diagnosis.search.credible import is_credible
 from estimation.diagnosis.search.library import candidates
@@ -34,6 +35,7 @@ class Search:
         effects: the library.
         rng: for surrogates.
         progress: told what is being done, and the share of it that is done.
+        each: does the same work on several things, perhaps in several processes.
     """
 
     data: ChannelData
@@ -42,6 +44,7 @@ class Search:
     effects: tuple[Effect, ...]
     rng: np.random.Generator
     progress: Progress
+    each: Each = one_by_one
     _memory: Memory = field(default_factory=Memory)
     _standings: dict[_Key, Standing] = field(default_factory=dict)
     _screened: dict[_Key, list[Candidate]] = field(default_factory=dict)

@@ -5,6 +5,7 @@ does alone. What comes out is where to begin on the channel itself.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 from estimation.channel import ChannelData
 from estimation.diagnosis.bench.frame import Frame
@@ -15,6 +16,8 @@ from estimation.diagnosis.search.candidate import TIE, Candidate
 from estimation.diagnosis.search.library import candidates
 from estimation.diagnosis.search.screening import screen
 from estimation.diagnosis.search.search import Search
+from estimation.effect import Effect
+from robot_io.types import BoolArray
 
 BESIDE = 4  # candidates that are looked at beside each
 FITTED = 30  # pairs of which all parameters are fitted together
@@ -54,13 +57,14 @@ def promising_pairs(search: Search) -> list[Pair]:
     start = search.start
     coarse, good, memory = coarse_copy(start.plain.frame), start.plain.frame.trusted, Memory()
     base = fit(coarse, search.model, start.trial.parameters, good, memory)
-    found: list[tuple[Candidate, Candidate]] = []
-    firsts = _screened(base, coarse, search)
-    for number, one in enumerate(firsts):
-        search.progress(f"{coarse.name}: pairs with {one.effect.name}", number / len(firsts))
-        best = one.search.best
-        beside = fit(coarse, best.model, best.parameters, good, memory)
-        found += [(one, other) for other in _screened(beside, coarse, search)[:BESIDE]]
+    firsts = _screened(base, coarse, search.effects)
+
+    def tell(number: int) -> None:
+        search.progress(f"{coarse.name}: pairs with {firsts[number].effect.name}", number / len(firsts))
+
+    work = partial(_beside, coarse, good, search.effects, memory)
+    seconds = search.each(work, [one.search.best for one in firsts], tell)
+    found = [(one, other) for one, others in zip(firsts, seconds, strict=True) for other in others]
     found.sort(key=lambda two: two[1].held_out)
     pairs: dict[frozenset[str], Pair] = {}
     for one, other in found[:FITTED]:
@@ -73,9 +77,17 @@ def promising_pairs(search: Search) -> list[Pair]:
     return sorted(promising, key=lambda pair: (pair.left > (1.0 + TIE) * least, pair.size, pair.left))[:MOST]
 
 
-def _screened(standing: Fit, coarse: ChannelData, search: Search) -> list[Candidate]:
+def _beside(
+    coarse: ChannelData, good: BoolArray, effects: tuple[Effect, ...], memory: Memory, first: Trial
+) -> list[Candidate]:
+    """The candidates that do best beside the base model with a first effect."""
+    beside = fit(coarse, first.model, first.parameters, good, memory)
+    return _screened(beside, coarse, effects)[:BESIDE]
+
+
+def _screened(standing: Fit, coarse: ChannelData, effects: tuple[Effect, ...]) -> list[Candidate]:
     """Candidates beside a model, without their blocks: of long data, those of all pairs fill the memory."""
-    found = screen(standing, candidates(coarse, standing.trial.model, search.effects))
+    found = screen(standing, candidates(coarse, standing.trial.model, effects))
     return [replace(candidate, search=candidate.search.without_blocks()) for candidate in found]
 
 

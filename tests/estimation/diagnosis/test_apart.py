@@ -1,6 +1,8 @@
 """Several channels at the same time."""
 
 import pickle
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from multiprocessing import Pipe
 
@@ -10,19 +12,25 @@ import pytest
 from estimation.base_model import ModelContext
 from estimation.diagnosis import apart
 from estimation.diagnosis.apart import Job, diagnose_apart
+from estimation.diagnosis.helping import Shared, lend_a_hand, shared
 from estimation.effects import EFFECTS
 from estimation.effects.bias import Bias
 from estimation.models import MODELS
 from robot_io.errors import PalpateError
-from tests.estimation.diagnosis.presses import session
+from tests.estimation.diagnosis.presses import kelvin_voigt, maxwell, session
 
 FEW = tuple(EFFECTS[name]() for name in ("cubic_stiffness", "bias"))
+
+
+def relaxing(time_s, x, v, run):
+    return kelvin_voigt(x, v, 600.0 * maxwell(time_s, x, run, 0.1))
 
 
 @pytest.fixture
 def jobs():
     model = MODELS["kelvin_voigt"]().build(ModelContext())
-    known = [replace(session(seed), name=f"contact_{seed}") for seed in (1, 2, 3)]
+    laws = {1: {"law": relaxing}}  # which neither of the few effects explains, nor both: all pairs are tried
+    known = [replace(session(seed, **laws.get(seed, {})), name=f"contact_{seed}") for seed in (1, 2, 3)]
     return [Job(data, model, FEW, seed=4) for data in known]
 
 
@@ -59,3 +67,28 @@ def test_a_process_that_ended_is_said_to_have_ended(jobs):
     theirs.close()
     with pytest.raises(PalpateError, match="was ended"):
         apart._share_out(jobs, [ours], lambda what, share: None)
+
+
+def double(number):
+    return 2 * number
+
+
+def test_help_is_given_to_whoever_asks_by_all_who_are_free():
+    """Three threads with pipes stand for the asker, a helper, and the process between them."""
+    asker, asker_side = Pipe()
+    helper, helper_side = Pipe()
+    begun = []
+    with ThreadPoolExecutor(2) as threads:
+        results = threads.submit(shared, asker_side, double, range(5), begun.append)
+        one = Shared(asker, asker.recv(), deque(range(5)))
+        one.give(asker)
+        threads.submit(lend_a_hand, helper_side, one.help)
+        one.helpers = 1
+        one.give(helper)
+        goes_on = {asker: True, helper: True}
+        while any(goes_on.values()):
+            for worker in [w for w in (helper, asker) if goes_on[w] and w.poll(0.01)]:
+                goes_on[worker] = one.take(worker, worker.recv())
+        assert results.result() == [0, 2, 4, 6, 8]
+    assert sorted([*begun, *one.found]) == [0, 1, 2, 3, 4]
+    assert one.found, "the helper did nothing"
