@@ -10,6 +10,7 @@ from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from robot_io.types import FloatArray
 
 _CLEARLY = 2.0  # standard errors
+_SHOWN = 0.03  # of the press of the upper layer, that a sensor must show
 _OTHER_SPRINGS = {"hunt_crossley.k", "stress_relaxation.k1"}
 
 
@@ -47,7 +48,9 @@ class LayeredStiffness(AdditiveEffect):
         """See `Effect.is_misnamed`: one of the two layers is not seen to press back.
 
         Without the upper one it is a gap or a dead band, without the lower one the end of the sensor's range.
-        Where something else than a spring and its cubic is elastic too, nothing is said.
+        Nor is the upper one seen where the sensor's dead band swallows next to all of its press: what is left
+        is an object that begins at the kink, a surface that lies deeper. Where something else than a spring
+        and its cubic is elastic too, nothing is said.
         """
         if "stiffness.k" not in parameters or _OTHER_SPRINGS & parameters.keys():
             return False
@@ -55,7 +58,8 @@ class LayeredStiffness(AdditiveEffect):
         k3, deepest = parameters.get("cubic_stiffness.k3", 0.0), float(np.max(data.position))
         upper = k * kink + k3 * kink**3
         lower = (k + k2) * (deepest - kink) + k3 * (deepest**3 - kink**3)
-        if min(upper, lower) < noise:
+        shown = upper - parameters.get("deadband.width", 0.0)
+        if min(shown, lower) < noise or shown < _SHOWN * upper:
             return True
         if k3 != 0.0:
             return False  # no single slope then tells what a layer carries

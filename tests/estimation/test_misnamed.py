@@ -75,3 +75,8 @@ def test_the_cubic_part_counts_below_the_kink_too():
     softening = {"cubic_stiffness.k3": -1.5e6}
     assert is_layer(800.0, -500.0)
     assert not is_layer(800.0, -500.0, **softening)
+
+
+@pytest.mark.parametrize(("width", "layer"), [(2.5, True), (3.15, False), (5.0, False)])
+def test_a_layer_of_which_a_sensor_shows_nothing_is_a_surface_that_lies_deeper(width, layer):
+    assert is_layer(800.0, -500.0, **{"deadband.width": width}) is layer  # it presses with 3.2 N at its end
