@@ -25,16 +25,30 @@ OBJECT = (
 def force(
     motion: Motion, k: float, c: float, hidden: Mapping[str, float], shape: Mapping[str, float]
 ) -> np.ndarray:
-    """Force on the probe [N] for each sample; the object cannot pull unless it sticks."""
+    """Force on the probe [N] for each sample; the object cannot pull unless it sticks.
+
+    All presses are on one spot: a part of it that flows has not flowed back when the next one comes soon.
+    """
     out = np.empty(len(motion.x))
+    stretch, ended_s = 0.0, 0.0
+    tau = _flowing_time(shape)
     for rows in motion.parts():
-        out[rows] = _one_press(motion.x[rows], motion.v[rows], k, c, hidden, shape)
+        stretch *= np.exp(-(motion.time_s[rows.start] - ended_s) / tau)
+        out[rows], stretch = _one_press(motion.x[rows], motion.v[rows], k, c, hidden, shape, stretch)
+        ended_s = motion.time_s[rows.stop - 1]
     return out
 
 
 def _one_press(
-    x: np.ndarray, v: np.ndarray, k: float, c: float, hidden: Mapping[str, float], shape: Mapping[str, float]
-) -> np.ndarray:
+    x: np.ndarray,
+    v: np.ndarray,
+    k: float,
+    c: float,
+    hidden: Mapping[str, float],
+    shape: Mapping[str, float],
+    stretch: float,
+) -> tuple[np.ndarray, float]:
+    """Force of one press that finds, and leaves behind, a stretch of what flows [m]."""
     dt, depth = 1.0 / RATE_HZ, 10.0 / k
     x = x - 0.2 * depth * hidden.get("contact_offset", 0.0)
     if "plastic_set" in hidden:
@@ -54,15 +68,20 @@ def _one_press(
     total = total + k * hidden.get("layered_stiffness", 0.0) * np.maximum(d - kink, 0.0)
     total = total + 500.0 * hidden.get("quadratic_damping", 0.0) * v * np.abs(v) * pressed
     if "stress_relaxation" in hidden:
-        tau = 0.08 * 10.0 ** shape.get("stress_relaxation", 0.5)
-        total = total + hidden["stress_relaxation"] * k * _dashpot_in_series(d, tau, dt)
+        stretched = _dashpot_in_series(d, _flowing_time(shape), dt, stretch)
+        total, stretch = total + hidden["stress_relaxation"] * k * stretched, float(stretched[-1])
     if "dry_friction" in hidden:
         total = total + 10.0 * hidden["dry_friction"] * _bristle(x, 0.003 * depth) * pressed
     if "adhesion" in hidden:
         reach = depth * (0.05 + 0.15 * shape.get("adhesion", 0.5))
         stuck = np.maximum.accumulate(pressed) * np.exp(np.minimum(x, 0.0) / reach)
-        return np.maximum(np.where(pressed, total, 0.0), 0.0) - 10.0 * hidden["adhesion"] * stuck
-    return np.maximum(np.where(pressed, total, 0.0), 0.0)
+        return np.maximum(np.where(pressed, total, 0.0), 0.0) - 10.0 * hidden["adhesion"] * stuck, stretch
+    return np.maximum(np.where(pressed, total, 0.0), 0.0), stretch
+
+
+def _flowing_time(shape: Mapping[str, float]) -> float:
+    """In which a strain of what flows falls to a third [s]."""
+    return float(0.08 * 10.0 ** shape.get("stress_relaxation", 0.5))
 
 
 def _behind_tool(
@@ -79,8 +98,8 @@ def _behind_tool(
     return tip, np.gradient(tip, dt)
 
 
-def _dashpot_in_series(d: np.ndarray, tau: float, dt: float) -> np.ndarray:
-    stretch, out, before = 0.0, np.empty_like(d), 0.0
+def _dashpot_in_series(d: np.ndarray, tau: float, dt: float, stretch: float) -> np.ndarray:
+    out, before = np.empty_like(d), 0.0
     for i, now in enumerate(d):
         stretch = (stretch + now - before) / (1.0 + dt / tau)
         out[i], before = stretch, now
