@@ -77,8 +77,11 @@ def diagnose_apart(jobs: Sequence[Job], processes: int, progress: Progress) -> l
 def _judge(jobs: Sequence[Job], run: Callable[[Sequence[Job]], list[ChannelDiagnosis]]) -> list[Judged]:
     channels, models = [job.data for job in jobs], [job.model for job in jobs]
 
-    def run_some(numbers: Sequence[int], made: Sequence[ChannelData]) -> list[ChannelDiagnosis]:
-        return run([replace(jobs[i], data=data) for i, data in zip(numbers, made, strict=True)])
+    def run_some(
+        numbers: Sequence[int], made: Sequence[ChannelData], bases: Sequence[Model]
+    ) -> list[ChannelDiagnosis]:
+        asked = zip(numbers, made, bases, strict=True)
+        return run([replace(jobs[i], data=data, model=base) for i, data, base in asked])
 
     return judge_robot(channels, models, jobs[0].effects if jobs else (), run_some)
 

@@ -82,6 +82,40 @@ def settle(judged: Sequence[Judged], effects: Sequence[Effect]) -> list[ChannelD
     return found
 
 
+def agreed(
+    judged: Sequence[Judged], cause: str, effects: Sequence[Effect]
+) -> tuple[Value, list[Judged]] | None:
+    """A common cause that joints named without rivals, one of them for sure, and that no joint denies.
+
+    Args:
+        judged: the channels of one robot.
+        cause: its name.
+        effects: the library.
+
+    Returns:
+        Its value in the joint that knows it best, and the joints that named it; None where that is not so.
+    """
+    sure = [one for one in judged if any(_is_surely(entry, cause) for entry in one.found.accepted)]
+    known = [effect for effect in effects if effect.name == cause]
+    if not known or not any(one.found.verdict is Verdict.MISSING for one in sure):
+        return None
+    asked = [one for one in judged if one in sure or _can_say(one, known[0])]
+    witnesses = [_ask(one, cause, effects) for one in asked]
+    best = min(witnesses, key=lambda witness: _doubt_of(witness, sure))
+    if not all(witness.agrees(best) for witness in witnesses):
+        return None
+    return best.value, sure
+
+
+def _is_surely(entry: Accepted, cause: str) -> bool:
+    return entry.effect == cause and not entry.confused_with
+
+
+def _doubt_of(witness: _Witness, sure: Sequence[Judged]) -> float:
+    """Standard error of a joint that named the cause; infinite for the others."""
+    return witness.value.std_err if witness.judged in sure else float("inf")
+
+
 def others_may_tell(one: Judged, effects: Sequence[Effect]) -> bool:
     """Whether a joint's group is of a kind that the robot's other joints can decide on."""
     causes = [effect for effect in effects if effect.name in ARM_WIDE]

@@ -49,9 +49,11 @@ def diagnose(
     known = library() if effects is None else tuple(effects)
     told = progress or (lambda what, share: None)
 
-    def run(numbers: Sequence[int], made: Sequence[ChannelData]) -> list[ChannelDiagnosis]:
-        pairs = zip(numbers, made, strict=True)
-        return [diagnose_channel(channel, models[i], known, rng, told, each=each) for i, channel in pairs]
+    def run(
+        numbers: Sequence[int], made: Sequence[ChannelData], bases: Sequence[Model]
+    ) -> list[ChannelDiagnosis]:
+        pairs = zip(made, bases, strict=True)
+        return [diagnose_channel(channel, base, known, rng, told, each=each) for channel, base in pairs]
 
     found = [one.found for one in judge_robot(channels, models, known, run)]
     return Diagnosis(file=file, model=models[0].name if models else "", channels=found)

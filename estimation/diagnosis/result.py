@@ -49,6 +49,7 @@ class Accepted(_Entry):
         physics: one line of what happens.
         equation: its term.
         signature: what one sees in the data.
+        told_by: other channels that showed it; empty where this one did.
     """
 
     effect: str
@@ -60,6 +61,7 @@ class Accepted(_Entry):
     physics: str
     equation: str
     signature: str
+    told_by: list[str] = Field(default_factory=list)
 
 
 class Ranked(_Entry):

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Diagnosis
+from estimation.diagnosis.dead_band import swallowing
 from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.true_force import sensor_faults, with_true_force
 from estimation.effect import Effect
@@ -43,8 +44,15 @@ class KeptDiagnosis:
         return next((name for name in self.models if kind in MODELS[name].channels), None)
 
     def as_judged(self, subject: Subject) -> Subject:
-        """The subject as it was, or would be, judged: a joint with the force ahead of the sensor's faults."""
+        """The subject as it was, or would be, judged.
+
+        A joint gets the force ahead of the sensor's faults, a contact the dead band that its joints showed.
+        """
         own = self.found.get(subject.channel.name)
+        told = [entry for entry in own.accepted if entry.told_by] if own is not None else []
+        if told and subject.channel.kind is ChannelKind.CONTACT:
+            (width,) = told[0].parameters.values()
+            return replace(subject, channel=swallowing(subject.channel, width.value, width.std_err or 0.0))
         if own is not None and own.baseline is not None and not own.force_ahead_of:
             return subject  # it was judged alone, by the force as measured
         mended = with_true_force(subject.channel, self.contacts, self.effects)

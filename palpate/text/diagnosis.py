@@ -14,6 +14,7 @@ from palpate.text.bars import Bar
 from palpate.words import NOT_DETERMINED, chance, significant
 
 SIGMAS_95 = 1.96
+_NO_FALL = 0.98  # of the error before
 MOST_RANKED = 5
 COLORS = {
     Verdict.ADEQUATE: "green",
@@ -116,6 +117,8 @@ def _fall(found: ChannelDiagnosis) -> str:
     floor = "" if found.noise_floor is None else f" (noise floor {found.noise_floor:.3g} {unit})"
     if not found.accepted:
         return f"The error in held-out runs is {after.rmse:.3g} {unit}{floor}."
+    if after.rmse > _NO_FALL * before.rmse:
+        return f"With that, the error in held-out runs stays at {after.rmse:.3g} {unit}{floor}."
     fall = f"from {before.rmse:.3g} to {after.rmse:.3g} {unit}"
     return f"With that, the error in held-out runs falls {fall}{floor}."
 
@@ -129,6 +132,8 @@ def _evidence(found: ChannelDiagnosis) -> Iterator[RenderableType]:
             yield Text.from_markup(f"[bold]{entry.effect}[/bold]: {entry.physics}")
             yield Text.from_markup(f"  [dim]seen as[/dim] {entry.signature}")
             yield Text.from_markup(f"  [dim]equation[/dim] {entry.equation}")
+            if entry.told_by:
+                yield Text.from_markup(f"  [dim]told by[/dim] {_enumerated(entry.told_by)}")
             if entry.confused_with:
                 rivals = _enumerated(entry.confused_with, "or")
                 yield Text.from_markup(f"  [yellow]this data cannot tell it from {rivals}[/yellow]")

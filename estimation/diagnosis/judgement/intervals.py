@@ -40,8 +40,8 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     """Parameters of a trial with standard errors, by "effect.parameter".
 
     The sandwich of slopes by gains and inner parameters, around the covariance of residuals times slopes with
-    the noise's colour taken out first (Andrews and Monahan 1992). What another acceleration would turn the
-    parameters by is added to their variance.
+    the noise's colour taken out first (Andrews and Monahan 1992). What another acceleration, or another value
+    of a parameter that is told, would turn the parameters by is added to their variance.
 
     Args:
         bench: where the trial was fitted.
@@ -51,7 +51,8 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     slopes = bench.whiten(np.column_stack([trial.columns, *inner_slopes(bench, trial)]))
     residual = bench.whiten(trial.residual)
     errors = _errors(slopes, residual, bench.frame.run[bench.kept])
-    errors = np.hypot(errors, _turned(slopes, bench.whiten(_doubt(bench, trial))))
+    for change in (_doubt(bench, trial), *_of_what_is_told(bench, trial)):
+        errors = np.hypot(errors, _turned(slopes, bench.whiten(change)))
     kind = bench.frame.data.kind
     known = {**trial.model.gains, **trial.model.inner}
     units = {
@@ -61,6 +62,8 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     # an error beyond all that makes physical sense determines nothing
     most = np.array([known[name].upper - known[name].lower for name in names])
     errors = np.where(errors < most, errors, np.nan)
+    told = np.array([known[name].told for name in names], dtype=np.float64)  # NaN where it is found
+    errors = np.where(np.isnan(told), errors, told)
     return {
         name: Value(float(trial.parameters[name]), float(error), units[name])
         for name, error in zip(names, errors, strict=True)
@@ -72,6 +75,9 @@ def inner_slopes(bench: Bench, trial: Trial) -> list[FloatArray]:
     frame, slopes = bench.frame, []
     for name, parameter in trial.model.inner.items():
         value = trial.parameters[name]
+        if parameter.told is not None:  # nothing makes up for it
+            slopes.append(np.zeros(len(frame)))
+            continue
         low, high = parameter.typical
         step = _STEP * (abs(value) if parameter.log and value else high - low)
         ahead, behind = (
@@ -95,6 +101,18 @@ def _doubt(bench: Bench, trial: Trial) -> FloatArray:
     frame = bench.frame
     other = trial.model.predict(doubted(frame.data), trial.parameters)
     return frame.reduce(other - trial.model.predict(frame.data, trial.parameters))
+
+
+def _of_what_is_told(bench: Bench, trial: Trial) -> list[FloatArray]:
+    """Change of the prediction by one standard error of each parameter that another channel tells, (m,)."""
+    changes = []
+    for name, parameter in trial.model.inner.items():
+        if parameter.told is not None:
+            there = {**trial.parameters, name: trial.parameters[name] + parameter.told}
+            other = trial.model.predict(bench.frame.data, there)
+            now = trial.model.predict(bench.frame.data, trial.parameters)
+            changes.append(bench.frame.reduce(other - now))
+    return changes
 
 
 def _turned(slopes: FloatArray, change: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 from rich.text import Text
 
+from estimation.diagnosis.result import Accepted
 from palpate.findings.story import Story
 from palpate.report.report import Report
 from palpate.report.section import Section
@@ -34,7 +35,7 @@ def _diagnosed(story: Story) -> str:
     told = [f"<p><span class='tag'>{found.verdict.upper()}</span> &nbsp;{sentence}</p>"]
     told += [
         f"<p class='quiet'><b>{escape(entry.effect)}</b>: {escape(entry.physics)} "
-        f"Seen as: {escape(entry.signature)}.{_rivals(entry.confused_with)}</p>"
+        f"Seen as: {escape(entry.signature)}.{_rivals(entry)}</p>"
         for entry in found.accepted
     ]
     told += [f"<p class='quiet'>{escape(text)}</p>" for text in diagnosis_text.remarks(found)]
@@ -55,8 +56,10 @@ def _compared(story: Story) -> str:
     return f"<div class='verdict'>{''.join(told)}</div>"
 
 
-def _rivals(names: list[str]) -> str:
-    return f" This data cannot tell it from {escape(', '.join(names))}." if names else ""
+def _rivals(entry: Accepted) -> str:
+    rivals, told_by = ", ".join(entry.confused_with), ", ".join(entry.told_by)
+    told = f" Told by {escape(told_by)}." if told_by else ""
+    return f"{told} This data cannot tell it from {escape(rivals)}." if rivals else told
 
 
 def _plain(markup: str) -> str:

@@ -14,7 +14,7 @@ def judge(accepted):
     contact, joint, _ = pressing()
     seen, asked = judged(contact, **accepted), []
 
-    def run(numbers, made):
+    def run(numbers, made, models):
         asked.extend(numbers)
         told = {"verdict": Verdict.ADEQUATE, "effort_unit": "N m", "reason": "as it was"}
         return [
