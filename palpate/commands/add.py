@@ -34,8 +34,8 @@ from palpate.findings.story import Story
 from palpate.findings.subject import ALL_CHANNELS
 from palpate.report.outcome import NAMES as OUTCOME
 from palpate.report.outcome import write_outcome
+from palpate.text.rerun_step import rerun_step
 from palpate.text.stages import fall_sentence, parameter_table, print_files, stage_table
-from palpate.words import typed as typed_path
 
 
 def command(  # noqa: PLR0917, one parameter an option
@@ -118,7 +118,7 @@ def _print(back: str, kept: str, beside: str, growth: Growth, written: dict[str,
     out.print(parameter_table(story.stages[-1]))
     print_files(written)
     steps = [
-        (f"rerun {typed_path(written['recording'])}", "see the model grow, revision by revision"),
+        rerun_step(written["recording"]),
         (f"palpate revisions {kept}", "all stages, to go back to"),
         (f"palpate compare {beside} --revision {growth.kept[-1].number}", "where the model still fails"),
         (f"palpate export {kept}", "the improved model as a simulated world"),

@@ -1,6 +1,6 @@
 """`palpate compare`: where does the model fail?"""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -29,8 +29,9 @@ from palpate.files import output_folder
 from palpate.findings.compared import Wanted, compare_wanted, of_revisions
 from palpate.findings.derived import derived_folder, folder_to_fill, kept_revisions
 from palpate.findings.effect_library import library_with
-from palpate.findings.estimation_run import load_material
+from palpate.findings.estimation_run import Arm, load_material
 from palpate.findings.kept_diagnosis import is_same, kept_diagnosis
+from palpate.findings.other_models import better_model
 from palpate.findings.revisions import KeptRevision
 from palpate.findings.story import tell_story
 from palpate.findings.subject import (
@@ -50,6 +51,7 @@ from robot_io.errors import InputError
 
 RESULT = "comparison.json"
 MISSING = "which effect is missing"
+FAR = 3.0  # times the noise floor
 
 
 def command(  # noqa: PLR0917, one parameter an option
@@ -132,8 +134,11 @@ def command(  # noqa: PLR0917, one parameter an option
         all_that_was_added = {**grown, "revision": newest, "urdf": urdf, "tip-frame": tip_frame}
         added = f"palpate compare {retyped(file, **all_that_was_added, **data)}"
         typed = retyped(file, channel=channel, **judged_by, **data)
+        named = model is not None or urdf is not None
+        others = () if named else _other_models(compared, arm, retyped(file, channel=channel, **data))
         missing = f"palpate diagnose {typed}{_where(subjects, compared, channel)}"
-        steps = [*([(added, "with what was added since")] if newest else []), (missing, MISSING), *steps]
+        seen = [(added, "with what was added since")] if newest else []
+        steps = [*(seen or others), (missing, MISSING), *steps]
     else:
         steps = [(f"palpate revisions {retyped(file, folder=folder, **data)}", "all stages"), *steps]
     console.next_steps(*steps)
@@ -194,6 +199,18 @@ def _print(compared: Sequence[tuple[Wanted, Comparison]], failures: Mapping[str,
             out.print(parts_table(comparison))
     for reason in failures.values():
         out.print(f"[yellow]{safe(reason)}[/yellow]")
+
+
+def _other_models(
+    compared: Sequence[tuple[Wanted, Comparison]], arm: Arm, typed: str
+) -> Iterator[tuple[str, str]]:
+    """Commands with a base model that does far better, where the usual one misses by far."""
+    for one, comparison in compared:
+        far = comparison.lack_of_fit > FAR
+        better = better_model(one.subject, comparison.rmse, arm) if far else None
+        if better is not None:
+            left = f"{better[1]:.3g} {comparison.effort_unit}"
+            yield f"palpate compare {typed} --model {better[0]}", f"a base model that leaves {left}"
 
 
 def _other_then(revision: KeptRevision) -> str:

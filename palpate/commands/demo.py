@@ -17,6 +17,7 @@ from palpate.text.diagnosis_progress import diagnosis_progress
 from palpate.text.estimate_report import as_data, remarks
 from palpate.text.estimate_table import estimate_table
 from palpate.text.progress import probing_progress
+from palpate.text.rerun_step import rerun_step
 from palpate.text.stages import parameter_table, print_files, stage_table
 from palpate.words import shown, significant, typed
 from sim_backend.imperfection import Imperfection
@@ -133,7 +134,6 @@ def _next(demo: Demo, hidden: HiddenDemo | None) -> None:
     ]
     if hidden is not None:
         if "recording" in hidden.files:
-            seen = (f"rerun {typed(hidden.files['recording'])}", "see the model grow, revision by revision")
-            steps.insert(1, seen)
+            steps.insert(1, rerun_step(hidden.files["recording"]))
         steps.insert(2, ("palpate probe --hidden random --seed 7", "a riddle of your own, from all effects"))
     console.next_steps(*steps)

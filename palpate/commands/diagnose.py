@@ -1,7 +1,7 @@
 """`palpate diagnose`: is anything missing in the model, and which physical effect is it?"""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -32,9 +32,10 @@ from palpate.data_options import (
 from palpate.files import output_folder
 from palpate.findings.derived import folder_to_fill
 from palpate.findings.effect_library import EffectLibrary, library_with
-from palpate.findings.estimation_run import Material, load_material
+from palpate.findings.estimation_run import Arm, Material, load_material
 from palpate.findings.kept_diagnosis import RESULT
 from palpate.findings.next_plan import plan_of, same_world, write_plan
+from palpate.findings.other_models import better_model
 from palpate.findings.revisions import RevisionShelf
 from palpate.findings.story import Story, diagnosis_of, judge_subjects, tell_story
 from palpate.findings.subject import ALL_CHANNELS, Subject, channels_to_diagnose, subjects_of
@@ -52,12 +53,17 @@ MOST_ASKED = 3  # unused columns that are pointed out
 
 @dataclass(frozen=True)
 class Ways:
-    """What follows the name of each command that may be next: the file, with the options that it takes."""
+    """What follows the name of each command that may be next: the file, with the options that it takes.
+
+    Attributes:
+        others: commands with another base model, where that does far better, each with what it does.
+    """
 
     diagnose: str
     add: str
     compare: str
     kept: str
+    others: tuple[tuple[str, str], ...] = ()
 
 
 def command(  # noqa: PLR0917, one parameter an option
@@ -119,6 +125,8 @@ def command(  # noqa: PLR0917, one parameter an option
     with diagnosis_progress([subject.channel.name for subject in subjects]) as progress:
         judged = judge_subjects(subjects, library.effects, progress)
     diagnosis = diagnosis_of(judged, str(file))
+    if model is None and urdf is None and not as_json:
+        ways = replace(ways, others=tuple(_other_models(judged, material.arm, ways.diagnose)))
     left_out = len(subjects) < len(known)
     why_all = why_all_channels(judged, library.effects, chosen=channel is not None) if left_out else None
     if as_json:
@@ -177,6 +185,17 @@ def _print(diagnosis: Diagnosis) -> None:
             out.print()
         for part in show(found):
             out.print(part)
+
+
+def _other_models(judged: Sequence[Judged], arm: Arm, typed: str) -> Iterator[tuple[str, str]]:
+    for one in judged:
+        base, final = one.found.baseline, one.found.final
+        if base is None or final is None or one.found.verdict is Verdict.ADEQUATE:
+            continue
+        better = better_model(Subject(one.data, one.model), base.rmse, arm)
+        if better is not None:
+            left = f"{better[1]:.3g} {one.found.effort_unit}"
+            yield f"palpate diagnose {typed} --model {better[0]}", f"from a base model that leaves {left}"
 
 
 def stories_of(judged: Sequence[Judged], library: EffectLibrary) -> list[Story]:
@@ -275,7 +294,7 @@ def _next(
     why_all: str | None,
     afresh: bool,
 ) -> None:
-    steps = _what_was_found(material, ways, diagnosis, applied=applied)
+    steps = [*_what_was_found(material, ways, diagnosis, applied=applied), *ways.others]
     if again is not None:
         steps.append((again, "the experiment that would tell more"))
     if afresh:

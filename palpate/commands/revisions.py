@@ -52,11 +52,13 @@ def command(  # noqa: PLR0917, one parameter an option
             (f"palpate diagnose {retyped(file, **data)} --apply", "find what is missing, and add it")
         )
         return
-    console.stdout().print(revision_table(revisions))
+    out = console.stdout()
+    out.print(revision_table(revisions, out.width))
     added, first = retyped(file, out=folder, **data), revisions[0].number
-    exported, last = retyped(file, folder=folder, **data), revisions[-1].number
+    newest = {revision.channel: str(revision.number) for revision in revisions}
+    last = retyped(file, revision=list(newest.values()), folder=folder, **data)
     console.next_steps(
         (f"palpate add {added} EFFECT --from {first}", "go back to a revision, and continue there"),
-        (f"palpate compare {exported} --revision {last}", "where it still fails"),
-        (f"palpate export {exported} --revision {last}", "as a simulated world"),
+        (f"palpate compare {last}", "where the newest still fail"),
+        (f"palpate export {last}", "as a simulated world"),
     )

@@ -17,6 +17,7 @@ from palpate.words import shown as shown_path
 
 SIGMAS_95 = 1.96
 _NO_FALL = 0.98  # of the error before
+_ROOMY = 100  # columns of a terminal
 
 
 def fall_sentence(story: Story) -> str:
@@ -79,23 +80,25 @@ def stage_table(stages: Sequence[Revision], unit: str, numbers: Sequence[int | N
     return shown
 
 
-def revision_table(revisions: Sequence[KeptRevision]) -> Table:
-    """All revisions of a session."""
-    right = ("revision", "from", "held-out\nerror", "x floor")
-    shown = console.table(
-        "", "revision", "from", "channel", "model", "held-out\nerror", "x floor", "made", right=right
-    )
+def revision_table(revisions: Sequence[KeptRevision], width: int) -> Table:
+    """All revisions of a session; one effect a line and no dates where there are few columns (`width`)."""
+    roomy = width >= _ROOMY
+    numbers = ("revision", "from") if roomy else ("no.",)
+    errors = ("held-out\nerror", "x floor")
+    words = ("channel", "model") if roomy else ("model",)
+    made = ("made",) if roomy else ()
+    shown = console.table("", *numbers, *words, *errors, *made, right=(*numbers, *errors))
     for kept in revisions:
         # a better model sees the noise more clearly
         floor = min(other.noise_floor for other in revisions if other.channel == kept.channel)
         times = kept.rmse / floor if floor > 0 else float("inf")
+        before = "" if kept.parent is None else str(kept.parent)
+        model = (" + " if roomy else "\n+ ").join([kept.model, *kept.effects])
         shown.add_row(
-            str(kept.number),
-            "" if kept.parent is None else str(kept.parent),
-            kept.channel,
-            " + ".join([kept.model, *kept.effects]),
+            *((str(kept.number), before) if roomy else (f"{before} → {kept.number}".removeprefix(" → "),)),
+            *((kept.channel, model) if roomy else (f"[bold]{kept.channel}[/bold]\n{model}",)),
             f"{kept.rmse:.4g} {kept.effort_unit}",
             f"{times:.2f}",
-            f"[dim]{kept.created_utc[:16].replace('T', ' ')}[/dim]",
+            *((f"[dim]{kept.created_utc[:16].replace('T', ' ')}[/dim]",) if roomy else ()),
         )
     return shown

@@ -116,3 +116,18 @@ def test_a_revision_of_other_rows_is_said_to_be_one(hardening, tmp_path):
 def test_revisions_that_cannot_be_compared_are_refused(hardening, tmp_path, options, words):
     run("add", hardening, "cubic_stiffness", "--out", tmp_path)
     assert_refused(run("compare", hardening, "--folder", tmp_path, *options), *words)
+
+
+def test_a_base_model_that_does_far_better_is_pointed_out(tmp_path):
+    run_number, t = np.repeat(np.arange(3), 500), np.tile(np.arange(500) * 0.01, 3)
+    w = 3.0 + 0.7 * run_number
+    q, a = np.sin(w * t), -(w**2) * np.sin(w * t)
+    torque = 0.2 * a + 2.0 * np.sin(q) + np.random.default_rng(0).normal(0, 0.01, len(t))
+    data = tmp_path / "swinging.csv"
+    rows = np.column_stack([t, run_number, q, torque])
+    np.savetxt(data, rows, delimiter=",", header="time_s,run,position_rad,torque_Nm", comments="", fmt="%.9f")
+    for command in ("compare", "diagnose"):
+        told = [words for words in next_commands(run(command, data)) if words[-2:] == ["--model", "pendulum"]]
+        assert [words[0] for words in told] == [command]
+    plain = next_commands(run("compare", data, "--model", "pendulum"))
+    assert [words[0] for words in plain] == ["diagnose", "compare"]

@@ -6,7 +6,9 @@ import pytest
 from rich.console import Console
 
 from palpate import console
+from palpate.findings.kept_revision import KeptRevision
 from palpate.text.bars import LONGEST, Bar
+from palpate.text.stages import revision_table
 
 
 def printed(what, width):
@@ -39,3 +41,28 @@ def test_a_bar_makes_room_for_words():
     table.add_row("0123456789 " * 4, Bar(1.0, "red"))
     assert printed(table, 100).count("█") == LONGEST
     assert printed(table, 44).count("█") < LONGEST / 4
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_the_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
+    told = {"user_effects": [], "effort_unit": "N m", "rmse": 0.06928, "noise_floor": 0.05}
+    when = {"created_utc": "2026-01-02T03:04:05", "software_version": "0", "parameters": {}}
+    effects = ["force_deadband", "load_dependent_friction"]
+    kept = [
+        KeptRevision(
+            number=number,
+            parent=number - 1 if number else None,
+            channel="joint_1",
+            model="rigid_body",
+            added="".join(effects[:number][-1:]),
+            effects=effects[:number],
+            **told,
+            **when,
+        )
+        for number in range(3)
+    ]
+    words = printed(revision_table(kept, width), width).split()
+    assert {"joint_1", "rigid_body", "force_deadband", "load_dependent_friction", "0.06928", "1.39"} <= set(
+        words
+    )
+    assert ("2026-01-02" in words) == (width >= 100)

@@ -47,10 +47,11 @@ def _channel(report: Report, story: Story) -> str:
     shown.add_vline(
         x=floor,
         line={"color": style.TRUTH, "width": 1.5, "dash": "dot"},
-        annotation={"text": f"noise floor {floor:.3g} {unit}", "font": {"color": style.TRUTH}, "yshift": 18},
-        annotation_position="top right" if floor < 0.6 * max(errors) else "top left",
+        annotation={"text": f"noise floor {floor:.3g} {unit}", "font": {"color": style.TRUTH}},
+        annotation_position="bottom right" if floor < 0.6 * max(errors) else "bottom left",
     )
-    shown.update_yaxes(autorange="reversed", showgrid=False, ticks="")
+    # room below the last bar for the word at the floor: above, it would lie under the toolbar
+    shown.update_yaxes(range=[len(stages) + 0.1, -0.6], showgrid=False, ticks="")
     shown.update_xaxes(title={"text": f"error in held-out runs [{unit}]"}, range=[0, 1.18 * max(errors)])
     remark = "Each stage is fitted anew and judged on runs that the fit has not seen."
     return pieces.channel_heading(report, story) + f"<p class='quiet'>{remark}</p>" + pieces.plot(shown)
