@@ -148,9 +148,9 @@ def _check(channel: str, what: str, values: FloatArray | IntArray, length: int) 
 
 
 def _read_only(values: NDArray[Any] | None) -> NDArray[Any] | None:
-    """A view of an array that cannot be written into, while its owner still can; None as it is."""
-    if values is None:
-        return None
-    view = np.asarray(values).view()
+    """A view that cannot be written into, while the owner of the array still can; None as it is."""
+    if values is None or not values.flags.writeable:
+        return values
+    view = values.view()
     view.setflags(write=False)
     return view

@@ -11,6 +11,7 @@ from estimation.diagnosis.judgement.copied import copied
 from estimation.diagnosis.judgement.folded import folded
 from estimation.diagnosis.judgement.turns import strange_turns
 from estimation.model import Model
+from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import per_run, sample_time
 from robot_io.types import BoolArray, FloatArray
 
@@ -31,6 +32,9 @@ _MOST_OF_AIR, _OFF_ZERO, _FINE, _NOISY = 0.7, 0.01, 0.5, -0.3
 _TOO_FEW_LEVELS, _TOO_FEW_OF_A_JOINT, _FEW_LEVELS = 5, 3, 50
 _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
+# Times that one run's samples may last longer than another's: a time constant is off by as much, which is as
+# large as the error of one that is just found; and steps by which a run tells how long they last.
+_OTHER_RATE, _FEWEST_STEPS = 1.2, 10
 _LEAST_EXPLAINED = 0.1  # share of a force's variance that depth and velocity explain, whatever the object is
 
 
@@ -215,6 +219,18 @@ def _stuck_in_air(data: ChannelData) -> str | None:
     )
 
 
+def _rates(data: ChannelData) -> str | None:
+    """What remembers (a lag, a delay, a relaxation) counts samples: these must last as long in all runs."""
+    steps = [np.diff(data.time_s[rows]) for rows in rows_of_runs(data.run)]
+    usual = np.array([np.median(step) for step in steps if len(step) >= _FEWEST_STEPS])
+    if len(usual) == 0 or usual.max() < _OTHER_RATE * usual.min():
+        return None
+    return (
+        f"runs were sampled every {1e3 * usual.min():.4g} ms and every {1e3 * usual.max():.4g} ms; resample "
+        "them to one rate, or take those of one with --where"
+    )
+
+
 def _offset(data: ChannelData) -> str | None:
     """Effort and motion must belong to the same moment: look for a shift that joins them far better."""
     if data.kind is not ChannelKind.CONTACT:
@@ -252,4 +268,13 @@ def _likeness(one: FloatArray, other: FloatArray) -> float:
 
 _Check = Callable[[ChannelData], str | None]
 _OF_THE_SIGNALS: tuple[_Check, ...] = (_variation, _units, _time, _offset, _contact, _resolution, folded)
-_CHECKS: tuple[_Check, ...] = (_length, _size, _variation, _runs, copied, *_OF_THE_SIGNALS[1:], _blocks)
+_CHECKS: tuple[_Check, ...] = (
+    _length,
+    _size,
+    _variation,
+    _runs,
+    copied,
+    _rates,
+    *_OF_THE_SIGNALS[1:],
+    _blocks,
+)

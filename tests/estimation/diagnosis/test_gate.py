@@ -58,6 +58,7 @@ BAD = {
     "is a copy of run 0": one_run_again_and_again(),
     "with its sign": replace(DATA, effort=np.abs(DATA.effort)),
     "turned round or cut off": replace(DATA, effort=np.maximum(DATA.effort, 0.0)),
+    "resample": DATA.select((DATA.run != 2) | (np.arange(len(DATA)) % 2 == 0)),
     "longer runs": replace(
         DATA, time_s=0.1 * DATA.time_s, velocity=10.0 * DATA.velocity, run=np.arange(len(DATA)) // 8
     ),
