@@ -6,6 +6,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.diagnosis.bench.colour import ORDER, Colour
 from estimation.diagnosis.bench.frame import block_length, frame_of
 from estimation.diagnosis.judgement.copied import copied
 from estimation.diagnosis.judgement.folded import folded
@@ -23,6 +24,7 @@ _STIFFEST_N_M = 1e7
 _SOFTEST_N_M = 1e-2
 _FASTEST_RAD_S = 300.0
 _STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was at its end
+_STILL = 1e-3  # of the range of positions, that a held one stays within
 # Free air at a sensor's lower end: how much of it, how far from zero (of all readings' range), how many of
 # the readings above are distinct, and how alike neighbouring bends of them are (-0.67 in white noise).
 _MOST_OF_AIR, _OFF_ZERO, _FINE, _NOISY = 0.7, 0.01, 0.5, -0.3
@@ -190,8 +192,10 @@ def _saturated(data: ChannelData) -> str | None:
     size = np.abs(data.effort)
     loaded = size > 0.3 * size.max()
     for extreme in (data.effort.max(), data.effort.min()):
-        share = float(np.mean(data.effort[loaded] == extreme))
-        if share > _STUCK_SHARE:
+        stuck = data.effort == extreme
+        share = float(np.mean(stuck[loaded]))
+        moves = float(np.ptp(data.position[stuck])) > _STILL * float(np.ptp(data.position))
+        if share > _STUCK_SHARE and moves:  # in data without noise, a hold shows one reading too
             return f"{100 * share:.0f} % of the loaded samples show {extreme:.6g}: the sensor is at its end"
     return _stuck_in_air(data)
 
@@ -248,7 +252,10 @@ def _offset(data: ChannelData) -> str | None:
 
 
 def _blocks(data: ChannelData) -> str | None:
-    """There must be a block to fit to, and one to hold out, in another run if there are several."""
+    """There must be a block to fit to, and one to hold out, in another run if there are several.
+
+    So many in a row as the noise's colour needs, too: a run that is shorter says nothing of its noise.
+    """
     least, lengths = block_length(data), np.unique(data.run, return_counts=True)[1]
     parts = lengths // least if len(lengths) == 1 else lengths >= least
     if parts.sum() < 2:
@@ -256,6 +263,8 @@ def _blocks(data: ChannelData) -> str | None:
     frame = frame_of(data)
     if len(np.unique(frame.fold[frame.trusted])) < 2:
         return "in one run at most something moves, so nothing can be held out to judge by; record more runs"
+    if len(np.unique(frame.fold[Colour(np.zeros(ORDER)).kept(frame.run, frame.trusted)])) < 2:
+        return f"fewer than two runs go on for {(ORDER + 1) * least} samples or more; record longer runs"
     return None
 
 

@@ -62,6 +62,7 @@ BAD = {
     "longer runs": replace(
         DATA, time_s=0.1 * DATA.time_s, velocity=10.0 * DATA.velocity, run=np.arange(len(DATA)) // 8
     ),
+    "go on for": replace(DATA, run=np.arange(len(DATA)) // 8),
     "belong together": replace(DATA, effort=shuffled_where_pressed()),
 }
 
@@ -115,6 +116,14 @@ ONE_READING_IN_AIR = {
 @pytest.mark.parametrize("name", ONE_READING_IN_AIR)
 def test_free_air_may_show_one_reading_for_other_reasons(name):
     assert refuse(replace(DATA, effort=ONE_READING_IN_AIR[name])) is None
+
+
+def test_a_hold_without_noise_is_not_taken_for_the_end_of_the_range():
+    held = DATA.position > 0.7 * DATA.position.max()
+    x = np.where(held, 0.7 * DATA.position.max(), DATA.position)
+    force = 800.0 * np.maximum(x, 0.0) + 0.01 * np.sin(3.0 * DATA.time_s) * (x < 0.0)
+    assert np.mean(force[force > 0.3 * force.max()] == force.max()) > 0.3
+    assert refuse(replace(DATA, position=x, effort=force, velocity=np.gradient(x, 0.002))) is None
 
 
 def test_coarse_steps_are_not_taken_for_the_end_of_the_range():
