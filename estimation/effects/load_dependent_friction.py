@@ -8,18 +8,30 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
 
+_LUMPED = "lumped_inertia_effort"  # which a joint has whose rotor and link are one inertia in its model
+_SHARES = (1.0, 0.6)
+
 
 class LoadDependentFriction(AdditiveEffect):
-    """effort = mu |load| tanh(v / transition), load the effort that the joint carries apart from friction."""
+    """effort = mu |load| tanh(v / transition), load the effort that the joint carries apart from friction.
+
+    What accelerates the rotor does not pass through the gear (Hamon et al. take it off the load, too). Where
+    the model has one inertia for rotor and link, the share of it that is the link's is a parameter.
+    """
 
     name = "load_dependent_friction"
     physics = "Gear teeth and bearings rub in proportion to the load they carry."
-    equation = "effort = mu |load| tanh(v/transition)"
-    source = "A. C. Bittencourt, S. Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012)"
+    equation = "effort = mu |load| tanh(v/transition); of a pendulum, load = weight + link_share J a"
+    source = (
+        "A. C. Bittencourt, S. Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012); "
+        "P. Hamon, M. Gautier, P. Garrec, IEEE/RSJ IROS (2010)"
+    )
     signature = "the jump at reversal is larger where the joint carries more"
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("mu", "1", 0.0, 2.0, (0.01, 0.5)),)
-    inner = (Parameter("transition", "{position}/s", 1e-09, 1.0, (0.0001, 0.05), log=True),)
+    inner: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("transition", "{position}/s", 1e-09, 1.0, (0.0001, 0.05), log=True),
+    )
     needs = ("load",)
     confused_with: ClassVar[dict[str, str]] = {
         "coulomb_friction": "repeat with another load",
@@ -29,9 +41,28 @@ class LoadDependentFriction(AdditiveEffect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `AdditiveEffect.columns`; shape (n, 1)."""
         sliding = np.tanh(data.velocity / inner["transition"])
-        return (sliding * np.abs(data.context["load"]))[:, None]
+        return (sliding * np.abs(self._load(data, inner)))[:, None]
+
+    def _load(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.asarray(data.context["load"])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: smoothing at a small share of the usual speed."""
         speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
         return tuple({"transition": float(part * speed)} for part in (0.003, 0.01, 0.03, 0.08))
+
+    def suited_to(self, data: ChannelData) -> "LoadDependentFriction":
+        """See `Effect.suited_to`."""
+        return _WithRotor() if _LUMPED in data.context else self
+
+
+class _WithRotor(LoadDependentFriction):
+    inner = (*LoadDependentFriction.inner, Parameter("link_share", "1", 0.0, 1.0, (0.3, 1.0)))
+
+    def _load(self, data: ChannelData, inner: Inner) -> FloatArray:
+        rotor = (1.0 - inner["link_share"]) * data.context[_LUMPED]
+        return np.asarray(data.context["load"] - rotor)
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        sliding = super().starts(data)
+        return tuple({**start, "link_share": share} for share in _SHARES for start in sliding)

@@ -7,18 +7,26 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.model import Model
 
 LOAD = "load"
-CARRYING = frozenset(
-    {"inertia", "armature", "pendulum", "rigid_body", "rigid_body_fitted", "payload", "gravity_tilt"}
-)
+LUMPED = "lumped_inertia_effort"  # part of the load, of which the drive's rotor may take some before the gear
+# not the armature: what accelerates a rotor does not pass through the gear
+CARRYING = frozenset({"inertia", "pendulum", "rigid_body", "rigid_body_fitted", "payload", "gravity_tilt"})
+_LUMPED = {"inertia": "m", "pendulum": "inertia"}  # the gain in which link and rotor are one
 
 
 def with_load(data: ChannelData, model: Model, parameters: Mapping[str, float]) -> ChannelData:
     """The channel with the signal `load`: what the model's masses and weights take.
+
+    What an inertia takes that may be the rotor's as well as the link's is a signal of its own, beside
+    weights: by itself it only scales the load.
 
     A contact, a channel that brings its own, and a model without masses are returned as they are.
     """
     carrying = Model(model.name, tuple(e for e in model.effects if e.name in CARRYING))
     if data.kind is ChannelKind.CONTACT or LOAD in data.context or not carrying.effects:
         return data
-    load = carrying.predict(data, parameters)
-    return replace(data, context={**data.context, LOAD: load})
+    signals = {LOAD: carrying.predict(data, parameters)}
+    names = {effect.name for effect in carrying.effects}
+    if names & _LUMPED.keys() and names - {"inertia"}:
+        inertia = sum(parameters[f"{name}.{_LUMPED[name]}"] for name in names & _LUMPED.keys())
+        signals[LUMPED] = inertia * data.acceleration
+    return replace(data, context={**data.context, **signals})
