@@ -97,7 +97,8 @@ def tell(name: str, found: ChannelDiagnosis, said: str, seconds: float) -> None:
         also = f"; or {', '.join(entry.confused_with)}" if entry.confused_with else ""
         print(f"  + {entry.effect} ({values}): {entry.rmse_before:.4g} -> {entry.rmse_after:.4g}{also}")
     for suspect in found.suspects:
-        print(f"  ? {suspect.effect}: -> {suspect.rmse_after:.4g}, but more is left than it can be named for")
+        also = f" (or {', '.join(suspect.confused_with)})" if suspect.confused_with else ""
+        print(f"  ? {suspect.effect}{also}: -> {suspect.rmse_after:.4g}, but too much is left to name it")
     if found.depends_on:
         print(f"  what is left depends on: {', '.join(found.depends_on)}")
 

@@ -52,7 +52,7 @@ def answer(search: Search, chain: Chain, objection: Objection | None) -> Channel
     """
     named = chain.named
     standing = named[-1].standing if named else chain.start
-    accepted = _accepted(search, chain, named)
+    accepted, suspects = _accepted(search, chain, named), _suspects(search, chain)
     signals = _signals(chain, objection)
     verdict = _verdict(chain)
     floor = noise_floor(chain.end, chain.floor)
@@ -61,13 +61,13 @@ def answer(search: Search, chain: Chain, objection: Objection | None) -> Channel
     return ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
-        reason=objection.reason if objection else _reason(verdict, chain, signals, accepted),
+        reason=objection.reason if objection else _reason(verdict, chain, signals, accepted, suspects),
         effort_unit=search.data.kind.effort_unit,
         noise_floor=floor.value,
         floor=Floor(**asdict(floor)),
         baseline=fitted(chain.start, complete=chain.is_complete and not named),
         accepted=accepted,
-        suspects=_suspects(chain),
+        suspects=suspects,
         ranking=_ranking(chain),
         final=fitted(standing, complete=chain.is_complete),
         depends_on=signals,
@@ -130,10 +130,16 @@ def _accepted(search: Search, chain: Chain, named: Sequence[Step]) -> list[Accep
     return accepted
 
 
-def _suspects(chain: Chain) -> list[Suspect]:
+def _suspects(search: Search, chain: Chain) -> list[Suspect]:
     names = {step.effect for step in chain.named}
     return [
-        Suspect(effect=s.effect, rmse_after=s.standing.rmse) for s in chain.steps if s.effect not in names
+        Suspect(
+            effect=step.effect,
+            rmse_after=step.standing.rmse,
+            confused_with=in_place_of(search, chain, chain.steps, step.effect),
+        )
+        for step in chain.steps
+        if step.effect not in names
     ]
 
 
@@ -150,7 +156,13 @@ def _ranking(chain: Chain) -> list[Ranked]:
     return ranked
 
 
-def _reason(verdict: Verdict, chain: Chain, signals: Sequence[str], accepted: Sequence[Accepted]) -> str:
+def _reason(
+    verdict: Verdict,
+    chain: Chain,
+    signals: Sequence[str],
+    accepted: Sequence[Accepted],
+    suspects: Sequence[Suspect],
+) -> str:
     if verdict is Verdict.ADEQUATE:
         return "no effect of the library lowers the error in held-out runs, and nothing smooth is left in it"
     if verdict is Verdict.MISSING:
@@ -170,12 +182,12 @@ def _reason(verdict: Verdict, chain: Chain, signals: Sequence[str], accepted: Se
             "by parameters with which it is another thing than its name says, or in a roundabout way"
         )
     if chain.steps:
-        names = " and ".join(step.effect for step in chain.steps)
+        names = " and ".join(_or_rivals(entry) for entry in suspects)
         return f"the error would fall {fall} with {names}; {rest}"
     return f"the error is {standing.rmse:.3g} {unit}; {rest}"
 
 
-def _or_rivals(entry: Accepted) -> str:
+def _or_rivals(entry: Accepted | Suspect) -> str:
     """An effect and those that the data cannot tell it from."""
     rivals = " or ".join(entry.confused_with)
     return f"{entry.effect} (or {rivals} instead)" if rivals else entry.effect

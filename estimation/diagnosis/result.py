@@ -79,10 +79,17 @@ class Ranked(_Entry):
 
 
 class Suspect(_Entry):
-    """An effect that explains part of what is left, not well enough to be named."""
+    """An effect that explains part of what is left, not well enough to be named.
+
+    Attributes:
+        effect: its name.
+        rmse_after: error in held-out runs with it and those before it.
+        confused_with: effects that would do as well in its place.
+    """
 
     effect: str
     rmse_after: float
+    confused_with: list[str] = Field(default_factory=list)
 
 
 class NextExperiment(_Entry):

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.diagnosis.result import Accepted, Fitted, ParameterValue
+from estimation.diagnosis.result import Accepted, Fitted, ParameterValue, Suspect
 from palpate import console
 from palpate.text.bars import Bar
 from palpate.words import NOT_DETERMINED, chance, significant
@@ -72,7 +72,10 @@ def remarks(found: ChannelDiagnosis) -> Iterator[str]:
     yield f"Why: {found.reason}."
     if found.suspects:
         unit = found.effort_unit
-        falls = [f"{suspect.effect} (to {suspect.rmse_after:.3g} {unit})" for suspect in found.suspects]
+        falls = [
+            f"{suspect.effect} (to {suspect.rmse_after:.3g} {unit}{_or(suspect)})"
+            for suspect in found.suspects
+        ]
         yield (
             f"Suspected, one on top of the other: {_enumerated(falls)}. Each lowers the error in held-out "
             "runs, but a name is sure only where nothing but noise is left."
@@ -102,6 +105,10 @@ def value_and_half(parameter: ParameterValue) -> tuple[str, str]:
         return significant(parameter.value), NOT_DETERMINED
     half = SIGMAS_95 * parameter.std_err
     return significant(parameter.value, half), significant(half, half)
+
+
+def _or(suspect: Suspect) -> str:
+    return f"; or {_enumerated(suspect.confused_with, 'or')}" if suspect.confused_with else ""
 
 
 def _or_rivals(entry: Accepted) -> str:

@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from estimation.diagnosis.bench.held_out import held_out_residual, rmse
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.judgement.noise_floor import noise_floor
 
@@ -28,5 +31,28 @@ def left_over(standing: Standing, energy: float, signals: Sequence[str]) -> str:
         return f"{share:.0f} % of what is left could still be explained, by {told}"
     return (
         f"of what is left, {floor.repeats:.3g} {unit} does not come back when nearly the same motion is "
-        f"repeated, and is no noise: see what differs from run to run; the rest depends on {told}"
+        f"repeated, and is no noise: {_differing(standing)}; the rest depends on {told}"
+    )
+
+
+def _differing(standing: Standing) -> str:
+    """What differs from run to run: a factor that each run has, or nobody knows what."""
+    data = standing.data
+    residual = held_out_residual(standing.plain.frame, standing.trial)
+    expected = data.effort - residual
+    factors, left = {}, residual.copy()
+    for run in data.runs:
+        rows = (data.run == run) & np.isfinite(residual)
+        energy = float(expected[rows] @ expected[rows])
+        if energy > 0.0:
+            factors[int(run)] = float(data.effort[rows] @ expected[rows]) / energy
+            left[rows] = (data.effort - factors[int(run)] * expected)[rows]
+    if not factors or rmse(left) > _MOST * rmse(residual):
+        return "see what differs from run to run"
+    least, most = min(factors, key=factors.__getitem__), max(factors, key=factors.__getitem__)
+    unit = data.kind.effort_unit
+    return (
+        f"the runs differ by a factor, from {factors[least]:.3g} (run {least}) to {factors[most]:.3g} (run "
+        f"{most}) of what the others let expect; without it {rmse(left):.3g} {unit} would be left (another "
+        "specimen or spot, or did it change?)"
     )
