@@ -5,6 +5,7 @@
 The sets are described where they come from (see docs/diagnosis.md); they are no part of this project.
 """
 
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -83,24 +84,32 @@ SETS: tuple[Callable[[Path], Iterator[Case]], ...] = (
 )
 
 
-def tell(name: str, found: ChannelDiagnosis, said: str, seconds: float) -> None:
-    """Print one finding."""
-    print(f"\n{name}: {found.verdict.value} ({seconds:.1f} s); others found: {said}")
-    print(f"  {found.reason}")
+# Of sets whose effort is neither a force nor a torque.
+UNITS = {"xl330_pendulum": "V", "silverbox": "V", "load_cell": "counts", "servo_backlash": "counts"}
+
+
+def tell(name: str, found: ChannelDiagnosis, said: str, seconds: float, unit: str) -> None:
+    """Print one finding, in the unit that the effort really has."""
+
+    def say(line: str) -> None:
+        print(re.sub(rf" {found.effort_unit}\b", f" {unit}", line))
+
+    say(f"\n{name}: {found.verdict.value} ({seconds:.1f} s); others found: {said}")
+    say(f"  {found.reason}")
     if found.baseline is None or found.final is None:
         return
-    print(
+    say(
         f"  held-out error {found.baseline.rmse:.4g} -> {found.final.rmse:.4g}, floor {found.noise_floor:.4g}"
     )
     for entry in found.accepted:
         values = ", ".join(f"{k} = {v.value:.4g} {v.unit}" for k, v in entry.parameters.items())
         also = f"; or {', '.join(entry.confused_with)}" if entry.confused_with else ""
-        print(f"  + {entry.effect} ({values}): {entry.rmse_before:.4g} -> {entry.rmse_after:.4g}{also}")
+        say(f"  + {entry.effect} ({values}): {entry.rmse_before:.4g} -> {entry.rmse_after:.4g}{also}")
     for suspect in found.suspects:
         also = f" (or {', '.join(suspect.confused_with)})" if suspect.confused_with else ""
-        print(f"  ? {suspect.effect}{also}: -> {suspect.rmse_after:.4g}, but too much is left to name it")
+        say(f"  ? {suspect.effect}{also}: -> {suspect.rmse_after:.4g}, but too much is left to name it")
     if found.depends_on:
-        print(f"  what is left depends on: {', '.join(found.depends_on)}")
+        say(f"  what is left depends on: {', '.join(found.depends_on)}")
 
 
 def tell_free_run(folder: Path) -> None:
@@ -133,7 +142,8 @@ def main() -> None:
         for name, data, base, said in cases(folder / cases.__name__):
             started = time.perf_counter()
             found = diagnose(data, base, rng=np.random.default_rng(0), file=name).channels[0]
-            tell(name, found, said, time.perf_counter() - started)
+            unit = UNITS.get(cases.__name__, found.effort_unit)
+            tell(name, found, said, time.perf_counter() - started, unit)
         if cases is silverbox:
             tell_free_run(folder / "silverbox")
 
