@@ -15,8 +15,11 @@ class Judged:
         data: as it was judged, which need not be as it was recorded, see `with_true_force`.
         model: the base model.
         found: the answer.
+        borne_out: of a contact that is not explained in full, whether the joints bear out the fault of its
+            sensor that it names.
     """
 
     data: ChannelData
     model: Model
     found: ChannelDiagnosis
+    borne_out: bool = False

@@ -8,7 +8,7 @@ from estimation.diagnosis.common_cause import settle
 from estimation.diagnosis.dead_band import with_dead_band
 from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.result import ChannelDiagnosis
-from estimation.diagnosis.true_force import sensor_faults, with_true_force
+from estimation.diagnosis.true_force import borne_out, sensor_faults, with_true_force
 from estimation.effect import Effect
 from estimation.model import Model
 
@@ -34,6 +34,8 @@ def judge_robot(
     """
     everything = range(len(channels))
     ordered = [Judged(*one) for one in zip(channels, models, run(everything, channels, models), strict=True)]
+    joints = [one for one in ordered if one.found.baseline is not None]
+    ordered = [borne_out(one, joints, effects) for one in ordered]
     made = [with_true_force(data, ordered, effects) for data in channels]
     again = [i for i in everything if made[i] is not channels[i]]
     for i, found in zip(again, _again(run, again, made, models), strict=True):

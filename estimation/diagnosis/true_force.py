@@ -11,7 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.diagnosis.bench.standing import stand
 from estimation.diagnosis.judged import Judged
+from estimation.diagnosis.judgement.gate import usable
 from estimation.diagnosis.result import Accepted, Verdict
 from estimation.effect import Effect, SensorEffect
 from estimation.model import Model
@@ -20,13 +22,15 @@ from robot_io.types import FloatArray
 
 _FORCE = "contact_force"
 _OF_THE_ZERO = {"bias", "drift"}
+_BETTER, _NO_WORSE = 0.9, 1.02  # times a joint's error by the force as it was measured
 
 
 def with_true_force(joint: ChannelData, contacts: Sequence[Judged], effects: Sequence[Effect]) -> ChannelData:
     """The joint's channel with the force that the contacts' models give, where a sensor's fault was named.
 
-    Each contact speaks for its own runs alone. One whose model is not complete says nothing of the force, nor
-    does one whose fault may as well be the object's: of that, the joints can tell.
+    Each contact speaks for its own runs alone. One whose model is not complete says nothing of the force
+    unless the joints bear it out, nor does one whose fault may as well be the object's: of that, the joints
+    can tell.
 
     Args:
         joint: as it was recorded; other channels are returned as they are.
@@ -49,7 +53,34 @@ def with_true_force(joint: ChannelData, contacts: Sequence[Judged], effects: Seq
 
 def sensor_faults(contact: Judged, effects: Sequence[Effect]) -> list[str]:
     """Faults of the force sensor that a contact shows, if it surely does: all of them, or none."""
-    if contact.data.kind is not ChannelKind.CONTACT or contact.found.verdict is not Verdict.MISSING:
+    sure = contact.found.verdict is Verdict.MISSING or contact.borne_out
+    return _named_faults(contact, effects) if sure else []
+
+
+def borne_out(contact: Judged, joints: Sequence[Judged], effects: Sequence[Effect]) -> Judged:
+    """The contact, marked if the joints bear out a fault of its sensor that it names above all.
+
+    Where a contact is not explained in full, the fault that it names may be what something else looks like
+    there. But the joints measure the force once more: their base models, which know nothing of that fault,
+    must fit clearly better to the force ahead of it in one joint, and worse in none.
+    """
+    unsure = contact.found.verdict is Verdict.UNEXPLAINED
+    if not unsure or not _named_faults(contact, effects):
+        return contact
+    marked = replace(contact, borne_out=True)
+    pairs = [(one, with_true_force(one.data, [marked], effects)) for one in joints]
+    ratios = [_error(mended, one) / _error(one.data, one) for one, mended in pairs if mended is not one.data]
+    clearly = bool(ratios) and min(ratios) < _BETTER and max(ratios) < _NO_WORSE
+    return marked if clearly else contact
+
+
+def _error(data: ChannelData, joint: Judged) -> float:
+    """What the joint's base model leaves in held-out runs."""
+    return stand(data, joint.model, {}, usable(data)).rmse
+
+
+def _named_faults(contact: Judged, effects: Sequence[Effect]) -> list[str]:
+    if contact.data.kind is not ChannelKind.CONTACT:
         return []
     of_sensor = {effect.name for effect in effects if isinstance(effect, SensorEffect)}
     faults = [entry for entry in contact.found.accepted if entry.effect in of_sensor]

@@ -98,7 +98,8 @@ def _contact(channel: ChannelData, arm: Arm, kept: KeptDiagnosis) -> Judged | No
     if channel.kind is not ChannelKind.CONTACT or entry is None or model is None:
         return None
     subject = subject_of(channel, model, arm)
-    judged = Judged(subject.channel, subject.model, entry)
+    borne_out = any(entry.force_ahead_of for entry in kept.found.values())
+    judged = Judged(subject.channel, subject.model, entry, borne_out)
     named = known.issuperset(one.effect for one in entry.accepted)
     if not named or not sensor_faults(judged, kept.effects):
         return None

@@ -7,7 +7,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Verdict, diagnose
 from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.result import Accepted, Fitted, ParameterValue
-from estimation.diagnosis.true_force import with_true_force
+from estimation.diagnosis.true_force import borne_out, with_true_force
 from estimation.effects import EFFECTS
 from estimation.fresh_runs import on_clocks_of_their_own
 from estimation.model import Model
@@ -115,6 +115,33 @@ def test_a_fault_that_may_be_no_fault_is_left_to_the_joints(verdict, rivals, tak
     unsure = {"verdict": verdict, "accepted": [entry.model_copy(update={"confused_with": rivals})]}
     seen = Judged(contact, seen.model, seen.found.model_copy(update=unsure))
     assert (with_true_force(joint, [seen], EVERY) is not joint) is taken
+
+
+@pytest.mark.parametrize(
+    ("named", "believed"),
+    [
+        ({"deadband": {"width": WIDTH_N}}, True),
+        ({"deadband": {"width": 5.0 * WIDTH_N}, "bias": {"offset": 0.1}}, False),  # the joint fits worse
+        ({"cubic_stiffness": {"k3": 1e5}}, False),
+    ],
+)
+def test_a_fault_in_an_unexplained_contact_is_believed_where_the_joints_bear_it_out(named, believed):
+    contact, joint, true_n = pressing(noise_nm=0.02)
+    seen = judged(contact, **named)
+    force = 5.0 if "bias" in named else 1.0  # the same spring under five times the dead band pushes harder
+    values = {
+        name: value.model_copy(update={"value": force * value.value})
+        for name, value in seen.found.final.parameters.items()
+    }
+    told = {"verdict": Verdict.UNEXPLAINED, "final": Fitted(rmse=0.1, parameters=values)}
+    seen = Judged(contact, seen.model, seen.found.model_copy(update=told))
+    arm = Model("rigid_body", (EFFECTS["rigid_body"](),))
+    witness = Judged(joint, arm, seen.found)
+    marked = borne_out(seen, [witness], EVERY)
+    assert marked.borne_out == believed
+    assert (with_true_force(joint, [marked], EVERY) is not joint) == believed
+    if believed:
+        assert with_true_force(joint, [marked], EVERY).context["contact_force"] == pytest.approx(true_n)
 
 
 def test_a_joint_shows_the_dead_band_that_to_the_contact_is_a_deeper_surface():
