@@ -181,6 +181,11 @@ def test_an_angle_over_several_turns_with_which_the_weight_does_not_come_back_is
     assert ("in degrees" in reason) if asks else reason is None
 
 
+def test_degrees_are_noticed_also_beside_a_model_that_knows_no_weight():
+    assert "in degrees" in refuse(swinging(180.0 / np.pi), MODELS["inertia"]().build(ModelContext()))
+    assert refuse(swinging(), MODELS["inertia"]().build(ModelContext())) is None
+
+
 def test_a_spring_wound_up_by_several_turns_and_a_pendulum_that_goes_round_pass():
     spring = swinging(30.0, torque=lambda q, v, a: 3.0 * q + 0.1 * v)
     assert refuse(spring, MODELS["inertia"]().build(ModelContext())) is None
