@@ -63,5 +63,10 @@ class LayeredStiffness(AdditiveEffect):
             return True
         if k3 != 0.0:
             return False  # no single slope then tells what a layer carries
-        of_k, of_k2 = (np.nan_to_num(errors()[name]) for name in ("stiffness.k", f"{self.name}.k2"))
-        return bool(k < _CLEARLY * of_k or k + k2 < _CLEARLY * of_k2)
+        known = errors()
+        return not (_presses(k, known["stiffness.k"]) and _presses(k + k2, known[f"{self.name}.k2"]))
+
+
+def _presses(slope: float, std_err: float) -> bool:
+    """Whether a layer's slope is clearly above nothing; by its sign alone where its error is not known."""
+    return slope >= (0.0 if np.isnan(std_err) else _CLEARLY * std_err)

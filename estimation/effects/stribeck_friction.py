@@ -9,7 +9,9 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from robot_io.types import FloatArray
 
-_SEEN = 0.5  # of the rise, that friction must really exceed its level at speed by
+# Of the rise, that friction must really exceed its level at speed by. By the equation that takes a speed of
+# the rise three to four times that of the transition (twice, for a rise far larger than the level).
+_SEEN = 0.5
 
 
 class StribeckFriction(AdditiveEffect):

@@ -11,7 +11,7 @@ JOINT_LEFT = (
     0.05  # the same sample by sample, for a joint: noise of the derived acceleration is in the model too
 )
 # Signals that are measured, not derived: what depends on them more than on acceleration is no noise of that.
-_PLAIN = ("offset", "time", "position")
+_MEASURED = ("offset", "time", "position")
 _SHARE = 0.4  # of the most telling signal's share; signals with less are not named
 _LEAST = 0.01
 
@@ -28,7 +28,7 @@ def is_explained(standing: Standing, floor: float = np.inf) -> bool:
     if standing.data.kind is ChannelKind.CONTACT or standing.left_of_samples(floor) > JOINT_LEFT:
         return False
     share = standing.flexible.by_signal
-    return max(share[name] for name in _PLAIN) <= max(1.0 - (1.0 - LEFT) ** 2, share["acceleration"])
+    return max(share[name] for name in _MEASURED) <= max(1.0 - (1.0 - LEFT) ** 2, share["acceleration"])
 
 
 def depends_on(standing: Standing) -> list[str]:

@@ -34,6 +34,21 @@ _MOST_OF_AIR, _OFF_ZERO, _FINE, _NOISY = 0.7, 0.01, 0.5, -0.3
 _TOO_FEW_LEVELS, _TOO_FEW_OF_A_JOINT, _FEW_LEVELS = 5, 3, 50
 _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
+_SPIKE = 0.2  # of the range of the effort; what stands out by less does no harm
+_COVERED = 0.3  # of the range of positions, that each fifth of a single recording goes through to be held out
+_DEEP, _LET_GO = (
+    0.5,
+    0.1,
+)  # of the deepest indentation: a press goes from the one to the other, however shaken
+_SAME_SHAPE = 0.7  # correlation, half of the variance: it is this position's velocity, whatever its scale
+_OTHER_SCALE = 1.5  # smoothing takes less than a third off a velocity; a mistaken unit is off by ten and more
+_LEAST_PRESSED = 0.01  # of the samples
+# Standard deviations of free air, that one in twenty pressed samples is above: of noise, 1 in 16 000 is.
+_ABOVE_AIR, _ONE_IN_TWENTY = 4.0, 0.95
+_TO_SIGMA = 1.4826  # of the median deviation, for normal noise
+_SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # as of clocks that were started by hand
+_JOINED, _APART = 0.9, 0.5  # correlations of depth and force: any spring's is above the one
+_LOADED = 0.3  # of the largest effort
 # Times that one run's samples may last longer than another's: a time constant is off by as much, which is as
 # large as the error of one that is just found; and steps by which a run tells how long they last.
 _OTHER_RATE, _FEWEST_STEPS = 1.2, 10
@@ -47,7 +62,7 @@ def usable(data: ChannelData) -> BoolArray:
     smooth = per_run(lambda effort: np.asarray(median_filter(effort, 5)), data.effort, data.run)
     off = np.abs(data.effort - smooth)
     usual = float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
-    level = max(_GLITCH * usual, 0.2 * float(np.ptp(smooth)))
+    level = max(_GLITCH * usual, _SPIKE * float(np.ptp(smooth)))
     good = np.asarray(off <= level)
     return good if np.mean(~good) <= _MOST_GLITCHES else np.ones(len(data), dtype=np.bool_)
 
@@ -109,7 +124,7 @@ def _runs(data: ChannelData) -> str | None:
         return f"{SINGLE_RUN}, so nothing can be held out to judge by; probe at least three times"
     parts = np.array_split(data.position, 5)
     ranges = np.array([np.ptp(part) for part in parts])
-    if ranges.min() < 0.3 * np.ptp(data.position):
+    if ranges.min() < _COVERED * np.ptp(data.position):
         return f"{SINGLE_RUN} that goes through its motion once; record at least three runs"
     return None
 
@@ -117,7 +132,7 @@ def _runs(data: ChannelData) -> str | None:
 def _presses(data: ChannelData) -> int:
     """How often the object was pressed to half of the deepest indentation, after it was let go."""
     deepest = float(data.position.max())
-    sides = np.where(data.position > 0.5 * deepest, 1, np.where(data.position < 0.1 * deepest, -1, 0))
+    sides = np.where(data.position > _DEEP * deepest, 1, np.where(data.position < _LET_GO * deepest, -1, 0))
     met = sides[sides != 0]
     return int(np.count_nonzero((met[1:] > 0) & (met[:-1] < 0)) + (len(met) > 0 and met[0] > 0))
 
@@ -145,7 +160,7 @@ def _time(data: ChannelData) -> str | None:
     if energy == 0.0:
         return None
     ratio, likeness = float(slope @ data.velocity) / energy, _likeness(slope, data.velocity)
-    if likeness > 0.7 and not 0.67 < ratio < 1.5:
+    if likeness > _SAME_SHAPE and not 1.0 / _OTHER_SCALE < ratio < _OTHER_SCALE:
         return f"the velocity is {ratio:.3g} times the slope of the position; check times and units"
     return None
 
@@ -154,12 +169,12 @@ def _contact(data: ChannelData) -> str | None:
     if data.kind is not ChannelKind.CONTACT:
         return None
     pressed = data.engaged
-    if pressed.mean() < 0.01:
+    if pressed.mean() < _LEAST_PRESSED:
         return "no contact: the displacement is never positive; press the object"
     if not pressed.all():
         air = data.effort[~pressed]
-        spread = 1.4826 * float(np.median(np.abs(air - np.median(air))))
-        if np.quantile(np.abs(data.effort[pressed] - np.median(air)), 0.95) < 4.0 * spread:
+        spread = _TO_SIGMA * float(np.median(np.abs(air - np.median(air))))
+        if np.quantile(np.abs(data.effort[pressed] - np.median(air)), _ONE_IN_TWENTY) < _ABOVE_AIR * spread:
             return "no contact: the force while pressed is no more than the noise in free air"
     if _likeness(np.where(pressed, data.position, 0.0), data.effort) < 0.0:
         return "force falls with depth; check the sign of force and displacement"
@@ -190,7 +205,7 @@ def _saturated(data: ChannelData) -> str | None:
     if len(np.unique(data.effort)) < _FEW_LEVELS:
         return None  # coarse steps, of which the last is often met
     size = np.abs(data.effort)
-    loaded = size > 0.3 * size.max()
+    loaded = size > _LOADED * size.max()
     for extreme in (data.effort.max(), data.effort.min()):
         stuck = data.effort == extreme
         share = float(np.mean(stuck[loaded]))
@@ -242,11 +257,11 @@ def _offset(data: ChannelData) -> str | None:
     pressed = np.where(data.engaged, data.position, 0.0)
     step = sample_time(data.time_s, data.run)
     now = _likeness(pressed, data.effort)
-    for seconds in (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0):
+    for seconds in _SHIFTS_S:
         shift = round(seconds / step)
         if shift and abs(shift) < len(pressed) // 4:
             then = _likeness(np.roll(pressed, shift), data.effort)
-            if then > 0.9 and now < 0.5:
+            if then > _JOINED and now < _APART:
                 return f"the force belongs to the motion of {-seconds:+.1f} s; align their times"
     return None
 

@@ -9,7 +9,9 @@ from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.judgement.noise_floor import noise_floor
 
 _MOST = 0.7  # of the error: half of its energy
-_MORE_THAN_NOISE = 1.5  # times what a smooth law of time and motion would leave
+# Times what a smooth law of time and motion would leave. Noise alone came to 1.06 at most, in 24 made-up
+# sessions of six equal runs, white and with a correlation of 0.97 from sample to sample.
+_MORE_THAN_NOISE = 1.5
 
 
 def left_over(standing: Standing, energy: float, signals: Sequence[str]) -> str:

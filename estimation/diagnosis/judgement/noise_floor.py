@@ -12,6 +12,8 @@ from estimation.signals.blocks import rows_of_runs
 from robot_io.types import FloatArray, IntArray
 
 _ALIKE = 0.02  # two runs are repeats if their positions differ by less than this share of the range
+_AS_LONG = 0.9  # of the longer run, that a repeat lasts
+_FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
 _LEAST = 50  # samples
 _ENOUGH = 2000  # pairs of runs to compare; of the others of very many runs, only neighbours are
 
@@ -57,8 +59,7 @@ def free_air(data: ChannelData) -> float | None:
     for rows in rows_of_runs(data.run):
         pressed = data.engaged[rows]
         before = rows[: int(np.argmax(pressed)) if pressed.any() else len(rows)]
-        # the last of them may already belong to the touch
-        before = before[: int(0.9 * len(before))]
+        before = before[: int(_FREE * len(before))]
         if len(before) >= _LEAST:
             parts.append(data.effort[before] - data.effort[before].mean())
     return float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) if parts else None
@@ -78,7 +79,7 @@ def _pairs(data: ChannelData) -> Iterator[tuple[IntArray, IntArray]]:
     span = float(np.ptp(data.position)) or 1.0
     for one, other in _compared(rows_of_runs(data.run)):
         count = min(len(one), len(other))
-        if count < _LEAST or count < 0.9 * max(len(one), len(other)):
+        if count < _LEAST or count < _AS_LONG * max(len(one), len(other)):
             continue
         first, second = one[:count], other[:count]
         if np.sqrt(np.mean((data.position[first] - data.position[second]) ** 2)) < _ALIKE * span:

@@ -19,6 +19,7 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 
 _TIMES = 3.0  # the noise to be expected
 _LIKE_NEIGHBOUR = 0.5  # correlation of neighbouring blocks, which noise as in free air does not have
+_MORE_ALIKE = 0.2  # than in free air: that of 40 blocks is uncertain by 0.16
 _BLOCKS = 40  # in contact and in free air, with fewer of which nothing is said
 _PEAK = 0.2  # share of the variance in one frequency that makes it worth naming
 
@@ -57,7 +58,7 @@ def unlike_noise(standing: Standing) -> Excess | None:
     alike = _neighbours(residual, frame.run, contact)
     if size < _TIMES * expected or alike < _LIKE_NEIGHBOUR:
         return None
-    if alike < _neighbours(residual, frame.run, air) + 0.2:
+    if alike < _neighbours(residual, frame.run, air) + _MORE_ALIKE:
         return None
     return Excess(size, expected, _frequency(standing, residual, contact))
 

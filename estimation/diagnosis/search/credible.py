@@ -7,14 +7,13 @@ up to a constant. What fits is then no evidence for the names.
 
 import numpy as np
 
+from estimation.diagnosis.bench.plain_laws import left_by_plain_signals
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.bench.trial import Bench, Trial
 from estimation.diagnosis.judgement.intervals import values
 from estimation.diagnosis.search.candidate import TIE, size
 from estimation.diagnosis.search.possible import is_beyond_bounds
 from estimation.effect import Effect
-
-_PLAIN_LAWS = {"offset": 1, "time": 2}  # signals of which any smooth law has so few parameters
 
 
 def is_credible(start: Standing, standing: Standing) -> bool:
@@ -53,10 +52,7 @@ def _is_roundabout(start: Standing, standing: Standing) -> bool:
     base = {effect.name for effect in start.trial.model.effects}
     added = sum(size(effect) for effect in standing.trial.model.effects if effect.name not in base)
     limit = (1.0 + TIE) * standing.trial.held_out
-    return any(
-        added > count and (1.0 - start.flexible.by_signal[name]) * start.trial.held_out <= limit
-        for name, count in _PLAIN_LAWS.items()
-    )
+    return any(added > count and left <= limit for count, left in left_by_plain_signals(start))
 
 
 def _errors(trial: Trial, bench: Bench) -> dict[str, float]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from estimation.channel import ChannelKind
 from estimation.diagnosis.bench.flexible import signals_of
+from estimation.diagnosis.bench.plain_laws import left_by_one_term
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.search.candidate import Candidate, close_to_best
 from estimation.diagnosis.search.confusion import contains
@@ -20,7 +21,6 @@ from robot_io.types import FloatArray
 SHARE = 0.9  # of the explainable energy, that an effect has to take away
 MARGIN = 3.0  # times as much as the effect has to be left by any other
 MISSHAPEN = 0.015  # of the energy that an effect takes away, that its own signals may still explain
-_TURN = 0.02  # of the usual speed, over which a direction turns
 _OWN = (
     0.9  # of the energy of an effect's contribution, that a signal of its own can draw, relative to the best
 )
@@ -50,22 +50,10 @@ def is_dominant(
     others = [c for c in others if not contains(c, chosen) and not contains(chosen, c)]
     if any(c.held_out - floor < MARGIN * (left - floor) for c in others):
         return False
-    if _plain_law(before) - floor < (left - floor) / MARGIN:
+    # an effect that is not in the library may be as plain as a constant or a power
+    if left_by_one_term(before) - floor < (left - floor) / MARGIN:
         return False
     return misshapen(before, after) <= MISSHAPEN
-
-
-def _plain_law(before: Standing) -> float:
-    """Energy in held-out runs that the best law of one term leaves: a constant, a power or the direction.
-
-    An effect that is not in the library may be as plain as that.
-    """
-    bench, data = before.plain, before.data
-    x, v = (bench.frame.reduce(np.where(data.engaged, s, 0.0)) for s in (data.position, data.velocity))
-    turn = np.tanh(v / (_TURN * float(np.sqrt(np.mean(v**2))) or 1.0))
-    terms = (np.ones(len(x)), x, x**2, x**3, x**5, v, v * np.abs(v), v**3, turn)
-    left = (bench.fit(np.column_stack([before.trial.columns, t]), before.trial.target) for t in terms)
-    return min(float(scores.held_out.sum()) for scores in left)
 
 
 def simplest(chosen: Candidate, found: Sequence[Candidate], before: Standing) -> Candidate:

@@ -1,0 +1,43 @@
+"""Plain laws: of so few parameters that what only draws one of them is no evidence for its name."""
+
+import numpy as np
+
+from estimation.diagnosis.bench.standing import Standing
+from robot_io.types import FloatArray
+
+# Signals of which any smooth law is plain, with the number of its parameters: a constant, and a trend in time
+# with its bend. Of all other signals, the flexible regression has far more.
+PLAIN_SIGNALS = {"offset": 1, "time": 2}
+_TURN = (
+    0.02  # of the usual speed, over which a direction turns: well below it, and above the noise of a speed
+)
+
+
+def left_by_plain_signals(start: Standing) -> list[tuple[int, float]]:
+    """Parameters of each plain law of one signal, and the energy in held-out runs that it leaves.
+
+    Args:
+        start: the model that it is beside.
+    """
+    left = start.trial.held_out
+    return [(count, (1.0 - start.flexible.by_signal[name]) * left) for name, count in PLAIN_SIGNALS.items()]
+
+
+def left_by_one_term(start: Standing) -> float:
+    """Energy in held-out runs that the best law of one term leaves: a constant, a power or the direction.
+
+    Args:
+        start: the model that it is beside.
+    """
+    bench, trial = start.plain, start.trial
+    terms = _terms(start)
+    left = (bench.fit(np.column_stack([trial.columns, term]), trial.target) for term in terms)
+    return min(float(scores.held_out.sum()) for scores in left)
+
+
+def _terms(start: Standing) -> tuple[FloatArray, ...]:
+    """Columns (m,) on blocks."""
+    bench, data = start.plain, start.data
+    x, v = (bench.frame.reduce(np.where(data.engaged, s, 0.0)) for s in (data.position, data.velocity))
+    turn = np.tanh(v / (_TURN * float(np.sqrt(np.mean(v**2))) or 1.0))
+    return np.ones(len(x)), x, x**2, x**3, x**5, v, v * np.abs(v), v**3, turn
