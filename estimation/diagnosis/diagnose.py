@@ -79,7 +79,9 @@ def diagnose_channel(
     if objection:
         chain = replace(chain, is_complete=False, dominant=None)
     reason = _too_coarse(search, chain)
-    return insufficient(data, reason) if reason else answer(search, chain, objection)
+    if reason is None:
+        return answer(search, chain, objection)
+    return insufficient(data, f"{reason}; besides, {objection.reason}" if objection else reason)
 
 
 def _too_coarse(search: Search, chain: Chain) -> str | None:
