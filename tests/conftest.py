@@ -2,11 +2,16 @@
 
 import os
 import signal
+import sys
 
 from hypothesis import settings
 
 # As in palpate itself: matrices are small here, and shared out over threads they cost several times as much.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Tests start hundreds of processes. Where a machine keeps no compiled modules, each would compile ours anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # A busy machine is no failure; the same examples everywhere, so that a red test stays red until it is mended.
 settings.register_profile("palpate", deadline=None, derandomize=True)

@@ -122,24 +122,23 @@ def test_data_that_cannot_say_gets_the_reason(tmp_path):
     assert "single run" in result.stdout
 
 
-def test_a_column_that_nothing_was_made_of_is_pointed_out_and_found_guilty(tmp_path):
-    speeds_m_s = (0.02, 0.04, 0.08, 0.03, 0.05, 0.06)
-    plain = write_presses(tmp_path / "plain.csv", cubic=0, speeds_m_s=speeds_m_s)
-    rows = np.loadtxt(plain, delimiter=",", skiprows=1)
-    warmth = np.array([21.0, 29.0, 23.0, 27.0, 25.0, 22.0])[rows[:, 3].astype(int)]
-    rows[:, 2] *= 1 - 0.02 * (warmth - 25)
-    warm = tmp_path / "warm.csv"
-    np.savetxt(
-        warm,
-        np.column_stack([rows, warmth]),
-        delimiter=",",
-        header="time_s,displacement_m,force_N,run,warmth",
-        comments="",
-    )
-    result = run("diagnose", warm)
-    assert result.stdout.startswith("UNEXPLAINED  contact")
-    assert "warm.csv --context warmth" in result.stderr
+def rewritten(path, name, values, change):
+    """The file with one more column, a number for each run, and with rows changed by that."""
+    rows, header = np.loadtxt(path, delimiter=",", skiprows=1), path.read_text().split("\n", 1)[0]
+    each = np.array(values)[rows[:, 3].astype(int)]
+    change(rows, each)
+    np.savetxt(path, np.column_stack([rows, each]), delimiter=",", header=f"{header},{name}", comments="")
+    return path
+
+
+def test_a_column_that_the_error_depends_on_is_found_guilty(tmp_path):
+    def soften(rows, warmth):
+        rows[:, 2] *= 1 - 0.02 * (warmth - 25)
+
+    plain = write_presses(tmp_path / "warm.csv", cubic=0, speeds_m_s=(0.02, 0.04, 0.08, 0.03, 0.05, 0.06))
+    warm = rewritten(plain, "warmth", [21.0, 29.0, 23.0, 27.0, 25.0, 22.0], soften)
     blamed = run("diagnose", warm, "--context", "warmth")
+    assert blamed.stdout.startswith("UNEXPLAINED  contact")
     assert "it depends on warmth" in " ".join(blamed.stdout.split())
 
 
@@ -349,16 +348,21 @@ def test_a_verdict_of_something_unknown_says_what_it_depends_on_and_what_was_fou
 
 
 def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):
-    """Another specimen, with a scale of its own: the reason is the runs, and no user would guess it."""
-    specimen = write_presses(tmp_path / "two.csv", cubic=0.0)
-    rows = np.loadtxt(specimen, delimiter=",", skiprows=1)
-    rows[rows[:, 3] == rows[-1, 3], 2] *= 3.0
-    header = specimen.read_text().split("\n", 1)[0]
-    np.savetxt(specimen, rows, delimiter=",", header=header, comments="")
+    """Another specimen, with a scale of its own: the reason is the runs, and no user would guess it.
+
+    A column that nothing was made of is pointed out: it might be the reason.
+    """
+
+    def stiffen_the_last(rows, _):
+        rows[rows[:, 3] == rows[-1, 3], 2] *= 3.0
+
+    presses = write_presses(tmp_path / "two.csv", cubic=0.0)
+    specimen = rewritten(presses, "warmth", [21.0, 29.0, 23.0, 27.0], stiffen_the_last)
     result = run("diagnose", specimen, "--out", tmp_path / "out")
     assert result.stdout.startswith("UNEXPLAINED  contact")
     assert "Why: the runs do not follow one law" in " ".join(result.stdout.split())
     assert "Why: the runs do not follow one law" in (tmp_path / "out" / "report.html").read_text()
+    assert "two.csv --context warmth" in result.stderr
 
 
 def test_a_probing_session_is_judged_at_its_contact_unless_joints_are_asked_for(probed):
