@@ -14,7 +14,7 @@ def blocks(number: IntArray) -> Iterator[slice]:
     Args:
         number: of the run or piece that each sample belongs to, shape (n,).
     """
-    borders = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(number)]
+    borders = [0, *(np.flatnonzero(number[1:] != number[:-1]) + 1).tolist(), len(number)]
     for start, stop in pairwise(borders):
         if stop > start:
             yield slice(start, stop)
@@ -22,7 +22,8 @@ def blocks(number: IntArray) -> Iterator[slice]:
 
 def places(number: IntArray) -> tuple[IntArray, IntArray]:
     """First row of each stretch of equal numbers, and to which stretch each row belongs, shape (n,)."""
-    changes = np.append(True, np.diff(number) != 0)[: len(number)]
+    changes = np.ones(len(number), dtype=np.bool_)
+    np.not_equal(number[1:], number[:-1], out=changes[1:])
     return np.flatnonzero(changes), np.cumsum(changes) - 1
 
 
