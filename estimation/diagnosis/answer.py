@@ -53,7 +53,8 @@ def answer(search: Search, chain: Chain, objection: Objection | None) -> Channel
     named = chain.named
     standing = named[-1].standing if named else chain.start
     accepted, suspects = _accepted(search, chain, named), _suspects(search, chain)
-    signals = _signals(chain, objection)
+    left = _signals(chain, objection)
+    signals = left or ([] if chain.is_complete or named else depends_on(chain.start))
     verdict = _verdict(chain)
     floor = noise_floor(chain.end, chain.floor)
     known = objection.floor if objection else np.inf if chain.is_complete else quiet_floor(chain.end)
@@ -61,7 +62,7 @@ def answer(search: Search, chain: Chain, objection: Objection | None) -> Channel
     return ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
-        reason=objection.reason if objection else _reason(verdict, chain, signals, accepted, suspects),
+        reason=objection.reason if objection else _reason(verdict, chain, left, accepted, suspects),
         effort_unit=search.data.kind.effort_unit,
         noise_floor=floor.value,
         floor=Floor(**asdict(floor)),
@@ -82,7 +83,7 @@ def fitted(standing: Standing, *, complete: bool) -> Fitted:
 
 
 def _signals(chain: Chain, objection: Objection | None) -> list[str]:
-    """What the error depends on that nothing named explains."""
+    """What the error depends on that nothing named or suspected explains."""
     if chain.is_complete:
         return []
     if objection:

@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from estimation.diagnosis.bench.inner_search import look, refine
 from estimation.diagnosis.bench.standing import Standing
+from estimation.effects.contact_offset import ContactOffset
 from robot_io.types import FloatArray
 
 # Signals of which any smooth law is plain, with the number of its parameters: a constant, and a trend in time
@@ -33,6 +35,22 @@ def left_by_one_term(start: Standing) -> float:
     terms = _terms(start)
     left = (bench.fit(np.column_stack([trial.columns, term]), trial.target) for term in terms)
     return min(float(scores.held_out.sum()) for scores in left)
+
+
+def left_by_another_surface(start: Standing) -> float:
+    """Energy in held-out runs that is left if the surface lies where the model does best.
+
+    Where it lies is to be found in every contact, whatever else is missing.
+
+    Args:
+        start: the model that it is beside.
+    """
+    offset, trial = ContactOffset(), start.trial
+    if not offset.applies_to(start.data) or offset.name in {effect.name for effect in trial.model.effects}:
+        return trial.held_out
+    model = trial.model.with_effect(offset)
+    looked = look(start.plain, model, offset, trial.parameters, offset.starts(start.data))
+    return float(refine(start.plain, model, offset, looked).held_out.sum())
 
 
 def _terms(start: Standing) -> tuple[FloatArray, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimation.channel import ChannelKind
 from estimation.diagnosis.bench.flexible import signals_of
-from estimation.diagnosis.bench.plain_laws import left_by_one_term
+from estimation.diagnosis.bench.plain_laws import left_by_another_surface, left_by_one_term
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.search.candidate import Candidate, close_to_best
 from estimation.diagnosis.search.confusion import contains
@@ -50,8 +50,9 @@ def is_dominant(
     others = [c for c in others if not contains(c, chosen) and not contains(chosen, c)]
     if any(c.held_out - floor < MARGIN * (left - floor) for c in others):
         return False
-    # an effect that is not in the library may be as plain as a constant or a power
-    if left_by_one_term(before) - floor < (left - floor) / MARGIN:
+    # an effect that is not in the library may be as plain as a constant or a power, or it is the surface
+    plain = min(left_by_one_term(before), left_by_another_surface(before))
+    if plain - floor < (left - floor) / MARGIN:
         return False
     return misshapen(before, after) <= MISSHAPEN
 

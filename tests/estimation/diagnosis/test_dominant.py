@@ -73,3 +73,12 @@ def test_every_step_of_a_chain_was_weighed():
         assert 0.0 < step.evidence.broad_gain <= 1.0
     errors = [chain.start.rmse, *(step.standing.rmse for step in chain.steps)]
     assert errors == sorted(errors, reverse=True)
+
+
+def test_a_surface_that_lies_deeper_is_no_dent_though_one_draws_it_in_all_runs_but_the_first():
+    data = session(57, lambda t, x, v, run: kelvin_voigt(x - 0.0006, v))
+    found = diagnose(data, MODEL, [EFFECTS["plastic_set"]()], rng=np.random.default_rng(1)).channels[0]
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert found.accepted == []
+    # no single signal tells what the dent would leave, but what the model leaves without it
+    assert {"position", "effort"} & set(found.depends_on)
