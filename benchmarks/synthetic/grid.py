@@ -57,6 +57,7 @@ class Outcome:
     found: ChannelDiagnosis
     seconds: float
     truth: dict[str, float]
+    floor: float
 
 
 def run(job: Job) -> Outcome | None:
@@ -68,7 +69,7 @@ def run(job: Job) -> Outcome | None:
     model = MODELS[BASE[job.scene.kind]]().build(ModelContext())
     effects = [effect for effect in library() if effect.name not in job.without]
     found = diagnose(made.data, model, effects, rng=np.random.default_rng(job.scene.seed)).channels[0]
-    return Outcome(job, found, time.process_time() - started, made.truth)
+    return Outcome(job, found, time.process_time() - started, made.truth, made.floor)
 
 
 @dataclass(frozen=True)

@@ -41,12 +41,15 @@ class Made:
         sizes: of the hidden effects, that gave the strengths.
         clean: effort without noise, shape (n,).
         truth: the base model's own parameters.
+        floor: error that the true law leaves: the noise, and in a joint what the error of its motion makes of
+            it (dry friction turns round where the derived velocity does, a millisecond early or late).
     """
 
     data: ChannelData
     sizes: dict[str, float]
     clean: np.ndarray
     truth: dict[str, float]
+    floor: float
 
 
 def names(kind: ChannelKind) -> tuple[str, ...]:
@@ -63,12 +66,12 @@ def make(scene: Scene) -> Made | None:
     shape = {name: float(rng.uniform()) for name in names(scene.kind)}
     base = _columns(motion, touching)
 
-    def effort(sizes: Mapping[str, float], alone: bool = True) -> np.ndarray:
-        clean = contact.force(motion, k, c, sizes, shape) if touching else joint.torque(motion, sizes, shape)
+    def effort(sizes: Mapping[str, float], alone: bool = True, by: Motion = motion) -> np.ndarray:
+        clean = contact.force(by, k, c, sizes, shape) if touching else joint.torque(by, sizes, shape)
         scale = float(np.sqrt(np.mean(clean**2)))
         for name in sizes:
             if name in FAULTS and (name != "quantisation" or alone):
-                clean = FAULTS[name](clean, motion, sizes[name], scale, shape[name])
+                clean = FAULTS[name](clean, by, sizes[name], scale, shape[name])
         return clean
 
     plain, sizes = effort({}), {}
@@ -87,7 +90,11 @@ def make(scene: Scene) -> Made | None:
         truth = {"stiffness.k": k, "damping.c": c}
     if "hunt_crossley" in sizes:
         truth = {}  # it takes the place of spring and damper
-    return Made(_channel(scene, motion, clean, sizes, rng), sizes, clean, truth)
+    data, floor = _channel(scene, motion, clean, sizes, rng), FLOOR[scene.kind]
+    if not touching:
+        seen = Motion(data.time_s, data.position, data.velocity, data.acceleration, data.run)
+        floor = float(np.sqrt(np.mean((data.effort - effort(sizes, by=seen)) ** 2)))
+    return Made(data, sizes, clean, truth, floor)
 
 
 def _columns(motion: Motion, touching: bool) -> np.ndarray:

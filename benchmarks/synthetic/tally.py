@@ -115,14 +115,15 @@ def report_one(outcomes: Sequence[Outcome]) -> None:
 
 
 def report_floors(outcomes: Sequence[Outcome]) -> None:
-    """How near the final error of a solved scene is to the noise that was put in."""
+    """How near the final error of a solved scene is to what the true law leaves, and to the noise put in."""
     solved = [o for o in outcomes if [e.effect for e in o.found.accepted] == list(o.job.scene.hidden)]
-    floors = [
-        o.found.final.rmse / FLOOR[o.job.scene.kind] < 1.05
-        for o in solved
-        if o.found.final is not None and "quantisation" not in o.job.scene.hidden
-    ]
-    print(f"final error within 5 % of the true floor: {share(floors)}")
+    smooth = [o for o in solved if o.found.final and "quantisation" not in o.job.scene.hidden]
+    for title, floor in (
+        ("what the true law leaves on the measured motion", lambda o: o.floor),
+        ("the noise", lambda o: FLOOR[o.job.scene.kind]),
+    ):
+        near = [o.found.final.rmse / floor(o) < 1.05 for o in smooth if o.found.final is not None]
+        print(f"final error within 5 % of {title}: {share(near)}")
 
 
 def removal(title: str, outcomes: Sequence[Outcome]) -> None:
