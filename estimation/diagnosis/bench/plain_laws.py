@@ -31,10 +31,10 @@ def left_by_one_term(start: Standing) -> float:
     Args:
         start: the model that it is beside.
     """
-    bench, trial = start.plain, start.trial
-    terms = _terms(start)
-    left = (bench.fit(np.column_stack([trial.columns, term]), trial.target) for term in terms)
-    return min(float(scores.held_out.sum()) for scores in left)
+    x, v = motion(start)
+    turn = np.tanh(v / (_TURN * float(np.sqrt(np.mean(v**2))) or 1.0))
+    terms = (np.ones(len(x)), x, x**2, x**3, x**5, v, v * np.abs(v), v**3, turn)
+    return min(left_with(start, term) for term in terms)
 
 
 def left_by_another_surface(start: Standing) -> float:
@@ -53,9 +53,14 @@ def left_by_another_surface(start: Standing) -> float:
     return float(refine(start.plain, model, offset, looked).held_out.sum())
 
 
-def _terms(start: Standing) -> tuple[FloatArray, ...]:
-    """Columns (m,) on blocks."""
-    bench, data = start.plain, start.data
-    x, v = (bench.frame.reduce(np.where(data.engaged, s, 0.0)) for s in (data.position, data.velocity))
-    turn = np.tanh(v / (_TURN * float(np.sqrt(np.mean(v**2))) or 1.0))
-    return np.ones(len(x)), x, x**2, x**3, x**5, v, v * np.abs(v), v**3, turn
+def motion(standing: Standing) -> tuple[FloatArray, FloatArray]:
+    """Position and velocity where they act, on blocks (m,)."""
+    data, mean = standing.data, standing.plain.frame.reduce
+    x, v = (mean(np.where(data.engaged, signal, 0.0)) for signal in (data.position, data.velocity))
+    return x, v
+
+
+def left_with(standing: Standing, terms: FloatArray) -> float:
+    """Energy in held-out runs with more columns (m,) or (m, k) beside the model."""
+    columns = np.column_stack([standing.trial.columns, terms])
+    return float(standing.plain.fit(columns, standing.trial.target).held_out.sum())

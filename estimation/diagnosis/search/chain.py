@@ -8,6 +8,7 @@ from estimation.diagnosis.search.candidate import TIE, TRIES, Candidate, choose,
 from estimation.diagnosis.search.credible import is_misnamed
 from estimation.diagnosis.search.dominant import is_dominant, simplest
 from estimation.diagnosis.search.evidence import Evidence, evidence, hopeless, is_slight
+from estimation.diagnosis.search.nameless import is_outdone
 from estimation.diagnosis.search.possible import LEAST_GAIN, is_possible
 from estimation.diagnosis.search.search import Search
 from estimation.diagnosis.search.step import Step, confirmed
@@ -77,10 +78,16 @@ def build(search: Search) -> Chain:
     if not search.is_explained(steps[-1].standing if steps else start) or _size(search, steps) > MODEST:
         steps = _better(search, steps, pair(search))
     end = steps[-1].standing if steps else start
-    complete = search.is_explained(end)
+    complete = search.is_explained(end) and not any(_is_outdone(search, end, step.effect) for step in steps)
     doubted = not complete and search.leaves_noise(end)
     chain = Chain(start, steps, ranking, refused, search.floor, complete, doubted=doubted)
     return chain if complete or not steps else replace(chain, dominant=_dominant(search, chain))
+
+
+def _is_outdone(search: Search, end: Standing, name: str) -> bool:
+    """Whether a law that nobody has named serves better in the place of one effect, the others kept."""
+    without = search.without(end, name)
+    return is_outdone(without, end, search.tried(without))
 
 
 def _settled(search: Search, steps: tuple[Step, ...]) -> tuple[Step, ...]:
@@ -117,6 +124,8 @@ def _dominant(search: Search, chain: Chain) -> Step | None:
         if not is_possible(candidate.effect, after.trial, after.plain):
             continue
         if is_misnamed(candidate.effect, after.trial, after.plain):
+            continue
+        if is_outdone(start, after, search.tried(start)):
             continue
         if is_dominant(start, after, candidate, search.tried(start), chain.floor):
             named = simplest(candidate, found, start)

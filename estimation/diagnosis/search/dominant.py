@@ -16,10 +16,14 @@ from estimation.diagnosis.bench.plain_laws import left_by_another_surface, left_
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.search.candidate import Candidate, close_to_best
 from estimation.diagnosis.search.confusion import contains
+from estimation.diagnosis.search.nameless import other_reader
 from robot_io.types import FloatArray
 
 SHARE = 0.9  # of the explainable energy, that an effect has to take away
 MARGIN = 3.0  # times as much as the effect has to be left by any other
+MOST = (
+    0.5  # of what a reader leaves; if one that rounds otherwise leaves less, that is most of what was missing
+)
 MISSHAPEN = 0.015  # of the energy that an effect takes away, that its own signals may still explain
 _OWN = (
     0.9  # of the energy of an effect's contribution, that a signal of its own can draw, relative to the best
@@ -53,6 +57,8 @@ def is_dominant(
     # an effect that is not in the library may be as plain as a constant or a power, or it is the surface
     plain = min(left_by_one_term(before), left_by_another_surface(before))
     if plain - floor < (left - floor) / MARGIN:
+        return False
+    if other_reader(after, chosen.effect) - floor < MOST * (left - floor):
         return False
     return misshapen(before, after) <= MISSHAPEN
 
