@@ -16,28 +16,32 @@ _REACH_S = 0.03  # to either side, that positions are compared over: noise of an
 _LEAST = 3  # samples
 
 
-def doubted(data: ChannelData) -> ChannelData:
+def doubted(data: ChannelData, reach_s: float = _REACH_S) -> ChannelData:
     """The channel with the acceleration that its positions speak for, on the average over a reach.
 
     What is missing in the acceleration is the second difference of the positions less those that it
     integrates to; over uneven times too. Ends of runs are left as they are.
+
+    Args:
+        data: the channel.
+        reach_s: time to either side [s] that positions are compared over.
     """
     missing = np.zeros(len(data))
     for rows in blocks(data.run):
         missing[rows] = _missing(
-            data.time_s[rows], data.position[rows], data.velocity[rows], data.acceleration[rows]
+            data.time_s[rows], data.position[rows], data.velocity[rows], data.acceleration[rows], reach_s
         )
     still = np.zeros(len(data))
     return moved(data, still, still, missing)
 
 
-def _missing(time_s: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+def _missing(time_s: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray, reach_s: float) -> FloatArray:
     """Second difference of positions (n,) less those that an acceleration (n,) leads along."""
     missing = np.zeros(len(x))
     if len(x) < 2:
         return missing
     steps = np.diff(time_s)
-    reach = max(int(_REACH_S / max(float(np.median(steps)), 1e-9) + 0.5), _LEAST)
+    reach = max(int(reach_s / max(float(np.median(steps)), 1e-9) + 0.5), _LEAST)
     if len(x) <= 2 * reach:
         return missing
     off = x - x[0] - _integral(v[0] + _integral(a, steps), steps)

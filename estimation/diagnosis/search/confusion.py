@@ -1,9 +1,11 @@
 """Which effects the data cannot tell apart."""
 
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
+from estimation.diagnosis.bench.held_out import held_out_blocks
 from estimation.diagnosis.bench.standing import Fit
 from estimation.diagnosis.bench.trial import Trial
 from estimation.diagnosis.search.candidate import TIE, Candidate
@@ -54,23 +56,22 @@ def is_as_small(ours: FloatArray, theirs: FloatArray, run: IntArray) -> bool:
     return float(apart.sum()) <= CLEARLY * float(np.sqrt(scatter))
 
 
-def _held_out(fit: Fit) -> FloatArray:
-    """Residual (m,) of each block by the gains fitted to the other folds."""
-    trial = fit.trial
-    gains = trial.scores.fold_gains[fit.plain.frame.fold]
-    left: FloatArray = trial.target - np.einsum("mq,mq->m", trial.columns, gains)
-    return left
-
-
 def rivals(
-    found: Sequence[Candidate], name: str, base: Fit, step_s: float, together: Callable[[Candidate], Fit]
+    found: Sequence[Candidate],
+    name: str,
+    base: Fit,
+    step_s: float,
+    *,
+    together: Callable[[Candidate], Fit],
+    by_positions: Callable[[Candidate], Sequence[Fit]],
 ) -> list[str]:
     """Effects that would have done as well as the one called `name`, best first.
 
     As well means that they explain the same beside the model, with an error in held-out runs that is as
     small, or larger by no more than chance may make it; of two times shorter than a few samples (a delay, a
-    lag), errors do not tell which it is. An effect that merely contains this one (a law with one more term)
-    is no rival: the data say that the term is zero.
+    lag), errors do not tell which it is. A derived acceleration is smoothed, which favours what smooths less:
+    each may have that which suits it best of those that positions speak for. An effect that merely contains
+    this one (a law with one more term) is no rival: the data say that the term is zero.
 
     Args:
         found: all candidates that were tried beside one model.
@@ -79,6 +80,7 @@ def rivals(
         step_s: time between samples [s].
         together: fits all parameters together with a candidate's: beside the others as they were, one that
             needs them a little different looks far worse than it is.
+        by_positions: the same with the accelerations that positions speak for, if any.
     """
     taken = next(c for c in found if c.effect.name == name)
     best, shortest = taken.search.best, SHORT * step_s
@@ -90,16 +92,28 @@ def rivals(
     if not alike:
         return []
     ours = together(taken)
+    ours_by_positions = cache(lambda: by_positions(taken))
 
     def as_good(candidate: Candidate) -> bool:
         if _is_time(candidate, shortest) and _is_time(taken, shortest):
             return True
         theirs = together(candidate)
-        both = ours.plain.kept & theirs.plain.kept  # where the contact begins may differ
-        first, second = (_held_out(fit)[both] ** 2 for fit in (ours, theirs))
-        return is_as_small(first, second, ours.plain.frame.run[both])
+        if _is_as_good(ours, theirs):
+            return True
+        others = by_positions(candidate)
+        return bool(others) and _is_as_good(_least([ours, *ours_by_positions()]), _least([theirs, *others]))
 
     return [c.effect.name for c in alike if as_good(c)]
+
+
+def _least(fits: Sequence[Fit]) -> Fit:
+    return min(fits, key=lambda fit: fit.trial.held_out)
+
+
+def _is_as_good(ours: Fit, theirs: Fit) -> bool:
+    both = ours.plain.kept & theirs.plain.kept  # where the contact begins may differ
+    first, second = (held_out_blocks(fit.plain.frame, fit.trial)[both] ** 2 for fit in (ours, theirs))
+    return is_as_small(first, second, ours.plain.frame.run[both])
 
 
 def _is_time(candidate: Candidate, below_s: float) -> bool:

@@ -22,7 +22,8 @@ def in_place_of(search: Search, chain: Chain, named: Sequence[Step], name: str) 
     if name not in [candidate.effect.name for candidate in found]:
         return alone
     step_s = sample_time(search.data.time_s, search.data.run)
-    return list(dict.fromkeys([*rivals(found, name, without, step_s, search.together), *alone]))
+    as_good = rivals(found, name, without, step_s, together=search.together, by_positions=search.by_positions)
+    return list(dict.fromkeys([*as_good, *alone]))
 
 
 def _in_place_of_all(search: Search, chain: Chain, named: Sequence[Step]) -> list[str]:

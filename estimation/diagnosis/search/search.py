@@ -5,12 +5,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimation.channel import ChannelData
+from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.bench.inner_search import look, refine
 from estimation.diagnosis.bench.memory import Memory
 from estimation.diagnosis.bench.standing import Fit, Standing, fit, stand
 from estimation.diagnosis.bench.unexplained import is_explained
 from estimation.diagnosis.each import Each, one_by_one
+from estimation.diagnosis.judgement.doubt import doubted
 from estimation.diagnosis.search.candidate import Candidate
 from estimation.diagnosis.search.credible import is_credible
 from estimation.diagnosis.search.library import candidates
@@ -20,6 +21,7 @@ from estimation.model import Model
 from robot_io.types import BoolArray
 
 BETTER = 0.98  # of the energy left before, that another place to start from must promise
+REACHES_S = (0.01, 0.03)  # over which positions are asked for an acceleration: where they are exact, or not
 Progress = Callable[[str, float], None]
 _Key = tuple[frozenset[str], tuple[str, ...]]
 
@@ -106,6 +108,14 @@ class Search:
         if known is not None and best.sse >= BETTER * known.trial.sse:
             return known
         return fit(self.data, best.model, best.parameters, self.good, self._memory)
+
+    def by_positions(self, candidate: Candidate) -> list[Fit]:
+        """See `together`, with the accelerations that a joint's positions speak for; none for a contact."""
+        if self.data.kind is ChannelKind.CONTACT:
+            return []
+        known = self.together(candidate).trial
+        told = [doubted(self.data, reach_s) for reach_s in REACHES_S]
+        return [fit(data, known.model, known.parameters, self.good) for data in told]
 
     def stand_anew(self, model: Model, parameters: Mapping[str, float]) -> Standing:
         """A model, fitted from these parameters on whatever is known, and remembered if that is better."""
