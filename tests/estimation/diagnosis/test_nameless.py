@@ -66,7 +66,8 @@ def test_a_spring_that_is_barely_seen_is_not_called_by_anothers_name(right):
 def test_what_is_left_slowly_is_no_noise_of_an_acceleration():
     def left(slowly):
         return SimpleNamespace(
-            data=SimpleNamespace(kind=ChannelKind.REVOLUTE),
+            data=SimpleNamespace(kind=ChannelKind.REVOLUTE, effort=np.ones(3)),
+            rmse=0.1,
             left_of_blocks=lambda energy: 0.2,
             left_of_samples=lambda energy: 0.03,
             left_of_means=lambda over_s: slowly,
