@@ -11,6 +11,7 @@ from estimation.diagnosis.search.library import library
 from estimation.diagnosis.search.search import Search
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
+from estimation.signals.runwise import low_pass
 from tests.estimation.diagnosis.presses import kelvin_voigt, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
@@ -82,3 +83,13 @@ def test_a_surface_that_lies_deeper_is_no_dent_though_one_draws_it_in_all_runs_b
     assert found.accepted == []
     # no single signal tells what the dent would leave, but what the model leaves without it
     assert {"position", "effort"} & set(found.depends_on)
+
+
+def test_a_sensor_that_follows_slowly_is_no_relaxation_that_pushes_back():
+    # a spring and a damper seen late are a spring beside a negative spring that relaxes, while they press
+    data = session(55, lambda t, x, v, run: low_pass(kelvin_voigt(x, v), t, run, 0.028))
+    tried = [EFFECTS[name]() for name in ("stress_relaxation", "delay")]
+    found = diagnose(data, MODEL, tried, rng=np.random.default_rng(1)).channels[0]
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert found.accepted == []
+    assert "past motion" in found.depends_on
