@@ -8,8 +8,10 @@ from estimation.model import Model
 
 LOAD = "load"
 LUMPED = "lumped_inertia_effort"  # part of the load, of which the drive's rotor may take some before the gear
+# Effects in which weight acts, and all whose effort is a load;
 # not the armature: what accelerates a rotor does not pass through the gear
-CARRYING = frozenset({"inertia", "pendulum", "rigid_body", "rigid_body_fitted", "payload", "gravity_tilt"})
+HEAVY = frozenset({"pendulum", "rigid_body", "rigid_body_fitted", "payload", "gravity_tilt", "weight"})
+CARRYING = HEAVY | {"inertia"}
 _LUMPED = {"inertia": "m", "pendulum": "inertia"}  # the gain in which link and rotor are one
 
 

@@ -3,14 +3,13 @@
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.bench.load import CARRYING
+from estimation.diagnosis.bench.load import HEAVY
 from estimation.model import Model
 from robot_io.types import FloatArray
 
 _SEVERAL = 2.0  # turns: with fewer, a spring and a weight may be told from each other by their shape alone
 _SLOWLY = 0.1  # of the effort's variance, a third of its amplitude, that goes with the angle beyond its sine
 _AS_WELL, _CLEARLY = 1.1, 1.5  # times the energy left: of a law of as many parameters, and of another law
-_HEAVY = frozenset(CARRYING - {"inertia", "armature"})  # effects in which weight goes round with the angle
 
 
 def strange_turns(data: ChannelData, model: Model | None) -> str | None:
@@ -34,7 +33,7 @@ def strange_turns(data: ChannelData, model: Model | None) -> str | None:
     motion = [np.ones(len(data)), since_s, data.velocity, np.sign(data.velocity)]
     if not _goes_slowly(data, motion):
         return None
-    if not any(effect.name in _HEAVY for effect in model.effects) and not _bends_in_degrees(data, motion):
+    if not any(effect.name in HEAVY for effect in model.effects) and not _bends_in_degrees(data, motion):
         return None
     return (
         f"the joint turns {turns:.0f} times, and its effort does not come back with each turn as weight "

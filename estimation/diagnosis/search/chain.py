@@ -1,5 +1,6 @@
 """Adds one effect after the other, and looks back at each step whether another would serve better."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from estimation.diagnosis.bench.exact import is_exact
@@ -75,6 +76,8 @@ def build(search: Search) -> Chain:
         if step is None:
             break
         steps = _settled(search, _reconsider(search, (*steps, step)))
+    if len(steps) > 1 or not search.is_explained(steps[-1].standing if steps else start):
+        steps = _better(search, steps, _alone(search, ranking))
     if not search.is_explained(steps[-1].standing if steps else start) or _size(search, steps) > MODEST:
         steps = _better(search, steps, pair(search))
     end = steps[-1].standing if steps else start
@@ -102,12 +105,22 @@ def _settled(search: Search, steps: tuple[Step, ...]) -> tuple[Step, ...]:
     return steps
 
 
-def _better(search: Search, steps: tuple[Step, ...], two: tuple[Step, ...] | None) -> tuple[Step, ...]:
-    """Two effects instead of the steps, if these do not explain all, or need more parameters for it."""
-    if two is None or not steps or not search.is_explained(steps[-1].standing):
-        return two or steps
-    as_good = two[-1].standing.trial.held_out < (1.0 + TIE) * steps[-1].standing.trial.held_out
-    return two if as_good and _size(search, two) < _size(search, steps) else steps
+def _alone(search: Search, found: Sequence[Candidate]) -> tuple[Step, ...] | None:
+    """The one effect that explains all, where a simpler one that draws most of it led astray."""
+    for candidate in close_to_best(search.start, found) if found else ():
+        after = search.with_candidate(candidate)
+        steps = confirmed(search, after, [candidate.effect.name]) if search.is_explained(after) else None
+        if steps:
+            return steps
+    return None
+
+
+def _better(search: Search, steps: tuple[Step, ...], other: tuple[Step, ...] | None) -> tuple[Step, ...]:
+    """Others that explain all instead of the steps, if these do not, or need more parameters for it."""
+    if other is None or not steps or not search.is_explained(steps[-1].standing):
+        return other or steps
+    as_good = other[-1].standing.trial.held_out < (1.0 + TIE) * steps[-1].standing.trial.held_out
+    return other if as_good and _size(search, other) < _size(search, steps) else steps
 
 
 def _size(search: Search, steps: tuple[Step, ...]) -> int:

@@ -124,9 +124,14 @@ def _is_time(candidate: Candidate, below_s: float) -> bool:
     return abs(fitted[f"{effect.name}.{effect.inner[0].name}"]) < below_s
 
 
+def _parameters(candidate: Candidate) -> int:
+    """All of them: those without which it would be another effect, and the others that it is fitted with."""
+    return len(candidate.effect.inner) + len(candidate.effect.gains)
+
+
 def contains(rival: Candidate, taken: Candidate) -> bool:
     """Whether the rival has more parameters and can draw what the taken one draws."""
-    if rival.size <= taken.size:
+    if _parameters(rival) <= _parameters(taken):
         return False
     added = contribution(taken.search.best, taken.effect.name)
     energy = float(added @ added)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.diagnosis.bench.load import HEAVY
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
 from estimation.model import Model
@@ -24,5 +25,6 @@ def library() -> tuple[Effect, ...]:
 def candidates(data: ChannelData, model: Model, effects: Iterable[Effect]) -> tuple[Effect, ...]:
     """The effects that can be tried on this channel beside what the model has."""
     present = {effect.name for effect in model.effects}
-    skipped = _NOT_TRIED[data.kind] | _BASES | present
+    # a tilt turns a weight that is there; beside one, what else goes round with the angle is a tilt
+    skipped = _NOT_TRIED[data.kind] | _BASES | present | {"weight" if present & HEAVY else "gravity_tilt"}
     return tuple(e.suited_to(data) for e in effects if e.name not in skipped and e.applies_to(data))
