@@ -1,6 +1,6 @@
 """`palpate compare`: where does the model fail?"""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -29,29 +29,24 @@ from palpate.files import output_folder
 from palpate.findings.compared import Wanted, compare_wanted, of_revisions
 from palpate.findings.derived import derived_folder, folder_to_fill, kept_revisions
 from palpate.findings.effect_library import library_with
-from palpate.findings.estimation_run import Arm, load_material
+from palpate.findings.estimation_run import load_material
 from palpate.findings.kept_diagnosis import is_same, kept_diagnosis
-from palpate.findings.other_models import better_model
 from palpate.findings.revisions import KeptRevision
 from palpate.findings.story import tell_story
 from palpate.findings.subject import (
-    ALL_CHANNELS,
-    Subject,
-    channels_to_diagnose,
     model_names,
     only_channel,
     subjects_of,
 )
 from palpate.report.outcome import NAMES as OUTCOME
 from palpate.report.outcome import write_json, write_outcome
+from palpate.text.after_comparison import Ways, after_comparison
 from palpate.text.comparison import ALIKE, as_data, headline, parts_table
 from palpate.text.diagnosis import force_remark
 from palpate.words import safe, shown
 from robot_io.errors import InputError
 
 RESULT = "comparison.json"
-MISSING = "which effect is missing"
-FAR = 3.0  # times the noise floor
 
 
 def command(  # noqa: PLR0917, one parameter an option
@@ -128,20 +123,21 @@ def command(  # noqa: PLR0917, one parameter an option
         console.stderr().print(f"\nreport  [bold]{shown(written['report'])}[/bold]")
     if as_json:
         return
+    zoom = (f"{again} --out FOLDER", "a report to zoom into")
+    if numbers:
+        kept_too = f"palpate revisions {retyped(file, folder=folder, **data)}"
+        console.next_steps((kept_too, "all stages"), zoom)
+        return
     newest = [str(found.number) for one in wanted if (found := shelf.latest(one.subject.channel.name))]
-    steps = [(f"{again} --out FOLDER", "a report to zoom into")]
-    if not numbers:
-        all_that_was_added = {**grown, "revision": newest, "urdf": urdf, "tip-frame": tip_frame}
-        added = f"palpate compare {retyped(file, **all_that_was_added, **data)}"
-        typed = retyped(file, channel=channel, **judged_by, **data)
-        named = model is not None or urdf is not None
-        others = () if named else _other_models(compared, arm, retyped(file, channel=channel, **data))
-        missing = f"palpate diagnose {typed}{_where(subjects, compared, channel)}"
-        seen = [(added, "with what was added since")] if newest else []
-        steps = [*(seen or others), (missing, MISSING), *steps]
-    else:
-        steps = [(f"palpate revisions {retyped(file, folder=folder, **data)}", "all stages"), *steps]
-    console.next_steps(*steps)
+    since = {**grown, "revision": newest, "urdf": urdf, "tip-frame": tip_frame}
+    named = model is not None or urdf is not None
+    ways = Ways(
+        grown=f"palpate compare {retyped(file, **since, **data)}" if newest else None,
+        other=None if named else retyped(file, channel=channel, **data),
+        diagnose=retyped(file, channel=channel, **judged_by, **data),
+        channel=channel,
+    )
+    console.next_steps(*after_comparison(subjects, compared, arm, ways), zoom)
 
 
 def _refuse(model: str | None, channel: str | None) -> None:
@@ -174,17 +170,6 @@ def _compare(
     return compared, failures
 
 
-def _where(
-    subjects: tuple[Subject, ...], compared: Sequence[tuple[Wanted, Comparison]], channel: str | None
-) -> str:
-    """The option without which `diagnose` would not judge a channel that the model misses."""
-    judged = {subject.channel.name for subject in channels_to_diagnose(subjects, None)}
-    missed = [found.channel for _, found in compared if found.lack_of_fit >= ALIKE]
-    if channel is not None or judged.issuperset(missed):
-        return ""
-    return f" --channel {missed[0] if len(missed) == 1 else ALL_CHANNELS}"
-
-
 def _print(compared: Sequence[tuple[Wanted, Comparison]], failures: Mapping[str, str]) -> None:
     out = console.stdout()
     for number, (one, comparison) in enumerate(compared):
@@ -199,18 +184,6 @@ def _print(compared: Sequence[tuple[Wanted, Comparison]], failures: Mapping[str,
             out.print(parts_table(comparison))
     for reason in failures.values():
         out.print(f"[yellow]{safe(reason)}[/yellow]")
-
-
-def _other_models(
-    compared: Sequence[tuple[Wanted, Comparison]], arm: Arm, typed: str
-) -> Iterator[tuple[str, str]]:
-    """Commands with a base model that does far better, where the usual one misses by far."""
-    for one, comparison in compared:
-        far = comparison.lack_of_fit > FAR
-        better = better_model(one.subject, comparison.rmse, arm) if far else None
-        if better is not None:
-            left = f"{better[1]:.3g} {comparison.effort_unit}"
-            yield f"palpate compare {typed} --model {better[0]}", f"a base model that leaves {left}"
 
 
 def _other_then(revision: KeptRevision) -> str:

@@ -1,13 +1,13 @@
 """`palpate diagnose`: is anything missing in the model, and which physical effect is it?"""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from estimation.diagnosis import ChannelDiagnosis, Diagnosis, Verdict
+from estimation.diagnosis import Diagnosis, Verdict
 from estimation.diagnosis.common_cause import others_may_tell
 from estimation.diagnosis.judged import Judged
 from estimation.effect import Effect
@@ -41,29 +41,13 @@ from palpate.findings.story import Story, diagnosis_of, judge_subjects, tell_sto
 from palpate.findings.subject import ALL_CHANNELS, Subject, channels_to_diagnose, subjects_of
 from palpate.report.outcome import NAMES as OUTCOME
 from palpate.report.outcome import write_json, write_outcome
+from palpate.text.after_diagnosis import Ways, after_diagnosis
 from palpate.text.diagnosis import show
 from palpate.text.diagnosis_progress import diagnosis_progress
 from palpate.text.stages import print_files
-from palpate.words import as_shell_word
 from palpate.words import typed as path_typed
 
 PLAN = "next-experiment.yaml"
-MOST_ASKED = 3  # unused columns that are pointed out
-
-
-@dataclass(frozen=True)
-class Ways:
-    """What follows the name of each command that may be next: the file, with the options that it takes.
-
-    Attributes:
-        others: commands with another base model, where that does far better, each with what it does.
-    """
-
-    diagnose: str
-    add: str
-    compare: str
-    kept: str
-    others: tuple[tuple[str, str], ...] = ()
 
 
 def command(  # noqa: PLR0917, one parameter an option
@@ -134,9 +118,10 @@ def command(  # noqa: PLR0917, one parameter an option
     else:
         _print(diagnosis)
     afresh = not as_json and material.session is None and met_afresh(subjects, diagnosis)
+    ways = replace(ways, applied=apply, why_all=why_all, afresh=afresh)
     if folder is None:
         if not as_json:
-            _next(material, ways, diagnosis, None, applied=apply, why_all=why_all, afresh=afresh)
+            console.next_steps(*after_diagnosis(material, diagnosis, ways))
         return
     write_json(diagnosis.model_dump(mode="json"), folder / RESULT)
     plan = _write_plan(material, diagnosis, folder)
@@ -148,8 +133,8 @@ def command(  # noqa: PLR0917, one parameter an option
     if not as_json:
         console.stdout().print()
         print_files({"result": folder / RESULT, **written})
-        again = _again(material, plan)
-        _next(material, ways, diagnosis, again, applied=apply, why_all=why_all, afresh=afresh)
+        ways = replace(ways, again=_again(material, plan))
+        console.next_steps(*after_diagnosis(material, diagnosis, ways))
 
 
 def met_afresh(subjects: Sequence[Subject], diagnosis: Diagnosis) -> bool:
@@ -242,83 +227,3 @@ def _again(material: Material, plan: Path | None) -> str | None:
         return None
     world = same_world(material.session)
     return None if world is None else f"palpate probe --experiment {path_typed(plan)} {world}".strip()
-
-
-def _added(material: Material, typed: str, found: ChannelDiagnosis, effects: Iterable[str]) -> str:
-    """The command that adds effects to a channel, which it names if another could be meant."""
-    alone = len(material.channels) == 1 or found.channel == "contact"
-    channel = "" if alone else f" --channel {found.channel}"
-    return f"palpate add {typed} {' '.join(effects)}{channel}"
-
-
-def _suspected(material: Material, typed: str, diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """The commands that add what would help though it does not complete a model."""
-    return [
-        (
-            _added(material, typed, found, [suspect.effect for suspect in found.suspects]),
-            "see how far that takes the model",
-        )
-        for found in diagnosis.channels
-        if found.suspects
-    ]
-
-
-def _what_was_found(
-    material: Material, ways: Ways, diagnosis: Diagnosis, *, applied: bool
-) -> list[tuple[str, str]]:
-    """What to do with the effects that are missing; without any, with those that are suspected."""
-    missing = [found for found in diagnosis.channels if found.accepted]
-    if not missing:
-        return _suspected(material, ways.add, diagnosis)
-    if applied:
-        return [
-            (f"palpate export {ways.kept}", "the improved model as a simulated world"),
-            (f"palpate revisions {ways.kept}", "all stages, to go back to"),
-        ]
-    return [
-        (
-            _added(material, ways.add, found, [entry.effect for entry in found.accepted]),
-            "refit with it, and keep that as a revision",
-        )
-        for found in missing
-    ]
-
-
-def _next(
-    material: Material,
-    ways: Ways,
-    diagnosis: Diagnosis,
-    again: str | None,
-    *,
-    applied: bool,
-    why_all: str | None,
-    afresh: bool,
-) -> None:
-    steps = [*_what_was_found(material, ways, diagnosis, applied=applied), *ways.others]
-    if again is not None:
-        steps.append((again, "the experiment that would tell more"))
-    if afresh:
-        steps.append(
-            (
-                f"palpate diagnose {ways.diagnose} --fresh-runs",
-                "if each run met a fresh spot: that explains more",
-            )
-        )
-    if why_all:
-        steps.append((f"palpate diagnose {ways.add} --channel {ALL_CHANNELS}", why_all))
-    if any(found.verdict is Verdict.UNEXPLAINED for found in diagnosis.channels):
-        steps.extend(
-            (
-                f"palpate diagnose {ways.diagnose} --context {as_shell_word(name)}",
-                f"whether it depends on {name}",
-            )
-            for name in material.unused[:MOST_ASKED]
-        )
-        steps.append(
-            (
-                f"palpate diagnose {ways.diagnose} --effect my_effects.py:MyEffect",
-                "try a hypothesis of your own",
-            )
-        )
-    steps.append((f"palpate compare {ways.compare}", "where the model fails"))
-    console.next_steps(*steps)
