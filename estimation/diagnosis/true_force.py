@@ -22,7 +22,9 @@ from robot_io.types import FloatArray
 
 _FORCE = "contact_force"
 _OF_THE_ZERO = {"bias", "drift"}
-_BETTER, _NO_WORSE = 0.9, 1.02  # times a joint's error by the force as it was measured
+# Times a joint's error by the force as the sensor reads it: a fault worth believing takes a fifth off the
+# squared error, and what differs by less than a tie of candidates is no worse.
+_BETTER, _NO_WORSE = 0.9, 1.02
 
 
 def with_true_force(joint: ChannelData, contacts: Sequence[Judged], effects: Sequence[Effect]) -> ChannelData:
@@ -40,9 +42,13 @@ def with_true_force(joint: ChannelData, contacts: Sequence[Judged], effects: Seq
     known = [contact for contact in contacts if sensor_faults(contact, effects)]
     if LEVER not in joint.context or not known:
         return joint
+    return _carrying(joint, [(contact, _modelled(contact, effects, reading=False)) for contact in known])
+
+
+def _carrying(joint: ChannelData, forces: Sequence[tuple[Judged, FloatArray]]) -> ChannelData:
+    """The joint as if the tip pushed with these forces (n,) [N], each in the runs of its contact."""
     force_n = joint.context[_FORCE].copy()
-    for contact in known:
-        pushed_n = _pushed(contact, effects)
+    for contact, pushed_n in forces:
         for run in contact.data.runs:
             theirs = contact.data.run == run
             time_s = contact.data.time_s[theirs]
@@ -62,16 +68,21 @@ def borne_out(contact: Judged, joints: Sequence[Judged], effects: Sequence[Effec
 
     Where a contact is not explained in full, the fault that it names may be what something else looks like
     there. But the joints measure the force once more: their base models, which know nothing of that fault,
-    must fit clearly better to the force ahead of it in one joint, and worse in none.
+    must fit clearly better to the reading with that fault taken off it in one joint, and worse in none. The
+    model's own force would fit better whatever the fault: it has no noise.
     """
     unsure = contact.found.verdict is Verdict.UNEXPLAINED
     if not unsure or not _named_faults(contact, effects):
         return contact
-    marked = replace(contact, borne_out=True)
-    pairs = [(one, with_true_force(one.data, [marked], effects)) for one in joints]
-    ratios = [_error(mended, one) / _error(one.data, one) for one, mended in pairs if mended is not one.data]
+    swallowed_n = _modelled(contact, effects, reading=False) - _modelled(contact, effects, reading=True)
+    mended_n = contact.data.effort + swallowed_n
+    ratios = [
+        _error(_carrying(one.data, [(contact, mended_n)]), one) / _error(one.data, one)
+        for one in joints
+        if LEVER in one.data.context
+    ]
     clearly = bool(ratios) and min(ratios) < _BETTER and max(ratios) < _NO_WORSE
-    return marked if clearly else contact
+    return replace(contact, borne_out=True) if clearly else contact
 
 
 def _error(data: ChannelData, joint: Judged) -> float:
@@ -91,15 +102,16 @@ def _is_sure(fault: Accepted, of_sensor: set[str]) -> bool:
     return of_sensor.issuperset(fault.confused_with)
 
 
-def _pushed(contact: Judged, effects: Sequence[Effect]) -> FloatArray:
-    """The force of the object (n,), ahead of the sensor and without its zero."""
+def _modelled(contact: Judged, effects: Sequence[Effect], *, reading: bool) -> FloatArray:
+    """The force of the object (n,), without the sensor's zero: as it is read, or ahead of the sensor."""
     names = {entry.effect for entry in contact.found.accepted}
-    of_object = [effect for effect in effects if effect.name in names and not _is_reader(effect)]
-    model = Model(contact.model.name, (*contact.model.effects, *of_object))
+    taken = [
+        effect
+        for effect in effects
+        if effect.name in names
+        and effect.name not in _OF_THE_ZERO
+        and (reading or not isinstance(effect, SensorEffect))
+    ]
+    model = Model(contact.model.name, (*contact.model.effects, *taken))
     fitted = contact.found.final.parameters if contact.found.final else {}
     return model.predict(contact.data, {name: fitted[name].value for name in (*model.gains, *model.inner)})
-
-
-def _is_reader(effect: Effect) -> bool:
-    """Whether an effect is in the reading alone: a sensor's, or an offset of its zero."""
-    return isinstance(effect, SensorEffect) or effect.name in _OF_THE_ZERO

@@ -17,7 +17,7 @@ WIDTH_N, STIFFNESS_N_M, DAMPING_N_S_M, RUNS, STEP_S = 0.4, 500.0, 20.0, 3, 0.01
 EVERY = [effect() for effect in EFFECTS.values()]
 
 
-def pressing(noise_n=0.0, noise_nm=0.0):
+def pressing(noise_n=0.0, noise_nm=0.0, width_n=WIDTH_N):
     """A contact under a sensor with a dead band, and a joint that carries the force: reading, true force."""
     t, rng = np.tile(np.arange(0.0, 4.0, STEP_S), RUNS), np.random.default_rng(6)
     run = np.repeat(np.arange(RUNS), len(t) // RUNS)
@@ -25,7 +25,7 @@ def pressing(noise_n=0.0, noise_nm=0.0):
     depth = 0.015 * np.sin((1.5 + 0.3 * run) * t) - 0.002
     speed = 0.015 * (1.5 + 0.3 * run) * np.cos((1.5 + 0.3 * run) * t)
     true_n = np.where(depth > 0.0, np.maximum(STIFFNESS_N_M * depth + DAMPING_N_S_M * speed, 0.0), 0.0)
-    reading_n = np.maximum(true_n - WIDTH_N, 0.0) + rng.normal(0.0, 1.0, len(t)) * noise_n
+    reading_n = np.maximum(true_n - width_n, 0.0) + rng.normal(0.0, 1.0, len(t)) * noise_n
     phase, still = np.full(len(t), -1), np.zeros(len(t))
     contact = ChannelData("contact", ChannelKind.CONTACT, time_s, depth, speed, still, reading_n, run, phase)
     angle, turn = 0.5 + 0.1 * np.sin(2.0 * t + run), 0.2 * np.cos(2.0 * t + run)
@@ -142,6 +142,17 @@ def test_a_fault_in_an_unexplained_contact_is_believed_where_the_joints_bear_it_
     assert (with_true_force(joint, [marked], EVERY) is not joint) == believed
     if believed:
         assert with_true_force(joint, [marked], EVERY).context["contact_force"] == pytest.approx(true_n)
+
+
+@pytest.mark.parametrize(
+    "named", [{"lag": {"tau": 0.003}}, {"hysteresis": {"width": 0.05}}, {"deadband": {"width": 0.02}}]
+)
+def test_a_noisy_sensor_is_not_at_fault_because_a_model_has_no_noise(named):
+    contact, joint, _ = pressing(noise_n=0.1, noise_nm=0.02, width_n=0.0)
+    seen = judged(contact, **named)
+    seen = Judged(contact, seen.model, seen.found.model_copy(update={"verdict": Verdict.UNEXPLAINED}))
+    arm = Model("rigid_body", (EFFECTS["rigid_body"](),))
+    assert not borne_out(seen, [Judged(joint, arm, seen.found)], EVERY).borne_out
 
 
 def test_a_joint_shows_the_dead_band_that_to_the_contact_is_a_deeper_surface():
