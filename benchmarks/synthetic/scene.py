@@ -12,6 +12,8 @@ from synthetic.sensors import FAULTS
 from estimation.channel import ChannelData, ChannelKind
 
 FLOOR = {ChannelKind.CONTACT: 0.05, ChannelKind.REVOLUTE: 0.02}  # standard deviation of the noise
+LEAST = 3.0  # times the floor, that each of several effects shows beside the others; the weakest shown alone
+DRY = {"coulomb_friction", "stribeck_friction", "asymmetric_friction", "load_dependent_friction"}
 ENCODER = {ChannelKind.CONTACT: (1e-6, 1e-6), ChannelKind.REVOLUTE: (2e-5, 1e-5)}  # noise and step
 
 
@@ -41,8 +43,8 @@ class Made:
         sizes: of the hidden effects, that gave the strengths.
         clean: effort without noise, shape (n,).
         truth: the base model's own parameters.
-        floor: error that the true law leaves: the noise, and in a joint what the error of its motion makes of
-            it (dry friction turns round where the derived velocity does, a millisecond early or late).
+        floor: error that the true law leaves: the noise, and beside dry friction what the error of the motion
+            makes of it (that turns round where the derived velocity does, a millisecond early or late).
     """
 
     data: ChannelData
@@ -64,7 +66,7 @@ def make(scene: Scene) -> Made | None:
     touching = scene.kind is ChannelKind.CONTACT
     motion = presses(rng, 10.0 / k) if touching else swings(rng)
     shape = {name: float(rng.uniform()) for name in names(scene.kind)}
-    base = _columns(motion, touching)
+    basis = np.linalg.qr(_columns(motion, touching))[0]
 
     def effort(sizes: Mapping[str, float], alone: bool = True, by: Motion = motion) -> np.ndarray:
         clean = contact.force(by, k, c, sizes, shape) if touching else joint.torque(by, sizes, shape)
@@ -76,10 +78,14 @@ def make(scene: Scene) -> Made | None:
 
     plain, sizes = effort({}), {}
     for name, strength in scene.hidden.items():
-        size = _size(lambda s, n=name: effort({n: s}) - plain, base, strength * FLOOR[scene.kind])
+        size = _size(lambda s, n=name: effort({n: s}) - plain, basis, strength * FLOOR[scene.kind])
         if size is None:
             return None
         sizes[name] = size
+    if any(
+        _left(effort(sizes) - effort(_less(sizes, one)), basis) < LEAST * FLOOR[scene.kind] for one in sizes
+    ):
+        return None  # one swallows the other, as a dead band does adhesion
     clean = effort(sizes, alone=False)
     truth = {
         "pendulum.inertia": joint.INERTIA,
@@ -91,10 +97,14 @@ def make(scene: Scene) -> Made | None:
     if "hunt_crossley" in sizes:
         truth = {}  # it takes the place of spring and damper
     data, floor = _channel(scene, motion, clean, sizes, rng), FLOOR[scene.kind]
-    if not touching:
+    if DRY & sizes.keys():
         seen = Motion(data.time_s, data.position, data.velocity, data.acceleration, data.run)
         floor = float(np.sqrt(np.mean((data.effort - effort(sizes, by=seen)) ** 2)))
     return Made(data, sizes, clean, truth, floor)
+
+
+def _less(sizes: Mapping[str, float], name: str) -> dict[str, float]:
+    return {other: size for other, size in sizes.items() if other != name}
 
 
 def _columns(motion: Motion, touching: bool) -> np.ndarray:
@@ -104,9 +114,8 @@ def _columns(motion: Motion, touching: bool) -> np.ndarray:
     return np.column_stack([motion.a, np.sin(motion.x), motion.v])
 
 
-def _size(deviation, base: np.ndarray, wanted: float) -> float | None:  # noqa: ANN001
+def _size(deviation, basis: np.ndarray, wanted: float) -> float | None:  # noqa: ANN001
     """Size at which the deviation, less what the base model mimics, has the wanted RMS."""
-    basis = np.linalg.qr(base)[0]
     sizes = np.geomspace(1e-4, 30.0, 30)
     reached = (i for i, size in enumerate(sizes) if _left(deviation(size), basis) > wanted)
     first = next(reached, 0)
