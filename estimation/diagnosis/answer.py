@@ -180,8 +180,8 @@ def _reason(
         told = ", ".join(signals) or "a mix of signals"
         return (
             f"{names} could draw all of the error, which depends on {told}, but only by parameters with "
-            "which it is another thing than its name says, or in a roundabout way, or not as well as a law "
-            "without a name"
+            "which it is another thing than its name says, or may be nothing, or in a roundabout way, or not "
+            "as well as a law without a name"
         )
     if chain.steps:
         names = " and ".join(_or_rivals(entry) for entry in suspects)

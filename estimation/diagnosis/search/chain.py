@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from estimation.diagnosis.bench.exact import is_exact
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.search.candidate import TIE, TRIES, Candidate, choose, close_to_best, size
-from estimation.diagnosis.search.credible import is_misnamed
+from estimation.diagnosis.search.credible import is_misnamed, may_be_nothing
 from estimation.diagnosis.search.dominant import is_dominant, simplest
 from estimation.diagnosis.search.evidence import Evidence, evidence, hopeless, is_slight
 from estimation.diagnosis.search.nameless import is_outdone
@@ -81,14 +81,17 @@ def build(search: Search) -> Chain:
     if not search.is_explained(steps[-1].standing if steps else start) or _size(search, steps) > MODEST:
         steps = _better(search, steps, pair(search))
     end = steps[-1].standing if steps else start
-    complete = search.is_explained(end) and not any(_is_outdone(search, end, step.effect) for step in steps)
+    complete = search.is_explained(end) and not any(_is_empty(search, end, step.effect) for step in steps)
     doubted = not complete and search.leaves_noise(end)
     chain = Chain(start, steps, ranking, refused, search.floor, complete, doubted=doubted)
     return chain if complete or not steps else replace(chain, dominant=_dominant(search, chain))
 
 
-def _is_outdone(search: Search, end: Standing, name: str) -> bool:
-    """Whether a law that nobody has named serves better in the place of one effect, the others kept."""
+def _is_empty(search: Search, end: Standing, name: str) -> bool:
+    """Whether one effect may be nothing, or a law that nobody has named serves better in its place."""
+    effect = next(one for one in end.trial.model.effects if one.name == name)
+    if may_be_nothing(effect, end):
+        return True
     without = search.without(end, name)
     return is_outdone(without, end, search.tried(without))
 

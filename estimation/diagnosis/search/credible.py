@@ -10,10 +10,12 @@ import numpy as np
 from estimation.diagnosis.bench.plain_laws import left_by_plain_signals
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.bench.trial import Bench, Trial
-from estimation.diagnosis.judgement.intervals import values
+from estimation.diagnosis.judgement.intervals import final, values
 from estimation.diagnosis.search.candidate import TIE, size
 from estimation.diagnosis.search.possible import is_beyond_bounds
 from estimation.effect import Effect
+
+_NORMAL_95 = 1.96  # standard errors to either side, that an interval is stated with
 
 
 def is_credible(start: Standing, standing: Standing) -> bool:
@@ -36,6 +38,21 @@ def is_misnamed(effect: Effect, trial: Trial, bench: Bench) -> bool:
     """
     data = trial.model.moved(bench.frame.data, trial.parameters)
     return effect.is_misnamed(data, trial.parameters, lambda: _errors(trial, bench), _noise(trial, bench))
+
+
+def may_be_nothing(effect: Effect, standing: Standing) -> bool:
+    """Whether zero lies within the intervals that would be stated, of all that makes an effect what it is.
+
+    Held-out runs and surrogates do not know of what the error of a derived acceleration turns gains by; the
+    intervals do.
+
+    Args:
+        effect: part of the model, which is complete.
+        standing: of the model.
+    """
+    found = values(*final(standing, complete=True))
+    gains = [f"{effect.name}.{name}" for name in effect.essential or [gain.name for gain in effect.gains]]
+    return bool(gains) and all(abs(found[name].value) < _NORMAL_95 * found[name].std_err for name in gains)
 
 
 def _is_sensible(trial: Trial, bench: Bench) -> bool:

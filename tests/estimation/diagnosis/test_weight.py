@@ -6,7 +6,10 @@ import pytest
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
+from estimation.diagnosis.bench.standing import stand
+from estimation.diagnosis.search.credible import may_be_nothing
 from estimation.diagnosis.search.library import candidates, library
+from estimation.effects import EFFECTS
 from estimation.models import MODELS
 
 STEP_S, NOISE_NM = 0.004, 0.02
@@ -47,6 +50,14 @@ def test_a_weight_is_found_beside_a_model_that_has_none(amplitude_rad):
     g1, g2 = (entry.parameters[name] for name in ("g1", "g2"))
     assert np.hypot(g1.value, g2.value) == pytest.approx(WEIGHT_NM, rel=0.05)
     assert abs(g1.value - WEIGHT_NM * np.cos(0.4)) < 4.0 * g1.std_err
+
+
+@pytest.mark.parametrize("size_nm", [0.0, WEIGHT_NM])
+def test_a_weight_whose_interval_holds_zero_may_be_nothing(size_nm):
+    data = swinging(1.0, 0.0, lambda q: size_nm * np.sin(q))
+    effect = EFFECTS["weight"]()
+    model = MODELS["inertia"]().build(ModelContext()).with_effect(effect)
+    assert may_be_nothing(effect, stand(data, model, {})) is (size_nm == 0.0)
 
 
 def test_where_a_sine_is_straight_it_is_not_told_from_a_spring():
