@@ -31,11 +31,15 @@ def check_against_guard(plan: ProbingPlan, robot_file: RobotFile) -> None:
         )
     trips_rad_s = min(limits.velocity_rad_s)
     most_rad_s = trips_rad_s / _SPEED_MARGIN
-    if plan.joint_speed_rad_s > most_rad_s:
-        raise InputError(
-            f"joint_speed_rad_s {plan.joint_speed_rad_s:g}: the guard of '{robot_file.name}' trips at "
-            f"{trips_rad_s:g} rad/s (limits.velocity_rad_s); at most {most_rad_s:.3g} rad/s"
-        )
+    speeds_rad_s = {"joint_speed_rad_s": plan.joint_speed_rad_s}
+    if plan.free_air_swing_m:
+        speeds_rad_s["free_air_swing_speeds_rad_s"] = max(plan.free_air_swing_speeds_rad_s)
+    for name, speed_rad_s in speeds_rad_s.items():
+        if speed_rad_s > most_rad_s:
+            raise InputError(
+                f"{name} {speed_rad_s:g}: the guard of '{robot_file.name}' trips at "
+                f"{trips_rad_s:g} rad/s (limits.velocity_rad_s); at most {most_rad_s:.3g} rad/s"
+            )
 
 
 def check_tip_speeds(

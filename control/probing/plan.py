@@ -14,6 +14,7 @@ from robot_io.files.file_model import FileModel, NotNegative, Number, Positive, 
 from robot_io.files.safe_yaml import load_yaml
 
 Speed = Annotated[Positive, Field(le=1.0)]
+JointSpeed = Annotated[float, Field(ge=0.05, le=20.0)]
 Vector = tuple[Number, Number, Number]
 
 
@@ -44,6 +45,10 @@ class ProbingPlan(FileModel):
         retract_m: way out of the object between runs [m].
         settle_s: standing still before the free-air record [s].
         free_air_s: free-air record before each approach, for bias and noise of the force [s].
+        free_air_swing_m: before each run the tip swings up by this from where the approach starts, and back
+            down, once at each of the next speeds: the joints turn round in free air; 0: not at all [m].
+        free_air_swing_speeds_rad_s: fastest joint in these swings, as far as joint_acceleration_rad_s2 lets
+            it come up to speed [rad/s].
         load_time_limit_s: loading is given up after this [s].
         acceleration_m_s2: of the tip in free air [m/s^2].
         travel_speed_m_s: of the tip while retracting [m/s].
@@ -64,6 +69,11 @@ class ProbingPlan(FileModel):
     retract_m: Positive = 0.03
     settle_s: NotNegative = 0.2
     free_air_s: Annotated[float, Field(ge=0.05, le=60.0)] = 0.3
+    free_air_swing_m: Annotated[NotNegative, Field(le=0.5)] = 0.0
+    free_air_swing_speeds_rad_s: Annotated[tuple[JointSpeed, ...], Field(min_length=1, max_length=10)] = (
+        0.3,
+        1.0,
+    )
     load_time_limit_s: Positive = 10.0
     acceleration_m_s2: Positive = 3.0
     travel_speed_m_s: Speed = 0.15

@@ -9,7 +9,7 @@ from robot_io.errors import InputError
 from robot_io.types import FloatArray, frozen_array
 
 JointLimits = tuple[FloatArray, FloatArray]
-_LIFT_ROOM_M = 0.1  # above the highest target's clearance, for the way to the next one
+_LIFT_ROOM_M = 0.1  # above the highest target's clearance, for the way to the next one, at least
 
 
 class ProbingSite:
@@ -41,6 +41,11 @@ class ProbingSite:
     def start_above(self, surface_travel_m: float, clearance_m: float) -> None:
         """Let the next approach start a clearance [m] before the surface found at a travel [m]."""
         self.approach_travel_m = max(surface_travel_m - clearance_m, self._highest_travel_m)
+
+    @property
+    def lift_room_m(self) -> float:
+        """How far the tip can be lifted from where the next approach starts [m]."""
+        return self.approach_travel_m - self._lifted_travel_m
 
     def joint_position_rad(self, near_rad: FloatArray) -> FloatArray:
         """Joint positions (3,) [rad] at the start of the approach, turns nearest to `near_rad`."""
@@ -80,7 +85,8 @@ def probing_sites(
     for number, start in enumerate(places, 1):
         name = f"target {number} ({_millimetres(start)})" if starts else "below the tip"
         line = _line(arm, start, direction, elbow, name)
-        lift_m = float(start @ direction) - highest_m + _LIFT_ROOM_M
+        room_m = max(_LIFT_ROOM_M, plan.free_air_swing_m)
+        lift_m = float(start @ direction) - highest_m + room_m
         sites.append(_site(line, plan, position_rad, limits_rad, lift_m, name))
     return sites
 

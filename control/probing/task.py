@@ -2,6 +2,7 @@
 
 MOVE -> FREE_AIR -> APPROACH -> LOADING -> HOLD -> UNLOADING -> RETRACT -> MOVE -> ... -> IDLE
 
+Before a run the arm may swing up and down in free air, a MOVE as well (`free_air_swing_m`).
 The last move goes back to where the task started: there the arm stood without torque, and can stand again.
 """
 
@@ -26,6 +27,7 @@ from control.probing.passage import Passage, Passages, Place
 from control.probing.plan import ProbingPlan
 from control.probing.run import ProbingRun
 from control.probing.sites import probing_sites
+from control.probing.swing import Swing, check_swings, swings_at
 from robot_io.calibration import Calibrations
 from robot_io.errors import InputError, SafetyTripError
 from robot_io.robot_file import RobotFile
@@ -51,6 +53,7 @@ class ProbingTask:
         plan: what to do.
         position_limits_rad: lowest and highest joint positions to use, (n,) each [rad]; default: the URDF's.
         velocity_limits_rad_s: at which the guard trips, shape (n,) [rad/s]; default: none.
+        torque_limits_nm: largest torques, shape (n,) [N m]; default: none.
 
     Attributes:
         failures: one line for every run that gave no data.
@@ -68,6 +71,7 @@ class ProbingTask:
         *,
         position_limits_rad: tuple[FloatArray, FloatArray] | None = None,
         velocity_limits_rad_s: FloatArray | None = None,
+        torque_limits_nm: FloatArray | None = None,
     ) -> None:
         self._body = body
         self._arm = PlanarArm(body, sensor_axis_tip)
@@ -77,7 +81,7 @@ class ProbingTask:
         self._gains = gains
         self._plan = plan
         self._limits_rad = position_limits_rad or body.position_limits_rad
-        self._fastest_rad_s = velocity_limits_rad_s
+        self._fastest_rad_s, self._strongest_nm = velocity_limits_rad_s, torque_limits_nm
         self._direction = frozen_array(plan.press_direction_world)
         self._phase = Phase.IDLE
         self.failures: tuple[str, ...] = ()
@@ -107,6 +111,7 @@ class ProbingTask:
             plan,
             position_limits_rad=position_limits,
             velocity_limits_rad_s=np.array(limits.velocity_rad_s),
+            torque_limits_nm=np.array(limits.torque_nm),
         )
 
     def start(self, measurement: Measurement) -> None:
@@ -129,6 +134,7 @@ class ProbingTask:
             check_tip_speeds(self._sites, self._plan, position_rad, self._fastest_rad_s)
         self._passages = Passages(self._arm, self._plan)
         self._passages.check(self._start, self._sites)
+        check_swings(self._sites, position_rad, self._passages, self._plan, self._body, self._strongest_nm)
         self._control.start(measurement)
         self._witness.restart()
         self._specs = deque(self._plan.runs())
@@ -194,6 +200,7 @@ class ProbingTask:
 
     def _begin_way(self) -> None:
         """To the next run's approach start, or back to where the task started."""
+        self._swings: deque[Swing] = deque()
         passage = None
         while self._specs and passage is None:
             passage = self._way_to(self._specs[0].target)
@@ -207,6 +214,10 @@ class ProbingTask:
         place = Place(site.joint_position_rad(self._here.position_rad), site)
         passage = self._passages.find(self._here, place)
         if passage.too_low_m <= 0.0:
+            self._swings.extend(swings_at(site, place.position_rad, self._passages, self._plan))
+            if self._plan.free_air_swing_m and not self._swings:
+                text = f"no swing before target {target + 1}: the tip would come too near to the object"
+                self._events.append(TaskEvent("no_swing", text))
             return passage
         text = passage.problem(f"to target {target + 1}")
         self.failures += (text,)
@@ -214,12 +225,19 @@ class ProbingTask:
         self._specs = deque(spec for spec in self._specs if spec.target != target)
         return None
 
-    def _follow(self, points_rad: Sequence[FloatArray]) -> None:
+    def _swing(self) -> None:
+        swing = self._swings.popleft()
+        self._here = swing.start
+        self._follow(swing.points_rad, swing.speed_rad_s)
+
+    def _follow(self, points_rad: Sequence[FloatArray], speed_rad_s: float | None = None) -> None:
         plan = self._plan
         self._phase = Phase.MOVE
         self._move_s = 0.0
         self._blocked_ticks = 0
-        self._way = JointWay(points_rad, plan.joint_speed_rad_s, plan.joint_acceleration_rad_s2)
+        self._way = JointWay(
+            points_rad, speed_rad_s or plan.joint_speed_rad_s, plan.joint_acceleration_rad_s2
+        )
         self._brake: JointBrake | None = None
 
     def _move(self, measurement: Measurement, dt_s: float) -> ControlOutput:
@@ -231,6 +249,9 @@ class ProbingTask:
         elif self._brake:
             if self._move_s >= self._brake.duration_s:
                 self._go_home()
+        elif self._swings:
+            if self._move_s >= self._way.duration_s:
+                self._swing()
         elif self._move_s >= self._way.duration_s + self._plan.settle_s:
             if self._specs:
                 self._begin_run()
@@ -255,6 +276,7 @@ class ProbingTask:
         self.failures += (text,)
         self._events.append(TaskEvent("obstacle", text))
         self._specs.clear()
+        self._swings.clear()
         self._obstacle_share = _LEAVING_SHARE
         self._blocked_ticks = 0
         self._passed_rad = self._way.passed_rad(self._move_s)
