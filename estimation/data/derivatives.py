@@ -18,7 +18,7 @@ import numpy as np
 
 from estimation.data.local_fit import even_coefficients, local_fit
 from estimation.signals.blocks import blocks
-from robot_io.types import FloatArray, IntArray
+from robot_io.types import BoolArray, FloatArray, IntArray
 
 _HALF_WINDOWS = (2, 3, 4, 5, 7, 10, 14, 20, 28)
 _TOLERANCE = 1.1  # a wider window is taken if its error is at most 10 % more: it calms the derivatives
@@ -52,6 +52,7 @@ def differentiate(
     *,
     rounding: float | None = None,
     calm: bool = True,
+    tried: BoolArray | None = None,
 ) -> Motion:
     """Velocity and acceleration of a sampled position.
 
@@ -63,13 +64,17 @@ def differentiate(
         rounding: variance of the positions' rounding; None to see whether they lie on a grid.
         calm: of windows for the acceleration that err about as much, take the widest; else the narrowest,
             which leaves more noise and bends less: right for what is averaged afterwards.
+        tried: shape (n,), the samples on which windows are compared; None for all.
     """
     if rounding is None:
         rounding = grid_step(position) ** 2 / 12
     pieces = list(blocks(piece))
     position = _from_its_start(position, pieces)
     if half_window is None:
-        halves = _best_half_windows(time_s, position, pieces, rounding, calm=calm)
+        rows = slice(None) if tried is None else np.flatnonzero(tried)
+        halves = _best_half_windows(
+            time_s[rows], position[rows], list(blocks(piece[rows])), rounding, calm=calm
+        )
     else:
         halves = half_window, half_window
     fitted = {half: _fit_all(time_s, position, pieces, half) for half in set(halves)}

@@ -56,8 +56,9 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
     if len(chosen) == 0:
         return ()
     time_s, run = chosen["torque_at_s"], _with_moves(chosen["run"])
+    tried = _harsh(chosen["run"])
     motions = [
-        _motion(time_s, chosen["encoder_at_s"], joint, run, calm=False)
+        _motion(time_s, chosen["encoder_at_s"], joint, run, calm=False, tried=tried)
         for joint in chosen.vector("joint_position_rad").T
     ]
     force_n = _force_at(time_s, chosen)
@@ -123,6 +124,7 @@ def _motion(
     rounding: float | None = None,
     *,
     calm: bool = True,
+    tried: BoolArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Position, velocity and acceleration at the times wanted.
 
@@ -130,11 +132,20 @@ def _motion(
     their neighbours, which `differentiate` would take for motion.
     """
     pieces = number_pieces(sampled_at_s, run)
-    motion = differentiate(sampled_at_s, position, pieces, rounding=rounding, calm=calm)
+    motion = differentiate(sampled_at_s, position, pieces, rounding=rounding, calm=calm, tried=tried)
     position, velocity, acceleration = (
         _at(time_s, sampled_at_s, values) for values in (position, motion.velocity, motion.acceleration)
     )
     return position, velocity, acceleration
+
+
+def _harsh(run: IntArray) -> BoolArray | None:
+    """The samples of runs, shape (n,), where moves are most of all; None where they are not.
+
+    Swings in free air are smooth: a window as wide as they allow would cut what a press accelerates.
+    """
+    in_run = run != NO_RUN
+    return np.asarray(in_run) if in_run.any() and np.mean(in_run) < 0.5 else None
 
 
 def _at(time_s: FloatArray, sampled_at_s: FloatArray, values: FloatArray) -> FloatArray:

@@ -162,3 +162,23 @@ def test_what_rests_does_not_move_not_even_by_rounding(place):
     found = differentiate(time_s, np.full(200, place), piece)
     assert not found.velocity.any()
     assert not found.acceleration.any()
+
+
+def test_much_that_is_smooth_does_not_choose_the_window_of_what_is_not():
+    """A long calm swing before a short sharp motion, each with the same noise."""
+    t = np.arange(0.0, 8.0, 0.001)
+    sharp = t > 7.0
+    position = np.sin(2.0 * t) + np.where(sharp, 0.004 * (1.0 - np.cos(120.0 * (t - 7.0))), 0.0)
+    position += np.random.default_rng(3).normal(0.0, 1e-5, len(t))
+    truth = -4.0 * np.sin(2.0 * t) + np.where(sharp, 57.6 * np.cos(120.0 * (t - 7.0)), 0.0)
+    inside = slice(7100, 7900)
+
+    def missed(tried):
+        found = differentiate(t, position, ONE_PIECE(t), calm=False, tried=tried)
+        averaged = (found.acceleration - truth)[inside].reshape(-1, 10).mean(axis=1)
+        return found.half_windows[1], np.std(averaged)
+
+    wide, cut = missed(None)
+    narrow, kept = missed(sharp)
+    assert narrow < wide
+    assert kept < 0.8 * cut
