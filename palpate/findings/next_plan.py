@@ -20,10 +20,13 @@ SLOWEST_M_S = 0.01  # runs slower than this need more time to load
 PATIENCE_S = 60.0
 _WORLD = ("--robot", "--scenario", "--seed", "--hidden", "--drivers")
 _WIRE = "--wire"
+_SWING = "free_air_swing_m"
 
 
 def plan_of(experiment: NextExperiment, session: Session | None) -> ProbingPlan | None:
     """The plan to run next; None where the arm's task cannot do it.
+
+    A joint that no probing arm moved is none of its joints: what was proposed for it stays words.
 
     Args:
         experiment: what is proposed.
@@ -32,9 +35,11 @@ def plan_of(experiment: NextExperiment, session: Session | None) -> ProbingPlan 
     Raises:
         InputError: the proposal, or the session's plan, is not valid.
     """
-    if not experiment.probe:
+    previous = _previous(session)
+    is_of_joints = _SWING in experiment.probe
+    if not experiment.probe or (is_of_joints and not previous):
         return None
-    return validate(ProbingPlan, _previous(session) | dict(experiment.probe))
+    return validate(ProbingPlan, previous | dict(experiment.probe))
 
 
 def write_plan(experiment: NextExperiment, plan: ProbingPlan, path: Path) -> None:

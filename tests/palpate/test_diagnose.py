@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from rich.console import Console
 
 from control.probing.plan import ProbingPlan, load_probing_plan
@@ -24,17 +25,20 @@ from estimation.diagnosis.result import (
 from estimation.effects import EFFECTS
 from estimation.model import Model
 from estimation.signals.arm_signals import LEVER, TOUCH
+from palpate.arm.probing_run import PLAN
 from palpate.commands import diagnose as diagnose_command
 from palpate.findings.effect_library import library_with
 from palpate.findings.next_plan import plan_of, write_plan
 from palpate.findings.subject import Subject
 from palpate.text.diagnosis import sentence, show
+from robot_io.session import Session
 from tests.estimation.contact_data import base_model
 from tests.estimation.diagnosis.presses import kelvin_voigt, maxwell, session
 from tests.estimation.diagnosis.test_common_cause import ARM, answer, joints
 from tests.estimation.diagnosis.test_true_force import pressing
 from tests.palpate.cli import assert_refused, next_commands, run
 from tests.palpate.presses import CUBIC, write_presses
+from tests.palpate.sessions import synthetic_session
 
 KEYS = {
     *("channel", "verdict", "reason", "noise_floor", "baseline", "accepted", "ranking", "final"),
@@ -323,6 +327,36 @@ def test_every_proposed_experiment_is_a_plan_that_probe_can_run(tmp_path):
     plan = plan_of(proposals[0], None)
     write_plan(proposals[0], plan, tmp_path / "next.yaml")
     assert load_probing_plan(tmp_path / "next.yaml") == plan
+
+
+@pytest.fixture(scope="module")
+def probed_before(tmp_path_factory):
+    plan = yaml.safe_dump(ProbingPlan(force_limit_n=7.0).model_dump(mode="json"))
+    path = tmp_path_factory.mktemp("before") / "s.mcap"
+    return Session.open(synthetic_session(path, extra={PLAN: plan}))
+
+
+def test_a_joint_of_a_probing_arm_is_moved_in_free_air_by_the_next_experiment(probed_before, tmp_path):
+    proposals = [
+        separating(EFFECTS["coulomb_friction"](), ["asymmetric_friction"], ChannelKind.REVOLUTE),
+        separating(EFFECTS["bias"](), ["payload"], ChannelKind.REVOLUTE),
+        exploring(["joint velocity"], ChannelKind.REVOLUTE),
+        sufficient("it rests", ChannelKind.REVOLUTE),
+    ]
+    for proposal in proposals:
+        plan = plan_of(proposal, probed_before)
+        write_plan(proposal, plan, tmp_path / "next.yaml")
+        assert load_probing_plan(tmp_path / "next.yaml") == plan
+        assert plan.free_air_swing_m > 0.0
+        assert max(plan.free_air_swing_speeds_rad_s) > 3.0 * min(plan.free_air_swing_speeds_rad_s)
+        assert plan.force_limit_n == 7.0  # what the proposal does not name stays
+        assert plan_of(proposal, None) is None  # a joint that no probing arm moved
+
+
+def test_a_sliding_joint_is_none_of_a_probing_arm(probed_before):
+    proposal = separating(EFFECTS["coulomb_friction"](), ["backlash"], ChannelKind.PRISMATIC)
+    assert proposal.probe == {}
+    assert plan_of(proposal, probed_before) is None
 
 
 def test_what_an_arm_cannot_do_by_itself_is_no_plan():

@@ -62,8 +62,15 @@ _SLOW_REVERSALS = Plan(
 )
 _JOINT = Plan(
     "move over a wider range in free air, slowly and fast, in both directions, in several postures, with and "
-    "without a known mass at the tip; a probing plan with approach_clearance_m and retract_m of 0.1 and "
-    "joint_speed_rad_s of 2 goes some of the way"
+    "without a known mass at the tip",
+    {
+        "speeds_m_s": [0.05, 0.15],
+        "repeats": 2,
+        "hold_s": 0.5,
+        "free_air_swing_m": 0.2,
+        "free_air_swing_speeds_rad_s": [0.4, 3.0],
+        "joint_acceleration_rad_s2": 8.0,
+    },
 )
 _PLANS: Mapping[frozenset[str], Plan] = {
     frozenset({"delay", "damping"}): _TWO_SPEEDS,
@@ -92,13 +99,14 @@ _BY_SIGNAL: Mapping[str, Plan] = {
 def separating(effect: Effect, rivals: Sequence[str], kind: ChannelKind) -> NextExperiment:
     """The experiment that tells an effect from those it is confused with."""
     first = rivals[0]
-    plan = _PLANS.get(frozenset({effect.name, first}), _DEEP if kind is ChannelKind.CONTACT else _JOINT)
+    is_contact = kind is ChannelKind.CONTACT
+    plan = _PLANS.get(frozenset({effect.name, first}), _DEEP) if is_contact else _JOINT
     hint = effect.confused_with.get(first)
     return NextExperiment(
         purpose=f"tell {effect.name} from {', '.join(rivals)}",
         separates=[effect.name, *rivals],
         instruction=hint or plan.words,
-        probe=plan.settings if kind is ChannelKind.CONTACT else {},
+        probe=_settings(plan, kind),
     )
 
 
@@ -113,7 +121,7 @@ def exploring(signals: Sequence[str], kind: ChannelKind) -> NextExperiment:
         purpose="show what the remaining error depends on: " + (", ".join(signals) or "nothing found yet"),
         separates=[],
         instruction=plan.words,
-        probe=plan.settings if kind is ChannelKind.CONTACT else {},
+        probe=_settings(plan, kind),
     )
 
 
@@ -125,5 +133,10 @@ def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
         purpose="make a diagnosis possible: " + reason,
         separates=[],
         instruction=plan.words,
-        probe=plan.settings if kind is ChannelKind.CONTACT else {},
+        probe=_settings(plan, kind),
     )
+
+
+def _settings(plan: Plan, kind: ChannelKind) -> Settings:
+    """What a probing arm is told of a plan: all its joints are revolute."""
+    return {} if kind is ChannelKind.PRISMATIC else plan.settings
