@@ -11,6 +11,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Diagnosis
 from estimation.diagnosis.dead_band import swallowing
 from estimation.diagnosis.judged import Judged
+from estimation.diagnosis.result import Accepted
 from estimation.diagnosis.true_force import sensor_faults, with_true_force
 from estimation.effect import Effect
 from estimation.models import MODELS
@@ -20,6 +21,7 @@ from palpate.findings.subject import Subject, subject_of
 from robot_io.errors import InputError
 
 RESULT = "diagnosis.json"
+_WIDTH = "width"  # of a dead band, which is all that other channels tell
 _SAME = 1e-6  # relative difference of an error that is computed once more
 
 
@@ -49,10 +51,9 @@ class KeptDiagnosis:
         A joint gets the force ahead of the sensor's faults, a contact the dead band that its joints showed.
         """
         own = self.found.get(subject.channel.name)
-        told = [entry for entry in own.accepted if entry.told_by] if own is not None else []
-        if told and subject.channel.kind is ChannelKind.CONTACT:
-            (width,) = told[0].parameters.values()
-            return replace(subject, channel=swallowing(subject.channel, width.value, width.std_err or 0.0))
+        swallowed = _swallowed(own, subject) if own is not None else None
+        if swallowed is not None:
+            return replace(subject, channel=swallowing(subject.channel, *swallowed))
         if own is not None and own.baseline is not None and not own.force_ahead_of:
             return subject  # it was judged alone, by the force as measured
         mended = with_true_force(subject.channel, self.contacts, self.effects)
@@ -103,8 +104,28 @@ def _contact(channel: ChannelData, arm: Arm, kept: KeptDiagnosis) -> Judged | No
     named = known.issuperset(one.effect for one in entry.accepted)
     if not named or not sensor_faults(judged, kept.effects):
         return None
-    (base,) = standings(judged.data, judged.model, ())
-    return judged if _is_about(entry, base.rmse) else None
+    return judged if _is_of(entry, subject) else None
+
+
+def _swallowed(found: ChannelDiagnosis, subject: Subject) -> tuple[float, float] | None:
+    """Width and standard error of the dead band that its joints showed in a contact; None without one."""
+    told = [entry.parameters[_WIDTH] for entry in _told(found)]
+    if not told or told[0].std_err is None or subject.channel.kind is not ChannelKind.CONTACT:
+        return None
+    return (told[0].value, told[0].std_err) if _is_of(found, subject) else None
+
+
+def _told(found: ChannelDiagnosis) -> list[Accepted]:
+    return [entry for entry in found.accepted if entry.told_by]
+
+
+def _is_of(found: ChannelDiagnosis, subject: Subject) -> bool:
+    """Whether an answer is about this channel as it was measured, and its base model."""
+    try:
+        (base,) = standings(subject.channel, subject.model, ())
+    except InputError:  # it cannot be judged today
+        return False
+    return _is_about(found, base.rmse)
 
 
 def is_same(one_rmse: float, other_rmse: float) -> bool:
@@ -119,7 +140,12 @@ def _is_about(found: ChannelDiagnosis, base_rmse: float) -> bool:
 def _read(file: Path) -> Diagnosis | None:
     if not file.is_file():
         return None
+    damaged = f"{file}: is damaged; delete it, or run palpate diagnose again"
     try:
-        return Diagnosis.model_validate_json(file.read_text(encoding="utf-8"))
+        diagnosis = Diagnosis.model_validate_json(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValidationError) as error:
-        raise InputError(f"{file}: is damaged; delete it, or run palpate diagnose again") from error
+        raise InputError(damaged) from error
+    for found in diagnosis.channels:
+        if any(_WIDTH not in entry.parameters for entry in _told(found)):
+            raise InputError(f"{damaged} (what others told of '{found.channel}' is without its {_WIDTH})")
+    return diagnosis

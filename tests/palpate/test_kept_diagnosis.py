@@ -5,14 +5,16 @@ import json
 import pytest
 
 from estimation.diagnosis import ChannelDiagnosis, Diagnosis, Verdict
-from estimation.diagnosis.result import Fitted
+from estimation.diagnosis.result import Fitted, ParameterValue
 from estimation.effects import EFFECTS
+from estimation.effects.deadband import SWALLOWED
 from estimation.model import Model
 from estimation.revision import revise
 from palpate.findings.effect_library import library_with
 from palpate.findings.estimation_run import NO_ARM, Material
 from palpate.findings.kept_diagnosis import RESULT, kept_diagnosis
 from palpate.findings.subject import Subject
+from robot_io.errors import InputError
 from tests.estimation.diagnosis.test_true_force import WIDTH_N, judged, pressing
 from tests.palpate.cli import assert_refused, run
 from tests.palpate.presses import write_presses
@@ -61,6 +63,49 @@ def test_a_force_that_nobody_corrected_is_left_as_measured(pressed, tmp_path, wh
         entries.append(ChannelDiagnosis(channel="joint_1", baseline=Fitted(rmse=1.0, parameters={}), **told))
     subject = Subject(joint, ARM)
     assert known(tmp_path, entries, (contact, joint)).as_judged(subject) is subject
+
+
+def told_by_the_joint(found, std_err=0.01, name="width"):
+    """The contact's answer, as if its joint had shown the dead band."""
+    width = ParameterValue(value=WIDTH_N, std_err=std_err, unit="N")
+    changed = {"told_by": ["joint_1"], "parameters": {name: width}}
+    return found.model_copy(update={"accepted": [found.accepted[0].model_copy(update=changed)]})
+
+
+def as_pressed(seen):
+    return Subject(seen.data, seen.model)
+
+
+def test_a_contact_has_the_dead_band_that_its_joints_showed(pressed, tmp_path):
+    found, contact, joint, _ = pressed
+    subject = as_pressed(judged(contact))
+    seen = known(tmp_path, [told_by_the_joint(found)], (contact, joint)).as_judged(subject)
+    assert seen.channel.context[SWALLOWED][0] == pytest.approx([WIDTH_N, 0.01])
+
+
+@pytest.mark.parametrize("why", ["other data", "not determined", "one run today"])
+def test_a_contact_has_no_dead_band_that_nobody_knows(pressed, tmp_path, why):
+    found, contact, joint, _ = pressed
+    entry = told_by_the_joint(found, std_err=None if why == "not determined" else 0.01)
+    if why == "other data":
+        entry = entry.model_copy(update={"baseline": Fitted(rmse=9.0, parameters={})})
+    if why == "one run today":
+        contact = contact.select(contact.run == 0)
+    subject = as_pressed(judged(contact))
+    assert known(tmp_path, [entry], (contact, joint)).as_judged(subject) is subject
+
+
+def test_joints_go_on_where_the_contact_cannot_be_judged_any_more(pressed, tmp_path):
+    found, contact, joint, _ = pressed
+    one_run = contact.select(contact.run == 0)
+    subject = Subject(joint, ARM)
+    assert known(tmp_path, [found], (one_run, joint)).as_judged(subject) is subject
+
+
+def test_a_dead_band_without_its_width_is_damage(pressed, tmp_path):
+    found, contact, joint, _ = pressed
+    with pytest.raises(InputError, match=r"damaged.*'contact'.*width"):
+        known(tmp_path, [told_by_the_joint(found, name="wide")], (contact, joint))
 
 
 def test_the_report_after_adding_keeps_the_verdict_and_tells_what_was_added(tmp_path):
