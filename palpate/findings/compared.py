@@ -84,6 +84,15 @@ def _known_floor(subject: Subject, base_rmse: float, kept: KeptDiagnosis, shelf:
     found = kept.of(subject.channel.name, base_rmse)
     floors = [found.noise_floor] if found is not None and found.noise_floor is not None else []
     own = [one for one in shelf.all() if one.channel == subject.channel.name]
-    if any(not one.effects and is_same(one.rmse, base_rmse) for one in own):
-        floors += [one.noise_floor for one in own]
+    floors += [one.noise_floor for one in _grown_from(base_rmse, own)]
     return min(floors, default=float("inf"))
+
+
+def _grown_from(base_rmse: float, revisions: Sequence[KeptRevision]) -> list[KeptRevision]:
+    """Those that began with a base model of this error, out of all of a channel, oldest first."""
+    grown: dict[int, KeptRevision] = {}
+    for one in revisions:
+        begins = not one.effects and is_same(one.rmse, base_rmse)
+        if begins or (one.parent is not None and one.parent in grown):
+            grown[one.number] = one
+    return list(grown.values())

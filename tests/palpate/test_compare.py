@@ -105,6 +105,19 @@ def test_a_revision_of_other_rows_is_said_to_be_one(hardening, tmp_path):
     assert "revision 1 was kept with an error of" in " ".join(told.split())
 
 
+def test_the_floor_of_other_rows_does_not_count(hardening, tmp_path):
+    kept = [
+        json.loads(run("add", data, "cubic_stiffness", *how, "--out", tmp_path, "--json").stdout)["revisions"]
+        for data, how in ((hardening, ()), (write_presses(tmp_path / "other.csv", seed=5), ("--fresh",)))
+    ]
+    assert [len(one) for one in kept] == [2, 2]
+    for other in (tmp_path / "revisions").glob("000[23].json"):
+        quiet = json.loads(other.read_text()) | {"noise_floor": 1e-6}
+        other.write_text(json.dumps(quiet))
+    (channel,) = json.loads(run("compare", hardening, "--folder", tmp_path, "--json").stdout)["channels"]
+    assert channel["noise_floor"] == pytest.approx(min(one["noise_floor"] for one in kept[0]))
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
