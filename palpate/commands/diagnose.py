@@ -35,7 +35,7 @@ from palpate.findings.effect_library import EffectLibrary, library_with
 from palpate.findings.estimation_run import Arm, Material, load_material
 from palpate.findings.kept_diagnosis import RESULT
 from palpate.findings.next_plan import plan_of, same_world, write_plan
-from palpate.findings.other_models import better_model
+from palpate.findings.other_models import better_explanation
 from palpate.findings.revisions import RevisionShelf
 from palpate.findings.story import Story, diagnosis_of, judge_subjects, tell_story
 from palpate.findings.subject import ALL_CHANNELS, Subject, channels_to_diagnose, subjects_of
@@ -174,10 +174,7 @@ def _print(diagnosis: Diagnosis) -> None:
 
 def _other_models(judged: Sequence[Judged], arm: Arm, typed: str) -> Iterator[tuple[str, str]]:
     for one in judged:
-        base, final = one.found.baseline, one.found.final
-        if base is None or final is None or one.found.verdict is Verdict.ADEQUATE:
-            continue
-        better = better_model(Subject(one.data, one.model), base.rmse, arm)
+        better = better_explanation(Subject(one.data, one.model), one.found, arm)
         if better is not None:
             left = f"{better[1]:.3g} {one.found.effort_unit}"
             yield f"palpate diagnose {typed} --model {better[0]}", f"from a base model that leaves {left}"
