@@ -90,6 +90,8 @@ def agreed(
 ) -> tuple[Value, list[Judged]] | None:
     """A common cause that joints named without rivals, one of them for sure, and that no joint denies.
 
+    Joints that do not determine its value are not asked.
+
     Args:
         judged: the channels of one robot.
         cause: its name.
@@ -98,25 +100,27 @@ def agreed(
     Returns:
         Its value in the joint that knows it best, and the joints that named it; None where that is not so.
     """
-    sure = [one for one in judged if any(_is_surely(entry, cause) for entry in one.found.accepted)]
+    named = [one for one in judged if any(_is_surely(entry, cause) for entry in one.found.accepted)]
     known = [effect for effect in effects if effect.name == cause]
-    if not known or not any(one.found.verdict is Verdict.MISSING for one in sure):
+    if not known or not _any_complete(named):
         return None
-    asked = [one for one in judged if one in sure or _can_say(one, known[0])]
-    witnesses = [_ask(one, cause, effects) for one in asked]
-    best = min(witnesses, key=lambda witness: _doubt_of(witness, sure))
+    asked = [_ask(one, cause, effects) for one in judged if one in named or _can_say(one, known[0])]
+    witnesses = [witness for witness in asked if np.isfinite(witness.value.std_err)]
+    sure = [witness for witness in witnesses if witness.judged in named]
+    if not _any_complete([witness.judged for witness in sure]):
+        return None
+    best = min(sure, key=lambda witness: witness.value.std_err)
     if not all(witness.agrees(best) for witness in witnesses):
         return None
-    return best.value, sure
+    return best.value, [witness.judged for witness in sure]
+
+
+def _any_complete(joints: Sequence[Judged]) -> bool:
+    return any(one.found.verdict is Verdict.MISSING for one in joints)
 
 
 def _is_surely(entry: Accepted, cause: str) -> bool:
     return entry.effect == cause and not entry.confused_with
-
-
-def _doubt_of(witness: _Witness, sure: Sequence[Judged]) -> float:
-    """Standard error of a joint that named the cause; infinite for the others."""
-    return witness.value.std_err if witness.judged in sure else float("inf")
 
 
 def others_may_tell(one: Judged, effects: Sequence[Effect]) -> bool:

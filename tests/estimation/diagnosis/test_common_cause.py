@@ -1,5 +1,6 @@
 """Joints of one arm that tell on each other."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import sim_backend
 from control.arm.rigid_body import RigidBody
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.diagnosis.common_cause import settle
+from estimation.diagnosis.common_cause import agreed, settle
 from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.result import Accepted
 from estimation.effects import EFFECTS
@@ -171,3 +172,35 @@ def test_a_dead_band_of_the_force_sensor_has_one_width_in_all_joints():
     (entry,) = first.accepted
     assert (entry.effect, entry.confused_with) == ("force_deadband", [])
     assert entry.parameters["width"].value == pytest.approx(0.4, abs=0.05)
+
+
+def swallowed(width_n):
+    """What joint k carries of a force of which the sensor swallows this much, by joint."""
+    key = "contact_torque_per_newton"
+    return lambda joint, data: width_n[joint] * data.context[key] * data.context["touching"]
+
+
+def named_by(data, *numbers):
+    """Those joints surely name a dead band of the force sensor; the others are adequate."""
+    answers = [answer(one.name, *["force_deadband"] * (i in numbers)) for i, one in enumerate(data, start=1)]
+    return [Judged(one, ARM, found) for one, found in zip(data, answers, strict=True)]
+
+
+def never_touching(joint):
+    """The joint where it cannot say how much the sensor swallows."""
+    return replace(joint, context={**joint.context, "touching": np.zeros(len(joint))})
+
+
+def test_a_joint_that_does_not_determine_a_common_cause_does_not_speak_for_the_others():
+    first, *others = joints(swallowed((0.4, 0.4, 0.4)))
+    value, told_by = agreed(named_by([never_touching(first), *others], 1, 2), "force_deadband", LIBRARY)
+    assert value.value == pytest.approx(0.4, abs=0.05)
+    assert np.isfinite(value.std_err)
+    assert [one.data.name for one in told_by] == ["joint_2"]
+
+
+def test_joints_that_differ_agree_no_more_for_one_that_does_not_determine_it():
+    first, *others = joints(swallowed((0.4, 0.4, 4.0)))
+    blind = never_touching(first)
+    assert agreed(named_by([blind, *others], 1, 2, 3), "force_deadband", LIBRARY) is None
+    assert agreed(named_by([blind], 1), "force_deadband", LIBRARY) is None
