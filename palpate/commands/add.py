@@ -36,6 +36,7 @@ from palpate.report.outcome import NAMES as OUTCOME
 from palpate.report.outcome import write_outcome
 from palpate.text.rerun_step import rerun_step
 from palpate.text.stages import fall_sentence, parameter_table, print_files, stage_table
+from palpate.words import safe
 
 
 def command(  # noqa: PLR0917, one parameter an option
@@ -89,6 +90,9 @@ def command(  # noqa: PLR0917, one parameter an option
     with console.stderr().status("report, picture and recording"):
         commands = list(_commands(stories, lambda **how: retyped(file, out=out, **how, **given, **data)))
         written = write_outcome(output_folder(folder), material, stories, commands)
+    for story in stories:
+        if story.left_out:
+            console.stderr().print(f"[yellow]{safe(story.left_out)}[/yellow]")
     if as_json:
         channel_name = growth.story.subject.channel.name
         kept = [revision.model_dump(mode="json") for revision in growth.kept]

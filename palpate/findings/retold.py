@@ -1,9 +1,11 @@
 """All that is known of the channels of a file, where one of them has grown."""
 
+from dataclasses import replace
+
 from palpate.findings.effect_library import EffectLibrary
 from palpate.findings.estimation_run import Arm, Material
 from palpate.findings.kept_diagnosis import KeptDiagnosis
-from palpate.findings.revisions import RevisionShelf
+from palpate.findings.revisions import KeptRevision, RevisionShelf
 from palpate.findings.story import Story, tell_story
 from palpate.findings.subject import subject_of
 from robot_io.errors import InputError
@@ -47,11 +49,22 @@ def _of(  # noqa: PLR0917, as `retold`
     if channel is None or (model := newest.model if newest else kept.model_of(channel.kind)) is None:
         return None
     subject = kept.as_judged(subject_of(channel, model, arm))
-    effects = newest.effects if newest is not None else []
-    known = {effect.name for effect in library.effects}
+    added, left_out = _added(newest, library)
     try:
-        story = tell_story(subject, None, effects if known.issuperset(effects) else [], library.effects, kept)
+        story = tell_story(subject, None, added, library.effects, kept)
     except InputError:  # it cannot be judged, as the diagnosis said then
         found = kept.found[name]
         return Story(subject, found, None, ()) if found.baseline is None else None
-    return story if story.diagnosis is not None or story.added else None
+    story = replace(story, left_out=left_out)
+    return story if story.diagnosis is not None or story.added or left_out else None
+
+
+def _added(newest: KeptRevision | None, library: EffectLibrary) -> tuple[list[str], str]:
+    """Effects of a channel's newest revision; none, and why, where one of the user's was not given now."""
+    if newest is None:
+        return [], ""
+    try:
+        library.check_own(newest)
+        return [library.get(name).name for name in newest.effects], ""
+    except InputError as error:
+        return [], f"{newest.channel} is told without what was added to it: {error}"

@@ -30,6 +30,7 @@ class Story:
         comparison: the base model beside the measurement; None where the data cannot be judged.
         stages: the base model, and one stage for each effect added; empty where the data cannot be judged.
         grown: the last stage beside the measurement; None where nothing was added.
+        left_out: why what was added is not told, in a sentence; empty where it is.
     """
 
     subject: Subject
@@ -37,6 +38,7 @@ class Story:
     comparison: Comparison | None
     stages: tuple[Revision, ...]
     grown: Comparison | None = None
+    left_out: str = ""
 
     @property
     def added(self) -> list[str]:

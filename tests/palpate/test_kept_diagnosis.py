@@ -7,13 +7,19 @@ import pytest
 from estimation.diagnosis import ChannelDiagnosis, Diagnosis, Verdict
 from estimation.diagnosis.result import Fitted, ParameterValue
 from estimation.effects import EFFECTS
+from estimation.effects.bias import Bias
 from estimation.effects.deadband import SWALLOWED
 from estimation.model import Model
 from estimation.revision import revise
-from palpate.findings.effect_library import library_with
+from palpate.findings.effect_library import EffectLibrary, library_with
 from palpate.findings.estimation_run import NO_ARM, Material
 from palpate.findings.kept_diagnosis import RESULT, kept_diagnosis
+from palpate.findings.retold import retold
+from palpate.findings.revisions import RevisionShelf
+from palpate.findings.story import Story
 from palpate.findings.subject import Subject
+from palpate.report.report import Report
+from palpate.report.sections.verdict import VerdictSection
 from robot_io.errors import InputError
 from tests.estimation.diagnosis.test_true_force import WIDTH_N, judged, pressing
 from tests.palpate.cli import assert_refused, run
@@ -125,6 +131,31 @@ def test_the_report_after_adding_keeps_the_verdict_and_tells_what_was_added(tmp_
     ):
         assert words in report
     assert json.loads(added.stdout)["revisions"][0]["noise_floor"] <= found["noise_floor"]
+
+
+class Mine(Bias):
+    """An effect of the user's own."""
+
+    name = "mine"
+
+
+def test_a_channel_with_an_effect_of_ones_own_is_not_silently_told_without_it(pressed, tmp_path):
+    found, contact, joint, _ = pressed
+    kept, shelf = known(tmp_path, [found], (contact, joint)), RevisionShelf(tmp_path)
+    own, library = {"mine": "mine.py:Mine"}, (*LIBRARY, Mine())
+    stages = revise(contact, judged(contact).model, ["mine"], library)
+    shelf.keep("contact", "N", stages, parent=None, user_effects=own)
+    grown = Story(Subject(joint, ARM), None, None, ())
+    material = Material(tmp_path / "f", None, (contact, joint), {}, NO_ARM)
+
+    def told(given):
+        return retold(grown, material, NO_ARM, shelf, given, kept)[1]
+
+    silent, whole = told(EffectLibrary(LIBRARY, {})), told(EffectLibrary(library, own))
+    assert (whole.added, whole.left_out, silent.added) == (["mine"], "", [])
+    for words in ("contact is told without what was added", "add --effect mine.py:Mine"):
+        assert words in silent.left_out
+    assert silent.left_out in VerdictSection().html(Report("f", {}, (silent,), ()))
 
 
 def test_without_a_diagnosis_the_report_tells_how_the_last_stage_fits(tmp_path):

@@ -24,7 +24,7 @@ class VerdictSection(Section):
 
     def html(self, report: Report) -> str:
         """See `Section.html`."""
-        return "".join(_diagnosed(story) or _compared(story) for story in report.stories)
+        return "".join((_diagnosed(story) or _compared(story)) + _left_out(story) for story in report.stories)
 
 
 def _diagnosed(story: Story) -> str:
@@ -54,6 +54,10 @@ def _compared(story: Story) -> str:
         told.append(f"<p>{_plain(fall_sentence(story))}</p>")
     told += [f"<p class='quiet'>{escape(text)}</p>" for text in words if text]
     return f"<div class='verdict'>{''.join(told)}</div>"
+
+
+def _left_out(story: Story) -> str:
+    return f"<p class='quiet'>{escape(story.left_out)}</p>" if story.left_out else ""
 
 
 def _rivals(entry: Accepted) -> str:
