@@ -3,7 +3,9 @@
 import pickle
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing import Pipe
 
 import numpy as np
@@ -67,6 +69,41 @@ def test_a_process_that_ended_is_said_to_have_ended(jobs):
     theirs.close()
     with pytest.raises(PalpateError, match="was ended"):
         apart._share_out(jobs, [ours], lambda what, share: None)
+
+
+@dataclass(frozen=True)
+class Asking:
+    """A job that does nothing but ask for help with tasks, of which one fails."""
+
+    failing: int
+
+    def run(self, progress, each):
+        return each(partial(fail_at, self.failing), range(4), lambda number: None)
+
+
+def fail_at(failing, number):
+    if number == failing:
+        raise ZeroDivisionError(f"task {number}")
+    return number
+
+
+def work(pipe):
+    """As a process: its pipe is closed when it ends."""
+    with pipe:
+        apart._work(pipe)
+
+
+@pytest.mark.parametrize("failing", [0, 1], ids=["who asked", "the helper"])
+def test_a_task_that_fails_is_told_with_its_reason(failing, monkeypatch):
+    """Two threads stand for the processes: who asks gets the first task, who helps the second."""
+    monkeypatch.setattr(apart.signal, "signal", lambda *_: None)  # only a main thread may set it
+    pipes = [Pipe(), Pipe()]
+    with ThreadPoolExecutor(2) as threads, ExitStack() as ended:
+        workers = [ended.enter_context(ours) for ours, _ in pipes]
+        at_work = [threads.submit(work, theirs) for _, theirs in pipes]
+        with pytest.raises(ZeroDivisionError, match=f"task {failing}"):
+            apart._share_out([Asking(failing)], workers, lambda what, share: None)
+    assert all(isinstance(one.exception(), EOFError | OSError) for one in at_work)
 
 
 def double(number):
