@@ -8,17 +8,26 @@ from estimation.model import Model
 from robot_io.types import FloatArray
 
 _SEVERAL = 2.0  # turns: with fewer, a spring and a weight may be told from each other by their shape alone
-_SLOWLY = 0.1  # of the effort's variance, a third of its amplitude, that goes with the angle beyond its sine
-_AS_WELL, _CLEARLY = 1.1, 1.5  # times the energy left: of a law of as many parameters, and of another law
+_SLOWLY = 0.1  # of the effort's variance, a third of its amplitude, that goes slowly with the angle
+# Of what the motion leaves, that the sine in degrees leaves: what is hidden at ten times the noise stays,
+# which was up to 0.1 of a pendulum in degrees; the rest has to be slow.
+_NEARLY_ALL = 0.2
+# Times the energy left, by which a law is as good as a wider one. Chance and likeness made 1.01 in pendulums
+# in degrees; a weight in radians of half the noise, by its amplitude, makes 1.1, and a plain one hundreds.
+_AS_WELL = 1.1
+# Times the energy left, by which a law is worse. Springs, spiral or hardening, that a quadratic does not draw
+# are not drawn by a sine either, which came to 1.03; a pendulum's swings of 50 degrees came to 1.3 to 6.
+_CLEARLY = 1.5
 
 
 def strange_turns(data: ChannelData, model: Model | None) -> str | None:
     """Why the angle of a joint with weight is hardly in radians; None if nothing says so.
 
-    Over several turns an arm's weight comes back with each. An effort that instead goes slowly with the angle
-    from one end to the other is that of an angle in degrees, or of a motor ahead of its gear; a spring and a
-    cubic would draw it. Beside a model that knows no weight, a spring may be wound up by several turns: only
-    what bends as the sine in degrees does is refused.
+    Over several turns an arm's weight comes back with each. An effort in which nothing does, and that goes
+    slowly with the angle from one end to the other, is that of an angle in degrees, or of a motor ahead of
+    its gear. Where the weight is there as well, what goes slowly is a spring that is wound up, or a friction
+    that warms up. Beside a model that knows no weight, nothing has to come back: only what bends as the sine
+    in degrees does, and as no spiral spring, is refused.
 
     Args:
         data: the channel.
@@ -29,11 +38,9 @@ def strange_turns(data: ChannelData, model: Model | None) -> str | None:
     turns = float(np.ptp(data.position)) / (2.0 * np.pi)
     if turns < _SEVERAL:
         return None
-    since_s = data.time_s - data.time_s[0]
-    motion = [np.ones(len(data)), since_s, data.velocity, np.sign(data.velocity)]
-    if not _goes_slowly(data, motion):
+    if not _in_degrees(data):
         return None
-    if not any(effect.name in HEAVY for effect in model.effects) and not _bends_in_degrees(data, motion):
+    if not any(effect.name in HEAVY for effect in model.effects) and not _bends_in_degrees(data):
         return None
     return (
         f"the joint turns {turns:.0f} times, and its effort does not come back with each turn as weight "
@@ -41,24 +48,25 @@ def strange_turns(data: ChannelData, model: Model | None) -> str | None:
     )
 
 
-def _goes_slowly(data: ChannelData, motion: list[FloatArray]) -> bool:
-    """Whether the effort goes with the angle itself, beyond what comes back with each turn."""
-    turning = [*motion, np.sin(data.position), np.cos(data.position)]
-    left, gain = _left(data.effort, [*turning, data.acceleration])
-    if gain < 0.0:  # a swing's acceleration goes with its angle, but no mass is below nothing
-        left, _ = _left(data.effort, turning)
-    else:
-        turning.append(data.acceleration)
-    curved, _ = _left(data.effort, [*turning, *_powers(data)])
-    return left - curved >= _SLOWLY * float(np.var(data.effort))
+def _in_degrees(data: ChannelData) -> bool:
+    """Whether the angle's sine in degrees draws nearly all of the effort, and in radians next to nothing."""
+    radians, degrees = _sines(data.position), _sines(np.radians(data.position))
+    moved, slow, both = (_left(data, law) for law in ([], degrees, [*degrees, *radians]))
+    if moved - slow < _SLOWLY * float(np.var(data.effort)):
+        return False
+    return slow <= _NEARLY_ALL * moved and slow <= _AS_WELL * both
 
 
-def _bends_in_degrees(data: ChannelData, motion: list[FloatArray]) -> bool:
-    """Whether the angle's sine in degrees draws the effort as well as three powers, and no straight does."""
-    degrees, moving = np.radians(data.position), [*motion, data.acceleration]
-    laws = (_powers(data)[:1], _powers(data), [np.sin(degrees), np.cos(degrees)])
-    straight, curved, sine = (_left(data.effort, [*moving, *law])[0] for law in laws)
-    return sine <= _AS_WELL * curved and straight >= _CLEARLY * sine
+def _bends_in_degrees(data: ChannelData) -> bool:
+    """Whether the angle's sine in degrees draws the effort as well as three powers, and two do not."""
+    sine, two, three = (
+        _left(data, law) for law in (_sines(np.radians(data.position)), _powers(data)[:2], _powers(data))
+    )
+    return sine <= _AS_WELL * three and two >= _CLEARLY * sine
+
+
+def _sines(angle_rad: FloatArray) -> list[FloatArray]:
+    return [np.sin(angle_rad), np.cos(angle_rad)]
 
 
 def _powers(data: ChannelData) -> list[FloatArray]:
@@ -66,7 +74,16 @@ def _powers(data: ChannelData) -> list[FloatArray]:
     return [x, x**2, x**3]
 
 
-def _left(effort: FloatArray, columns: list[FloatArray]) -> tuple[float, float]:
+def _left(data: ChannelData, law: list[FloatArray]) -> float:
+    """Mean square that a law, columns (n,), leaves of the effort beside frictions, a drift and an inertia."""
+    v = data.velocity
+    columns = [np.ones(len(data)), data.time_s - data.time_s[0], v, np.sign(v), v * np.abs(v), *law]
+    left, inertia = _fitted(data.effort, [*columns, data.acceleration])
+    # a swing's acceleration goes with its angle, but no mass is below nothing
+    return left if inertia >= 0.0 else _fitted(data.effort, columns)[0]
+
+
+def _fitted(effort: FloatArray, columns: list[FloatArray]) -> tuple[float, float]:
     """Mean square that columns (n,) leave of an effort (n,), and the gain of the last one."""
     size = [float(np.sqrt(np.mean(column**2))) or 1.0 for column in columns]
     matrix = np.column_stack(columns) / size

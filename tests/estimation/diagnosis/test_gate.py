@@ -195,6 +195,28 @@ def test_a_spring_wound_up_by_several_turns_and_a_pendulum_that_goes_round_pass(
     assert refuse(round_and_round, MODELS["pendulum"]().build(ModelContext())) is None
 
 
+SLOW_OVER_SEVERAL_TURNS = {
+    "a cable's spring beside a weight": ("pendulum", lambda q, t: 0.2 * np.sin(q) + 0.05 * q),
+    "a friction that warms up": ("pendulum", lambda q, t: 0.1 * np.sin(q) + 0.24 * np.exp(-t / 3.0)),
+    "a spiral spring": ("inertia", lambda q, t: 0.1 * q + 0.004 * q**2),
+}
+
+
+@pytest.mark.parametrize("name", SLOW_OVER_SEVERAL_TURNS)
+def test_what_goes_slowly_with_a_joint_in_radians_is_not_taken_for_degrees(name):
+    model, torque = SLOW_OVER_SEVERAL_TURNS[name]
+    slow = swinging(10.0)
+    t, run = slow.time_s, slow.run
+    if "warms" in name:  # round and round, one way
+        q = (2.0 + 0.2 * run) * t + 0.1 * (1.0 - np.cos(3.0 * t))
+        v = 2.0 + 0.2 * run + 0.3 * np.sin(3.0 * t)
+        slow = replace(slow, position=q, velocity=v, acceleration=0.9 * np.cos(3.0 * t))
+    noise = np.random.default_rng(1).normal(0, 0.01, len(t))
+    effort = 0.002 * slow.acceleration + torque(slow.position, t) + noise
+    data = replace(slow, time_s=t + 20.0 * run, effort=effort)
+    assert refuse(data, MODELS[model]().build(ModelContext())) is None
+
+
 @pytest.mark.parametrize(
     ("bend", "words"),
     [
