@@ -4,14 +4,22 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.signals.runwise import per_run
-from robot_io.types import FloatArray
+from robot_io.types import BoolArray, FloatArray
 
 _FEWEST = 50  # readings within the noise of zero, of which none is below: by chance in 1 of 2^50 cases
-_FLAT = 0.6  # of the readings in the farther half of that noise, that lie in the nearer
-_MOST_ZEROS = 2.0  # for each of these; more are a dead band, or data without noise
+# Of the readings in the farther half of that noise, that lie in the nearer. Folded noise is densest at zero:
+# 1 and more, by chance 0.8; what thins out towards its least reading had 0.3, where there was enough of it.
+_FLAT = 0.6
+# Exactly zero, for each reading on the next step: folding lays two steps on that one and leaves zero alone,
+# half; cutting lays on zero all that was below.
+_MOST_ZEROS = 0.75
 # Of a joint's readings, that are exactly zero: more than at a standstill. With fewer different ones than that
 # zero is a step as any other.
 _OFTEN, _FINE = 0.3, 50
+# Times the energy that a law leaves without a constant. What was cut off takes nothing from what is left: 1.0
+# to 1.1, also beside an effect at ten times the noise. A dead band takes its width from all of it: 3 and
+# more, less where a weight goes through so little of its turn that it looks like a constant.
+_WITHOUT_CONSTANT = 1.5
 _TO_SIGMA = 1.4826 / np.sqrt(6.0)  # of the median bend: normal quantile, and variance of a second difference
 
 
@@ -19,9 +27,9 @@ def folded(data: ChannelData) -> str | None:
     """Why the readings are those of a rectified signal; None if they are not.
 
     Where an effort comes within its noise of zero, half of the readings lie below. If none does, and they are
-    as dense just above zero as a little farther up, they were folded or cut off there. A reading whose least
-    was set to zero thins out towards it instead. A contact may read zero for long; a joint that moves
-    does not.
+    as dense just above zero as a little farther up, they were folded there. A reading whose least was set to
+    zero thins out towards it instead. An object can only push, so that what a converter cuts off below zero
+    is but free air's noise, and takes nothing from what is asked; of a joint it is half of the law.
 
     Args:
         data: the channel; a tare that was taken off is put back.
@@ -29,26 +37,57 @@ def folded(data: ChannelData) -> str | None:
     effort = data.effort if data.tare is None else data.effort + data.tare.of(data.run)
     if len(effort) == 0 or effort.min() < 0.0:
         return None
-    noise = _TO_SIGMA * float(np.median(np.abs(per_run(_bends, effort, data.run))))
-    near = effort[(effort > 0.0) & (effort <= noise)]
-    inner = int(np.count_nonzero(near <= 0.5 * noise))
-    zeros = int(np.count_nonzero(effort == 0.0))
-    if (
-        data.kind is not ChannelKind.CONTACT
-        and zeros > _OFTEN * len(effort)
-        and len(np.unique(effort)) >= _FINE
-    ):
+    if data.kind is not ChannelKind.CONTACT and _cut_off(data, effort):
+        share = float(np.mean(effort == 0.0))
         return (
-            f"no reading is below zero, and {100 * zeros / len(effort):.0f} % are exactly zero: was the sign "
+            f"no reading is below zero, and {100 * share:.0f} % are exactly zero: was the sign "
             "cut off? record the signal with its sign"
         )
-    if len(near) < _FEWEST or inner < _FLAT * (len(near) - inner) or zeros > _MOST_ZEROS * len(near):
+    noise = _TO_SIGMA * float(np.median(np.abs(per_run(_bends, effort, data.run))))
+    count = _turned_round(effort, noise)
+    if count < _FEWEST:
         return None
-    unit = data.kind.effort_unit
     return (
-        f"no reading is below zero, though {len(near)} lie within their noise of it, {noise:.2g} {unit}: "
-        "what was below was turned round or cut off; record the signal with its sign"
+        f"no reading is below zero, though {count} lie within their noise of it, {noise:.2g} "
+        f"{data.kind.effort_unit}: what was below was turned round; record the signal with its sign"
     )
+
+
+def _turned_round(effort: FloatArray, noise: float) -> int:
+    """How many readings (n,) lie within their noise of zero; 0 if they are no folded ones."""
+    near = effort[(effort > 0.0) & (effort <= noise)]
+    if len(near) == 0 or noise < 2.0 * near.min():
+        return 0  # steps too coarse to say how dense they lie
+    step = float(near.min())
+    half = step * (np.floor(0.5 * noise / step) + 0.5)  # as many steps in the nearer half as in the farther
+    inner = int(np.count_nonzero(near <= half))
+    outer = int(np.count_nonzero((effort > half) & (effort <= 2.0 * half - 0.5 * step)))
+    zeros, next_to_zero = np.count_nonzero(effort == 0.0), np.count_nonzero(near < 1.5 * step)
+    return len(near) if inner >= _FLAT * outer and zeros <= _MOST_ZEROS * next_to_zero else 0
+
+
+def _cut_off(data: ChannelData, effort: FloatArray) -> bool:
+    """Whether a joint's readings (n,) lost what was below zero, and nothing of what is above it.
+
+    A dead band that a torque of one sign goes into and out of shows zeros as well, but what it swallows is
+    then missing everywhere. Laws are a weight at any tilt, and one with springs that rest where it hangs.
+    """
+    zero = effort == 0.0
+    if np.mean(zero) <= _OFTEN or len(np.unique(effort)) < _FINE:
+        return False
+    q, v = data.position, data.velocity
+    motion, one = [np.sin(q), v, np.sign(v), data.acceleration], np.ones(len(q))
+    laws = ([*motion, np.cos(q)], [*motion, q, q**3])
+    return any(
+        _left(effort, law, ~zero) <= _WITHOUT_CONSTANT * _left(effort, [*law, one], ~zero) for law in laws
+    )
+
+
+def _left(effort: FloatArray, columns: list[FloatArray], rows: BoolArray) -> float:
+    """Mean square that columns (n,) leave of an effort (n,) in some rows."""
+    matrix, wanted = np.column_stack(columns)[rows], effort[rows]
+    gains = np.linalg.lstsq(matrix, wanted, rcond=1e-9)[0]
+    return float(np.mean((wanted - matrix @ gains) ** 2))
 
 
 def _bends(effort: FloatArray) -> FloatArray:

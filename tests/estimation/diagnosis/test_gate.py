@@ -57,7 +57,6 @@ BAD = {
     "only 0 samples": DATA.select(np.arange(0)),
     "is a copy of run 0": one_run_again_and_again(),
     "with its sign": replace(DATA, effort=np.abs(DATA.effort)),
-    "turned round or cut off": replace(DATA, effort=np.maximum(DATA.effort, 0.0)),
     "resample": DATA.select((DATA.run != 2) | (np.arange(len(DATA)) % 2 == 0)),
     "longer runs": replace(
         DATA, time_s=0.1 * DATA.time_s, velocity=10.0 * DATA.velocity, run=np.arange(len(DATA)) // 8
@@ -220,7 +219,7 @@ def test_what_goes_slowly_with_a_joint_in_radians_is_not_taken_for_degrees(name)
 @pytest.mark.parametrize(
     ("bend", "words"),
     [
-        (np.abs, "turned round or cut off"),
+        (np.abs, "turned round"),
         (lambda torque: np.maximum(torque, 0.0), "exactly zero"),
         (lambda torque: np.sign(torque + 1e-9), "2 different readings"),
     ],
@@ -229,6 +228,23 @@ def test_a_torque_that_lost_its_sign_or_all_but_that_is_refused(bend, words):
     data = swinging()
     assert words in refuse(replace(data, effort=bend(data.effort)))
     assert refuse(data) is None
+
+
+@pytest.mark.parametrize("step_n", [0.0, 0.01, 0.02])
+@pytest.mark.parametrize("correlation", [0.0, 0.6])
+def test_a_converter_that_cuts_off_free_air_passes_and_one_that_folds_it_does_not(step_n, correlation):
+    made = session(3, correlation=correlation)
+    stepped = step_n * np.round(made.effort / step_n) if step_n else made.effort
+    assert refuse(replace(made, effort=np.maximum(stepped, 0.0))) is None
+    if correlation == 0.0:  # else the noise is less than two steps from sample to sample
+        assert "turned round" in refuse(replace(made, effort=np.abs(stepped)))
+
+
+def test_a_torque_of_one_sign_behind_a_dead_band_passes():
+    data = swinging(torque=lambda q, v, a: 2.0 + 1.5 * np.sin(1.6 * q) + 0.1 * v)
+    swallowed = replace(data, effort=np.maximum(data.effort - 1.7, 0.0))
+    assert np.mean(swallowed.effort == 0.0) > 0.4
+    assert refuse(swallowed) is None
 
 
 def test_a_probing_session_in_which_a_joint_moves_in_one_run_only_says_nothing():
