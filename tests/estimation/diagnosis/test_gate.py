@@ -34,10 +34,10 @@ def over_and_over(times):
     )
 
 
-def one_run_again_and_again():
-    rows = np.tile(np.flatnonzero(DATA.run == 0), 4)
+def one_run_again_and_again(data=DATA):
+    rows = np.tile(np.flatnonzero(data.run == 0), 4)
     number = np.repeat(np.arange(4), len(rows) // 4)
-    return replace(DATA.select(rows), run=number, time_s=DATA.time_s[rows] + 10.0 * number)
+    return replace(data.select(rows), run=number, time_s=data.time_s[rows] + 10.0 * number)
 
 
 LONG = over_and_over(300_000 // len(DATA) + 1)
@@ -72,6 +72,28 @@ def test_bad_data_gets_a_reason_and_no_name(words):
     assert found.verdict is Verdict.INSUFFICIENT
     assert words in found.reason
     assert found.accepted == []
+
+
+@pytest.mark.parametrize(("correlation", "step_n"), [(0.0, 0.02), (0.6, 0.01), (0.9, 0.001)])
+def test_a_copy_is_told_by_its_noise(correlation, step_n):
+    again = one_run_again_and_again(session(3, correlation=correlation))
+    assert "is a copy of run 0" in refuse(replace(again, effort=step_n * np.round(again.effort / step_n)))
+
+
+@pytest.mark.parametrize("step_n", [0.0, 1e-6, 0.5])
+def test_one_press_made_again_without_noise_is_no_copy(step_n):
+    again = one_run_again_and_again()
+    force = kelvin_voigt(again.position, again.velocity)
+    assert refuse(replace(again, effort=step_n * np.round(force / step_n) if step_n else force)) is None
+
+
+def test_a_joint_that_is_braked_in_two_runs_is_judged_by_the_others():
+    data = swinging()
+    braked = (data.run == 1) | (data.run == 2)
+    signals = (np.where(braked, at_rest, x) for at_rest, x in ((0.3, data.position), (0.0, data.velocity)))
+    position, velocity = signals
+    torque = np.where(braked, 0.6, 0.05 * np.round(data.effort / 0.05))
+    assert refuse(replace(data, position=position, velocity=velocity, effort=torque)) is None
 
 
 def test_presses_that_were_not_divided_into_runs_are_to_be_numbered():
