@@ -23,9 +23,11 @@ from palpate.export.scenario import FittedChannel
 from palpate.files import output_file, write_text
 from palpate.findings.derived import derived_folder, kept_revisions
 from palpate.findings.effect_library import library_with
-from palpate.findings.estimation_run import Material, load_material
+from palpate.findings.estimation_run import NO_ARM, Material, load_material
 from palpate.findings.growth import Wish, grow
-from palpate.findings.revisions import KeptRevision, RevisionShelf
+from palpate.findings.kept_diagnosis import kept_diagnosis
+from palpate.findings.revisions import KeptRevision
+from palpate.findings.same_data import SameData, channel_of
 from palpate.findings.truth import scenario_of
 from palpate.words import safe, shown, typed
 from robot_io.errors import InputError
@@ -38,7 +40,7 @@ def command(  # noqa: PLR0917, one parameter an option
     file: FileArgument,
     revision: Annotated[
         list[int] | None,
-        typer.Option(help="Take these revisions; default: the newest of each channel.", metavar="N"),
+        typer.Option(help="Take these revisions; default: each channel's newest of this data.", metavar="N"),
     ] = None,
     folder: FolderOption = None,
     column: ColumnOption = None,
@@ -59,7 +61,10 @@ def command(  # noqa: PLR0917, one parameter an option
     material = load_material(file, import_options(column, unit, where, context, fresh_runs))
     shelf, place = kept_revisions(material, folder), derived_folder(material, folder)
     path = output_file(out or place / SCENARIO, force=force or out is None, keep=[file])
-    kept = _revisions(material, shelf, revision)
+    library = library_with(None)
+    # by which URDF an arm's models were fitted is not known here, so that those are taken as they are
+    known = kept_diagnosis(place, material, NO_ARM, library.effects)
+    kept = _revisions(SameData(material, NO_ARM, shelf, known, library.effects), revision)
     fitted = [_fitted(material, each) for each in kept]
     description = f"as measured in {file.name}: " + "; ".join(_model(each) for each in kept)
     export = export_scenario(_base(material), fitted, description)
@@ -74,13 +79,16 @@ def command(  # noqa: PLR0917, one parameter an option
         _print(retyped(file, revision=numbers, folder=folder, **data), path, export)
 
 
-def _revisions(material: Material, shelf: RevisionShelf, numbers: list[int] | None) -> list[KeptRevision]:
+def _revisions(same: SameData, numbers: list[int] | None) -> list[KeptRevision]:
     """The revisions that are meant; where nothing was added yet, the contact's base model is fitted."""
+    material, shelf = same.material, same.shelf
     if numbers:
         chosen = [shelf.get(number) for number in numbers]
     else:
-        newest = (shelf.latest(channel.name) for channel in material.channels)
+        newest = (same.latest(one.name) or shelf.latest(one.name) for one in material.channels)
         chosen = [revision for revision in newest if revision is not None]
+    for revision in chosen:
+        same.check(revision)
     contacts = [channel.name for channel in material.channels if channel.kind is ChannelKind.CONTACT]
     if len(contacts) == 1 and not any(revision.channel in contacts for revision in chosen):
         remark = "nothing was added to the contact's model yet: the base model is written as it is"
@@ -98,9 +106,7 @@ def _revisions(material: Material, shelf: RevisionShelf, numbers: list[int] | No
 
 
 def _fitted(material: Material, revision: KeptRevision) -> FittedChannel:
-    channel = next((c for c in material.channels if c.name == revision.channel), None)
-    if channel is None:
-        raise InputError(f"revision {revision.number} is of channel '{revision.channel}', which is not there")
+    channel = channel_of(material, revision)
     joints = sum(other.name.startswith("joint_") for other in material.channels)
     return FittedChannel(revision, channel.surface, joints)
 

@@ -7,6 +7,7 @@ from palpate.findings.effect_library import EffectLibrary
 from palpate.findings.estimation_run import Arm, Material
 from palpate.findings.kept_diagnosis import KeptDiagnosis
 from palpate.findings.revisions import KeptRevision, RevisionShelf
+from palpate.findings.same_data import SameData
 from palpate.findings.story import Story, channel_for, tell_story
 from palpate.findings.subject import Subject, only_channel, subject_of, subjects_of, usual_model
 from robot_io.errors import InputError
@@ -41,7 +42,7 @@ class Wish:
         effects: to add, in order.
         model: base model; None for that of the revision, or what suits the channel.
         channel: its name; None for the one that the effects suit.
-        start: revision to continue; None for the newest.
+        start: revision to continue; None for the newest of the same data, if any.
         fresh: begin with the base model again.
     """
 
@@ -74,14 +75,15 @@ def grow(  # noqa: PLR0917, what it grows from
         InputError: a name is unknown, an effect is there already or does not apply, or options contradict.
     """
     start = shelf.get(wish.start) if wish.start is not None else None
+    same = SameData(material, arm, shelf, kept, library.effects)
     if start is not None:
-        subject = _continued(material, arm, wish, start)
+        subject = _continued(same, wish, start)
     else:
         chosen = [library.get(name) for name in wish.effects]
-        subject = channel_for(only_channel(_begun(material, arm, shelf, wish), wish.channel), chosen)
+        subject = channel_for(only_channel(_begun(same, wish), wish.channel), chosen)
     parent = start
     if parent is None and not wish.fresh:
-        parent = shelf.latest(subject.channel.name, subject.model.name)
+        parent = same.latest(subject.channel.name, subject.model.name)
     before = [] if parent is None else parent.effects
     if parent is not None:
         library.check_own(parent)
@@ -95,21 +97,24 @@ def grow(  # noqa: PLR0917, what it grows from
     return Growth(story, parent, new)
 
 
-def _continued(material: Material, arm: Arm, wish: Wish, start: KeptRevision) -> Subject:
+def _continued(same: SameData, wish: Wish, start: KeptRevision) -> Subject:
     """The channel of a revision with its base model."""
     contradictions = {"--fresh": wish.fresh, "--model": wish.model, "--channel": wish.channel}
     given = [option for option, value in contradictions.items() if value]
     if given:
         raise InputError(f"--from {start.number} says channel and model already: leave out {given[0]}")
-    return only_channel(subjects_of(material, start.model, arm), start.channel)[0]
+    subject = only_channel(subjects_of(same.material, start.model, same.arm), start.channel)[0]
+    same.check(start)
+    return subject
 
 
-def _begun(material: Material, arm: Arm, shelf: RevisionShelf, wish: Wish) -> tuple[Subject, ...]:
+def _begun(same: SameData, wish: Wish) -> tuple[Subject, ...]:
     """The channels, each with the base model that the user names, else that of its newest revision."""
+    material, arm = same.material, same.arm
     if wish.model is not None or wish.fresh:
         return subjects_of(material, wish.model, arm)
     wanted = [channel for channel in material.channels if wish.channel in {None, channel.name}]
-    newest = [shelf.latest(channel.name) for channel in wanted]
+    newest = [same.latest(channel.name) for channel in wanted]
     begun = tuple(
         subject_of(channel, kept.model if kept else usual_model(channel, arm), arm)
         for channel, kept in zip(wanted, newest, strict=True)

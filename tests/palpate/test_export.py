@@ -158,3 +158,23 @@ def force_of(session, number):
     ticks = Session.open(session).samples("tick")
     mine = (ticks["run"] == number) & np.isin(ticks["phase"], [Phase.LOADING, Phase.HOLD])
     return ticks["force_n"][mine]
+
+
+def test_revisions_of_other_rows_are_not_gone_on_from(tmp_path, monkeypatch):
+    """One file of two specimens, the second softer: the name of the file is all that its revisions share."""
+    monkeypatch.chdir(tmp_path)
+    hard, soft = write_presses(tmp_path / "a.csv"), write_presses(tmp_path / "b.csv", cubic=0.0, seed=5)
+    header, *first = hard.read_text().splitlines()
+    rows = [f"{row},A" for row in first] + [f"{row},B" for row in soft.read_text().splitlines()[1:]]
+    (tmp_path / "two.csv").write_text("\n".join([f"{header},specimen", *rows]) + "\n")
+    of_a, of_b = (("two.csv", "--where", f"specimen={name}") for name in "AB")
+    assert run("add", *of_a, "cubic_stiffness").exit_code == 0
+    for told in ((), ("--revision", 1)):
+        assert_refused(run("export", *of_b, *told), "revision 1 is of other data", "--where", "folder")
+    assert not (tmp_path / "two-palpate" / "scenario.yaml").exists()
+    assert_refused(run("add", *of_b, "bias", "--from", 1), "revision 1 is of other data")
+    added = json.loads(run("add", *of_b, "bias", "--json").stdout)["revisions"]
+    assert [(one["parent"], one["effects"]) for one in added] == [(None, []), (2, ["bias"])]
+    for of, law in ((of_a, "cubic_stiffness"), (of_b, "bias")):
+        used = json.loads(run("export", *of, "--json").stdout)["used"]
+        assert law in str(used)
