@@ -9,7 +9,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from estimation.revision import Revision
-from palpate.files import output_folder, write_text
+from palpate.files import output_folder, write_new_text
 from palpate.findings.kept_revision import KeptParameter, KeptRevision
 from palpate.findings.revision_check import flaw
 from robot_io.errors import InputError
@@ -40,8 +40,9 @@ class RevisionShelf:
         Raises:
             InputError: a file is not a revision.
         """
-        files = sorted(self._folder.glob("[0-9]*.json")) if self._folder.is_dir() else []
-        return [_read(file) for file in files if file.stem.isdecimal()]
+        files = self._folder.glob("[0-9]*.json") if self._folder.is_dir() else ()
+        own = [file for file in files if file.stem.isdecimal() and file.name == _name(int(file.stem))]
+        return [_read(file) for file in sorted(own, key=lambda file: int(file.stem))]
 
     def get(self, number: int) -> KeptRevision:
         """One revision.
@@ -95,18 +96,25 @@ class RevisionShelf:
             parent = parent or _base(everything, channel, stage)
             if parent is not None and len(effects) <= len(parent.effects):
                 continue
-            number += 1
             before = kept[-1] if kept else parent
             own = [user_effects[name] for name in effects if name in user_effects]
-            revision = _revision(number, before, channel, effort_unit, stage, effects, own)
-            self._write(revision)
+            revision = self._write(_revision(number + 1, before, channel, effort_unit, stage, effects, own))
+            number = revision.number
             kept.append(revision)
         return kept
 
-    def _write(self, revision: KeptRevision) -> None:
-        file = self._folder / f"{revision.number:04d}.json"
+    def _write(self, revision: KeptRevision) -> KeptRevision:
+        """Write it, by a later number where another program has just taken that one."""
         output_folder(self._folder)
-        write_text(file, revision.model_dump_json(indent=2) + "\n")
+        while not write_new_text(
+            self._folder / _name(revision.number), revision.model_dump_json(indent=2) + "\n"
+        ):
+            revision = revision.model_copy(update={"number": revision.number + 1})
+        return revision
+
+
+def _name(number: int) -> str:
+    return f"{number:04d}.json"
 
 
 def _base(revisions: list[KeptRevision], channel: str, stage: Revision) -> KeptRevision | None:
@@ -153,6 +161,8 @@ def _revision(  # noqa: PLR0917, one argument a fact that is kept
 
 
 def _read(file: Path) -> KeptRevision:
+    if not file.is_file():  # a pipe might never end
+        raise _damaged(file, "it is no regular file")
     try:
         revision = KeptRevision.model_validate_json(file.read_text(encoding="utf-8"))
     except ValidationError as error:
