@@ -175,7 +175,7 @@ def _print(compared: Sequence[tuple[Wanted, Comparison]], failures: Mapping[str,
     for number, (one, comparison) in enumerate(compared):
         out.print(("\n" if number else "") + headline(comparison))
         if one.revision is not None and not is_same(one.revision.rmse, comparison.rmse):
-            out.print(f"  [yellow]{_other_then(one.revision)}[/yellow]")
+            out.print(f"  [yellow]{safe(_other_then(one.revision))}[/yellow]")
         if told := force_remark(one.subject.force_ahead_of):
             out.print(f"  {told}")
         for words in comparison.words[1:] if comparison.lack_of_fit > ALIKE else ():

@@ -12,7 +12,7 @@ from palpate.findings.revisions import KeptRevision
 from palpate.findings.story import Story
 from palpate.text.bars import Bar
 from palpate.text.comparison import ALIKE
-from palpate.words import NOT_DETERMINED, significant
+from palpate.words import NOT_DETERMINED, safe, significant
 from palpate.words import shown as shown_path
 
 SIGMAS_95 = 1.96
@@ -23,8 +23,8 @@ _ROOMY = 100  # columns of a terminal
 def fall_sentence(story: Story) -> str:
     """What the stages did to the error, in one sentence."""
     first, last = story.stages[0], story.stages[-1]
-    unit, name = story.subject.channel.kind.effort_unit, story.subject.channel.name
-    names = ", ".join(stage.added for stage in story.stages[1:])
+    unit, name = story.subject.channel.kind.effort_unit, safe(story.subject.channel.name)
+    names = safe(", ".join(story.added))
     times = last.rmse / last.noise_floor if last.noise_floor > 0 else float("inf")
     ends = "down to the noise floor" if times < ALIKE else f"to {times:.1f} times the noise floor"
     color = "green" if times < ALIKE else "yellow"
@@ -44,7 +44,8 @@ def parameter_table(stage: Revision) -> Table:
         half = SIGMAS_95 * found.std_err
         known = bool(np.isfinite(half))
         value = significant(found.value, half if known else None)
-        shown.add_row(name, value, significant(half, half) if known else NOT_DETERMINED, found.unit)
+        interval = significant(half, half) if known else NOT_DETERMINED
+        shown.add_row(safe(name), value, interval, safe(found.unit))
     return shown
 
 
@@ -63,7 +64,7 @@ def stage_table(stages: Sequence[Revision], unit: str, numbers: Sequence[int | N
         unit: of the errors.
         numbers: of the revision that each is kept as; None where it is not kept.
     """
-    error = f"held-out\nerror [{unit}]"
+    error = safe(f"held-out\nerror [{unit}]")
     shown = console.table("", "revision", "model", error, "x floor", "", right=("revision", error, "x floor"))
     floor, worst = stages[-1].noise_floor, max(stage.rmse for stage in stages)
     for stage, number in zip(stages, numbers, strict=True):
@@ -71,7 +72,7 @@ def stage_table(stages: Sequence[Revision], unit: str, numbers: Sequence[int | N
         color = "green" if times < ALIKE else "yellow" if times < 3 else "red"
         shown.add_row(
             "–" if number is None else str(number),
-            f"+ [bold]{stage.added}[/bold]" if stage.added else stage.model.name,
+            f"+ [bold]{safe(stage.added)}[/bold]" if stage.added else safe(stage.model.name),
             f"{stage.rmse:.4g}",
             f"{times:.2f}",
             Bar(stage.rmse / worst, color, 30),
@@ -86,19 +87,20 @@ def revision_table(revisions: Sequence[KeptRevision], width: int) -> Table:
     numbers = ("revision", "from") if roomy else ("no.",)
     errors = ("held-out\nerror", "x floor")
     words = ("channel", "model") if roomy else ("model",)
-    made = ("made",) if roomy else ()
-    shown = console.table("", *numbers, *words, *errors, *made, right=(*numbers, *errors))
+    when = ("made",) if roomy else ()
+    shown = console.table("", *numbers, *words, *errors, *when, right=(*numbers, *errors))
     for kept in revisions:
         # a better model sees the noise more clearly
         floor = min(other.noise_floor for other in revisions if other.channel == kept.channel)
         times = kept.rmse / floor if floor > 0 else float("inf")
         before = "" if kept.parent is None else str(kept.parent)
-        model = (" + " if roomy else "\n+ ").join([kept.model, *kept.effects])
+        model = safe((" + " if roomy else "\n+ ").join([kept.model, *kept.effects]))
+        channel, made = safe(kept.channel), safe(kept.created_utc[:16].replace("T", " "))
         shown.add_row(
             *((str(kept.number), before) if roomy else (f"{before} → {kept.number}".removeprefix(" → "),)),
-            *((kept.channel, model) if roomy else (f"[bold]{kept.channel}[/bold]\n{model}",)),
-            f"{kept.rmse:.4g} {kept.effort_unit}",
+            *((channel, model) if roomy else (f"[bold]{channel}[/bold]\n{model}",)),
+            f"{kept.rmse:.4g} {safe(kept.effort_unit)}",
             f"{times:.2f}",
-            *((f"[dim]{kept.created_utc[:16].replace('T', ' ')}[/dim]",) if roomy else ()),
+            *((f"[dim]{made}[/dim]",) if roomy else ()),
         )
     return shown

@@ -9,6 +9,7 @@ from palpate import console
 from palpate.findings.kept_revision import KeptRevision
 from palpate.text.bars import LONGEST, Bar
 from palpate.text.stages import revision_table
+from palpate.words import safe
 
 
 def printed(what, width):
@@ -66,3 +67,14 @@ def test_the_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
         words
     )
     assert ("2026-01-02" in words) == (width >= 100)
+
+
+@pytest.mark.parametrize("width", [60, 120])
+@pytest.mark.parametrize("text", ["[/bold]", "a[red]b", "\x1b[2Jx", "\x9b2J\\"])
+def test_a_revision_that_was_edited_by_hand_is_shown_and_not_obeyed(text, width):
+    told = {"number": 0, "parent": None, "added": text, "rmse": 1.0, "noise_floor": 0.5, "parameters": {}}
+    names = dict.fromkeys(("channel", "model", "effort_unit", "created_utc", "software_version"), text)
+    kept = KeptRevision(effects=[text], user_effects=[], **names, **told)
+    shown = printed(revision_table([kept], width), width)
+    assert shown.replace("\n", "").isprintable()
+    assert shown.count(safe(text).replace("\\[", "[").replace("\\\\", "\\")) == (5 if width > 100 else 4)
