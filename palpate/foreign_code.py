@@ -1,7 +1,8 @@
 """Runs code of the user's own: effects and drivers."""
 
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 
 from robot_io.errors import InputError
 from robot_io.raised import in_words
@@ -11,6 +12,8 @@ from robot_io.raised import in_words
 def foreign_code(where: str) -> Iterator[None]:
     """Within, whatever is raised is one clear line, also what would end the program; but not Ctrl-C.
 
+    What the code prints goes to stderr: stdout is for results, which a program may read.
+
     Args:
         where: what is run, for the error.
 
@@ -18,7 +21,8 @@ def foreign_code(where: str) -> Iterator[None]:
         InputError: the code failed.
     """
     try:
-        yield
+        with redirect_stdout(sys.stderr):
+            yield
     except (KeyboardInterrupt, InputError):
         raise
     except BaseException as error:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 from estimation.channel import ChannelData
 from estimation.diagnosis.search.library import library
@@ -31,9 +32,12 @@ class EffectLibrary:
         Raises:
             InputError: one fails.
         """
-        for effect in self.effects:
-            for channel in channels if effect.name in self.own else ():
+        own = [effect for effect in self.effects if effect.name in self.own]
+        for effect, channel in product(own, channels):
+            try:
                 rehearse(effect, channel)
+            except InputError as error:
+                raise InputError(f"--effect {self.own[effect.name]}: {error}") from error
 
     def check_own(self, revision: KeptRevision) -> None:
         """A revision names the user's effects, but their code is run only when the user says so now.

@@ -11,7 +11,10 @@ from palpate.foreign_code import foreign_code
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
-_CALLED = ("columns", "known", "simpler", "move", "sense", "slope", "follow", "starts", "is_misnamed")
+_CALLED = (
+    *("columns", "known", "simpler", "move", "sense", "slope", "follow", "starts", "is_misnamed"),
+    *("applies_to", "suited_to"),
+)
 _REAL = "fiub"  # kinds of dtype: floats, whole numbers, truth values
 
 

@@ -10,11 +10,11 @@ from typing import Any
 from estimation.effect import Effect
 from palpate.files import existing_file
 from palpate.findings.guarded_effect import guarded
+from palpate.findings.stated_effect import flaw
 from palpate.foreign_code import foreign_code
 from robot_io.errors import InputError
 
 FORM = "FILE.py:Class"
-STATED = ("name", "physics", "equation", "source", "signature", "channels")
 
 
 def load_user_effect(text: str) -> Effect:
@@ -54,11 +54,10 @@ def _is_effect(value: Any, module: ModuleType) -> bool:  # noqa: ANN401
 
 
 def _checked(text: str, found: type[Effect]) -> Effect:
-    missing = [what for what in STATED if not hasattr(found, what)]
-    if missing:
-        raise InputError(
-            f"--effect {text}: states no {', '.join(missing)} (estimation/effects/bias.py is a short example)"
-        )
+    with foreign_code(f"--effect {text}"):
+        wrong = flaw(found)
+    if wrong:
+        raise InputError(f"--effect {text}: {wrong}")
     with foreign_code(f"--effect {text}: cannot be made"):
         found()
         return guarded(found)()

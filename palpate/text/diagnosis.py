@@ -11,7 +11,7 @@ from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.result import Accepted, Fitted, ParameterValue, Suspect
 from palpate import console
 from palpate.text.bars import Bar
-from palpate.words import NOT_DETERMINED, chance, significant
+from palpate.words import NOT_DETERMINED, chance, safe, significant
 
 SIGMAS_95 = 1.96
 _NO_FALL = 0.98  # of the error before
@@ -95,7 +95,7 @@ def parameter_table(fitted: Fitted, title: str = "") -> Table:
     """Parameters with 95 % intervals."""
     shown = console.table(title, "parameter", "value", "± 95 %", "unit", right=("value", "± 95 %"))
     for name, parameter in fitted.parameters.items():
-        shown.add_row(name, *value_and_half(parameter), parameter.unit)
+        shown.add_row(name, *value_and_half(parameter), safe(parameter.unit))
     return shown
 
 
@@ -136,9 +136,9 @@ def _evidence(found: ChannelDiagnosis) -> Iterator[RenderableType]:
     if found.accepted:
         yield _steps(found)
         for entry in found.accepted:
-            yield Text.from_markup(f"[bold]{entry.effect}[/bold]: {entry.physics}")
-            yield Text.from_markup(f"  [dim]seen as[/dim] {entry.signature}")
-            yield Text.from_markup(f"  [dim]equation[/dim] {entry.equation}")
+            yield Text.from_markup(f"[bold]{entry.effect}[/bold]: {safe(entry.physics)}")
+            yield Text.from_markup(f"  [dim]seen as[/dim] {safe(entry.signature)}")
+            yield Text.from_markup(f"  [dim]equation[/dim] {safe(entry.equation)}")
             if entry.told_by:
                 yield Text.from_markup(f"  [dim]told by[/dim] {_enumerated(entry.told_by)}")
             if entry.confused_with:

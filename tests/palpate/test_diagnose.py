@@ -269,6 +269,27 @@ class Simpler(Waves):
 class Taken(Waves):
     name = "bias"
 
+class Seven(Waves):
+    name = 7
+
+class Empty(Waves):
+    name = ""
+
+class Red(Waves):
+    name = "[red]x\\x1b[2J"
+
+class Five(Waves):
+    name = "five"
+    gains = 5
+
+class Fails(Waves):
+    name = "fails"
+    gains = (Parameter("a", "N", "0", 1.0, (0.1, 1.0)),)
+
+class Wordless(Waves):
+    name = "wordless"
+    physics = None
+
 class Nameless(AdditiveEffect):
     def columns(self, data, inner):
         return data.position[:, None]
@@ -294,6 +315,12 @@ class Nameless(AdditiveEffect):
         ("FILE:Simpler", ("simpler", "KeyError")),
         ("FILE:Taken", ("'bias' is taken", "another name")),
         ("FILE:Nameless", ("states no", "name")),
+        ("FILE:Seven", ("mine.py:Seven", "its name is 7", "small letters")),
+        ("FILE:Empty", ("mine.py:Empty", "its name is ''")),
+        ("FILE:Red", ("mine.py:Red", r"its name is '[red]x\x1b[2J'")),
+        ("FILE:Five", ("mine.py:Five", "its gains are 5", "tuple of Parameter")),
+        ("FILE:Fails", ("mine.py:Fails", "TypeError")),
+        ("FILE:Wordless", ("mine.py:Wordless", "physics is None")),
     ],
 )
 def test_a_bad_effect_file_is_refused_in_one_line(hardening, tmp_path, text, words):
@@ -314,6 +341,17 @@ def test_an_effect_file_that_fails_is_refused_in_one_line(code, words, hardening
     file = tmp_path / "mine.py"
     file.write_text(code)
     assert_refused(run("diagnose", hardening, "--effect", f"{file}:X"), "mine.py", words)
+
+
+def test_what_an_effect_prints_does_not_stand_among_the_results(hardening, tmp_path):
+    file = tmp_path / "mine.py"
+    loud = "        print('from', 'columns')\n        return np.where"
+    file.write_text(f"print('at import')\n{OWN_EFFECT.replace('        return np.where', loud)}")
+    result = run("add", hardening, "waves", "--effect", f"{file}:Waves", "--out", tmp_path / "out", "--json")
+    assert result.exit_code == 0, result.stderr
+    assert len(json.loads(result.stdout)["revisions"]) == 2
+    assert "at import\n" in result.stderr
+    assert "from columns\n" in result.stderr
 
 
 def all_proposals():
