@@ -31,7 +31,7 @@ from palpate.findings.derived import derived_folder, folder_to_fill, kept_revisi
 from palpate.findings.effect_library import library_with
 from palpate.findings.estimation_run import load_material
 from palpate.findings.kept_diagnosis import is_same, kept_diagnosis
-from palpate.findings.revisions import KeptRevision
+from palpate.findings.kept_revision import KeptRevision, own_effects
 from palpate.findings.story import tell_story
 from palpate.findings.subject import (
     model_names,
@@ -128,8 +128,10 @@ def command(  # noqa: PLR0917, one parameter an option
         kept_too = f"palpate revisions {retyped(file, folder=folder, **data)}"
         console.next_steps((kept_too, "all stages"), zoom)
         return
-    newest = [str(found.number) for one in wanted if (found := shelf.latest(one.subject.channel.name))]
-    since = {**grown, "revision": newest, "urdf": urdf, "tip-frame": tip_frame}
+    newest = [found for one in wanted if (found := shelf.latest(one.subject.channel.name))]
+    own = list(dict.fromkeys([*(effect or ()), *own_effects(newest)]))
+    last = {"revision": [str(found.number) for found in newest], "effect": own}
+    since = {**grown, **last, "urdf": urdf, "tip-frame": tip_frame}
     named = model is not None or urdf is not None
     ways = Ways(
         grown=f"palpate compare {retyped(file, **since, **data)}" if newest else None,

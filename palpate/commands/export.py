@@ -26,7 +26,7 @@ from palpate.findings.effect_library import library_with
 from palpate.findings.estimation_run import NO_ARM, Material, load_material
 from palpate.findings.growth import Wish, grow
 from palpate.findings.kept_diagnosis import kept_diagnosis
-from palpate.findings.revisions import KeptRevision
+from palpate.findings.kept_revision import KeptRevision, own_effects
 from palpate.findings.same_data import SameData, channel_of
 from palpate.findings.truth import scenario_of
 from palpate.words import safe, shown, typed
@@ -76,7 +76,8 @@ def command(  # noqa: PLR0917, one parameter an option
     else:
         data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
         numbers = [str(each.number) for each in kept]
-        _print(retyped(file, revision=numbers, folder=folder, **data), path, export)
+        again = retyped(file, revision=numbers, folder=folder, effect=own_effects(kept), **data)
+        _print(again, path, export)
 
 
 def _revisions(same: SameData, numbers: list[int] | None) -> list[KeptRevision]:

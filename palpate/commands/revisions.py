@@ -19,6 +19,7 @@ from palpate.data_options import (
 from palpate.files import existing_file
 from palpate.findings.derived import kept_revisions
 from palpate.findings.estimation_run import NO_ARM, Material
+from palpate.findings.kept_revision import own_effects
 from palpate.text.stages import revision_table
 from robot_io.session import Session
 
@@ -54,11 +55,12 @@ def command(  # noqa: PLR0917, one parameter an option
         return
     out = console.stdout()
     out.print(revision_table(revisions, out.width))
-    added, first = retyped(file, out=folder, **data), revisions[0].number
-    newest = {revision.channel: str(revision.number) for revision in revisions}
-    last = retyped(file, revision=list(newest.values()), folder=folder, **data)
+    first, newest = revisions[0], {revision.channel: revision for revision in revisions}
+    added = retyped(file, out=folder, effect=own_effects([first]), **data)
+    last = {"revision": [str(revision.number) for revision in newest.values()], "folder": folder}
+    compared = retyped(file, **last, effect=own_effects(newest.values()), **data)
     console.next_steps(
-        (f"palpate add {added} EFFECT --from {first}", "go back to a revision, and continue there"),
-        (f"palpate compare {last}", "where the newest still fail"),
-        (f"palpate export {last}", "as a simulated world"),
+        (f"palpate add {added} EFFECT --from {first.number}", "go back to a revision, and continue there"),
+        (f"palpate compare {compared}", "where the newest still fail"),
+        (f"palpate export {retyped(file, **last, **data)}", "as a simulated world"),
     )

@@ -1,5 +1,7 @@
 """One stage of a model as it is kept in a file."""
 
+from collections.abc import Iterable
+
 from pydantic import BaseModel, ConfigDict
 
 
@@ -47,3 +49,8 @@ class KeptRevision(BaseModel):
     parameters: dict[str, KeptParameter]
     created_utc: str
     software_version: str
+
+
+def own_effects(revisions: Iterable[KeptRevision]) -> list[str]:
+    """All effects of the user's own in these, as FILE.py:Class, each once."""
+    return list(dict.fromkeys(text for revision in revisions for text in revision.user_effects))

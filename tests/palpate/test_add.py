@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import assert_refused, next_commands, run
 from tests.palpate.presses import write_presses
 
 
@@ -88,6 +88,10 @@ def test_ones_own_effect_is_run_again_only_if_one_says_so(hardening, tmp_path):
     assert_refused(run("add", hardening, "bias", "--out", tmp_path), "--effect", "Mine")
     (after,) = add(hardening, tmp_path, "bias", "--effect", f"{file}:Mine")
     assert after["effects"] == ["mine", "bias"]
+    for command in ("export", "revisions", "compare"):
+        said = next_commands(run(command, hardening, "--folder", tmp_path))
+        (again,) = [words for words in said if words[0] == "compare" and "--revision" in words]
+        assert again[again.index("--effect") + 1] == f"{file}:Mine"
 
 
 def test_a_damaged_revision_is_named(hardening, tmp_path):
