@@ -9,12 +9,13 @@ from estimation.channel import ChannelData
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.bench.unexplained import depends_on
 from estimation.diagnosis.judgement.intervals import Value, final, values
-from estimation.diagnosis.judgement.left_over import left_over
+from estimation.diagnosis.judgement.left_over import left_over, small_rest
 from estimation.diagnosis.judgement.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.judgement.noise_floor import noise_floor
 from estimation.diagnosis.judgement.objection import Objection
 from estimation.diagnosis.judgement.unlike_noise import quiet_floor
 from estimation.diagnosis.result import (
+    SMALL_REST,
     Accepted,
     ChannelDiagnosis,
     Fitted,
@@ -59,10 +60,11 @@ def answer(search: Search, chain: Chain, objection: Objection | None) -> Channel
     floor = noise_floor(chain.end, chain.floor)
     known = objection.floor if objection else np.inf if chain.is_complete else quiet_floor(chain.end)
     floor = replace(floor, value=min(floor.value, known))
+    reason = _reason(verdict, chain, floor.value, left, accepted, suspects)
     return ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
-        reason=objection.reason if objection else _reason(verdict, chain, left, accepted, suspects),
+        reason=objection.reason if objection else reason,
         effort_unit=search.data.kind.effort_unit,
         noise_floor=floor.value,
         floor=Floor(**asdict(floor)),
@@ -157,9 +159,10 @@ def _ranking(chain: Chain) -> list[Ranked]:
     return ranked
 
 
-def _reason(
+def _reason(  # noqa: PLR0917
     verdict: Verdict,
     chain: Chain,
+    floor: float,
     signals: Sequence[str],
     accepted: Sequence[Accepted],
     suspects: Sequence[Suspect],
@@ -172,9 +175,13 @@ def _reason(
     standing = chain.dominant.standing if chain.dominant else chain.end
     unit = standing.data.kind.effort_unit
     fall = f"from {chain.start.rmse:.3g} to {standing.rmse:.3g} {unit}"
-    rest = left_over(standing, chain.floor, signals)
+    little = standing.rmse < SMALL_REST * floor
+    if little:
+        fall = f"{fall}, {standing.rmse / floor:.2f} times the noise floor"
+    rest = (small_rest if little else left_over)(standing, chain.floor, signals)
     if chain.dominant:
-        return f"{chain.dominant.effect} is missing above all: the error falls {fall}; {rest}"
+        how = "explains nearly all" if little else "is missing above all"
+        return f"{chain.dominant.effect} {how}: the error falls {fall}; {rest}"
     if chain.doubted:
         names = " and ".join(step.effect for step in chain.steps) or "the model"
         told = ", ".join(signals) or "a mix of signals"

@@ -14,6 +14,9 @@ class Verdict(StrEnum):
     INSUFFICIENT = "insufficient"  # this data cannot say
 
 
+SMALL_REST = 1.05  # times the noise floor, up to which an error is hardly more than noise, sample by sample
+
+
 class _Entry(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -152,6 +155,13 @@ class ChannelDiagnosis(_Entry):
     depends_on: list[str] = Field(default_factory=list)
     next_experiment: NextExperiment | None = None
     force_ahead_of: list[str] = Field(default_factory=list)
+
+    @property
+    def leaves_little(self) -> bool:
+        """Whether the final error is hardly above the noise floor, whatever shape the rest has."""
+        if self.final is None or self.noise_floor is None:
+            return False
+        return self.final.rmse < SMALL_REST * self.noise_floor
 
 
 class Diagnosis(_Entry):

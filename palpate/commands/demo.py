@@ -13,6 +13,7 @@ from palpate.demo.hidden import HiddenDemo, can_hide, hide_one, probe_hidden, so
 from palpate.demo.probe import PLAN, Demo, probe_demo, show_demo
 from palpate.files import output_file
 from palpate.text.diagnosis import headline
+from palpate.text.diagnosis import remarks as reasons
 from palpate.text.diagnosis_progress import diagnosis_progress
 from palpate.text.estimate_report import as_data, remarks
 from palpate.text.estimate_table import estimate_table
@@ -109,6 +110,8 @@ def _print_hidden(hidden: HiddenDemo) -> None:
     out, story = console.stdout(), hidden.story
     if story.diagnosis is not None:
         out.print(headline(story.diagnosis))
+        for reason in reasons(story.diagnosis):
+            out.print(f"  {reason}", markup=False)
     if len(story.stages) > 1:
         unit = story.subject.channel.kind.effort_unit
         out.print(stage_table(story.stages, unit, list(range(len(story.stages)))))

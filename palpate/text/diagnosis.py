@@ -56,6 +56,13 @@ def sentence(found: ChannelDiagnosis) -> str:
             verb = "is" if len(found.accepted) == 1 else "are"
             return f"{where}: {names} {verb} missing from the model. {_fall(found)}"
     signals = _enumerated(found.depends_on) or "no single signal"
+    if found.leaves_little:
+        names = _enumerated([_or_rivals(entry) for entry in found.accepted])
+        main = f"{names} explain{'' if len(found.accepted) > 1 else 's'}" if names else "the model explains"
+        return (
+            f"{where}: {main} nearly all. {_fall(found)} A small rest has a shape that no known "
+            f"effect explains; it depends on {signals}."
+        )
     rest = f"that no known effect explains; it depends on {signals}"
     if found.accepted:
         names = _enumerated([_or_rivals(entry) for entry in found.accepted])
@@ -122,6 +129,8 @@ def _fall(found: ChannelDiagnosis) -> str:
     if before is None or after is None:
         return ""
     floor = "" if found.noise_floor is None else f" (noise floor {found.noise_floor:.3g} {unit})"
+    if found.verdict is Verdict.UNEXPLAINED and found.leaves_little and found.noise_floor:
+        floor = f", {after.rmse / found.noise_floor:.2f} times the noise floor"
     if not found.accepted:
         return f"The error in held-out runs is {after.rmse:.3g} {unit}{floor}."
     if after.rmse > _NO_FALL * before.rmse:

@@ -424,6 +424,26 @@ def test_a_verdict_of_something_unknown_says_what_it_depends_on_and_what_was_fou
     assert "[bold]bias[/bold] (or drift or lag) and something more is missing" in sentence(unsure)
 
 
+def test_an_error_hardly_above_the_floor_is_not_called_something_more():
+    """Blocks show a shape that single samples hardly do: numbers and words must not contradict."""
+    found = ChannelDiagnosis(
+        channel="contact",
+        verdict="unexplained",
+        reason="r",
+        effort_unit="N",
+        noise_floor=0.1,
+        baseline={"rmse": 0.5, "parameters": {}},
+        final={"rmse": 0.102, "parameters": {}},
+    )
+    step = {"effect": "bias", "parameters": {}, "rmse_before": 0.5, "rmse_after": 0.102, "p_value": 0.005}
+    about = {"confused_with": [], "physics": "p", "equation": "e", "signature": "s"}
+    named = sentence(found.model_copy(update={"accepted": [Accepted(**step, **about)]}))
+    assert "[bold]bias[/bold] explains nearly all. " in named
+    assert "falls from 0.5 to 0.102 N, 1.02 times the noise floor. A small rest has a shape" in named
+    assert "something more" not in named
+    assert "the model explains nearly all. The error in held-out runs is 0.102 N, 1.02" in sentence(found)
+
+
 def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):
     """Another specimen, with a scale of its own: the reason is the runs, and no user would guess it.
 

@@ -7,6 +7,7 @@ import numpy as np
 from estimation.diagnosis.bench.held_out import held_out_residual, rmse
 from estimation.diagnosis.bench.standing import Standing
 from estimation.diagnosis.judgement.noise_floor import noise_floor
+from estimation.signals.runwise import sample_time
 
 _MOST = 0.7  # of the error: half of its energy
 # Times what a smooth law of time and motion would leave. Noise alone came to 1.06 at most, in 24 made-up
@@ -34,6 +35,30 @@ def left_over(standing: Standing, energy: float, signals: Sequence[str]) -> str:
     return (
         f"of what is left, {floor.repeats:.3g} {unit} does not come back when nearly the same motion is "
         f"repeated, and is no noise: {_differing(standing)}; the rest depends on {told}"
+    )
+
+
+def small_rest(standing: Standing, energy: float, signals: Sequence[str]) -> str:
+    """How much could still be explained where the error, sample by sample, is hardly above the noise floor.
+
+    Means over a block have less noise than samples, so a law shows in them that is next to nothing beside the
+    noise of a single sample.
+
+    Args:
+        standing: the best model.
+        energy: on blocks of held-out runs, that a flexible regression left beside any model.
+        signals: what the error depends on.
+    """
+    frame, unit, told = standing.plain.frame, standing.data.kind.effort_unit, ", ".join(signals)
+    count = max(int(frame.trusted.sum()), 1)
+    whole = float(np.sqrt(standing.trial.held_out / count))
+    rest = whole * float(np.sqrt(1.0 - (1.0 - max(standing.left_of_blocks(energy), 0.0)) ** 2))
+    block = frame.rows.shape[1]
+    over_ms = 1e3 * block * sample_time(standing.data.time_s, standing.data.run)
+    where = f"averaged over blocks of {over_ms:.3g} ms" if block > 1 else "sample by sample"
+    return (
+        f"a small rest has a shape that no known effect explains, {rest:.2g} {unit} in the error {where}, "
+        f"which is {whole:.2g} {unit}; it depends on {told or 'no single signal'}"
     )
 
 

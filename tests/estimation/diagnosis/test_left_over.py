@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.diagnosis.bench.standing import stand
-from estimation.diagnosis.judgement.left_over import left_over
+from estimation.diagnosis.judgement.left_over import left_over, small_rest
 from tests.estimation.diagnosis.presses import NOISE_N, K, channel, kelvin_voigt, motion
 from tests.estimation.diagnosis.test_diagnose import MODEL
 
@@ -51,3 +51,21 @@ def test_a_factor_of_each_run_is_told_with_what_would_be_left_without_it():
     least, most, left = (float(number) for number in found.groups())
     assert (least, most) == pytest.approx((expected[0], expected[5]), rel=0.02)
     assert left < 2.0 * NOISE_N
+
+
+def test_a_small_rest_is_told_with_its_size_on_blocks():
+    """A ripple that hides in the noise of a sample: what a spring and a damper leave of it is known."""
+    wave = lambda x, run: np.where(x > 0, 0.7 * NOISE_N * np.sin(600.0 * x), 0.0)  # noqa: E731
+    data = repeated(wave)
+    standing = stand(data, MODEL, {})
+    frame, pressed = standing.plain.frame, data.position > 0
+    model = frame.reduce(np.column_stack([data.position, data.velocity]) * pressed[:, None])[frame.trusted]
+    ripple = frame.reduce(wave(data.position, data.run))[frame.trusted]
+    ripple -= model @ np.linalg.lstsq(model, ripple, rcond=None)[0]
+    told = small_rest(standing, np.inf, [])
+    found = re.search(r"explains, (\S+) N .* of (\S+) ms, which is (\S+) N; .* no single signal", told)
+    rest, over_ms, whole = (float(number) for number in found.groups())
+    assert standing.rmse < 1.05 * standing.floor()
+    assert rest == pytest.approx(np.sqrt(np.mean(ripple**2)), rel=0.3)
+    assert rest < whole < standing.rmse
+    assert over_ms == 4.0
