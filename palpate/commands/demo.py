@@ -9,7 +9,7 @@ import typer
 
 from palpate import console
 from palpate.demo.hidden import PLAN as HIDDEN_PLAN
-from palpate.demo.hidden import HiddenDemo, can_hide, hide_one, probe_hidden, solve
+from palpate.demo.hidden import HiddenDemo, can_hide, drawn_seed, hide_one, probe_hidden, solve
 from palpate.demo.probe import PLAN, Demo, probe_demo, show_demo
 from palpate.files import output_file
 from palpate.text.diagnosis import headline
@@ -20,17 +20,22 @@ from palpate.text.estimate_table import estimate_table
 from palpate.text.progress import probing_progress
 from palpate.text.rerun_step import rerun_step
 from palpate.text.stages import parameter_table, print_files, stage_table
-from palpate.words import shown, significant, typed
+from palpate.words import as_shell_word, shown, significant, typed
 from sim_backend.imperfection import Imperfection
 from sim_backend.scenario import Scenario, load_scenario, shipped_scenarios
+
+DEFAULT = "default"
 
 
 def command(
     scenario: Annotated[
         str, typer.Option(help=f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}.")
-    ] = "default",
+    ] = DEFAULT,
     seed: Annotated[
-        int | None, typer.Option(help="Seed of all simulated noise, and of what is hidden.", min=0)
+        int | None,
+        typer.Option(
+            help="Seed of all simulated noise, and of what is hidden; default: another each time.", min=0
+        ),
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
@@ -43,32 +48,43 @@ def command(
     world = load_scenario(scenario)
     session = output_file(out or _default_session())
     second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if can_hide(world) else None
+    if seed is None and second is not None:
+        seed = drawn_seed()
+    again = _repeated(scenario, seed)
     talk = console.stderr()
-    talk.print(f"A simulated arm probes [bold]{world.description or scenario}[/bold] at three speeds.")
+    by = "" if seed is None else f" (seed {seed})"
+    talk.print(f"A simulated arm probes [bold]{world.description or scenario}[/bold] at three speeds{by}.")
     with probing_progress(PLAN, live=True) as watcher:
-        probe_demo(session, world, seed, watcher)
+        probe_demo(session, world, seed, watcher, command_line=again)
     with talk.status("estimating, recording and plotting"):
         demo = show_demo(session)
     if not as_json:
         _print(demo)
-    hidden = _find_hidden(second, world, seed) if second is not None else None
+    hidden = _find_hidden(second, world, seed, again) if second is not None else None
     if as_json:
-        console.print_json(_as_data(demo, hidden))
+        console.print_json({"again": again, **_as_data(demo, hidden)})
         return
     if hidden is not None:
         _print_hidden(hidden)
-    _next(demo, hidden)
+    _next(demo, hidden, again)
+
+
+def _repeated(scenario: str, seed: int | None) -> str:
+    """The command that makes this very demo again."""
+    words = ["palpate", "demo", *(["--scenario", scenario] if scenario != DEFAULT else [])]
+    return " ".join(map(as_shell_word, [*words, *(["--seed", str(seed)] if seed is not None else [])]))
 
 
 def _default_session() -> Path:
     return Path("sessions") / f"demo-{datetime.now().astimezone():%Y%m%d-%H%M%S}.mcap"
 
 
-def _find_hidden(session: Path, world: Scenario, seed: int | None) -> HiddenDemo:
+def _find_hidden(session: Path, world: Scenario, seed: int | None, again: str) -> HiddenDemo:
     talk = console.stderr()
     talk.print("\n[bold]Now something else is in the object, and the model does not know it.[/bold]")
+    world = hide_one(world, np.random.default_rng(seed))
     with probing_progress(HIDDEN_PLAN, live=True) as watcher:
-        sealed = probe_hidden(session, hide_one(world, np.random.default_rng(seed)), seed, watcher)
+        sealed = probe_hidden(session, world, seed, watcher, command_line=again)
     talk.print(f"probed again; what is hidden is sealed in {shown(sealed)}")
     with diagnosis_progress(["contact"]) as progress:
         return solve(session, progress)
@@ -129,7 +145,7 @@ def _described(entry: Imperfection) -> str:
     return f"[bold]{entry.name}[/bold] ({values})"
 
 
-def _next(demo: Demo, hidden: HiddenDemo | None) -> None:
+def _next(demo: Demo, hidden: HiddenDemo | None, again: str) -> None:
     session = typed(demo.session)
     steps = [
         (f"palpate inspect {session}", "see arm, forces and estimates in Rerun"),
@@ -139,4 +155,4 @@ def _next(demo: Demo, hidden: HiddenDemo | None) -> None:
         if "recording" in hidden.files:
             steps.insert(1, rerun_step(hidden.files["recording"]))
         steps.insert(2, ("palpate probe --hidden random --seed 7", "a riddle of your own, from all effects"))
-    console.next_steps(*steps)
+    console.next_steps(*steps, (again, "this very demo again"))

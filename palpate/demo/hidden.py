@@ -29,6 +29,7 @@ from sim_backend.secret import Answer, sealed_path
 
 HIDDEN = ("stress_relaxation", "cubic_stiffness", "quadratic_damping")
 STRENGTH = 20.0  # times the noise floor
+_SEEDS = 1_000_000  # few enough to be typed
 PLAN = ProbingPlan(repeats=2)
 
 
@@ -60,14 +61,26 @@ def can_hide(scenario: Scenario) -> bool:
     return isinstance(scenario.object.law, KelvinVoigt)
 
 
+def drawn_seed() -> int:
+    """A seed for one demo: another each time, and short enough to be typed for that demo again."""
+    return int(np.random.default_rng().integers(_SEEDS))
+
+
 def hide_one(scenario: Scenario, rng: np.random.Generator) -> Scenario:
     """The world with one effect hidden in its object."""
     effect = IMPERFECTIONS[str(rng.choice(HIDDEN))]
     return scenario.with_hidden([effect.at_strength(STRENGTH, CONTACT, noise_scale(scenario), rng)])
 
 
-def probe_hidden(session: Path, scenario: Scenario, seed: int | None, watcher: Watcher = NOBODY) -> Path:
-    """Probe the world; what is hidden is sealed beside the session.
+def probe_hidden(
+    session: Path,
+    scenario: Scenario,
+    seed: int | None,
+    watcher: Watcher = NOBODY,
+    *,
+    command_line: str = "palpate demo",
+) -> Path:
+    """Probe the world; what is hidden is sealed beside the session; see `palpate.demo.probe.probe_demo`.
 
     Returns:
         The sealed file.
@@ -76,7 +89,7 @@ def probe_hidden(session: Path, scenario: Scenario, seed: int | None, watcher: W
         KeyboardInterrupt: the user stopped it.
         PalpateError: the arm was stopped, nothing was touched, or the session cannot be written.
     """
-    probe_demo(session, scenario, seed, watcher, PLAN)
+    probe_demo(session, scenario, seed, watcher, PLAN, command_line=command_line)
     return sealed_path(session)
 
 

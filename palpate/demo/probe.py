@@ -42,7 +42,13 @@ class Demo:
 
 
 def probe_demo(
-    session: Path, scenario: Scenario, seed: int | None, watcher: Watcher = NOBODY, plan: ProbingPlan = PLAN
+    session: Path,
+    scenario: Scenario,
+    seed: int | None,
+    watcher: Watcher = NOBODY,
+    plan: ProbingPlan = PLAN,
+    *,
+    command_line: str = "palpate demo",
 ) -> None:
     """Probe a simulated object, by default once at three speeds.
 
@@ -52,13 +58,14 @@ def probe_demo(
         seed: of all noise, or None for the scenario's.
         watcher: told how far it is.
         plan: speeds and repeats.
+        command_line: what makes the same session again.
 
     Raises:
         KeyboardInterrupt: the user stopped it.
         PalpateError: the arm was stopped, nothing was touched, or the session cannot be written.
     """
     job = ProbingJob(
-        find_robot(DEFAULT), plan, session, scenario=scenario, seed=seed, command_line="palpate demo"
+        find_robot(DEFAULT), plan, session, scenario=scenario, seed=seed, command_line=command_line
     )
     run_probing(job, watcher).raise_for_failure()
 

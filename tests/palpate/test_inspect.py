@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 from rerun.chunk import RrdReader
 
+from palpate.commands import demo
+from palpate.demo import probe
 from palpate.doctor.viewer import has_vulkan_driver
 from palpate.views import viewer
 from robot_io.errors import PalpateError
@@ -120,6 +122,22 @@ def test_the_demo_makes_everything_at_once(tmp_path, monkeypatch):
     best = next(e for e in made["result"]["estimates"] if e["estimator"] == "robust")
     assert abs(best["parameters"]["stiffness.k"]["error_percent"]) < 2.0
     assert made["hidden"] is None  # the engine's own contact cannot hide anything
+    assert made["again"] == "palpate demo --scenario engine"  # and nothing was drawn by chance
+
+
+def test_a_demo_without_a_seed_says_how_to_make_it_again(tmp_path, monkeypatch):
+    jobs = []
+    done = SimpleNamespace(raise_for_failure=lambda: None)
+    monkeypatch.setattr(probe, "run_probing", lambda job, watcher: jobs.append(job) or done)
+    monkeypatch.setattr(demo, "show_demo", lambda session: None)
+    monkeypatch.setattr(demo, "solve", lambda session, progress: None)
+    monkeypatch.setattr(demo, "_as_data", lambda demo, hidden: {})
+    again = json.loads(run("demo", "--json", "-o", tmp_path / "a.mcap").stdout)["again"]
+    assert run(*again.split()[1:], "--json", "-o", tmp_path / "a.mcap").exit_code == 0
+    plain, hidden, *repeated = [(job.scenario, job.seed, job.command_line) for job in jobs]
+    assert repeated == [plain, hidden]
+    assert hidden[0].hidden
+    assert again == f"palpate demo --seed {hidden[1]}" == hidden[2]  # which the session keeps
 
 
 def test_the_demo_finds_what_it_hid_and_tells_a_person(tmp_path):
