@@ -32,9 +32,17 @@ def fall_sentence(story: Story) -> str:
     if last.rmse > _NO_FALL * first.rmse:
         stays = "[bold yellow]does not fall[/bold yellow]"
         return f"{whole} {stays}: from {first.rmse:.3g} to {last.rmse:.3g} {unit}."
-    return (
+    falls = (
         f"{whole} falls from {first.rmse:.3g} to {last.rmse:.3g} {unit}, [bold {color}]{ends}[/bold {color}]."
     )
+    before = story.stages[-2]
+    if last.rmse <= _NO_FALL * before.rmse:
+        return falls
+    does = "makes it worse" if last.rmse * _NO_FALL > before.rmse else "does next to nothing"
+    step = (
+        f"The last step, [bold]{last.added}[/bold], {does}: from {before.rmse:.4g} to {last.rmse:.4g} {unit}."
+    )
+    return f"{falls} {step}"
 
 
 def parameter_table(stage: Revision) -> Table:
