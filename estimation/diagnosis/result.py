@@ -139,6 +139,7 @@ class ChannelDiagnosis(_Entry):
         next_experiment: what would tell more; None if nothing would.
         force_ahead_of: faults of the force sensor, ahead of which the contact's model says with what force
             this joint was judged; empty for the force as it was measured.
+        not_judged: joints of the same arm about which nothing is said, of a contact that was judged alone.
     """
 
     channel: str
@@ -155,6 +156,7 @@ class ChannelDiagnosis(_Entry):
     depends_on: list[str] = Field(default_factory=list)
     next_experiment: NextExperiment | None = None
     force_ahead_of: list[str] = Field(default_factory=list)
+    not_judged: list[str] = Field(default_factory=list)
 
     @property
     def leaves_little(self) -> bool:

@@ -65,7 +65,13 @@ def judge_subjects(
     """Diagnose the channels of one robot, on all processors; see `estimation.diagnosis.robot.judge_robot`."""
     library = tuple(effects)
     jobs = [Job(subject.channel, subject.model, library, SEED) for subject in subjects]
-    return diagnose_apart(jobs, os.cpu_count() or 1, progress)
+    judged = diagnose_apart(jobs, os.cpu_count() or 1, progress)
+    return [_with_what_was_left_out(one, subject) for one, subject in zip(judged, subjects, strict=True)]
+
+
+def _with_what_was_left_out(judged: Judged, subject: Subject) -> Judged:
+    found = judged.found.model_copy(update={"not_judged": list(subject.not_judged)})
+    return replace(judged, found=found)
 
 
 def diagnosis_of(judged: Sequence[Judged], file: str) -> Diagnosis:

@@ -1,6 +1,6 @@
 """What is compared and diagnosed: channels, each with the simple model that is to explain it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.model import Model
@@ -22,11 +22,13 @@ class Subject:
         model: the base model, as built for this channel.
         force_ahead_of: faults of the force sensor, ahead of which the contact's model says with what force
             the tip presses; empty for the force as it was measured.
+        not_judged: joints of the same arm that a diagnosis of this contact leaves out.
     """
 
     channel: ChannelData
     model: Model
     force_ahead_of: tuple[str, ...] = ()
+    not_judged: tuple[str, ...] = ()
 
 
 def subjects_of(material: Material, model: str | None, arm: Arm) -> tuple[Subject, ...]:
@@ -122,4 +124,9 @@ def channels_to_diagnose(
             "no contact: the force never rises above that in free air. Was anything touched, is the sensor "
             f"alive? The joints alone: --channel {ALL_CHANNELS}"
         )
-    return contacts if name is None and contacts else only_channel(subjects, name)
+    chosen = contacts if name is None and contacts else only_channel(subjects, name)
+    left_out = tuple(s.channel.name for s in subjects if s.channel.kind is not ChannelKind.CONTACT)
+    return tuple(
+        replace(one, not_judged=left_out) if one.channel.kind is ChannelKind.CONTACT else one
+        for one in chosen
+    )

@@ -50,7 +50,8 @@ def sentence(found: ChannelDiagnosis) -> str:
         case Verdict.INSUFFICIENT:
             return f"{where}: this data cannot say: {found.reason}."
         case Verdict.ADEQUATE:
-            return f"{where}: nothing is missing that this data can show. {_fall(found)}"
+            part = " in the contact; the joints were not judged" if found.not_judged else ""
+            return f"{where}: nothing is missing that this data can show{part}. {_fall(found)}"
         case Verdict.MISSING:
             names = _enumerated([_or_rivals(entry) for entry in found.accepted])
             verb = "is" if len(found.accepted) == 1 else "are"

@@ -469,6 +469,10 @@ def test_a_probing_session_is_judged_at_its_contact_unless_joints_are_asked_for(
     (contact,) = json.loads(result.stdout)["channels"]
     assert contact["channel"] == "contact"
     assert contact["verdict"] == "adequate"
+    assert contact["not_judged"] == ["joint_1", "joint_2", "joint_3"]
+    told = sentence(ChannelDiagnosis(**contact))
+    assert "that this data can show in the contact; the joints were not judged. The error" in told
+    assert "joints" not in sentence(ChannelDiagnosis(**contact | {"not_judged": []}))
     assert_refused(
         run("diagnose", path, "--channel", "joint_9"), "joint_9", "contact, joint_1, joint_2, joint_3"
     )
