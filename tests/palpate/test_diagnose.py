@@ -11,6 +11,7 @@ from rich.console import Console
 from control.probing.plan import ProbingPlan, load_probing_plan
 from estimation.channel import ChannelKind
 from estimation.diagnosis.judged import Judged
+from estimation.diagnosis.judgement.gate import refuse
 from estimation.diagnosis.judgement.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.result import (
     Accepted,
@@ -33,7 +34,7 @@ from palpate.findings.subject import Subject
 from palpate.text.diagnosis import sentence, show
 from robot_io.session import Session
 from tests.estimation.contact_data import base_model
-from tests.estimation.diagnosis.presses import kelvin_voigt, maxwell, session
+from tests.estimation.diagnosis.presses import channel, kelvin_voigt, maxwell, motion, session
 from tests.estimation.diagnosis.test_common_cause import ARM, answer, joints
 from tests.estimation.diagnosis.test_true_force import pressing
 from tests.palpate.cli import assert_refused, next_commands, run
@@ -360,7 +361,8 @@ def all_proposals():
         yield from (separating(effect, [rival], ChannelKind.CONTACT) for rival in EFFECTS)
     for signal in ("velocity", "position", "time", "past motion", "offset", "effort"):
         yield exploring([signal], ChannelKind.CONTACT)
-    yield sufficient("no contact", ChannelKind.CONTACT)
+    for reason in ("no contact", "a single run", "only 4 different readings"):
+        yield sufficient(reason, ChannelKind.CONTACT)
 
 
 def test_every_proposed_experiment_is_a_plan_that_probe_can_run(tmp_path):
@@ -400,6 +402,15 @@ def test_a_sliding_joint_is_none_of_a_probing_arm(probed_before):
     proposal = separating(EFFECTS["coulomb_friction"](), ["backlash"], ChannelKind.PRISMATIC)
     assert proposal.probe == {}
     assert plan_of(proposal, probed_before) is None
+
+
+def test_where_the_steps_are_too_coarse_the_next_press_is_harder():
+    time_s, x, v, run = motion(np.random.default_rng(0))
+    force = np.round(kelvin_voigt(x, v) / 4.0) * 4.0
+    reason = refuse(channel(force, time_s, x, v, run))
+    plan = plan_of(sufficient(reason, ChannelKind.CONTACT), None)
+    assert plan.force_limit_n > ProbingPlan().force_limit_n
+    assert "finer" in sufficient(reason, ChannelKind.REVOLUTE).instruction
 
 
 def test_what_an_arm_cannot_do_by_itself_is_no_plan():

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.diagnosis.bench.standing import Standing
 
+FEW_READINGS = "different readings"  # what a reason counts where the reader's steps are too coarse
 _HANDFUL = 12  # different readings in all; with more, an effort crosses so many steps that they average out
 
 
@@ -27,7 +28,7 @@ def below_a_step(standing: Standing) -> str | None:
         return None
     unit = standing.data.kind.effort_unit
     return (
-        f"only {len(levels)} different readings, {step:.3g} {unit} apart, and the model is off by "
+        f"only {len(levels)} {FEW_READINGS}, {step:.3g} {unit} apart, and the model is off by "
         f"{standing.rmse:.3g} {unit}, less than one such step: what is left may be the reader's rounding; "
         "use a finer sensor, or a motion that takes more effort"
     )

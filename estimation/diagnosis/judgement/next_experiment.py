@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from estimation.channel import ChannelKind
+from estimation.diagnosis.judgement.below_a_step import FEW_READINGS
 from estimation.diagnosis.judgement.gate import SINGLE_RUN
 from estimation.diagnosis.result import NextExperiment
 from estimation.effect import Effect
@@ -51,6 +52,13 @@ _RUNS = Plan(
     "press at least three times, slowly and fast, each as a run of its own; in a data file, a column `run` "
     "numbers them",
     {"speeds_m_s": [0.01, 0.03, 0.1], "hold_s": 1.0, "repeats": 2},
+)
+_HARDER = Plan(
+    "use a finer force sensor, or press twice as hard, so that the force crosses more of the sensor's steps",
+    {"speeds_m_s": [0.01, 0.03, 0.1], "force_limit_n": 20.0, "hold_s": 1.0, "repeats": 2},
+)
+_HEAVIER = Plan(
+    "use a finer sensor, or a motion that takes more effort: faster, wider, or with a known mass at the tip"
 )
 _REPEATS = Plan(
     "repeat one and the same press on one spot, and see whether a run differs again",
@@ -127,8 +135,12 @@ def exploring(signals: Sequence[str], kind: ChannelKind) -> NextExperiment:
 
 def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
     """The experiment that makes up for data that cannot say anything."""
-    contact = _RUNS if reason.startswith(SINGLE_RUN) else _FREE_AIR
-    plan = contact if kind is ChannelKind.CONTACT else _JOINT
+    contact, joint = _FREE_AIR, _JOINT
+    if reason.startswith(SINGLE_RUN):
+        contact = _RUNS
+    elif FEW_READINGS in reason:
+        contact, joint = _HARDER, _HEAVIER
+    plan = contact if kind is ChannelKind.CONTACT else joint
     return NextExperiment(
         purpose="make a diagnosis possible: " + reason,
         separates=[],

@@ -42,6 +42,7 @@ def test_what_is_left_below_a_step_of_the_reader_is_not_called_unexplained():
     assert found.verdict is Verdict.INSUFFICIENT
     assert "5 different readings, 0.25 N m apart" in found.reason
     assert "finer" in found.reason
+    assert "takes more effort" in found.next_experiment.instruction
 
 
 def test_a_finer_reader_would_show_it():
