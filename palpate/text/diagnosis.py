@@ -48,7 +48,7 @@ def sentence(found: ChannelDiagnosis) -> str:
     where = f"[bold]{found.channel}[/bold]"
     match found.verdict:
         case Verdict.INSUFFICIENT:
-            return f"{where}: this data cannot say: {found.reason}."
+            return f"{where}: this data cannot say: {_ended(found.reason)}"
         case Verdict.ADEQUATE:
             part = " in the contact; the joints were not judged" if found.not_judged else ""
             return f"{where}: nothing is missing that this data can show{part}. {_fall(found)}"
@@ -77,7 +77,7 @@ def remarks(found: ChannelDiagnosis) -> Iterator[str]:
         if told := force_remark(found.force_ahead_of):
             yield told
         return
-    yield f"Why: {found.reason}."
+    yield f"Why: {_ended(found.reason)}"
     if found.suspects:
         unit = found.effort_unit
         falls = [
@@ -115,6 +115,11 @@ def value_and_half(parameter: ParameterValue) -> tuple[str, str]:
     return significant(parameter.value, half), significant(half, half)
 
 
+def _ended(reason: str) -> str:
+    """A reason as a sentence, with one mark at its end: some end with a question."""
+    return reason if reason.endswith("?") else f"{reason}."
+
+
 def _or(suspect: Suspect) -> str:
     return f"; or {_enumerated(suspect.confused_with, 'or')}" if suspect.confused_with else ""
 
@@ -147,7 +152,7 @@ def _evidence(found: ChannelDiagnosis) -> Iterator[RenderableType]:
         yield _steps(found)
         for entry in found.accepted:
             yield Text.from_markup(f"[bold]{entry.effect}[/bold]: {safe(entry.physics)}")
-            yield Text.from_markup(f"  [dim]seen as[/dim] {safe(entry.signature)}")
+            yield Text.from_markup(f"  [dim]signature[/dim] {safe(entry.signature)}")
             yield Text.from_markup(f"  [dim]equation[/dim] {safe(entry.equation)}")
             if entry.told_by:
                 yield Text.from_markup(f"  [dim]told by[/dim] {_enumerated(entry.told_by)}")

@@ -35,7 +35,7 @@ def _diagnosed(story: Story) -> str:
     told = [f"<p><span class='tag'>{found.verdict.upper()}</span> &nbsp;{sentence}</p>"]
     told += [
         f"<p class='quiet'><b>{escape(entry.effect)}</b>: {escape(entry.physics)} "
-        f"Seen as: {escape(entry.signature)}.{_rivals(entry)}</p>"
+        f"Signature: {escape(entry.signature)}.{_rivals(entry)}</p>"
         for entry in found.accepted
     ]
     told += [f"<p class='quiet'>{escape(text)}</p>" for text in diagnosis_text.remarks(found)]
