@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 
 from control.loop.phases import Phase
+from estimation.data.import_options import ImportOptions
 from estimation.effects import EFFECTS
 from estimation.surface import Surface
 from palpate.export import export_scenario
 from palpate.export.scenario import FittedChannel
 from palpate.export.terms import ARM, CONTACT, JOINT, SENSOR
-from palpate.findings.revisions import KeptParameter, KeptRevision
+from palpate.findings.effect_library import library_with
+from palpate.findings.estimation_run import load_material
+from palpate.findings.growth import Wish, grow
+from palpate.findings.revisions import KeptParameter, KeptRevision, RevisionShelf
+from robot_io.errors import InputError
 from robot_io.session import Session
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import Scenario, load_scenario
@@ -167,14 +172,19 @@ def test_revisions_of_other_rows_are_not_gone_on_from(tmp_path, monkeypatch):
     header, *first = hard.read_text().splitlines()
     rows = [f"{row},A" for row in first] + [f"{row},B" for row in soft.read_text().splitlines()[1:]]
     (tmp_path / "two.csv").write_text("\n".join([f"{header},specimen", *rows]) + "\n")
-    of_a, of_b = (("two.csv", "--where", f"specimen={name}") for name in "AB")
-    assert run("add", *of_a, "cubic_stiffness").exit_code == 0
+    shelf, library = RevisionShelf(tmp_path / "two-palpate"), library_with(None)
+
+    def grown(name, *effects, start=None):
+        rows = load_material(tmp_path / "two.csv", ImportOptions(where={"specimen": name}))
+        return grow(rows, rows.arm, shelf, library, Wish(effects, start=start)).kept
+
+    of_a, of_b = (("export", "two.csv", "--where", f"specimen={name}") for name in "AB")
+    grown("A", "cubic_stiffness")
     for told in ((), ("--revision", 1)):
-        assert_refused(run("export", *of_b, *told), "revision 1 is of other data", "--where", "folder")
+        assert_refused(run(*of_b, *told), "revision 1 is of other data", "--where", "folder")
     assert not (tmp_path / "two-palpate" / "scenario.yaml").exists()
-    assert_refused(run("add", *of_b, "bias", "--from", 1), "revision 1 is of other data")
-    added = json.loads(run("add", *of_b, "bias", "--json").stdout)["revisions"]
-    assert [(one["parent"], one["effects"]) for one in added] == [(None, []), (2, ["bias"])]
+    with pytest.raises(InputError, match="revision 1 is of other data"):
+        grown("B", "bias", start=1)
+    assert [(one.parent, one.effects) for one in grown("B", "bias")] == [(None, []), (2, ["bias"])]
     for of, law in ((of_a, "cubic_stiffness"), (of_b, "bias")):
-        used = json.loads(run("export", *of, "--json").stdout)["used"]
-        assert law in str(used)
+        assert law in run(*of, "--json").stdout
