@@ -24,7 +24,7 @@ def fall_sentence(story: Story) -> str:
     """What the stages did to the error, in one sentence."""
     first, last = story.stages[0], story.stages[-1]
     unit, name = story.subject.channel.kind.effort_unit, safe(story.subject.channel.name)
-    names = safe(", ".join(story.added))
+    names = safe(", ".join(stage.added for stage in story.stages[1:]))
     times = last.rmse / last.noise_floor if last.noise_floor > 0 else float("inf")
     ends = "down to the noise floor" if times < ALIKE else f"to {times:.1f} times the noise floor"
     color = "green" if times < ALIKE else "yellow"
