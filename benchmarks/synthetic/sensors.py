@@ -17,13 +17,14 @@ def drift(effort: np.ndarray, motion: Motion, size: float, scale: float, shape: 
 
 
 def lag(effort: np.ndarray, motion: Motion, size: float, scale: float, shape: float) -> np.ndarray:
-    """First order, stepped."""
+    """First order; what comes in goes straight from sample to sample, and its middle counts for a step."""
     rate = 1.0 / (RATE_HZ * size * 0.1)
     out = np.empty_like(effort)
     for rows in motion.parts():
         state, values = effort[rows][0], effort[rows]
-        for i, value in enumerate(values):
-            state += (1.0 - np.exp(-rate)) * (value - state)
+        middles = 0.5 * (values + np.concatenate([values[:1], values[:-1]]))
+        for i, middle in enumerate(middles):
+            state += (1.0 - np.exp(-rate)) * (middle - state)
             out[rows.start + i] = state
     return out
 

@@ -22,6 +22,7 @@ from robot_io.types import FloatArray
 
 _FORCE = "contact_force"
 _OF_THE_ZERO = {"bias", "drift"}
+_WANDERING = {"drift"}  # a zero that what is read in free air before a press does not tell
 # Times a joint's error by the force as the sensor reads it: a fault worth believing takes a fifth off the
 # squared error, and what differs by less than a tie of candidates is no worse.
 _BETTER, _NO_WORSE = 0.9, 1.02
@@ -93,13 +94,13 @@ def _error(data: ChannelData, joint: Judged) -> float:
 def _named_faults(contact: Judged, effects: Sequence[Effect]) -> list[str]:
     if contact.data.kind is not ChannelKind.CONTACT:
         return []
-    of_sensor = {effect.name for effect in effects if isinstance(effect, SensorEffect)}
+    of_sensor = {effect.name for effect in effects if isinstance(effect, SensorEffect)} | _WANDERING
     faults = [entry for entry in contact.found.accepted if entry.effect in of_sensor]
     return [entry.effect for entry in faults] if all(_is_sure(entry, of_sensor) for entry in faults) else []
 
 
 def _is_sure(fault: Accepted, of_sensor: set[str]) -> bool:
-    return of_sensor.issuperset(fault.confused_with)
+    return (of_sensor | _OF_THE_ZERO).issuperset(fault.confused_with)
 
 
 def _modelled(contact: Judged, effects: Sequence[Effect], *, reading: bool) -> FloatArray:

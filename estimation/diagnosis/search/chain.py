@@ -14,6 +14,7 @@ from estimation.diagnosis.search.possible import LEAST_GAIN, is_possible
 from estimation.diagnosis.search.search import Search
 from estimation.diagnosis.search.step import Step, confirmed
 from estimation.diagnosis.search.together import pair
+from estimation.effect import Effect
 
 MOST_EFFECTS = 3  # with more, almost anything can be imitated
 EQUAL = 1.2  # times the held-out energy of a candidate, up to which another of its size may be the better one
@@ -80,6 +81,7 @@ def build(search: Search) -> Chain:
         steps = _better(search, steps, _alone(search, ranking))
     if not search.is_explained(steps[-1].standing if steps else start) or _size(search, steps) > MODEST:
         steps = _better(search, steps, pair(search))
+    steps = _without_what_may_be_nothing(search, steps)
     end = steps[-1].standing if steps else start
     complete = search.is_explained(end) and not any(_is_empty(search, end, step.effect) for step in steps)
     doubted = not complete and search.leaves_noise(end)
@@ -87,10 +89,25 @@ def build(search: Search) -> Chain:
     return chain if complete or not steps else replace(chain, dominant=_dominant(search, chain))
 
 
+def _without_what_may_be_nothing(search: Search, steps: tuple[Step, ...]) -> tuple[Step, ...]:
+    """The steps less those that only led the others to where they explain all by themselves."""
+    for name in [step.effect for step in steps] if len(steps) > 1 else ():
+        end, rest = steps[-1].standing, [step.effect for step in steps if step.effect != name]
+        if not rest or not search.is_explained(end) or not may_be_nothing(_effect(end, name), end):
+            continue
+        trial = end.trial
+        alone = search.stand_anew(trial.model.without(name), trial.parameters)
+        steps = (confirmed(search, alone, rest) if search.is_explained(alone) else None) or steps
+    return steps
+
+
+def _effect(standing: Standing, name: str) -> Effect:
+    return next(one for one in standing.trial.model.effects if one.name == name)
+
+
 def _is_empty(search: Search, end: Standing, name: str) -> bool:
     """Whether one effect may be nothing, or a law that nobody has named serves better in its place."""
-    effect = next(one for one in end.trial.model.effects if one.name == name)
-    if may_be_nothing(effect, end):
+    if may_be_nothing(_effect(end, name), end):
         return True
     without = search.without(end, name)
     return is_outdone(without, end, search.tried(without))
