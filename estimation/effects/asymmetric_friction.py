@@ -32,8 +32,8 @@ class AsymmetricFriction(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `AdditiveEffect.columns`; shape (n, 4)."""
-        turn = np.tanh(data.velocity / inner["transition"])
-        forward, backward = np.maximum(turn, 0.0), np.minimum(turn, 0.0)  # at rest neither pushes
+        forward = 0.5 * (1.0 + np.tanh(data.velocity / inner["transition"]))
+        backward = forward - 1.0
         return np.column_stack([forward, backward, forward * data.velocity, -backward * data.velocity])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
