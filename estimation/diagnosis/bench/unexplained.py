@@ -10,8 +10,6 @@ LEFT = 0.03  # share of the held-out error that a flexible regression may take a
 JOINT_LEFT = (
     0.05  # the same sample by sample, for a joint: noise of the derived acceleration is in the model too
 )
-SLOW_LEFT = 0.1  # the same of means over a time in which such noise averages away
-_AVERAGED_S = 0.1  # over which noise of an acceleration averages away: its integral is that of a velocity
 # Signals that are measured, not derived: what depends on them more than on acceleration is no noise of that.
 _MEASURED = ("offset", "time", "position")
 _SHARE = 0.4  # of the most telling signal's share; signals with less are not named
@@ -28,8 +26,6 @@ def is_explained(standing: Standing, floor: float = np.inf) -> bool:
     if is_exact(standing) or standing.left_of_blocks(floor) <= LEFT:
         return True
     if standing.data.kind is ChannelKind.CONTACT or standing.left_of_samples(floor) > JOINT_LEFT:
-        return False
-    if standing.left_of_means(_AVERAGED_S) > SLOW_LEFT:
         return False
     share = standing.flexible.by_signal
     return max(share[name] for name in _MEASURED) <= max(1.0 - (1.0 - LEFT) ** 2, share["acceleration"])

@@ -9,7 +9,7 @@ from estimation.diagnosis.search.candidate import TIE, TRIES, Candidate, choose,
 from estimation.diagnosis.search.credible import is_misnamed, may_be_nothing
 from estimation.diagnosis.search.dominant import is_dominant, simplest
 from estimation.diagnosis.search.evidence import Evidence, evidence, hopeless, is_slight
-from estimation.diagnosis.search.nameless import is_outdone
+from estimation.diagnosis.search.nameless import is_late_otherwise, is_outdone
 from estimation.diagnosis.search.possible import LEAST_GAIN, is_possible
 from estimation.diagnosis.search.search import Search
 from estimation.diagnosis.search.step import Step, confirmed
@@ -107,7 +107,8 @@ def _effect(standing: Standing, name: str) -> Effect:
 
 def _is_empty(search: Search, end: Standing, name: str) -> bool:
     """Whether one effect may be nothing, or a law that nobody has named serves better in its place."""
-    if may_be_nothing(_effect(end, name), end):
+    effect = _effect(end, name)
+    if may_be_nothing(effect, end) or is_late_otherwise(end, effect):
         return True
     without = search.without(end, name)
     return is_outdone(without, end, search.tried(without))

@@ -1,16 +1,12 @@
 """What is not in the library is not called by its twin's name."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from estimation.base_model import ModelContext
-from estimation.channel import ChannelKind
 from estimation.diagnosis import Verdict, diagnose
 from estimation.diagnosis.bench.standing import stand
-from estimation.diagnosis.bench.unexplained import is_explained
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
 from tests.estimation.diagnosis.test_pairs_in_a_joint import NOISE_NM, STEP_S, channel, pendulum
@@ -61,23 +57,6 @@ def test_a_spring_that_is_barely_seen_is_not_called_by_anothers_name(right):
     assert found.accepted == []
     (entry,) = answer(data, right, wrong, "bias").accepted
     assert right in {entry.effect, *entry.confused_with}
-
-
-def test_what_is_left_slowly_is_no_noise_of_an_acceleration():
-    def left(slowly):
-        return SimpleNamespace(
-            data=SimpleNamespace(kind=ChannelKind.REVOLUTE, effort=np.ones(3)),
-            rmse=0.1,
-            left_of_blocks=lambda energy: 0.2,
-            left_of_samples=lambda energy: 0.03,
-            left_of_means=lambda over_s: slowly,
-            flexible=SimpleNamespace(
-                by_signal={"offset": 0.0, "time": 0.0, "position": 0.0, "acceleration": 0.1}
-            ),
-        )
-
-    assert is_explained(left(0.02))
-    assert not is_explained(left(0.4))
 
 
 def test_means_keep_what_is_smooth_and_lose_what_is_not():
