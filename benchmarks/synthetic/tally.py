@@ -119,8 +119,8 @@ def report_floors(outcomes: Sequence[Outcome]) -> None:
     solved = [o for o in outcomes if [e.effect for e in o.found.accepted] == list(o.job.scene.hidden)]
     smooth = [o for o in solved if o.found.final and "quantisation" not in o.job.scene.hidden]
     for title, floor in (
-        ("what the true law leaves on the measured motion", lambda o: o.floor),
-        ("the noise", lambda o: FLOOR[o.job.scene.kind]),
+        ("what the true law leaves", lambda o: o.floor),
+        ("the usual noise", lambda o: FLOOR[o.job.scene.kind]),
     ):
         near = [o.found.final.rmse / floor(o) < 1.05 for o in smooth if o.found.final is not None]
         print(f"final error within 5 % of {title}: {share(near)}")

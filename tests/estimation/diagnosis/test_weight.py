@@ -41,7 +41,7 @@ def weight(q):
     return WEIGHT_NM * np.sin(q - 0.4)
 
 
-@pytest.mark.parametrize("amplitude_rad", [0.3, 1.5])
+@pytest.mark.parametrize("amplitude_rad", [0.8, 1.5])
 def test_a_weight_is_found_beside_a_model_that_has_none(amplitude_rad):
     found = answer(swinging(amplitude_rad, ZERO_RAD, weight), "inertia")
     assert found.verdict is Verdict.MISSING
@@ -60,8 +60,10 @@ def test_a_weight_whose_interval_holds_zero_may_be_nothing(size_nm):
     assert may_be_nothing(effect, stand(data, model, {})) is (size_nm == 0.0)
 
 
-def test_where_a_sine_is_straight_it_is_not_told_from_a_spring():
-    (entry,) = answer(swinging(0.2, 0.0, lambda q: WEIGHT_NM * np.sin(q)), "inertia").accepted
+@pytest.mark.parametrize(("amplitude_rad", "zero_rad", "off_rad"), [(0.2, 0.0, 0.0), (0.3, ZERO_RAD, 0.4)])
+def test_where_a_sine_is_nearly_straight_both_are_named_as_one_group(amplitude_rad, zero_rad, off_rad):
+    data = swinging(amplitude_rad, zero_rad, lambda q: WEIGHT_NM * np.sin(q - off_rad))
+    (entry,) = answer(data, "inertia").accepted
     assert {entry.effect, *entry.confused_with} >= {"joint_spring", "weight"}
 
 
