@@ -7,9 +7,9 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.comparison.split import splits
-from estimation.diagnosis.bench.held_out import held_out_residual, rmse
-from estimation.diagnosis.bench.standing import Standing
-from estimation.diagnosis.bench.unexplained import is_explained
+from estimation.fit.held_out import held_out_residual, rmse
+from estimation.fit.standing import Standing
+from estimation.fit.unexplained import is_explained
 from estimation.diagnosis.judgement.noise_floor import NoiseFloor, noise_floor
 from estimation.diagnosis.judgement.objection import floor_unseen
 from estimation.model import Model

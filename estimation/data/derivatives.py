@@ -20,7 +20,7 @@ from estimation.data.local_fit import even_coefficients, local_fit
 from estimation.signals.blocks import blocks
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-_HALF_WINDOWS = (2, 3, 4, 5, 7, 10, 14, 20, 28)
+HALF_WINDOWS = (2, 3, 4, 5, 7, 10, 14, 20, 28)
 _TOLERANCE = 1.1  # a wider window is taken if its error is at most 10 % more: it calms the derivatives
 _TRIALS = 4000  # samples on which windows are compared
 _FEWEST_TRIALS = 100  # of samples that differ from their neighbours; with fewer, windows are tried on all
@@ -95,6 +95,37 @@ def grid_step(position: FloatArray) -> float:
     return float(moves.min()) if np.abs(in_steps - np.round(in_steps)).max() < _ON_GRID else 0.0
 
 
+def position_error(
+    time_s: FloatArray, position: FloatArray, run: IntArray, rounding: float
+) -> FloatArray:
+    """What each position differs by from the smooth motion, shape (n,), at the size of the reading's error.
+
+    The smooth motion is that of the window which best predicts a sample from its neighbours; what a sample
+    has in common with its own fit is put back by the fit's leverage.
+
+    Args:
+        time_s: shape (n,), strictly increasing within a run [s].
+        position: shape (n,).
+        run: of each sample, shape (n,).
+        rounding: variance of the positions' rounding; 0 where they lie on no grid.
+    """
+    pieces = [rows for rows in blocks(run) if rows.stop - rows.start > 2 * HALF_WINDOWS[0] + 1]
+    error = np.zeros(len(position))
+    if not pieces:
+        return error
+    moved = _from_its_start(position, pieces)
+    longest = max(rows.stop - rows.start for rows in pieces)
+    halves = [half for half in HALF_WINDOWS if 2 * half + 1 < longest or half == HALF_WINDOWS[0]]
+    centres = _trial_centres(moved, pieces)
+    trials = [_try_window(time_s, moved, pieces, centres, half, rounding) for half in halves]
+    half = min(trials, key=lambda trial: trial.left_out_error).half
+    for rows in pieces:
+        found = local_fit(time_s[rows], moved[rows], np.arange(rows.stop - rows.start), half)
+        free = np.sqrt(np.maximum(1.0 - found.variance[:, 0], 1e-2))
+        error[rows] = (moved[rows] - found.fitted[:, 0]) / free
+    return error
+
+
 def _from_its_start(position: FloatArray, pieces: list[slice]) -> FloatArray:
     """Position (n,) less each piece's first: what rests has a velocity of 0, not one of rounding errors."""
     moved = np.empty(len(position))
@@ -164,12 +195,12 @@ def _best_half_windows(
     time_s: FloatArray, position: FloatArray, pieces: list[slice], rounding: float, *, calm: bool
 ) -> tuple[int, int]:
     """For velocity and acceleration each, a window whose error is nearly the least; see `differentiate`."""
-    smallest = 2 * _HALF_WINDOWS[0] + 1
+    smallest = 2 * HALF_WINDOWS[0] + 1
     long_enough = [rows for rows in pieces if rows.stop - rows.start > smallest]
     if not long_enough:
-        return _HALF_WINDOWS[0], _HALF_WINDOWS[0]
+        return HALF_WINDOWS[0], HALF_WINDOWS[0]
     longest = max(rows.stop - rows.start for rows in long_enough)
-    halves = [half for half in _HALF_WINDOWS if 2 * half + 1 < longest or half == _HALF_WINDOWS[0]]
+    halves = [half for half in HALF_WINDOWS if 2 * half + 1 < longest or half == HALF_WINDOWS[0]]
     centres = _trial_centres(position, long_enough)
     trials = [_try_window(time_s, position, long_enough, centres, half, rounding) for half in halves]
     pilot = min(trials, key=lambda trial: trial.left_out_error)

@@ -6,9 +6,9 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.bench.standing import Standing
-from estimation.diagnosis.bench.unexplained import depends_on
-from estimation.diagnosis.judgement.intervals import Value, final, values
+from estimation.fit.standing import Standing
+from estimation.fit.unexplained import depends_on
+from estimation.fit.intervals import Value, final, values
 from estimation.diagnosis.judgement.left_over import left_over, small_rest
 from estimation.diagnosis.judgement.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.judgement.noise_floor import noise_floor

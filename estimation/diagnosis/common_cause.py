@@ -11,11 +11,11 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from estimation.diagnosis.answer import fitted
-from estimation.diagnosis.bench.standing import Standing, stand
-from estimation.diagnosis.bench.unexplained import is_explained
+from estimation.fit.standing import Standing, stand
+from estimation.fit.unexplained import is_explained
 from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.judgement.gate import usable
-from estimation.diagnosis.judgement.intervals import Value, final, values
+from estimation.fit.intervals import Value, final, values
 from estimation.diagnosis.judgement.next_experiment import separating
 from estimation.diagnosis.judgement.noise_floor import noise_floor
 from estimation.diagnosis.judgement.objection import objection_to

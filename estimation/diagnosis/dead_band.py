@@ -13,7 +13,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.common_cause import agreed
 from estimation.diagnosis.judged import Judged
-from estimation.diagnosis.judgement.intervals import Value
+from estimation.fit.intervals import Value
 from estimation.diagnosis.result import Accepted, ChannelDiagnosis, Fitted, ParameterValue, Verdict
 from estimation.effect import Effect
 from estimation.effects.deadband import SWALLOWED, Deadband

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.bench.standing import stand
+from estimation.fit.standing import stand
 from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.judgement.gate import usable
 from estimation.diagnosis.result import Accepted, Verdict

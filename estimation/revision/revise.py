@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.bench.held_out import held_out_residual, rmse
-from estimation.diagnosis.bench.standing import Standing, stand
+from estimation.fit.held_out import held_out_residual, rmse
+from estimation.fit.standing import Standing, stand
 from estimation.diagnosis.judgement.gate import refuse, usable
-from estimation.diagnosis.judgement.intervals import Value, final, values
+from estimation.fit.intervals import Value, final, values
 from estimation.diagnosis.judgement.noise_floor import noise_floor
 from estimation.diagnosis.judgement.objection import floor_unseen
 from estimation.diagnosis.search.extend import extend

@@ -9,7 +9,7 @@ from estimation.channel import ChannelKind
 from estimation.comparison import Comparison, compare_standing
 from estimation.diagnosis import ChannelDiagnosis, Diagnosis
 from estimation.diagnosis.apart import Job, Progress, diagnose_apart
-from estimation.diagnosis.bench.load import with_load
+from estimation.fit.load import with_load
 from estimation.diagnosis.judged import Judged
 from estimation.effect import Effect
 from estimation.revision import Revision, revision_of, standings

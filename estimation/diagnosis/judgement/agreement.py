@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.diagnosis.bench.held_out import held_out_residual, rmse
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.held_out import held_out_residual, rmse
+from estimation.fit.standing import Standing
 from estimation.signals.blocks import rows_of_runs
 from robot_io.types import IntArray
 

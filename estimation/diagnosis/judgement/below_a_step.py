@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.standing import Standing
 
 FEW_READINGS = "different readings"  # what a reason counts where the reader's steps are too coarse
 _HANDFUL = 12  # different readings in all; with more, an effort crosses so many steps that they average out

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.bench.colour import ORDER, Colour
-from estimation.diagnosis.bench.frame import block_length, frame_of
+from estimation.fit.colour import ORDER, Colour
+from estimation.fit.frame import block_length, frame_of
 from estimation.diagnosis.judgement.copied import copied
 from estimation.diagnosis.judgement.folded import folded
 from estimation.diagnosis.judgement.motion_and_effort import (

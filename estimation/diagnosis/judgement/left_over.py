@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimation.diagnosis.bench.held_out import held_out_residual, rmse
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.held_out import held_out_residual, rmse
+from estimation.fit.standing import Standing
 from estimation.diagnosis.judgement.noise_floor import noise_floor
 from estimation.signals.runwise import sample_time
 

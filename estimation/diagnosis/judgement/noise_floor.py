@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.bench.held_out import held_out_residual
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.held_out import held_out_residual
+from estimation.fit.standing import Standing
 from estimation.signals.blocks import rows_of_runs
 from robot_io.types import FloatArray, IntArray
 

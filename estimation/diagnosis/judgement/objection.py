@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from estimation.diagnosis.bench.exact import is_exact
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.exact import is_exact
+from estimation.fit.standing import Standing
 from estimation.diagnosis.judgement.agreement import Disagreement, disagreement
 from estimation.diagnosis.judgement.unlike_noise import Excess, quiet_floor, unlike_noise
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.bench.load import HEAVY
+from estimation.fit.load import HEAVY
 from estimation.model import Model
 from robot_io.types import FloatArray
 

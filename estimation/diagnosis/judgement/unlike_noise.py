@@ -10,8 +10,8 @@ import numpy as np
 
 from estimation.channel import ChannelKind
 from estimation.data.derivatives import grid_step
-from estimation.diagnosis.bench.held_out import held_out_residual
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.held_out import held_out_residual
+from estimation.fit.standing import Standing
 from estimation.diagnosis.judgement.noise_floor import free_air
 from estimation.diagnosis.judgement.swinging import strongest_swing
 from estimation.signals.runwise import sample_time

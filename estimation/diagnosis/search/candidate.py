@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from estimation.diagnosis.bench.inner_search import Attempts
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.inner_search import Attempts
+from estimation.fit.standing import Standing
 from estimation.effect import Effect
 
 TRIES = 3  # candidates weighed before giving up

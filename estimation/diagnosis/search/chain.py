@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from estimation.diagnosis.bench.exact import is_exact
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.exact import is_exact
+from estimation.fit.standing import Standing
 from estimation.diagnosis.search.candidate import TIE, TRIES, Candidate, choose, close_to_best, size
 from estimation.diagnosis.search.credible import is_misnamed, may_be_nothing
 from estimation.diagnosis.search.dominant import is_dominant, simplest

@@ -5,9 +5,9 @@ from functools import cache
 
 import numpy as np
 
-from estimation.diagnosis.bench.held_out import held_out_blocks
-from estimation.diagnosis.bench.standing import Fit
-from estimation.diagnosis.bench.trial import Trial
+from estimation.fit.held_out import held_out_blocks
+from estimation.fit.standing import Fit
+from estimation.fit.trial import Trial
 from estimation.diagnosis.search.candidate import TIE, Candidate
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import FloatArray, IntArray

@@ -7,10 +7,10 @@ up to a constant. What fits is then no evidence for the names.
 
 import numpy as np
 
-from estimation.diagnosis.bench.plain_laws import left_by_plain_signals
-from estimation.diagnosis.bench.standing import Standing
-from estimation.diagnosis.bench.trial import Bench, Trial
-from estimation.diagnosis.judgement.intervals import final, values
+from estimation.fit.plain_laws import left_by_plain_signals
+from estimation.fit.standing import Standing
+from estimation.fit.trial import Bench, Trial
+from estimation.fit.intervals import final, values
 from estimation.diagnosis.search.candidate import TIE, size
 from estimation.diagnosis.search.possible import is_beyond_bounds
 from estimation.effect import Effect

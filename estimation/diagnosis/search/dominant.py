@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.bench.flexible import signals_of
-from estimation.diagnosis.bench.plain_laws import left_by_another_surface, left_by_one_term
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.flexible import signals_of
+from estimation.fit.plain_laws import left_by_another_surface, left_by_one_term
+from estimation.fit.standing import Standing
 from estimation.diagnosis.search.candidate import Candidate, close_to_best
 from estimation.diagnosis.search.confusion import contains
 from estimation.diagnosis.search.nameless import other_reader

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.standing import Standing
 from estimation.diagnosis.search.candidate import Candidate
 from estimation.diagnosis.search.possible import LEAST_GAIN, is_beyond_bounds
 from estimation.diagnosis.search.surrogates import best_gains, p_value, surrogates

@@ -1,7 +1,7 @@
 """Adds an effect that was asked for, whatever is thought of it."""
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.bench.standing import Standing, stand
+from estimation.fit.standing import Standing, stand
 from estimation.diagnosis.search.screening import try_all
 from estimation.effect import Effect
 from robot_io.types import BoolArray

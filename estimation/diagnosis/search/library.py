@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.bench.load import HEAVY
+from estimation.fit.load import HEAVY
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
 from estimation.model import Model

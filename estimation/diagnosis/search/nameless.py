@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.bench.plain_laws import left_with, motion
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.plain_laws import left_with, motion
+from estimation.fit.standing import Standing
 from estimation.diagnosis.search.candidate import Candidate
 from estimation.effect import Effect, SensorEffect
 from estimation.signals.runwise import low_pass

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.diagnosis.bench.trial import Bench, Trial
+from estimation.fit.trial import Bench, Trial
 from estimation.effect import Effect
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray

@@ -4,10 +4,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from estimation.diagnosis.bench.inner_search import Attempts, look, refine
-from estimation.diagnosis.bench.polish import polish
-from estimation.diagnosis.bench.standing import Fit
-from estimation.diagnosis.bench.trial import Trial
+from estimation.fit.inner_search import Attempts, look, refine
+from estimation.fit.polish import polish
+from estimation.fit.standing import Fit
+from estimation.fit.trial import Trial
 from estimation.diagnosis.search.candidate import Candidate
 from estimation.diagnosis.search.possible import LOOSE, is_possible
 from estimation.effect import Effect, SensorEffect

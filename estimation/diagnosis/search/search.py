@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.bench.inner_search import look, refine
-from estimation.diagnosis.bench.memory import Memory
-from estimation.diagnosis.bench.standing import Fit, Standing, fit, stand
-from estimation.diagnosis.bench.unexplained import is_explained
+from estimation.fit.inner_search import look, refine
+from estimation.fit.memory import Memory
+from estimation.fit.standing import Fit, Standing, fit, stand
+from estimation.fit.unexplained import is_explained
 from estimation.diagnosis.each import Each, one_by_one
-from estimation.diagnosis.judgement.doubt import doubted
+from estimation.fit.acceleration_doubt import doubted
 from estimation.diagnosis.search.candidate import Candidate
 from estimation.diagnosis.search.credible import is_credible
 from estimation.diagnosis.search.library import candidates

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.bench.frame import Frame
-from estimation.diagnosis.bench.memory import Memory
-from estimation.diagnosis.bench.standing import Fit, fit
-from estimation.diagnosis.bench.trial import Trial
+from estimation.fit.frame import Frame
+from estimation.fit.memory import Memory
+from estimation.fit.standing import Fit, fit
+from estimation.fit.trial import Trial
 from estimation.diagnosis.search.candidate import TIE, Candidate
 from estimation.diagnosis.search.library import candidates
 from estimation.diagnosis.search.screening import screen

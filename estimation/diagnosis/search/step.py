@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.standing import Standing
 from estimation.diagnosis.search.evidence import Evidence, evidence, is_slight
 from estimation.diagnosis.search.possible import is_possible
 from estimation.diagnosis.search.search import Search

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.diagnosis import Verdict, diagnose
-from estimation.diagnosis.bench.standing import stand
+from estimation.fit.standing import stand
 from estimation.diagnosis.judgement.agreement import disagreement
 from tests.estimation.diagnosis.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.diagnosis.test_diagnose import MODEL

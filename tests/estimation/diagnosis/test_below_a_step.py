@@ -9,7 +9,7 @@ import pytest
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
-from estimation.diagnosis.bench.standing import stand
+from estimation.fit.standing import stand
 from estimation.diagnosis.judgement.below_a_step import below_a_step
 from estimation.effects import EFFECTS
 from estimation.model import Model

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.diagnosis.bench.standing import stand
+from estimation.fit.standing import stand
 from estimation.diagnosis.search.extend import extend
 from estimation.diagnosis.search.screening import screen
 from estimation.effects import EFFECTS

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from estimation.diagnosis.bench.standing import stand
-from estimation.diagnosis.bench.trial import attempt
-from estimation.diagnosis.judgement.intervals import final, inner_slopes, values
+from estimation.fit.standing import stand
+from estimation.fit.trial import attempt
+from estimation.fit.intervals import final, inner_slopes, values
 from estimation.effects import EFFECTS
 from tests.estimation.diagnosis.presses import session
 from tests.estimation.diagnosis.test_diagnose import MODEL

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from estimation.diagnosis.bench.standing import stand
+from estimation.fit.standing import stand
 from estimation.diagnosis.judgement.left_over import left_over, small_rest
 from tests.estimation.diagnosis.presses import NOISE_N, K, channel, kelvin_voigt, motion
 from tests.estimation.diagnosis.test_diagnose import MODEL

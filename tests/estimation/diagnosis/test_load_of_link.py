@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.bench.standing import stand
+from estimation.fit.standing import stand
 from estimation.diagnosis.search.extend import extend
 from estimation.effects import EFFECTS
 from estimation.model import Model

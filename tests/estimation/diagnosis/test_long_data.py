@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.diagnosis.bench.frame import frame_of
-from estimation.diagnosis.bench.inner_search import look, refine
-from estimation.diagnosis.bench.standing import stand
+from estimation.fit.frame import frame_of
+from estimation.fit.inner_search import look, refine
+from estimation.fit.standing import stand
 from estimation.diagnosis.judgement.noise_floor import repeats
 from estimation.effects import EFFECTS
 from tests.estimation.diagnosis.presses import session

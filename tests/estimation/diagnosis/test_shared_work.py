@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.bench import memory as memories
-from estimation.diagnosis.bench.along import parts_along
-from estimation.diagnosis.bench.memory import Memory
-from estimation.diagnosis.bench.moments import held_out_energy, moments_of, score
-from estimation.diagnosis.bench.standing import stand
-from estimation.diagnosis.bench.trial import attempt
+from estimation.fit import memory as memories
+from estimation.fit.along import parts_along
+from estimation.fit.memory import Memory
+from estimation.fit.moments import held_out_energy, moments_of, score
+from estimation.fit.standing import stand
+from estimation.fit.trial import attempt
 from estimation.effect import AdditiveEffect, Parameter
 from estimation.effects import EFFECTS
 from estimation.model import Model

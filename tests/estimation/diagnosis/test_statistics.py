@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimation.diagnosis.bench.colour import colour_of
-from estimation.diagnosis.bench.frame import frame_of
-from estimation.diagnosis.bench.moments import moments_of, score
+from estimation.fit.colour import colour_of
+from estimation.fit.frame import frame_of
+from estimation.fit.moments import moments_of, score
 from estimation.diagnosis.search.surrogates import best_gains, p_value, surrogates
 from tests.estimation.diagnosis.presses import session
 

@@ -6,7 +6,7 @@ import pytest
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
-from estimation.diagnosis.bench.standing import stand
+from estimation.fit.standing import stand
 from estimation.diagnosis.search.credible import may_be_nothing
 from estimation.diagnosis.search.library import candidates, library
 from estimation.effects import EFFECTS

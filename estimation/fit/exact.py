@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.standing import Standing
 
 _DIGITS = 1e-7  # of the effort: single precision keeps 6e-8, and the fit's own shrinkage leaves some 1e-9
 

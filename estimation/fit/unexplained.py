@@ -3,8 +3,8 @@
 import numpy as np
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.bench.exact import is_exact
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.exact import is_exact
+from estimation.fit.standing import Standing
 
 LEFT = 0.03  # share of the held-out error that a flexible regression may take away from a complete model
 JOINT_LEFT = (

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from estimation.diagnosis.bench.inner_search import look, refine
-from estimation.diagnosis.bench.standing import Standing
+from estimation.fit.inner_search import look, refine
+from estimation.fit.standing import Standing
 from estimation.effects.contact_offset import ContactOffset
 from robot_io.types import FloatArray
 

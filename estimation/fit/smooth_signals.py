@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.bench.frame import Frame
+from estimation.fit.frame import Frame
 from estimation.signals.runwise import low_pass, play, rate, relax, running_max, sample_time, shift
 from robot_io.types import FloatArray, IntArray
 

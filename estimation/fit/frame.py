@@ -8,8 +8,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.bench.load import LOAD
-from estimation.diagnosis.bench.memory import Itself, Memory
+from estimation.fit.load import LOAD
+from estimation.fit.memory import Itself, Memory
 from estimation.effect import AdditiveEffect, Inner
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import sample_time

@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.bench.along import is_on_blocks
-from estimation.diagnosis.bench.colour import Colour
-from estimation.diagnosis.bench.frame import Frame
-from estimation.diagnosis.bench.moments import Moments, Scores, cross_products, score
+from estimation.fit.along import is_on_blocks
+from estimation.fit.colour import Colour
+from estimation.fit.frame import Frame
+from estimation.fit.moments import Moments, Scores, cross_products, score
 from estimation.model import Model, Parts, own
 from robot_io.types import BoolArray, FloatArray, IntArray
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.diagnosis.bench.along import Along, parts_along
-from estimation.diagnosis.bench.trial import Bench, Trial, attempt
+from estimation.fit.along import Along, parts_along
+from estimation.fit.trial import Bench, Trial, attempt
 from estimation.effect import Effect, Parameter
 from estimation.model import Model
 from robot_io.types import FloatArray

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.diagnosis.bench.colour import WHITE
-from estimation.diagnosis.bench.frame import Frame
-from estimation.diagnosis.bench.moments import Moments, held_out_energy, score
-from estimation.diagnosis.bench.smooth_signals import features
-from estimation.diagnosis.bench.trial import Bench, Trial
+from estimation.fit.colour import WHITE
+from estimation.fit.frame import Frame
+from estimation.fit.moments import Moments, held_out_energy, score
+from estimation.fit.smooth_signals import features
+from estimation.fit.trial import Bench, Trial
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from estimation.diagnosis.bench.trial import Bench, Trial, attempt
+from estimation.fit.trial import Bench, Trial, attempt
 from estimation.effect import Parameter
 from robot_io.types import FloatArray
 

@@ -7,14 +7,14 @@ from functools import cached_property
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.bench.colour import WHITE, colour_of
-from estimation.diagnosis.bench.flexible import Flexible, flexible
-from estimation.diagnosis.bench.frame import block_length, frame_of, off_borders
-from estimation.diagnosis.bench.held_out import held_out_blocks, held_out_residual, rmse
-from estimation.diagnosis.bench.load import with_load
-from estimation.diagnosis.bench.memory import Memory
-from estimation.diagnosis.bench.polish import polish
-from estimation.diagnosis.bench.trial import Bench, Trial, attempt
+from estimation.fit.colour import WHITE, colour_of
+from estimation.fit.flexible import Flexible, flexible
+from estimation.fit.frame import block_length, frame_of, off_borders
+from estimation.fit.held_out import held_out_blocks, held_out_residual, rmse
+from estimation.fit.load import with_load
+from estimation.fit.memory import Memory
+from estimation.fit.polish import polish
+from estimation.fit.trial import Bench, Trial, attempt
 from estimation.model import Model
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray
@@ -48,9 +48,21 @@ class Standing(Fit):
         judged: the model on that bench, at the same inner parameters.
     """
 
-    flexible: Flexible
-    judge: Bench
-    judged: Trial
+    @cached_property
+    def flexible(self) -> Flexible:
+        """What any smooth law could explain beyond the model."""
+        return flexible(self.plain, self.trial)
+
+    @cached_property
+    def judge(self) -> Bench:
+        """The same blocks with the colour of what the flexible regression leaves."""
+        frame = self.plain.frame
+        return Bench(frame, colour_of(self.flexible.residual, frame.run, frame.trusted))
+
+    @cached_property
+    def judged(self) -> Trial:
+        """The model on that bench, at the same inner parameters."""
+        return attempt(self.judge, self.trial.model, self.trial.parameters)
 
     @cached_property
     def flexible_judged(self) -> Flexible:
@@ -131,11 +143,7 @@ def stand(
 ) -> Standing:
     """Fit a model, see `fit`, and measure what it leaves."""
     fitted = fit(data, model, parameters, good, memory)
-    plain, trial = fitted.plain, fitted.trial
-    rough = flexible(plain, trial)
-    judge = Bench(plain.frame, colour_of(rough.residual, plain.frame.run, plain.frame.trusted))
-    judged = attempt(judge, model, trial.parameters)
-    return Standing(fitted.data, plain, trial, rough, judge, judged)
+    return Standing(fitted.data, fitted.plain, fitted.trial)
 
 
 def _bench(

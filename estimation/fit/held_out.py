@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from estimation.diagnosis.bench.frame import Frame
-from estimation.diagnosis.bench.trial import Trial
+from estimation.fit.frame import Frame
+from estimation.fit.trial import Trial
 from robot_io.types import FloatArray
 
 
