@@ -20,6 +20,22 @@ from robot_io.types import FloatArray
 Errors = Callable[[], Mapping[str, float]]
 Inner = Mapping[str, float]  # values of inner (nonlinear) parameters by name
 
+# What an effort can depend on; see `Effect.signals`.
+SIGNALS = (
+    "offset",  # always there, whatever moves
+    "time",
+    "position",
+    "velocity",
+    "direction",  # of the motion, at a reversal above all
+    "acceleration",
+    "past motion",
+    "effort",
+    "past effort",
+    "load",  # of a joint, apart from friction
+    "other joints",
+    "recorded",  # a column that a user recorded beside, or the number of the run
+)
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -64,6 +80,7 @@ class Effect(ABC):
         equation: its term, in plain text.
         source: where the equation comes from.
         signature: what one sees in the data, in words.
+        signals: those of `SIGNALS` on which its effort depends: where an impostor of it leaves structure.
         channels: kinds of channel it can occur in.
         gains: parameters in which the effort is linear, one per column.
         essential: gains without which it would be another, simpler effect.
@@ -77,6 +94,7 @@ class Effect(ABC):
     equation: ClassVar[str]
     source: ClassVar[str]
     signature: ClassVar[str]
+    signals: ClassVar[tuple[str, ...]]
     channels: ClassVar[frozenset[ChannelKind]]
     gains: ClassVar[tuple[Parameter, ...]] = ()
     inner: ClassVar[tuple[Parameter, ...]] = ()

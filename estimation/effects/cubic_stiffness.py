@@ -19,6 +19,7 @@ class CubicStiffness(AdditiveEffect):
     signature = (
         "the slope of effort over position grows with displacement, equally on both sides, at any speed"
     )
+    signals = ("position",)
     channels = frozenset(ChannelKind)
     gains = (
         Parameter("k3", "{effort}/{position}^3", -10000000000000.0, 10000000000000.0, (1.0, 1000000000.0)),

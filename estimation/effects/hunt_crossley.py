@@ -20,6 +20,7 @@ class HuntCrossley(AdditiveEffect):
         "J. Appl. Mech. 42 (1975)"
     )
     signature = "effort curves upwards with depth, and the difference between in and out grows with depth too"
+    signals = ("position", "velocity")
     channels = frozenset({ChannelKind.CONTACT})
     gains = (
         Parameter("k", "{effort}/{position}^n", 0.0, 1e12, (10.0, 1e6)),

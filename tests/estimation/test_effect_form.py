@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtri
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Effect, MotionEffect, SensorEffect
+from estimation.effect import SIGNALS, AdditiveEffect, Effect, MotionEffect, SensorEffect
 from estimation.effects import EFFECTS
 
 EVERY = pytest.mark.parametrize("name", list(EFFECTS))
@@ -38,6 +38,14 @@ def test_states_its_physics(name):
     assert effect.physics.endswith(".")
     assert effect.channels
     assert effect.channels <= frozenset(ChannelKind)
+
+
+@EVERY
+def test_says_on_which_signals_it_depends(name):
+    signals = EFFECTS[name].signals
+    assert signals
+    assert set(signals) <= set(SIGNALS)
+    assert len(set(signals)) == len(signals)
 
 
 @EVERY
