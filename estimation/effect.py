@@ -2,8 +2,8 @@
 
     effort(t) = sensor( sum_i effect_i(motion(t)) )
 
-An `AdditiveEffect` adds effort, a `MotionEffect` changes the motion that the effort comes from, and a
-`SensorEffect` changes the effort on its way to the reader.
+An `AdditiveEffect` adds effort, a `MotionEffect` changes the motion that the effort comes from, a
+`MemoryEffect` lets elastic effort fade, and a `SensorEffect` changes the effort on its way to the reader.
 """
 
 from abc import ABC, abstractmethod
@@ -156,9 +156,11 @@ class AdditiveEffect(Effect):
     Class attributes:
         one_sided: in a contact, whether it belongs to what can only push, the object; what sticks to the
             tool, and errors of the reader, can pull as well.
+        elastic: gains whose effort is that of a spring, which a `MemoryEffect` lets fade.
     """
 
     one_sided: ClassVar[bool] = True
+    elastic: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -175,6 +177,14 @@ class MotionEffect(Effect):
     @abstractmethod
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
         """The channel with the motion that really acts."""
+
+
+class MemoryEffect(Effect):
+    """An effect that lets the effort of springs fade with time, whatever their law; linear in that effort."""
+
+    @abstractmethod
+    def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """What is left of elastic efforts, shape (n, k), one column each; run by run."""
 
 
 class SensorEffect(Effect):

@@ -26,6 +26,7 @@ class ExponentialStiffness(AdditiveEffect):
     signals = ("position",)
     channels = frozenset(ChannelKind)
     gains = (Parameter("a", "{effort}", 0.0, 1e9, (1e-4, 10.0)),)
+    elastic = ("a",)
     inner = (Parameter("b", "1/{position}", 1e-3, 1e9, (10.0, 1000.0), log=True),)
     confused_with: ClassVar[dict[str, str]] = {
         "power_law_stiffness": "press deeper: an exponential soon outgrows any power",

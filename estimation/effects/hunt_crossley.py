@@ -26,6 +26,7 @@ class HuntCrossley(AdditiveEffect):
         Parameter("k", "{effort}/{position}^n", 0.0, 1e12, (10.0, 1e6)),
         Parameter("b", "{effort} s/{position}^(n+1)", 0.0, 1e12, (1.0, 1e6)),
     )
+    elastic = ("k",)
     essential = ("b",)
     inner = (Parameter("n", "1", 0.5, 4.0, (1.0, 2.0)),)
     confused_with: ClassVar[dict[str, str]] = {

@@ -26,6 +26,7 @@ class PowerLawStiffness(AdditiveEffect):
     signals = ("position",)
     channels = frozenset(ChannelKind)
     gains = (Parameter("k", "{effort}/{position}^n", 0.0, 1e40, (10.0, 1e12)),)
+    elastic = ("k",)
     inner = (Parameter("n", "1", 1.1, 6.0, (1.2, 4.0)),)
     confused_with: ClassVar[dict[str, str]] = {
         "cubic_stiffness": "press deeper: a power law and a cubic part ways",

@@ -20,6 +20,7 @@ class Stiffness(AdditiveEffect):
     signals = ("position",)
     channels = frozenset(ChannelKind)
     gains = (Parameter("k", "{effort}/{position}", 0.0, 1e7, (10.0, 2e4)),)
+    elastic = ("k",)
     confused_with: ClassVar[dict[str, str]] = {
         "cubic_stiffness": "press to several depths: a linear spring has the same slope everywhere",
         "contact_offset": "press to several depths from a known surface",

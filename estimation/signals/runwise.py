@@ -36,17 +36,20 @@ def per_run(operator: Callable[[FloatArray], FloatArray], signal: FloatArray, ru
 
 
 def relax(signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float) -> FloatArray:
-    """What is left of a strain (n,) as it relaxes: z' = signal' - z / tau, from z = 0 before the first run.
+    """What is left of strains as they relax: z' = signal' - z / tau, from z = 0 before the first run.
+
+    Exact for strains (n,) or (n, k) that go straight from sample to sample, at any times.
 
     Between a run and the next in time the strain is zero, and what has not faded by then is still there. A
     run that begins before the last one's end was recorded by itself.
     """
     relaxed = low_pass(signal, time_s, run, tau_s, from_rest=True)
-    flowed, ended_s = 0.0, np.inf
+    flowed, ended_s = np.zeros(signal.shape[1:]), np.inf
     for rows in in_order_of_time(time_s, run):
         begun_s, since_s = time_s[rows.start], time_s[rows] - time_s[rows.start]
         if begun_s >= ended_s:
-            relaxed[rows] += flowed * np.exp(-(begun_s - ended_s + since_s) / tau_s)
+            left = np.exp(-(begun_s - ended_s + since_s) / tau_s)
+            relaxed[rows] += np.multiply.outer(left, flowed)
         flowed, ended_s = relaxed[rows.stop - 1], time_s[rows.stop - 1]
     return signal - relaxed
 
