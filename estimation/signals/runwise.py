@@ -148,31 +148,25 @@ def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float)
     starts, piece = places(run)
     if len(starts) == len(signal):
         return signal.copy()
-    first, last = starts[piece], np.append(starts[1:], len(run))[piece] - 1
     step_s = sample_time(time_s, run)
     if not _is_even(time_s, run, step_s):
-        return _between(signal, time_s, delay_s, starts, first, last)
+        return _between(signal, time_s, run, delay_s)
     newest = int(np.ceil(delay_s / step_s)) - 2  # samples ago, of the four
     weights = _cubic_weights(np.arange(4.0)[None, :], np.array([delay_s / step_s - newest]))[0]
     shifted = sum(weight * np.roll(signal, newest + i, axis=0) for i, weight in enumerate(weights.tolist()))
-    place = np.arange(len(signal))
-    rows = np.flatnonzero((place - newest - 3 < first) | (place - newest > last))
-    shifted[rows] = _between(signal, time_s, delay_s, starts, first, last, rows)
+    place, end = np.arange(len(signal)) - newest, np.append(starts[1:], len(run))[piece]
+    rows = np.flatnonzero((place - 3 < starts[piece]) | (place >= end))
+    shifted[rows] = _between(signal, time_s, run, delay_s, rows)
     return np.asarray(shifted)
 
 
 def _between(
-    signal: FloatArray,
-    time_s: FloatArray,
-    delay_s: float,
-    starts: IntArray,
-    first: IntArray,
-    last: IntArray,
-    rows: IntArray | slice = _ALL,
+    signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float, rows: IntArray | slice = _ALL
 ) -> FloatArray:
-    """See `shift`: at these rows, for samples at any times; `first` and `last` rows of each row's run."""
+    """See `shift`: at these rows, for samples at any times."""
+    starts, piece = places(run)
     clock = _one_clock(time_s, starts, abs(delay_s))
-    first, last = first[rows], last[rows]
+    first, last = starts[piece][rows], np.append(starts[1:], len(run))[piece][rows] - 1
     wanted = np.clip(clock[rows] - delay_s, clock[first], clock[last])
     alone = first == last
     after = np.where(alone, first, np.clip(np.searchsorted(clock, wanted), first + 1, last))
@@ -333,3 +327,11 @@ def _slopes(order: int) -> FloatArray:
     falling = np.array([float(perm(int(k), order)) for k in power])
     derived: FloatArray = falling * place[:, None] ** np.maximum(power - order, 0.0)
     return derived @ fitted
+
+
+def relay(signal: FloatArray, run: IntArray, threshold: float) -> FloatArray:
+    """Sign that a signal (n,) had when it last exceeded the threshold in its run; 0 before it first did."""
+    starts, piece = places(run)
+    side = np.where(np.abs(signal) > threshold, np.sign(signal), 0.0)
+    last = np.maximum.accumulate(np.where(side != 0.0, np.arange(len(side)), -1))
+    return np.where(last >= starts[piece], side[np.maximum(last, 0)], 0.0)
