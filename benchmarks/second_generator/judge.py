@@ -68,7 +68,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A diagnosed case."""
+    """A diagnosed case; seconds are the processor's, as machines are busy."""
 
     job: Job
     seed: int
@@ -107,15 +107,25 @@ class Outcome:
         return json.dumps(found)
 
 
+def from_record(line: str) -> Outcome:
+    """An outcome back from its line of JSON."""
+    found = json.loads(line)
+    found["job"] = Job(**found["job"] | {"hidden": tuple(found["job"]["hidden"])})
+    found["intervals"] = [
+        Interval(**{key: value for key, value in one.items() if key != "holds"}) for one in found["intervals"]
+    ]
+    return Outcome(**found)
+
+
 def run(job: Job, seed: int) -> Outcome | None:
     """Make a case and diagnose it; None where it cannot be made."""
     case = make(job, seed)
     if case is None:
         return None
-    started = time.perf_counter()
+    started = time.process_time()
     rng = np.random.default_rng([seed, job.number, 7])
     found = diagnose(case.channel, case.model, rng=rng, file=f"case {job.number}").channels[0]
-    return judged(case, seed, found, time.perf_counter() - started)
+    return judged(case, seed, found, time.process_time() - started)
 
 
 def judged(case: Case, seed: int, found: ChannelDiagnosis, seconds: float) -> Outcome:
@@ -215,7 +225,7 @@ def table(outcomes: Sequence[Outcome]) -> str:
         ),
         "intervals of accepted hold": lambda some: _held(some, accepted=True),
         "intervals of the simple model hold": lambda some: _held(some, accepted=False),
-        "seconds a case, median / largest": _seconds,
+        "processor seconds, median / largest": _seconds,
     }
     lines = [f"{'':36s}" + "".join(f"{name:>16s}" for name in columns)]
     lines += [
