@@ -1,7 +1,7 @@
 """Each recording with its simple model, and what its README says is missing in it.
 
-`needed` lists groups of names, one of each of which must be found; `allowed` what may be found besides, as the
-README says of its smaller effects. `ladder` are the README's held-out errors, in the effort's unit here.
+`needed` lists groups of names, one of each of which must be found; `allowed` what may be found besides, as
+the README says of its smaller effects. `ladder` are the README's held-out errors, in the effort's unit here.
 """
 
 from collections.abc import Callable, Iterator
