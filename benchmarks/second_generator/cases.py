@@ -21,6 +21,8 @@ from .sensor_effects import AFTER_NOISE
 from .world import Hidden, World, effort_and_position, sized
 
 STRENGTHS = (3.0, 10.0, 30.0)
+MOST_SAMPLES = 20_000  # of a case, so that many can be judged; a fast reader gets fewer runs
+RATES_HZ = (1000.0, 500.0, 250.0, 100.0)
 TRIES = 12  # worlds drawn until one can hide the effects; a joint without gravity hides no tilt
 _LIBRARY = {"contact": CONTACT | CONTACT_OUTSIDE, "revolute": JOINT | JOINT_OUTSIDE}
 
@@ -99,7 +101,12 @@ def make(job: Job, seed: int) -> Case | None:
 
 def _try(job: Job, strength: float, rng: Generator) -> Case | None:
     reading = readings.draw_reading(rng, job.kind)
-    world, shape = _contact(rng, reading) if job.kind == "contact" else _joint(rng, job.hidden)
+    runs = int(rng.integers(3, 7 if reading.rate_hz < 500.0 else 4))
+    drawn = _contact(rng, reading, runs) if job.kind == "contact" else _joint(rng, job.hidden, runs)
+    world, shape = drawn
+    seconds = len(world.motion.t) / motion.FINE_HZ
+    allowed = [rate for rate in RATES_HZ if rate * seconds <= MOST_SAMPLES]
+    reading = replace(reading, rate_hz=min(reading.rate_hz, max(allowed, default=RATES_HZ[-1])))
     times = readings.sample_times(rng, reading, world.motion)
     read = _Reader(rng, reading, world, times)
     if read.floor > 0.05 * world.scale:
@@ -130,18 +137,18 @@ def _chain(reading: readings.Reading) -> str:
     return "/".join(f"{n}" for n in reading.steps) + " a turn"
 
 
-def _contact(rng: Generator, reading: readings.Reading) -> tuple[World, str]:
+def _contact(rng: Generator, reading: readings.Reading, runs: int) -> tuple[World, str]:
     """Depth and stiffness such that the position's steps neither vanish nor drown the force."""
     probe = np.linspace(0.0, 0.02, 4001) + 1e-5 * rng.standard_normal(4001)
     steps = float(np.std(readings.read_position(rng, reading, probe, arm=not reading.digits_m) - probe))
     size = float(np.clip(steps * 10 ** rng.uniform(2.4, 3.6), 5e-4, 0.03))
-    k, runs = rng.uniform(3.0, 30.0) / size, int(rng.integers(3, 7))
+    k = rng.uniform(3.0, 30.0) / size
     moved, shape = motion.draw(rng, size, rng.uniform(0.5, 3.0), runs, below=-0.15, rounding_s=(0.01, 0.02))
     c = k * size * rng.uniform(0.02, 0.2) / float(np.quantile(np.abs(moved.v), 0.95))
     return World("contact", moved, "kelvin_voigt", {"k": k, "c": c}, size, bool(rng.random() < 0.5)), shape
 
 
-def _joint(rng: Generator, hidden: tuple[str, ...]) -> tuple[World, str]:
+def _joint(rng: Generator, hidden: tuple[str, ...], runs: int) -> tuple[World, str]:
     """An inertia, a pendulum, or an arm of one link with its URDF."""
     base = str(rng.choice(["inertia", "pendulum", "rigid_body"], p=[0.35, 0.4, 0.25]))
     if NEEDS_GRAVITY & set(hidden) and base == "inertia":
@@ -149,7 +156,7 @@ def _joint(rng: Generator, hidden: tuple[str, ...]) -> tuple[World, str]:
     if set(hidden) & IN_RIGID_BODY.keys() and hidden != ("gravity_tilt",):
         base = "rigid_body"
     mass, arm = rng.uniform(0.3, 4.0), rng.uniform(0.1, 0.4)
-    size, runs = rng.uniform(0.4, 1.6), int(rng.integers(3, 7))
+    size = rng.uniform(0.4, 1.6)
     moved, shape = motion.draw(rng, size, rng.uniform(0.6, 2.5), runs, below=-0.5, rounding_s=(0.03, 0.07))
     law = {"m": mass, "l": arm, "I": 0.3 * mass * arm**2, "J": 1.3 * mass * arm**2, "tip": 1.6 * arm}
     law |= {"g": mass * GRAVITY * arm if base != "inertia" else 0.0, "d": 0.0}

@@ -41,7 +41,7 @@ def draw_reading(rng: Generator, kind: str) -> Reading:
         digits = float(rng.choice([1e-5, 1e-6])) if chain == "digits" else 0.0
     else:
         per_turn, digits = [rng.choice([4096, 16384, 2**17, 2**19])], 0.0
-    rate = float(rng.choice([100, 250, 500, 1000], p=[0.3, 0.3, 0.25, 0.15]))
+    rate = float(rng.choice([100, 250, 500, 1000], p=[0.2, 0.25, 0.3, 0.25]))
     return Reading(
         rate_hz=rate,
         irregular=bool(rng.random() < 0.2),
