@@ -1,9 +1,12 @@
 """Hides effects in made-up sessions and counts how often the diagnosis is right.
 
     python benchmarks/hidden_effects.py [--quick | --small | --sample N] [--kind contact|revolute] [--seed 0]
+                                        [--ways] [--out FILE]
     python benchmarks/hidden_effects.py --simulated [--quick] [--seed 0]
 
-Two processes by default (--processes).
+Two processes by default (--processes). `--ways` adds sessions read through an arm's encoders, of stiff
+objects, with coarse steps, without velocities and of other controllers, in rows of their own. `--out` writes
+JSON lines.
 
 The sessions come from `synthetic/`, which shares no code with the effects that find them. Strength is the RMS
 of what the base model cannot mimic over the noise; cells that an effect cannot reach are left out. With
@@ -19,7 +22,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from rich.progress import track
 from simulated.probing import drawable, probe
-from synthetic.grid import BASE, FULL, QUICK, SMALL, jobs, run
+from synthetic.grid import BASE, FULL, QUICK, SMALL, jobs, other_ways, run
 from synthetic.tally import report, share
 from threadpoolctl import threadpool_limits
 
@@ -62,12 +65,15 @@ def main() -> None:
     parser.add_argument("--kind", choices=["contact", "revolute"], help="one kind of channel only")
     parser.add_argument("--simulated", action="store_true", help="probing runs of the simulated arm")
     parser.add_argument("--seed", type=int, default=0, help="first seed")
+    parser.add_argument("--ways", action="store_true", help="other motions and readings as well")
+    parser.add_argument("--out", type=Path, help="JSON lines, one a session")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
     if options.simulated:
         run_simulated(options)
         return
     kinds = [ChannelKind(options.kind)] if options.kind else list(BASE)
+    written = []
     for kind in kinds:
         print(f"\n== {kind.value}, base model {BASE[kind]}", flush=True)
         size = QUICK if options.quick else SMALL[kind] if options.small else FULL
@@ -75,10 +81,15 @@ def main() -> None:
         if options.sample is not None:
             np.random.default_rng(0).shuffle(grid)
             grid = grid[: options.sample]
+        if options.ways:
+            grid += other_ways(kind, size, options.seed)
         with _pool(options.processes) as pool:
             found = track(pool.map(run, grid, chunksize=1), "diagnosing", total=len(grid))
             outcomes = [outcome for outcome in found if outcome is not None]
         report(outcomes)
+        written += [outcome.record() for outcome in outcomes]
+    if options.out:
+        options.out.write_text("\n".join(written) + "\n")
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
     effort(t) = sensor( sum_i effect_i(motion(t)) )
 
-An `AdditiveEffect` adds effort, a `MotionEffect` changes the motion that the effort comes from, and a
-`SensorEffect` changes the effort on its way to the reader.
+An `AdditiveEffect` adds effort, a `MotionEffect` changes the motion that the effort comes from, a
+`MemoryEffect` lets elastic effort fade, and a `SensorEffect` changes the effort on its way to the reader.
 """
 
 from abc import ABC, abstractmethod
@@ -19,6 +19,22 @@ from robot_io.types import FloatArray
 
 Errors = Callable[[], Mapping[str, float]]
 Inner = Mapping[str, float]  # values of inner (nonlinear) parameters by name
+
+# What an effort can depend on; see `Effect.signals`.
+SIGNALS = (
+    "offset",  # always there, whatever moves
+    "time",
+    "position",
+    "velocity",
+    "direction",  # of the motion, at a reversal above all
+    "acceleration",
+    "past motion",
+    "effort",
+    "past effort",
+    "load",  # of a joint, apart from friction
+    "other joints",
+    "recorded",  # a column that a user recorded beside, or the number of the run
+)
 
 
 @dataclass(frozen=True)
@@ -64,6 +80,7 @@ class Effect(ABC):
         equation: its term, in plain text.
         source: where the equation comes from.
         signature: what one sees in the data, in words.
+        signals: those of `SIGNALS` on which its effort depends: where an impostor of it leaves structure.
         channels: kinds of channel it can occur in.
         gains: parameters in which the effort is linear, one per column.
         essential: gains without which it would be another, simpler effect.
@@ -77,6 +94,7 @@ class Effect(ABC):
     equation: ClassVar[str]
     source: ClassVar[str]
     signature: ClassVar[str]
+    signals: ClassVar[tuple[str, ...]]
     channels: ClassVar[frozenset[ChannelKind]]
     gains: ClassVar[tuple[Parameter, ...]] = ()
     inner: ClassVar[tuple[Parameter, ...]] = ()
@@ -138,9 +156,11 @@ class AdditiveEffect(Effect):
     Class attributes:
         one_sided: in a contact, whether it belongs to what can only push, the object; what sticks to the
             tool, and errors of the reader, can pull as well.
+        elastic: gains whose effort is that of a spring, which a `MemoryEffect` lets fade.
     """
 
     one_sided: ClassVar[bool] = True
+    elastic: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -157,6 +177,14 @@ class MotionEffect(Effect):
     @abstractmethod
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
         """The channel with the motion that really acts."""
+
+
+class MemoryEffect(Effect):
+    """An effect that lets the effort of springs fade with time, whatever their law; linear in that effort."""
+
+    @abstractmethod
+    def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """What is left of elastic efforts, shape (n, k), one column each; run by run."""
 
 
 class SensorEffect(Effect):

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Effect, MotionEffect, Parameter, SensorEffect
+from estimation.effect import AdditiveEffect, Effect, MemoryEffect, MotionEffect, Parameter, SensorEffect
 from estimation.regression import Regression
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, IntArray
@@ -18,7 +18,7 @@ Parts = tuple[FloatArray, FloatArray]  # columns (n, p) and known effort (n,), b
 
 @dataclass(frozen=True)
 class Model:
-    """effort = sensor(sum of additive effects on the moved motion).
+    """effort = sensor(sum of additive effects on the moved motion, those of springs faded).
 
     Attributes:
         name: such as "kelvin_voigt".
@@ -166,9 +166,22 @@ class Model:
         known = np.zeros(len(data))
         for effect in self.additive:
             inner = own(effect, parameters)
-            blocks.append(effect.columns(data, inner))
+            blocks.append(self.faded(effect, effect.columns(data, inner), data, parameters))
             known = known + effect.known(data, inner)
         return np.hstack(blocks), known
+
+    def faded(
+        self, effect: AdditiveEffect, columns: FloatArray, data: ChannelData, parameters: Parameters
+    ) -> FloatArray:
+        """Columns (n, k) of an effect with what of them is elastic faded by the model's memory."""
+        elastic = np.array([gain.name in effect.elastic for gain in effect.gains], dtype=np.bool_)
+        memories = [e for e in self.effects if isinstance(e, MemoryEffect)]
+        if not memories or not elastic.any():
+            return columns
+        columns = columns.copy()
+        for memory in memories:
+            columns[:, elastic] = memory.fade(columns[:, elastic], data, own(memory, parameters))
+        return columns
 
 
 def own(effect: Effect, parameters: Parameters) -> dict[str, float]:

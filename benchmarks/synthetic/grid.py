@@ -1,11 +1,13 @@
 """Which made-up sessions are diagnosed: single effects, pairs, nothing, and what the library lacks."""
 
+import json
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from synthetic.scene import Scene, make, names
+from synthetic.ways import WAYS
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelKind
@@ -59,6 +61,14 @@ class Outcome:
     truth: dict[str, float]
     floor: float
 
+    def record(self) -> str:
+        """One line of JSON, by which two engines can be compared."""
+        scene = {**asdict(self.job.scene), "kind": self.job.scene.kind.value}
+        job = {"part": self.job.part, "scene": scene, "without": self.job.without}
+        found = self.found.model_dump(mode="json", exclude={"ranking", "next_experiment"})
+        rest = {"seconds": self.seconds, "truth": self.truth, "floor": self.floor}
+        return json.dumps({"job": job, "found": found} | rest)
+
 
 def run(job: Job) -> Outcome | None:
     """Make the session and diagnose it; None where the effect cannot be made that strong."""
@@ -82,6 +92,7 @@ class Size:
         strengths: of single effects, times the floor.
         removed: of effects that are taken out of the library.
         pairs: sessions with two effects.
+        ways: sessions with nothing and with one effect, of each other way of recording.
     """
 
     nothing: int
@@ -89,13 +100,14 @@ class Size:
     strengths: tuple[float, ...]
     removed: tuple[float, ...]
     pairs: int
+    ways: tuple[int, int]
 
 
 ALL = (3.0, 10.0, 30.0)
-QUICK, FULL = Size(4, 1, (10.0,), (10.0,), 4), Size(70, 4, ALL, ALL, 60)
+QUICK, FULL = Size(4, 1, (10.0,), (10.0,), 4, (1, 1)), Size(70, 4, ALL, ALL, 60, (20, 20))
 SMALL = {
-    ChannelKind.CONTACT: Size(5, 1, ALL, (10.0,), 14),
-    ChannelKind.REVOLUTE: Size(2, 1, (10.0,), (10.0,), 10),
+    ChannelKind.CONTACT: Size(5, 1, ALL, (10.0,), 14, (1, 3)),
+    ChannelKind.REVOLUTE: Size(2, 1, (10.0,), (10.0,), 10, (1, 3)),
 }
 
 
@@ -118,3 +130,16 @@ def jobs(kind: ChannelKind, size: Size, first: int) -> Iterator[Job]:
         pair = np.random.default_rng(seed).choice(names(kind), 2, replace=False)
         if set(pair) not in ONE_LAW:
             yield Job("pair", Scene(kind, {str(name): 10.0 for name in pair}, 0.0, seed))
+
+
+def other_ways(kind: ChannelKind, size: Size, first: int) -> Iterator[Job]:
+    """Sessions that come about and are read otherwise; see `WAYS`."""
+    nothing, one = size.ways
+    for number, way in enumerate(WAYS[kind]):
+        start = 3000 + 100 * number + first
+        for seed in range(start, start + nothing):
+            yield Job(f"nothing, {way}", Scene(kind, {}, 0.0, seed, way))
+        for seed in range(start + 50, start + 50 + one):
+            rng = np.random.default_rng(seed)
+            hidden = {str(rng.choice(names(kind))): float(rng.choice(ALL))}
+            yield Job(f"one, {way}", Scene(kind, hidden, float(rng.choice([0.0, 0.9])), seed, way))

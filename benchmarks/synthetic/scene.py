@@ -8,6 +8,8 @@ from synthetic import contact, joint
 from synthetic.motion import Motion, measured, presses, swings
 from synthetic.noise import coloured
 from synthetic.sensors import FAULTS
+from synthetic.truth import OF_THE_JOINT, Facts, of_effect
+from synthetic.ways import WAYS, Way, derived, imported, steps_seen
 
 from estimation.channel import ChannelData, ChannelKind
 
@@ -26,12 +28,14 @@ class Scene:
         hidden: effects with their strength, RMS of what the base model cannot mimic over the noise.
         correlation: of the noise from one sample to the next.
         seed: decides all that is random.
+        way: in which it comes about and is read, see `WAYS`; empty for the usual one.
     """
 
     kind: ChannelKind
     hidden: Mapping[str, float] = field(default_factory=dict)
     correlation: float = 0.0
     seed: int = 0
+    way: str = ""
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ class Made:
         data: its channel.
         sizes: of the hidden effects, that gave the strengths.
         clean: effort without noise, shape (n,).
-        truth: the base model's own parameters.
+        truth: parameters of the base model and of what is hidden, by "effect.parameter".
         floor: error that the true law leaves: the noise as drawn (a coloured one is up to a tenth larger or
             smaller in so short a session than on the average), and beside dry friction what the error of the
             motion makes of it (that turns round where the derived velocity does, a millisecond off).
@@ -63,9 +67,12 @@ def names(kind: ChannelKind) -> tuple[str, ...]:
 def make(scene: Scene) -> Made | None:
     """The session, or None where an effect cannot reach its strength at any size."""
     rng = np.random.default_rng(scene.seed)
-    k, c = 10.0 ** rng.uniform(2.6, 3.3), rng.uniform(5.0, 30.0)
     touching = scene.kind is ChannelKind.CONTACT
-    motion = presses(rng, 10.0 / k) if touching else swings(rng)
+    way = WAYS[scene.kind].get(scene.way, Way(presses if touching else swings))
+    k, c = 10.0 ** rng.uniform(*way.stiffness), rng.uniform(5.0, 30.0)
+    motion = way.motion(rng, 10.0 / k if touching else 1.0)
+    seen_x = steps_seen(way, motion.x, FLOOR[scene.kind] / k, np.random.default_rng([scene.seed, 1]))
+    noise = float(np.hypot(FLOOR[scene.kind], _through_position(scene, motion, seen_x, k)))
     shape = {name: float(rng.uniform()) for name in names(scene.kind)}
     basis = np.linalg.qr(_columns(motion, touching))[0]
 
@@ -79,25 +86,21 @@ def make(scene: Scene) -> Made | None:
 
     plain, sizes = effort({}), {}
     for name, strength in scene.hidden.items():
-        size = _size(lambda s, n=name: effort({n: s}) - plain, basis, strength * FLOOR[scene.kind])
+        size = _size(lambda s, n=name: effort({n: s}) - plain, basis, strength * noise)
         if size is None:
             return None
         sizes[name] = size
-    if any(
-        _left(effort(sizes) - effort(_less(sizes, one)), basis) < LEAST * FLOOR[scene.kind] for one in sizes
-    ):
+    if any(_left(effort(sizes) - effort(_less(sizes, one)), basis) < LEAST * noise for one in sizes):
         return None  # one swallows the other, as a dead band does adhesion
     clean = effort(sizes, alone=False)
-    truth = {
-        "pendulum.inertia": joint.INERTIA,
-        "pendulum.gravity": joint.GRAVITY,
-        "viscous_friction.d": joint.VISCOUS,
-    }
-    if touching:
-        truth = {"stiffness.k": k, "damping.c": c}
+    truth = {"stiffness.k": k, "damping.c": c} if touching else dict(OF_THE_JOINT)
     if "hunt_crossley" in sizes:
         truth = {}  # it takes the place of spring and damper
-    data = _channel(scene, motion, clean, sizes, rng)
+    before = effort({name: size for name, size in sizes.items() if name not in FAULTS})
+    scale, largest = float(np.sqrt(np.mean(before**2))), float(np.max(np.abs(before)))
+    for name, size in sizes.items():
+        truth |= of_effect(name, Facts(size, shape[name], k, c, scale, largest, motion.time_s[-1]))
+    data = _channel(scene, motion, clean, sizes, rng, seen_x)
     floor = float(np.sqrt(np.mean((data.effort - clean) ** 2)))
     if DRY & sizes.keys():
         seen = Motion(data.time_s, data.position, data.velocity, data.acceleration, data.run)
@@ -134,13 +137,32 @@ def _left(deviation: np.ndarray, basis: np.ndarray) -> float:
     return float(np.sqrt(np.mean((deviation - basis @ (basis.T @ deviation)) ** 2)))
 
 
+def _through_position(scene: Scene, motion: Motion, seen_x: np.ndarray, k: float) -> float:
+    """RMS of the effort that an error of the position makes; of no account in the usual way."""
+    if not scene.way:
+        return 0.0
+    if scene.kind is ChannelKind.CONTACT:
+        missed = k * (seen_x - motion.x) * (motion.x > 0.0)
+    else:
+        missed = joint.INERTIA * (derived(seen_x, motion, 2) - motion.a)
+        missed = missed + joint.VISCOUS * (derived(seen_x, motion, 1) - motion.v)
+    return float(np.sqrt(np.mean(missed**2)))
+
+
 def _channel(
-    scene: Scene, motion: Motion, clean: np.ndarray, sizes: Mapping[str, float], rng: np.random.Generator
+    scene: Scene,
+    motion: Motion,
+    clean: np.ndarray,
+    sizes: Mapping[str, float],
+    rng: np.random.Generator,
+    seen_x: np.ndarray,
 ) -> ChannelData:
     noise = coloured(rng, len(clean), FLOOR[scene.kind], scene.correlation)
     reading = clean + noise
     if "quantisation" in sizes:
         reading = np.round(reading / sizes["quantisation"]) * sizes["quantisation"]
+    if scene.way:
+        return imported(WAYS[scene.kind][scene.way], scene.kind, motion, seen_x, reading)
     seen = measured(motion, rng, *ENCODER[scene.kind])
     return ChannelData(
         name="contact" if scene.kind is ChannelKind.CONTACT else "joint_1",

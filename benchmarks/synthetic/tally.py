@@ -1,7 +1,7 @@
 """Counts how often the diagnosis of a made-up session was right, and prints it."""
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from synthetic.grid import CONTAINED_IN, Outcome
@@ -54,8 +54,8 @@ def share(hits: Sequence[bool]) -> str:
     return f"{sum(hits)}/{len(hits)} = {100.0 * float(np.mean(hits)):.1f} %" if hits else "none"
 
 
-def covered(outcome: Outcome) -> list[bool]:
-    """Whether each base parameter's 95 % interval holds the truth, where all hidden effects were found."""
+def covered(outcome: Outcome, *, accepted: bool) -> list[bool]:
+    """Whether each 95 % interval with a known truth holds it, where just the hidden effects were found."""
     if outcome.found.final is None or {e.effect for e in outcome.found.accepted} != set(
         outcome.job.scene.hidden
     ):
@@ -64,6 +64,7 @@ def covered(outcome: Outcome) -> list[bool]:
     return [
         abs(fitted[name].value - true) < 1.96 * (fitted[name].std_err or np.inf)
         for name, true in outcome.truth.items()
+        if name in fitted and (name.split(".")[0] in outcome.job.scene.hidden) == accepted
     ]
 
 
@@ -80,8 +81,10 @@ def report(outcomes: Sequence[Outcome]) -> None:
     plain = [o for o in parts["removed"] if next(iter(o.job.scene.hidden)) not in CONTAINED_IN]
     removal("removed with every law that contains it", [*plain, *parts["removed with all"]])
     report_floors(parts["one"])
-    intervals = share([hit for outcome in outcomes for hit in covered(outcome)])
-    print(f"95 % intervals of base parameters hold the truth: {intervals}")
+    for whose, accepted in (("base parameters", False), ("accepted effects", True)):
+        intervals = share([hit for outcome in outcomes for hit in covered(outcome, accepted=accepted)])
+        print(f"95 % intervals of {whose} hold the truth: {intervals}")
+    report_ways(parts)
     seconds = [o.seconds for o in outcomes]
     print(f"processor time: median {np.median(seconds):.1f} s, worst {max(seconds):.1f} s")
     confusion(parts["one"], "hidden -> accepted")
@@ -112,6 +115,19 @@ def report_one(outcomes: Sequence[Outcome]) -> None:
             for o in chosen
         ]
         print(f"  accepted, and nothing beside it: {share(exact)}")
+
+
+def report_ways(parts: Mapping[str, Sequence[Outcome]]) -> None:
+    """Sessions that came about or were read otherwise, in the same words as the usual ones."""
+    for part, outcomes in parts.items():
+        if part.startswith("nothing, "):
+            alarms = share([bool(o.found.accepted) for o in outcomes])
+            adequate = share([o.found.verdict is Verdict.ADEQUATE for o in outcomes])
+            print(f"{part}: false alarms {alarms}, adequate {adequate}")
+        if part.startswith("one, "):
+            verdict = share([o.found.verdict is Verdict.MISSING and is_first(o) for o in outcomes])
+            print(f"{part}: first or in its group {share([is_first(o) for o in outcomes])}")
+            print(f"  verdict missing with it first {verdict}")
 
 
 def report_floors(outcomes: Sequence[Outcome]) -> None:

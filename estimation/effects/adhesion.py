@@ -18,6 +18,7 @@ class Adhesion(AdditiveEffect):
     equation = "F = -f s, s = 1 for x > 0, exp(x/reach) for x < 0 after contact, 0 before"
     source = "B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53 (1975)"
     signature = "on leaving the object the force goes below that of free air before it returns"
+    signals = ("position", "past motion")
     channels = frozenset({ChannelKind.CONTACT})
     one_sided = False
     gains = (Parameter("force", "{effort}", 0.0, 1000.0, (0.05, 5.0)),)

@@ -15,6 +15,7 @@ class Armature(AdditiveEffect):
     equation = "effort = Ja a"
     source = "R. Featherstone, Rigid Body Dynamics Algorithms (2008), sec. 9.6"
     signature = "effort follows the joint's own acceleration, in any posture"
+    signals = ("acceleration",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("inertia", "{effort} s^2/{position}", 0.0, 10000.0, (0.001, 5.0)),)
     confused_with: ClassVar[dict[str, str]] = {

@@ -17,6 +17,7 @@ class AsymmetricFriction(AdditiveEffect):
     equation = "effort = f+ (v>0) - f- (v<0) + d+ v (v>0) + d- v (v<0)"
     source = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), sec. 2"
     signature = "the jump at reversal and the rise with speed differ between the two directions"
+    signals = ("velocity", "direction")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (
         Parameter("forward", "{effort}", 0.0, 10000.0, (0.001, 50.0)),

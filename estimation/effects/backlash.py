@@ -21,6 +21,7 @@ class Backlash(MotionEffect):
         "just after a reversal the load's share of the effort is missing until the gap is crossed; "
         "the resting place depends on the last direction"
     )
+    signals = ("direction", "past motion")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     inner = (Parameter("gap", "{position}", 1e-07, 10.0, (0.0001, 0.1), log=True),)
     confused_with: ClassVar[dict[str, str]] = {

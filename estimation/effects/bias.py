@@ -17,6 +17,7 @@ class Bias(AdditiveEffect):
     equation = "reading = effort + b"
     source = "JCGM 200:2012 (VIM), 4.20: instrumental bias"
     signature = "all readings are off by one amount, in free air too"
+    signals = ("offset",)
     channels = frozenset(ChannelKind)
     one_sided = False
     gains = (Parameter("offset", "{effort}", -1e9, 1e9, (-1.0, 1.0)),)

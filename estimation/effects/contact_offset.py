@@ -17,6 +17,7 @@ class ContactOffset(MotionEffect):
     equation = "x_true = x - offset"
     source = "geometry of the probe and the object"
     signature = "all force-depth curves are shifted along the depth, while the force in free air is zero"
+    signals = ("position",)
     channels = frozenset({ChannelKind.CONTACT})
     inner = (Parameter("offset", "{position}", -0.02, 0.02, (-1e-3, 1e-3)),)
     confused_with: ClassVar[dict[str, str]] = {

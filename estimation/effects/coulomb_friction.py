@@ -20,6 +20,7 @@ class CoulombFriction(AdditiveEffect):
         "Tribology Int. 40 (2007)"
     )
     signature = "effort jumps where the velocity changes sign, by the same amount at any speed and position"
+    signals = ("direction",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("force", "{effort}", 0.0, 10000.0, (0.001, 50.0)),)
     inner = (Parameter("transition", "{position}/s", 1e-09, 1.0, (0.0001, 0.05), log=True),)

@@ -19,10 +19,12 @@ class CubicStiffness(AdditiveEffect):
     signature = (
         "the slope of effort over position grows with displacement, equally on both sides, at any speed"
     )
+    signals = ("position",)
     channels = frozenset(ChannelKind)
     gains = (
         Parameter("k3", "{effort}/{position}^3", -10000000000000.0, 10000000000000.0, (1.0, 1000000000.0)),
     )
+    elastic = ("k3",)
     confused_with: ClassVar[dict[str, str]] = {
         "hunt_crossley": "press deeper: a power law and a cubic part ways",
         "layered_stiffness": "press deeper: a layer has a kink where the slope jumps, a cubic has none",

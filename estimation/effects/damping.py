@@ -17,6 +17,7 @@ class Damping(AdditiveEffect):
     equation = "F = c v"
     source = "the viscous half of the Kelvin-Voigt body; W. Flügge, Viscoelasticity (1975), ch. 1"
     signature = "effort is higher while moving in than while moving out at the same depth, more so with speed"
+    signals = ("velocity",)
     channels = frozenset(ChannelKind)
     gains = (Parameter("c", "{effort} s/{position}", 0.0, 1e5, (0.1, 500.0)),)
     confused_with: ClassVar[dict[str, str]] = {

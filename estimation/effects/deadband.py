@@ -20,6 +20,7 @@ class Deadband(SensorEffect):
     equation = "reading = effort - clip(effort, -width, width)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold"
     signature = "readings stay at zero near zero and are short by one amount elsewhere"
+    signals = ("effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("width", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)
     confused_with: ClassVar[dict[str, str]] = {

@@ -18,6 +18,7 @@ class Delay(SensorEffect):
     equation = "reading(t) = effort(t - T)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: dead time"
     signature = "readings keep their shape and come late against the motion"
+    signals = ("past effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("time", "s", -0.5, 2.0, (0.001, 0.1)),)
     confused_with: ClassVar[dict[str, str]] = {

@@ -17,6 +17,7 @@ class Drift(AdditiveEffect):
     equation = "reading = effort + d (t - t0)"
     source = "JCGM 200:2012 (VIM), 4.21: instrumental drift"
     signature = "free air and every run shift steadily with the time of day, not with the time since contact"
+    signals = ("time",)
     channels = frozenset(ChannelKind)
     one_sided = False
     gains = (

@@ -24,6 +24,7 @@ class DryFriction(AdditiveEffect):
     signature = (
         "force is higher by a constant while moving in than while moving out at the same depth, at any speed"
     )
+    signals = ("direction", "past motion")
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("force", "{effort}", 0.0, 1000.0, (0.05, 5.0)),)
     inner = (Parameter("presliding", "{position}", 1e-07, 0.01, (1e-06, 0.001), log=True),)

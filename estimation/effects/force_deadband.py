@@ -20,6 +20,7 @@ class ForceDeadband(AdditiveEffect):
     signature = (
         "in contact, all joints carry what one more force at the tip would take, however hard it pushes"
     )
+    signals = ("load",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("width", "N", 0.0, 10000.0, (0.01, 10.0)),)
     needs = ("contact_torque_per_newton", "touching")

@@ -24,6 +24,7 @@ class GravityTilt(AdditiveEffect):
     equation = "effort = sin(t) dg(q)/dtilt + (cos(t) - 1) g(q); for a pendulum t cos(q)"
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 9"
     signature = "an error that depends on posture alone, a quarter turn out of step with gravity"
+    signals = ("position", "other joints")
     channels = frozenset({ChannelKind.REVOLUTE})
     gains: ClassVar[tuple[Parameter, ...]] = (
         Parameter("tilt", "{effort} per unit", -10000.0, 10000.0, (0.001, 5.0)),

@@ -20,11 +20,13 @@ class HuntCrossley(AdditiveEffect):
         "J. Appl. Mech. 42 (1975)"
     )
     signature = "effort curves upwards with depth, and the difference between in and out grows with depth too"
+    signals = ("position", "velocity")
     channels = frozenset({ChannelKind.CONTACT})
     gains = (
         Parameter("k", "{effort}/{position}^n", 0.0, 1e12, (10.0, 1e6)),
         Parameter("b", "{effort} s/{position}^(n+1)", 0.0, 1e12, (1.0, 1e6)),
     )
+    elastic = ("k",)
     essential = ("b",)
     inner = (Parameter("n", "1", 0.5, 4.0, (1.0, 2.0)),)
     confused_with: ClassVar[dict[str, str]] = {

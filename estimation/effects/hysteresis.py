@@ -25,6 +25,7 @@ class Hysteresis(SensorEffect):
     equation = "reading = play(effort, width)"
     source = "M. A. Krasnoselskii, A. V. Pokrovskii, Systems with Hysteresis (1989): play operator"
     signature = "readings are low while the effort rises and high while it falls, at any speed"
+    signals = ("past effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("width", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)
     confused_with: ClassVar[dict[str, str]] = {

@@ -15,6 +15,7 @@ class Inertia(AdditiveEffect):
     equation = "effort = m a"
     source = "I. Newton, Principia (1687)"
     signature = "effort follows acceleration at any position and speed"
+    signals = ("acceleration",)
     channels = frozenset(ChannelKind)
     one_sided = False
     gains = (Parameter("m", "{effort} s^2/{position}", 0.0, 1000000.0, (0.0001, 200.0)),)

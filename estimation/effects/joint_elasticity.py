@@ -18,6 +18,7 @@ class JointElasticity(MotionEffect):
     equation = "q_true = q - c load, with its derivatives"
     source = "M. W. Spong, J. Dyn. Sys. Meas. Control 109 (1987)"
     signature = "errors grow with the second derivative of the load: at fast changes, not at slow ones"
+    signals = ("load",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     inner = (Parameter("compliance", "{position}/{effort}", 0.0, 10.0, (1e-05, 0.1), log=True),)
     needs = ("load",)

@@ -17,6 +17,7 @@ class JointSpring(AdditiveEffect):
     equation = "effort = k q + p, at rest where q = -p/k"
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 9"
     signature = "effort grows in proportion to position, whatever the speed"
+    signals = ("position",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (
         Parameter("k", "{effort}/{position}", -1000000.0, 1000000.0, (0.01, 1000.0)),

@@ -18,6 +18,7 @@ class Lag(SensorEffect):
     equation = "reading' = (effort - reading)/tau"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: first-order instrument"
     signature = "readings come late and rounded, the more the faster the effort changes"
+    signals = ("past effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("tau", "s", 1e-05, 10.0, (0.001, 0.2), log=True),)
     confused_with: ClassVar[dict[str, str]] = {

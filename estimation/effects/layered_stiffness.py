@@ -25,8 +25,10 @@ class LayeredStiffness(AdditiveEffect):
         "Engineering (1937), ch. II"
     )
     signature = "the slope of force over depth jumps at one depth, the same on the way in and out"
+    signals = ("position",)
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("k2", "{effort}/{position}", -10000000.0, 10000000.0, (10.0, 20000.0)),)
+    elastic = ("k2",)
     inner = (Parameter("depth", "{position}", 0.0, 0.2, (0.001, 0.02)),)
     confused_with: ClassVar[dict[str, str]] = {
         "cubic_stiffness": "press deeper: beyond the kink a layer is straight, a cubic bends on",

@@ -27,6 +27,7 @@ class LoadDependentFriction(AdditiveEffect):
         "P. Hamon, M. Gautier, P. Garrec, IEEE/RSJ IROS (2010)"
     )
     signature = "the jump at reversal is larger where the joint carries more"
+    signals = ("direction", "load")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("mu", "1", 0.0, 2.0, (0.01, 0.5)),)
     inner: ClassVar[tuple[Parameter, ...]] = (

@@ -15,6 +15,7 @@ class Payload(AdditiveEffect):
     equation = "effort_i = m J_i^T (a_tip - g)"
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 12"
     signature = "all joints are off by what one mass at the tip would take, most with the arm stretched out"
+    signals = ("position", "acceleration", "other joints")
     channels = frozenset({ChannelKind.REVOLUTE})
     gains = (Parameter("mass", "kg", -50.0, 50.0, (0.01, 5.0)),)
     needs = ("payload_effort_per_kg",)

@@ -17,6 +17,7 @@ class Pendulum(AdditiveEffect):
     equation = "torque = J a + g1 sin(q)"
     source = "C. Huygens, Horologium Oscillatorium (1673)"
     signature = "torque follows the sine of the angle, whatever the speed"
+    signals = ("position", "acceleration")
     channels = frozenset({ChannelKind.REVOLUTE})
     gains = (
         Parameter("inertia", "N m s^2/rad", 0.0, 10000.0, (0.0001, 5.0)),

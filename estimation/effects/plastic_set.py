@@ -27,6 +27,7 @@ class PlasticSet(MotionEffect):
     signature = (
         "force reaches zero at a depth above zero on the way out, and the next press on the spot begins there"
     )
+    signals = ("position", "past motion")
     channels = frozenset({ChannelKind.CONTACT})
     inner = (
         Parameter("share", "1", 1e-4, 0.9, (0.02, 0.5), log=True),

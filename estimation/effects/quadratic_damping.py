@@ -17,6 +17,7 @@ class QuadraticDamping(AdditiveEffect):
     equation = "F = c2 v |v|"
     source = "L. Prandtl, O. Tietjens, Applied Hydro- and Aeromechanics (1934): drag at high Reynolds number"
     signature = "the gap between in and out grows faster than in proportion to speed"
+    signals = ("velocity",)
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("c2", "{effort} s^2/{position}^2", -1000000.0, 1000000.0, (1.0, 10000.0)),)
     confused_with: ClassVar[dict[str, str]] = {

@@ -17,6 +17,7 @@ class QuadraticFriction(AdditiveEffect):
     equation = "effort = d2 v |v|"
     source = "L. Prandtl, O. Tietjens, Applied Hydro- and Aeromechanics (1934): drag at high Reynolds number"
     signature = "effort rises faster than in proportion to speed"
+    signals = ("velocity",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("d2", "{effort} s^2/{position}^2", -100000.0, 100000.0, (0.0001, 50.0)),)
     confused_with: ClassVar[dict[str, str]] = {

@@ -27,6 +27,7 @@ class Quantisation(SensorEffect):
     equation = "reading = step round((effort + noise)/step), expected"
     source = "B. Widrow, I. Kollár, Quantization Noise (2008)"
     signature = "readings take few values, with flat treads between jumps"
+    signals = ("effort",)
     channels = frozenset(ChannelKind)
     inner = (
         Parameter("step", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),

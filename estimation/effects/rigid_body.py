@@ -17,6 +17,7 @@ class RigidBody(AdditiveEffect):
     equation = "tau = M(q) a + C(q, v) v + g(q), row of the joint"
     source = "R. Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5: RNEA"
     signature = "torque follows posture and acceleration of all joints"
+    signals = ("position", "velocity", "acceleration", "other joints")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     needs = ("rigid_body_torque",)
     confused_with: ClassVar[dict[str, str]] = {

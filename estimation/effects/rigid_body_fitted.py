@@ -28,6 +28,7 @@ class RigidBodyFitted(AdditiveEffect):
         "Systems 8 (1991): numerical calculation of the base inertial parameters"
     )
     signature = "torque follows posture and acceleration of all joints"
+    signals = ("position", "velocity", "acceleration", "other joints")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     needs = ("rigid_body_regressor",)
     confused_with: ClassVar[dict[str, str]] = {

@@ -17,6 +17,7 @@ class Saturation(SensorEffect):
     equation = "reading = clip(effort, -limit, limit)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: span"
     signature = "the largest readings are cut off flat at one value"
+    signals = ("effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("limit", "{effort}", 1e-06, 100000.0, (0.1, 100.0), log=True),)
     confused_with: ClassVar[dict[str, str]] = {

@@ -17,8 +17,10 @@ class Stiffness(AdditiveEffect):
     equation = "F = k x"
     source = "R. Hooke, De Potentia Restitutiva (1678); the elastic half of the Kelvin-Voigt body"
     signature = "effort grows in proportion to displacement, at any speed and on the way in as on the way out"
+    signals = ("position",)
     channels = frozenset(ChannelKind)
     gains = (Parameter("k", "{effort}/{position}", 0.0, 1e7, (10.0, 2e4)),)
+    elastic = ("k",)
     confused_with: ClassVar[dict[str, str]] = {
         "cubic_stiffness": "press to several depths: a linear spring has the same slope everywhere",
         "contact_offset": "press to several depths from a known surface",

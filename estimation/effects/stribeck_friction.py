@@ -25,6 +25,7 @@ class StribeckFriction(AdditiveEffect):
         "Friction (1991)"
     )
     signature = "effort falls with rising speed just after each reversal, then levels off"
+    signals = ("velocity", "direction")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (
         Parameter("coulomb", "{effort}", 0.0, 10000.0, (0.001, 50.0)),

@@ -16,6 +16,7 @@ class ToolCompliance(MotionEffect):
     equation = "x_true = x - c F, v_true = v - c dF/dt"
     source = "two springs in series; A. Albu-Schäffer et al., Int. J. Robotics Research 26 (2007)"
     signature = "the object seems softer the harder it is pressed, and less damped than it is"
+    signals = ("position", "effort")
     channels = frozenset({ChannelKind.CONTACT})
     inner = (Parameter("compliance", "{position}/{effort}", 0.0, 0.01, (1e-06, 0.001), log=True),)
     confused_with: ClassVar[dict[str, str]] = {

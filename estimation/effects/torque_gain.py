@@ -19,6 +19,7 @@ class TorqueGain(SensorEffect):
         "M. Gautier, S. Briot, J. Dyn. Sys. Meas. Control 136 (2014): global identification of drive gains"
     )
     signature = "all of the effort is off by one factor; only a model with a known mass can show it"
+    signals = ("effort",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     inner = (Parameter("gain", "1", 0.2, 5.0, (0.6, 1.6), log=True),)
     confused_with: ClassVar[dict[str, str]] = {

@@ -19,6 +19,7 @@ class TorqueRipple(AdditiveEffect):
     equation = "effort = s sin(n q) + c cos(n q)"
     source = "J. Holtz, L. Springob, IEEE Trans. Industrial Electronics 43 (1996)"
     signature = "a wave over position, the same at any speed and in either direction"
+    signals = ("position",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (
         Parameter("sine", "{effort}", -10000.0, 10000.0, (0.001, 5.0)),

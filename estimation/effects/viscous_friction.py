@@ -15,6 +15,7 @@ class ViscousFriction(AdditiveEffect):
     equation = "effort = d v"
     source = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994)"
     signature = "effort is higher by an amount in proportion to speed, in either direction"
+    signals = ("velocity",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("d", "{effort} s/{position}", 0.0, 100000.0, (0.001, 500.0)),)
     confused_with: ClassVar[dict[str, str]] = {

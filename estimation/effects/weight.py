@@ -20,6 +20,7 @@ class Weight(AdditiveEffect):
     equation = "torque = g1 sin(q) + g2 cos(q)"
     source = "C. Huygens, Horologium Oscillatorium (1673)"
     signature = "effort follows the sine of the angle, whatever the speed, and comes back with each turn"
+    signals = ("position",)
     channels = frozenset({ChannelKind.REVOLUTE})
     gains = (
         Parameter("g1", "N m", -10000.0, 10000.0, (-50.0, 50.0)),

@@ -11,6 +11,8 @@ from estimation.signals.blocks import blocks, in_order_of_time, places
 from robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a rate is smoothed
+_EVEN = 0.01  # of the usual step, by which steps may differ and still be alike
+_ALL = slice(None)
 _STEADY_S = 0.025  # in which a probing tip turns round only once
 
 
@@ -34,17 +36,20 @@ def per_run(operator: Callable[[FloatArray], FloatArray], signal: FloatArray, ru
 
 
 def relax(signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float) -> FloatArray:
-    """What is left of a strain (n,) as it relaxes: z' = signal' - z / tau, from z = 0 before the first run.
+    """What is left of strains as they relax: z' = signal' - z / tau, from z = 0 before the first run.
+
+    Exact for strains (n,) or (n, k) that go straight from sample to sample, at any times.
 
     Between a run and the next in time the strain is zero, and what has not faded by then is still there. A
     run that begins before the last one's end was recorded by itself.
     """
     relaxed = low_pass(signal, time_s, run, tau_s, from_rest=True)
-    flowed, ended_s = 0.0, np.inf
+    flowed, ended_s = np.zeros(signal.shape[1:]), np.inf
     for rows in in_order_of_time(time_s, run):
         begun_s, since_s = time_s[rows.start], time_s[rows] - time_s[rows.start]
         if begun_s >= ended_s:
-            relaxed[rows] += flowed * np.exp(-(begun_s - ended_s + since_s) / tau_s)
+            left = np.exp(-(begun_s - ended_s + since_s) / tau_s)
+            relaxed[rows] += np.multiply.outer(left, flowed)
         flowed, ended_s = relaxed[rows.stop - 1], time_s[rows.stop - 1]
     return signal - relaxed
 
@@ -61,15 +66,14 @@ def low_pass(
         tau_s: time constant [s].
         from_rest: start from zero; else from the run's first sample.
     """
-    ratio = sample_time(time_s, run) / max(tau_s, 1e-9)
-    decay = np.exp(-ratio)
-    newest = 1.0 - (1.0 - decay) / ratio
-    older = (1.0 - decay) / ratio - decay
-
     if signal.size == 0:
         return signal.astype(np.float64)
-    filtered = np.asarray(lfilter([newest, older], [1.0, -decay], signal, axis=0), dtype=np.float64)
+    step_s = sample_time(time_s, run)
     starts, piece = places(run)
+    if not _is_even(time_s, run, step_s):
+        return _low_pass_uneven(signal, _steps(time_s, starts, step_s), starts, tau_s, from_rest=from_rest)
+    decay, newest, older = _first_order(np.array(step_s), tau_s)
+    filtered = np.asarray(lfilter([newest, older], [1.0, -decay], signal, axis=0), dtype=np.float64)
     wanted = signal[starts] * (newest if from_rest else 1.0)
     since = np.arange(len(run)) - starts[piece]
     left = (decay ** np.arange(since.max() + 1))[since]  # of what the filter brought along from before
@@ -77,23 +81,121 @@ def low_pass(
     return filtered
 
 
+def _first_order(step_s: FloatArray, tau_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What is left of a first-order lag's state over a step, and how much it takes of its two ends."""
+    ratio = step_s / max(tau_s, 1e-300)
+    decay = np.exp(-ratio)
+    mean = -np.expm1(-ratio) / ratio
+    return decay, 1.0 - mean, mean - decay
+
+
+def _is_even(time_s: FloatArray, run: IntArray, step_s: float) -> bool:
+    """Whether samples come at one rate."""
+    steps = (time_s[1:] - time_s[:-1])[run[1:] == run[:-1]]
+    return bool((np.abs(steps - step_s) <= _EVEN * step_s).all())
+
+
+def _steps(time_s: FloatArray, starts: IntArray, step_s: float) -> FloatArray:
+    """Time since the sample before [s], shape (n,); for the first of a run, the usual one."""
+    steps = np.diff(time_s, prepend=time_s[:1])
+    steps[starts] = step_s
+    return steps
+
+
+def _low_pass_uneven(
+    signal: FloatArray, step_s: FloatArray, starts: IntArray, tau_s: float, *, from_rest: bool
+) -> FloatArray:
+    """See `low_pass`; steps (n,) of any length."""
+    decay, newest, older = _first_order(step_s, tau_s)
+    columns = [-1] + [1] * (signal.ndim - 1)
+    before = np.concatenate([signal[:1], signal[:-1]])
+    added = newest.reshape(columns) * signal + older.reshape(columns) * before
+    added[starts] = signal[starts] * (newest[starts].reshape(columns) if from_rest else 1.0)
+    decay[starts] = 0.0
+    return recursion(decay, added)
+
+
+def recursion(decay: FloatArray, added: FloatArray) -> FloatArray:
+    """State y[i] = decay[i] y[i-1] + added[i] from nothing; (n,) or (n, k) as `added`.
+
+    Steps in a row are one step: stretches of samples are first condensed to one each, all side by side.
+    """
+    length = int(np.sqrt(len(decay))) + 1
+    kept = _stretches(decay, length)
+    kept = kept.reshape(*kept.shape, *([1] * (added.ndim - 1)))
+    new = _stretches(added, length)
+    over, gained = kept[0], new[0]
+    for kept_now, new_now in zip(kept[1:], new[1:], strict=True):
+        over, gained = over * kept_now, gained * kept_now + new_now
+    state = np.zeros_like(gained)
+    for number in range(1, len(state)):
+        state[number] = over[number - 1] * state[number - 1] + gained[number - 1]
+    found = np.empty_like(new)
+    for place in range(length):
+        state = kept[place] * state + new[place]
+        found[place] = state
+    together = found.swapaxes(0, 1).reshape(length * found.shape[1], *added.shape[1:])
+    return np.asarray(together[: len(decay)])
+
+
 def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float) -> FloatArray:
-    """The signal `delay_s` ago, straight between samples; before a run's start its first value."""
-    steps = delay_s / sample_time(time_s, run)
-    whole = int(np.ceil(steps))
-    part = whole - steps
-    return (1.0 - part) * _samples_ago(signal, run, whole) + part * _samples_ago(signal, run, whole - 1)
+    """The signal (n,) or (n, k) as it was `delay_s` ago; beyond a run's ends its first or last value.
+
+    A cubic goes through the four samples around each time (two and two), so that a shift by a part of a
+    sample smooths nothing; straight between the first two samples of a run, and the last two.
+    """
+    signal = np.asarray(signal, dtype=np.float64)
+    starts, piece = places(run)
+    if len(starts) == len(signal):
+        return signal.copy()
+    step_s = sample_time(time_s, run)
+    if not _is_even(time_s, run, step_s):
+        return _between(signal, time_s, run, delay_s)
+    newest = int(np.ceil(delay_s / step_s)) - 2  # samples ago, of the four
+    weights = _cubic_weights(np.arange(4.0)[None, :], np.array([delay_s / step_s - newest]))[0]
+    shifted = sum(weight * np.roll(signal, newest + i, axis=0) for i, weight in enumerate(weights.tolist()))
+    place, end = np.arange(len(signal)) - newest, np.append(starts[1:], len(run))[piece]
+    rows = np.flatnonzero((place - 3 < starts[piece]) | (place >= end))
+    shifted[rows] = _between(signal, time_s, run, delay_s, rows)
+    return np.asarray(shifted)
 
 
-def _samples_ago(signal: FloatArray, run: IntArray, count: int) -> FloatArray:
-    """The signal (n,) or (n, k) so many samples ago; beyond a run's ends, its first or last value."""
-    found = np.roll(np.asarray(signal, dtype=np.float64), count, axis=0)
-    for rows in blocks(run):
-        if count > 0:
-            found[rows][:count] = signal[rows.start]
-        elif count < 0:
-            found[rows][count:] = signal[rows.stop - 1]
-    return found
+def _between(
+    signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float, rows: IntArray | slice = _ALL
+) -> FloatArray:
+    """See `shift`: at these rows, for samples at any times."""
+    starts, piece = places(run)
+    clock = _one_clock(time_s, starts, abs(delay_s))
+    first, last = starts[piece][rows], np.append(starts[1:], len(run))[piece][rows] - 1
+    wanted = np.clip(clock[rows] - delay_s, clock[first], clock[last])
+    alone = first == last
+    after = np.where(alone, first, np.clip(np.searchsorted(clock, wanted), first + 1, last))
+    before = np.where(alone, first, after - 1)
+    inside = (before - 1 >= first) & (after + 1 <= last)
+    part = (clock[after] - wanted) / np.where(alone, 1.0, clock[after] - clock[before])
+    part = part.reshape(-1, *([1] * (signal.ndim - 1)))
+    shifted: FloatArray = part * signal[before] + (1.0 - part) * signal[after]
+    around = after[inside][:, None] + np.arange(-2, 2)
+    weights = _cubic_weights(clock[around], wanted[inside])
+    shifted[inside] = np.einsum("nj,nj...->n...", weights, signal[around])
+    return shifted
+
+
+def _one_clock(time_s: FloatArray, starts: IntArray, apart_s: float) -> FloatArray:
+    """Times [s] (n,) that increase from run to run too, by more than `apart_s`."""
+    steps = np.diff(time_s, prepend=time_s[:1])
+    steps[starts] = 2.0 * apart_s + 1.0
+    return np.cumsum(steps)
+
+
+def _cubic_weights(times: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Lagrange's weights (n, 4) of samples at four times (n, 4) for the cubic's value at `wanted` (n,)."""
+    weights = np.ones_like(times)
+    for one in range(4):
+        for other in range(4):
+            if other != one:
+                weights[:, one] *= (wanted - times[:, other]) / (times[:, one] - times[:, other])
+    return weights
 
 
 def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray | None = None) -> FloatArray:
@@ -225,3 +327,11 @@ def _slopes(order: int) -> FloatArray:
     falling = np.array([float(perm(int(k), order)) for k in power])
     derived: FloatArray = falling * place[:, None] ** np.maximum(power - order, 0.0)
     return derived @ fitted
+
+
+def relay(signal: FloatArray, run: IntArray, threshold: float) -> FloatArray:
+    """Sign that a signal (n,) had when it last exceeded the threshold in its run; 0 before it first did."""
+    starts, piece = places(run)
+    side = np.where(np.abs(signal) > threshold, np.sign(signal), 0.0)
+    last = np.maximum.accumulate(np.where(side != 0.0, np.arange(len(side)), -1))
+    return np.where(last >= starts[piece], side[np.maximum(last, 0)], 0.0)

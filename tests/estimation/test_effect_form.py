@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtri
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Effect, MotionEffect, SensorEffect
+from estimation.effect import SIGNALS, AdditiveEffect, Effect, MemoryEffect, MotionEffect, SensorEffect
 from estimation.effects import EFFECTS
 
 EVERY = pytest.mark.parametrize("name", list(EFFECTS))
@@ -20,7 +20,10 @@ def some_channel(kind):
     run = np.repeat([0, 1], 500)
     base = ChannelData("c", kind, t, x, v, np.gradient(v, 1e-3), 5 + x, run, np.full(1000, -1))
     signals = {need: 1.0 + 0.5 * np.cos(3 * t) for effect in EFFECTS.values() for need in effect.needs}
-    signals = {n: np.outer(v, np.ones(30)) if n.endswith("regressor") else v for n, v in signals.items()}
+    wide = {
+        n: 30 if n.endswith("regressor") else 6 for n in signals if n.startswith(("joint_", "rigid_body_reg"))
+    }
+    signals = {n: np.outer(v, np.ones(wide[n])) if n in wide else v for n, v in signals.items()}
     return ChannelData(**{**vars(base), "context": signals})
 
 
@@ -31,13 +34,21 @@ def inner_values(effect):
 @EVERY
 def test_states_its_physics(name):
     effect = EFFECTS[name]
-    assert issubclass(effect, AdditiveEffect | MotionEffect | SensorEffect)
+    assert issubclass(effect, AdditiveEffect | MotionEffect | MemoryEffect | SensorEffect)
     assert effect.name == name == name.lower()
     for text in (effect.physics, effect.equation, effect.source, effect.signature, effect.__doc__):
         assert len(text.strip()) >= 5
     assert effect.physics.endswith(".")
     assert effect.channels
     assert effect.channels <= frozenset(ChannelKind)
+
+
+@EVERY
+def test_says_on_which_signals_it_depends(name):
+    signals = EFFECTS[name].signals
+    assert signals
+    assert set(signals) <= set(SIGNALS)
+    assert len(set(signals)) == len(signals)
 
 
 @EVERY
@@ -74,6 +85,10 @@ def test_keeps_its_form_on_data(name):
             assert effect.known(data, inner).shape == (len(data),)
         elif isinstance(effect, MotionEffect):
             assert len(effect.move(data, inner)) == len(data)
+        elif isinstance(effect, MemoryEffect):
+            both = np.column_stack([data.effort, data.position])
+            assert np.isfinite(effect.fade(both, data, inner)).all()
+            assert effect.fade(both, data, inner).shape == (len(data), 2)
         elif isinstance(effect, SensorEffect):
             assert effect.sense(data.effort, data, inner).shape == (len(data),)
             both = np.column_stack([data.effort, data.position])

@@ -95,16 +95,46 @@ def test_rates_and_maxima():
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.0004, 0.003, 0.0127, 2.0, -0.0004, -0.003, -0.0127, -2.0])
-def test_a_shift_goes_straight_between_samples_and_stays_within_each_run(delay_s):
+@pytest.mark.parametrize("uneven", [0.0, 0.4])
+def test_a_shift_bends_no_cubic_and_stays_within_each_run(delay_s, uneven):
+    rng = np.random.default_rng(0)
     run = np.repeat([0, 1, 2], [1, 7, 300])
-    time_s = np.arange(len(run)) * 1e-3
-    signal = np.random.default_rng(0).normal(size=(len(run), 2))
-    shifted = shift(signal, time_s, run, delay_s)
+    time_s = (np.arange(len(run)) + uneven * rng.uniform(-1, 1, len(run))) * 1e-3
     for number in range(3):
         rows = run == number
-        for column in range(2):
-            expected = np.interp(time_s[rows] - delay_s, time_s[rows], signal[rows, column])
-            np.testing.assert_allclose(shifted[rows, column], expected, atol=1e-9)
+        t = time_s[rows]
+        law = np.polynomial.Polynomial(rng.normal(size=4), domain=[0.0, 0.3])
+        signal = rng.normal(size=(len(run), 2))
+        signal[rows] = np.column_stack([law(t), law(t) ** 0])
+        shifted = shift(signal, time_s, run, delay_s)[rows]
+        wanted = law(np.clip(t - delay_s, t[0], t[-1]))
+        straight = np.interp(t - delay_s, t, law(t))  # next to the ends there are no four samples
+        assert ((np.abs(shifted[:, 0] - wanted) < 1e-9) | (np.abs(shifted[:, 0] - straight) < 1e-9)).all()
+        inner = (t - delay_s > t[min(1, len(t) - 1)]) & (t - delay_s < t[-2:][0])
+        np.testing.assert_allclose(shifted[inner, 0], wanted[inner], atol=1e-9)
+        np.testing.assert_allclose(shifted[:, 1], 1.0)
+
+
+def test_a_lag_of_uneven_samples_is_that_of_even_ones_between():
+    fine = np.linspace(0.0, 4.0, 4001)
+    kept = np.unique(np.concatenate([[0], np.geomspace(1, 4000, 60).astype(int)]))
+    corners = np.cumsum(np.random.default_rng(1).normal(size=len(kept)))
+    signal = np.interp(fine, fine[kept], corners)
+    for tau_s in (1e-4, 0.03, 2.0):
+        whole = low_pass(signal, fine, np.zeros(len(fine), dtype=np.int64), tau_s)
+        few = low_pass(corners, fine[kept], np.zeros(len(kept), dtype=np.int64), tau_s)
+        np.testing.assert_allclose(few, whole[kept], atol=1e-9)
+
+
+def test_a_lag_of_uneven_runs_is_that_of_each_run_alone():
+    signal, time_s, run = some_runs(np.random.default_rng(3))
+    time_s = np.cumsum(np.random.default_rng(2).uniform(0.005, 0.015, len(run)))
+    both = np.column_stack([signal, np.sin(signal)])
+    lagged = low_pass(both, time_s, run, 0.3)
+    for number in (4, 9, 7):
+        rows = run == number
+        alone = low_pass(both[rows], time_s[rows], run[rows], 0.3)
+        np.testing.assert_allclose(lagged[rows], alone, atol=1e-10)
 
 
 @pytest.mark.parametrize("step_s", [0.001, 0.005, 0.02])

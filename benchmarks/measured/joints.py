@@ -1,0 +1,102 @@
+"""Reads measured joints into channels: a motor's cogging, a cable-driven tool, an arm of six joints."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from scipy.signal import butter, filtfilt, savgol_filter
+
+from estimation.base_model import ModelContext
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data import import_file
+from estimation.model import Model
+from estimation.models import MODELS
+
+from .read import channel, rows, table
+
+TX40_JOINTS = 6
+_STILL_FROM_S = 7.7  # TX40: the arm does not move any more
+_JAW_RATIO = 1.04  # surgical tool: of the jaw's torque at the disc, as its README says
+
+
+def cogging_map(folder: Path) -> ChannelData:
+    """Holding torque along one turn out and back, each quarter a run.
+
+    It was held still at each position; the velocity says from which side it came, at the pace of the mapping.
+    """
+    data = table(folder / "mapping.csv.gz")
+    parts = []
+    for run in (1, 2):
+        of_run = data[data["run"] == run]
+        t, q = of_run["time_s"], of_run["position_rad"]
+        pace = np.full(len(t), np.polyfit(t, q, 1)[0])
+        for part in np.array_split(np.arange(len(t)), 4):
+            zero = np.zeros(len(part))
+            later = t[part] + 1e5 * run
+            parts.append([later, q[part], pace[part], zero, of_run["torque_Nm"][part]])
+    return channel(ChannelKind.REVOLUTE, parts)
+
+
+def cogging_motion(folder: Path, run: int, band_hz: float) -> ChannelData:
+    """One of the recordings in motion, on an even grid, below a frequency; in five pieces."""
+    data = table(folder / "motion.csv.gz")
+    data = data[data["run"] == run]
+    t = np.arange(data["time_s"][0] + 0.02, data["time_s"][-1] - 0.02, 1e-3)
+    q, torque = (
+        filtfilt(*butter(4, band_hz / 500), np.interp(t, data["time_s"], data[key]))
+        for key in ("position_rad", "torque_Nm")
+    )
+    v = np.gradient(q, 1e-3)
+    signals = [signal[300:-300:2] for signal in (t, q, v, np.gradient(v, 1e-3), torque)]
+    edges = np.linspace(0, len(signals[0]), 6).astype(int)
+    parts = [[signal[start:stop] for signal in signals] for start, stop in pairwise(edges)]
+    return channel(ChannelKind.REVOLUTE, parts)
+
+
+def tool(folder: Path, name: str) -> ChannelData:
+    """Torque at the driven disc less what the jaw carries; that is the load [N m]."""
+    runs: dict[str, list[dict[str, str]]] = {}
+    for row in rows(folder / "runs.csv.gz"):
+        if row["tool"] == name:
+            runs.setdefault(row["run"], []).append(row)
+    parts, loads = [], []
+    for number, of_run in enumerate(runs.values()):
+        t, q, torque, jaw = (
+            np.array([float(row[key]) for row in of_run])
+            for key in ("time_s", "position_rad", "torque_Nm", "jaw_torque_Nm")
+        )
+        v, a = (savgol_filter(q, 7, 2, deriv=order, delta=0.01) for order in (1, 2))
+        load = _JAW_RATIO * jaw
+        parts.append([signal[50:-50] for signal in (t + 100.0 * number, q, v, a, torque - load)])
+        loads.append(load[50:-50])
+    data = channel(ChannelKind.REVOLUTE, parts)
+    return replace(data, context={"load": np.concatenate(loads)})
+
+
+def tx40(folder: Path) -> tuple[list[ChannelData], list[Model]]:
+    """Six joints and their models with free base parameters, all below 60 Hz, every tenth sample."""
+    data = table(folder / "runs.csv.gz")
+    numbers = range(1, TX40_JOINTS + 1)
+    low = butter(4, 60 / 500)
+    q = np.column_stack([filtfilt(*low, data[f"position_{i}_rad"]) for i in numbers])
+    torque = np.column_stack([filtfilt(*low, data[f"torque_{i}_Nm"]) for i in numbers])
+    v = np.gradient(q, 1e-3, axis=0)
+    a = np.gradient(v, 1e-3, axis=0)
+    kept = np.arange(50, len(q) - 50, 10)
+    kept = kept[data["time_s"][kept] < _STILL_FROM_S]
+    columns = {"time_s": data["time_s"], "run": data["run"]}
+    for i in numbers:
+        columns[f"position_{i}_rad"], columns[f"velocity_{i}_rad_s"] = q[:, i - 1], v[:, i - 1]
+        columns[f"acceleration_{i}_rad_s2"], columns[f"torque_{i}_Nm"] = a[:, i - 1], torque[:, i - 1]
+    with TemporaryDirectory() as place:
+        path = Path(place) / "tx40.csv"
+        text = np.column_stack(list(columns.values()))[kept]
+        np.savetxt(path, text, fmt="%.10g", delimiter=",", header=",".join(columns), comments="")
+        channels = import_file(path).channels
+    base = MODELS["rigid_body_fitted"]()
+    urdf = (folder / "tx40.urdf").read_text()
+    contexts = [ModelContext(joint=i, urdf=urdf, tip_frame="tool0") for i in range(TX40_JOINTS)]
+    pairs = list(zip(channels, contexts, strict=True))
+    return [base.prepare(one, context) for one, context in pairs], [base.build(c) for c in contexts]

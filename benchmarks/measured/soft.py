@@ -1,0 +1,52 @@
+"""Reads measured soft things into channels: a cell under an AFM, a muscle that is stretched."""
+
+from pathlib import Path
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+
+from .read import channel, rows
+
+MUSCLES = ("relaxed", "calcium_pCa4.4", "relaxed_mava_set", "calcium_pCa4.4_mava_set")
+_DENSE = 160  # samples of a curve of which each counts; of its hold then every fourth
+
+
+def afm_cell(folder: Path) -> ChannelData:
+    """Approach and hold of all curves on one cell; the retract apart, as its README does."""
+    runs: dict[str, list[dict[str, str]]] = {}
+    for row in rows(folder / "runs.csv.gz"):
+        runs.setdefault(row["run"], []).append(row)
+    parts = []
+    for number, run in enumerate(runs.values()):
+        kept = [
+            row
+            for j, row in enumerate(run)
+            if row["phase"] == "approach" or (row["phase"] == "hold" and (j < _DENSE or j % 4 == 0))
+        ]
+        t, x, force = _signals(kept)
+        parts.append(_part(t + 100.0 * number, x, force))
+    return channel(ChannelKind.CONTACT, parts, "contact")
+
+
+def muscle(folder: Path, condition: str) -> ChannelData:
+    """Ramps of 0.1, 1, 10 and 100 s to one stretch under one condition; one run each."""
+    runs: dict[str, list[dict[str, str]]] = {}
+    for row in rows(folder / "runs.csv.gz"):
+        if row["condition"] == condition:
+            runs.setdefault(row["run"], []).append(row)
+    parts = []
+    for number, run in enumerate(runs.values()):
+        t, x, force = _signals(run)
+        parts.append(_part(t + 1000.0 * number, x, force))
+    return channel(ChannelKind.CONTACT, parts, "contact")
+
+
+def _signals(run: list[dict[str, str]]) -> list[np.ndarray]:
+    keys = ("time_s", "displacement_m", "force_N")
+    return [np.array([float(row[key]) for row in run]) for key in keys]
+
+
+def _part(t: np.ndarray, x: np.ndarray, force: np.ndarray) -> list[np.ndarray]:
+    v = np.gradient(x, t)
+    return [t, x, v, np.gradient(v, t), force]

@@ -1,0 +1,295 @@
+"""The cases: which effects, how large, in which world, read how. Each follows from (seed, number)."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.random import Generator
+
+from estimation.base_model import ModelContext
+from estimation.channel import ChannelData
+from estimation.data import ImportOptions, import_file
+from estimation.model import Model
+from estimation.models import MODELS
+
+from . import motion, readings
+from .contact_effects import CONTACT, CONTACT_OUTSIDE, CONTACT_PAIRS
+from .joint_effects import GRAVITY, IN_RIGID_BODY, JOINT, JOINT_OUTSIDE, JOINT_PAIRS, NEEDS_GRAVITY
+from .motion import Array
+from .sensor_effects import AFTER_NOISE
+from .world import Hidden, World, effort_and_position, sized
+
+STRENGTHS = (3.0, 10.0, 30.0)
+MOST_SAMPLES = 20_000  # of a case, so that many can be judged; a fast reader gets fewer runs
+RATES_HZ = (1000.0, 500.0, 250.0, 100.0)
+TRIES = 12  # worlds drawn until one can hide the effects; a joint without gravity hides no tilt
+_LIBRARY = {"contact": CONTACT | CONTACT_OUTSIDE, "revolute": JOINT | JOINT_OUTSIDE}
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to hide; with a seed, all of a case follows from it.
+
+    Attributes:
+        number: in the grid, the same whatever part of the grid is run.
+        kind: "contact" or "revolute".
+        sort: "nothing", "one", "two" or "outside".
+        hidden: names.
+        strength: RMS of what the simple law cannot mimic, in floors, of each effect alone.
+    """
+
+    number: int
+    kind: str
+    sort: str
+    hidden: tuple[str, ...]
+    strength: float
+
+
+@dataclass(frozen=True)
+class Case:
+    """A channel as a user has it, and the truth behind.
+
+    Attributes:
+        job: what was asked for.
+        channel: as imported from a CSV file.
+        model: simple model.
+        strength: reached; smaller than asked for where no world of the ranges allows it.
+        floor: RMS that noise of effort and position make.
+        truth: parameters by "effect.parameter", of the simple law as well.
+        world: a few words.
+    """
+
+    job: Job
+    channel: ChannelData
+    model: Model
+    strength: float
+    floor: float
+    truth: dict[str, float]
+    world: str
+
+
+def grid() -> list[Job]:
+    """All jobs in an order that mixes them; a beginning of it is a fair sample."""
+    jobs = [
+        (kind, sort, hidden, strength)
+        for kind, ones, outside, pairs in (
+            ("contact", CONTACT, CONTACT_OUTSIDE, CONTACT_PAIRS),
+            ("revolute", JOINT, JOINT_OUTSIDE, JOINT_PAIRS),
+        )
+        for sort, hidden, strength in (
+            *(("nothing", (), 0.0) for _ in range(22)),
+            *(("one", (name,), strength) for name in ones for strength in STRENGTHS),
+            *(("two", pair, strength) for pair in pairs for strength in STRENGTHS[1:]),
+            *(("outside", (name,), strength) for name in outside for strength in STRENGTHS[1:]),
+        )
+    ]
+    order = np.random.default_rng(2026).permutation(len(jobs))
+    return [Job(number, *jobs[i]) for number, i in enumerate(order)]
+
+
+def make(job: Job, seed: int) -> Case | None:
+    """The case of a job; None if no world can hide its effects even at the smallest strength."""
+    for strength in [s for s in STRENGTHS[::-1] if s <= job.strength] or [0.0]:
+        rng = np.random.default_rng([seed, job.number, int(strength)])
+        for _ in range(TRIES):
+            case = _try(job, strength, rng)
+            if case is not None:
+                return case
+    return None
+
+
+def _try(job: Job, strength: float, rng: Generator) -> Case | None:
+    reading = readings.draw_reading(rng, job.kind)
+    runs = int(rng.integers(3, 7 if reading.rate_hz < 500.0 else 4))
+    drawn = _contact(rng, reading, runs) if job.kind == "contact" else _joint(rng, job.hidden, runs)
+    world, shape = drawn
+    seconds = len(world.motion.t) / motion.FINE_HZ
+    allowed = [rate for rate in RATES_HZ if rate * seconds <= MOST_SAMPLES]
+    reading = replace(reading, rate_hz=min(reading.rate_hz, max(allowed, default=RATES_HZ[-1])))
+    times = readings.sample_times(rng, reading, world.motion)
+    read = _Reader(rng, reading, world, times)
+    if read.floor > 0.05 * world.scale:
+        return None
+    found = [
+        sized(world, _LIBRARY[job.kind][name], rng.uniform(size=4), strength * read.floor)
+        for name in job.hidden
+    ]
+    hidden = [effect for effect in found if effect is not None]
+    if len(hidden) < len(found):
+        return None
+    last = [e for e, name in zip(hidden, job.hidden, strict=True) if name in AFTER_NOISE]
+    effort, position = effort_and_position(world, [e for e in hidden if e not in last])
+    text = read.csv(effort, position, last)
+    channel = _imported(text, ImportOptions(fresh=world.fresh and job.kind == "contact"))
+    channel, model = _model(world, channel)
+    words = (
+        f"{world.base}, {shape}, {len(channel.runs)} runs, {reading.rate_hz:.0f} Hz"
+        f"{' irregular' if reading.irregular else ''}, {_chain(reading)}, velocity {reading.velocity}, "
+        f"{reading.colour} noise"
+    )
+    return Case(job, channel, model, strength, read.floor, _truth(world, job, hidden), words)
+
+
+def _chain(reading: readings.Reading) -> str:
+    if reading.digits_m:
+        return f"printed to {reading.digits_m:g} m"
+    return "/".join(f"{n}" for n in reading.steps) + " a turn"
+
+
+def _contact(rng: Generator, reading: readings.Reading, runs: int) -> tuple[World, str]:
+    """Depth and stiffness such that the position's steps neither vanish nor drown the force."""
+    probe = np.linspace(0.0, 0.02, 4001) + 1e-5 * rng.standard_normal(4001)
+    steps = float(np.std(readings.read_position(rng, reading, probe, arm=not reading.digits_m) - probe))
+    size = float(np.clip(steps * 10 ** rng.uniform(2.4, 3.6), 5e-4, 0.03))
+    k = rng.uniform(3.0, 30.0) / size
+    moved, shape = motion.draw(rng, size, rng.uniform(0.5, 3.0), runs, below=-0.15, rounding_s=(0.01, 0.02))
+    c = k * size * rng.uniform(0.02, 0.2) / float(np.quantile(np.abs(moved.v), 0.95))
+    return World("contact", moved, "kelvin_voigt", {"k": k, "c": c}, size, bool(rng.random() < 0.5)), shape
+
+
+def _joint(rng: Generator, hidden: tuple[str, ...], runs: int) -> tuple[World, str]:
+    """An inertia, a pendulum, or an arm of one link with its URDF."""
+    base = str(rng.choice(["inertia", "pendulum", "rigid_body"], p=[0.35, 0.4, 0.25]))
+    if NEEDS_GRAVITY & set(hidden) and base == "inertia":
+        base = "pendulum"
+    if set(hidden) & IN_RIGID_BODY.keys() and hidden != ("gravity_tilt",):
+        base = "rigid_body"
+    mass, arm = rng.uniform(0.3, 4.0), rng.uniform(0.1, 0.4)
+    size = rng.uniform(0.4, 1.6)
+    moved, shape = motion.draw(rng, size, rng.uniform(0.6, 2.5), runs, below=-0.5, rounding_s=(0.03, 0.07))
+    law = {"m": mass, "l": arm, "I": 0.3 * mass * arm**2, "J": 1.3 * mass * arm**2, "tip": 1.6 * arm}
+    law |= {"g": mass * GRAVITY * arm if base != "inertia" else 0.0, "d": 0.0}
+    if base != "rigid_body":
+        plain = law["J"] * moved.a + law["g"] * np.sin(moved.x)
+        law["d"] = rng.uniform(0.03, 0.3) * float(np.std(plain) / np.std(moved.v))
+    return World("revolute", moved, base, law, size, False), shape
+
+
+class _Reader:
+    """Turns efforts and positions of the fine grid into a file of readings."""
+
+    def __init__(self, rng: Generator, reading: readings.Reading, world: World, times: Array) -> None:
+        self.reading, self.world, self.times = reading, world, times
+        self.run = readings.run_at(world.motion, times)
+        self.seed = int(rng.integers(2**31))
+        self.arm = world.kind == "contact" and not reading.digits_m
+        plain, x = self.sampled(world.plain), self.sampled(world.motion.x)
+        rough = self.through_position(self.positions(x))
+        sigma = rough / 10 ** rng.uniform(-0.5, 1.5) if rough > 0 else np.inf
+        self.sigma = float(np.clip(sigma, 5e-4 * world.scale, 0.01 * world.scale))
+        rest = self.noise(plain) + self.through_position(self.positions(x), whole=True)
+        self.floor = float(np.sqrt(np.mean(rest**2)))
+
+    def sampled(self, signal: Array) -> Array:
+        return readings.at(self.world.motion, self.times, signal)
+
+    def positions(self, x: Array) -> Array:
+        rng = np.random.default_rng([self.seed, 1])
+        return readings.read_position(rng, self.reading, x, arm=self.arm)
+
+    def noise(self, effort: Array) -> Array:
+        rng = np.random.default_rng([self.seed, 2])
+        return self.sigma * readings.noise(rng, self.reading, effort, self.run)
+
+    def through_position(self, read: Array, *, whole: bool = False) -> Array:
+        """What a reading's error makes through the simple law: its RMS, or all samples."""
+        w, m = self.world, self.world.motion
+        x, v, a = (self.sampled(signal) for signal in (m.x, m.v, m.a))
+        if w.kind == "contact":
+            missed = w.law["k"] * (np.maximum(read, 0.0) - np.maximum(x, 0.0))
+        else:
+            derived = [
+                readings.best_derivative(read, true, self.reading.rate_hz, self.run, order)
+                for order, true in ((1, v), (2, a))
+            ]
+            missed = w.law["J"] * (derived[1] - a) + w.law["d"] * (derived[0] - v)
+            missed = missed + w.law["g"] * (np.sin(read) - np.sin(x))
+        return missed if whole else float(np.sqrt(np.mean(missed**2)))
+
+    def csv(self, effort: Array, position: Array, last: list[Hidden]) -> str:
+        """The file's text; effects that come after the noise are applied to what is noisy."""
+        contact, one_of_two = self.world.kind == "contact", self.world.base == "rigid_body"
+        joint = "_1" if one_of_two else ""
+        true = self.sampled(effort)
+        sensed = true + self.noise(true)
+        for effect in last:
+            sensed = effect.senses(sensed) if effect.senses else sensed
+        read = self.positions(self.sampled(position))
+        x_name = "displacement_m" if contact else f"position{joint}_rad"
+        columns = {
+            "time_s": (self.times, "%.6f"),
+            x_name: (read, "%.9g"),
+            "force_N" if contact else f"torque{joint}_Nm": (sensed, "%.7g"),
+            "run": (self.run, "%d"),
+        }
+        if self.reading.velocity != "none":
+            v_name = "velocity_m_s" if contact else f"velocity{joint}_rad_s"
+            columns[v_name] = (self.velocity(read, position), "%.7g")
+        if one_of_two:
+            still = np.zeros(len(read))
+            columns |= {"position_2_rad": (still, "%g"), "torque_2_Nm": (still, "%g")}
+        formats = [form for _, form in columns.values()]
+        rows = zip(*(values.tolist() for values, _ in columns.values()), strict=True)
+        lines = [
+            ",".join(columns),
+            *(",".join(f % v for f, v in zip(formats, row, strict=True)) for row in rows),
+        ]
+        return "\n".join(lines) + "\n"
+
+    def velocity(self, read: Array, position: Array) -> Array:
+        """A tachometer's, or the slope over so many samples as suit the steps: its user looked at it."""
+        true = self.sampled(self.world.rate(position))
+        if self.reading.velocity == "given":
+            rng = np.random.default_rng([self.seed, 3])
+            return true + 0.003 * self.world.speed * rng.standard_normal(len(true))
+        tries = [readings.slope(self.times, read, self.run, half) for half in (1, 2, 4, 8, 16, 32)]
+        return min(tries, key=lambda one: float(np.mean((one - true) ** 2)))
+
+
+def _imported(text: str, options: ImportOptions) -> ChannelData:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "case.csv"
+        path.write_text(text)
+        return import_file(path, options).channels[0]
+
+
+def _model(world: World, channel: ChannelData) -> tuple[ChannelData, Model]:
+    base = MODELS[world.base]()
+    context = ModelContext(joint=None if world.kind == "contact" else 0)
+    if world.base == "rigid_body":
+        context = replace(context, urdf=_URDF.format(**world.law), tip_frame="tip")
+    return base.prepare(channel, context), base.build(context)
+
+
+def _truth(world: World, job: Job, hidden: list[Hidden]) -> dict[str, float]:
+    """True parameters in the library's names."""
+    law = world.law
+    truth = {
+        "kelvin_voigt": lambda: {"stiffness.k": law["k"], "damping.c": law["c"]},
+        "inertia": lambda: {"inertia.m": law["J"], "viscous_friction.d": law["d"]},
+        "pendulum": lambda: {
+            "pendulum.inertia": law["J"],
+            "pendulum.gravity": law["g"],
+            "viscous_friction.d": law["d"],
+        },
+        "rigid_body": dict,
+    }[world.base]()
+    for name, effect in zip(job.hidden, hidden, strict=True):
+        own = {f"{name.split(' (')[0]}.{key}": value for key, value in (effect.truth or {}).items()}
+        truth |= own
+    return truth
+
+
+# the second joint stands still and carries nothing: arms have more than one
+_URDF = """<robot name="one_link"><link name="base"/><link name="arm">
+<inertial><origin xyz="0 0 -{l}"/><mass value="{m}"/>
+<inertia ixx="{I}" iyy="{I}" izz="{I}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="joint_1" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-6.3" upper="6.3" effort="1000" velocity="100"/></joint>
+<link name="hand"><inertial><mass value="1e-9"/>
+<inertia ixx="1e-12" iyy="1e-12" izz="1e-12" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="joint_2" type="revolute"><parent link="arm"/><child link="hand"/><axis xyz="0 1 0"/>
+<origin xyz="0 0 -{tip}"/><limit lower="-6.3" upper="6.3" effort="1000" velocity="100"/></joint>
+<link name="tip"/><joint name="tip_fixed" type="fixed"><parent link="hand"/><child link="tip"/></joint>
+</robot>"""

@@ -1,0 +1,261 @@
+"""What joints do besides inertia, gravity and viscous friction, and laws that no vocabulary has.
+
+Sources: Armstrong-Helouvry, Dupont and Canudas de Wit 1994 (friction); Dahl 1968; Nordin and Gutman 2002
+(play); Spong 1987 (elastic joints).
+"""
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from .motion import FINE_HZ, Array
+from .sensor_effects import SENSOR
+from .world import Effect, Hidden, World, play
+
+GRAVITY = 9.80665
+
+
+def _sign(w: World) -> Array:
+    return np.tanh(w.motion.v / (0.003 * w.speed))
+
+
+def coulomb_friction(w: World, s: float, u: Array) -> Hidden:
+    """F sign(v)."""
+    f = s * w.scale
+    return Hidden(adds=f * _sign(w), truth={"force": f})
+
+
+def stribeck_friction(w: World, s: float, u: Array) -> Hidden:
+    """Stribeck's whole curve: Coulomb's friction, and more of it at small speed."""
+    f, more, vs = s * w.scale, s * w.scale * (0.5 + u[0]), w.speed * (0.05 + 0.15 * u[1])
+    return Hidden(
+        adds=(f + more * np.exp(-((w.motion.v / vs) ** 2))) * _sign(w),
+        truth={"coulomb": f, "rise": more, "speed": vs},
+    )
+
+
+def asymmetric_friction(w: World, s: float, u: Array) -> Hidden:
+    """One Coulomb friction forwards, another backwards."""
+    f, b = s * w.scale, s * w.scale * (0.1 + 0.5 * u[0])
+    sign = _sign(w)
+    return Hidden(adds=np.where(sign > 0, f, b) * sign, truth={"forward": f, "backward": b})
+
+
+def load_dependent_friction(w: World, s: float, u: Array) -> Hidden:
+    """Mu |load| sign(v)."""
+    mu = s
+    return Hidden(adds=mu * np.abs(w.load) * _sign(w), truth={"mu": mu})
+
+
+def quadratic_friction(w: World, s: float, u: Array) -> Hidden:
+    """d2 v |v|."""
+    d2 = 2 * s * w.scale / w.speed**2
+    return Hidden(adds=d2 * w.motion.v * np.abs(w.motion.v), truth={"d2": d2})
+
+
+def viscous_friction(w: World, s: float, u: Array) -> Hidden:
+    """D v, where the simple model has none."""
+    d = s * w.scale / w.speed
+    return Hidden(adds=d * w.motion.v, truth={"d": d})
+
+
+def payload(w: World, s: float, u: Array) -> Hidden:
+    """A point mass at the tip, at `w.law["tip"]` from the axis."""
+    tip = w.law["tip"]
+    mass = 2 * s * w.law["g"] / (GRAVITY * tip)
+    adds = mass * tip**2 * w.motion.a + mass * GRAVITY * tip * np.sin(w.motion.x)
+    return Hidden(adds=adds, truth={"mass": mass})
+
+
+def armature(w: World, s: float, u: Array) -> Hidden:
+    """A rotor behind the gear."""
+    inertia = 3 * s * w.law["J"]
+    return Hidden(adds=inertia * w.motion.a, truth={"inertia": inertia})
+
+
+def gravity_tilt(w: World, s: float, u: Array) -> Hidden:
+    """The base stands askew: gravity comes from another direction."""
+    angle = float(np.sign(u[0] - 0.5)) * 0.5 * s
+    g, x = w.law["g"], w.motion.x
+    tilt = angle if w.base == "rigid_body" else g * np.sin(angle)
+    return Hidden(adds=g * (np.sin(x + angle) - np.sin(x)), truth={"tilt": tilt})
+
+
+def torque_ripple(w: World, s: float, u: Array) -> Hidden:
+    """A sin(N q + phase)."""
+    n, size, phase = int(6 + 30 * u[0]), s * w.scale, 2 * np.pi * u[1]
+    truth = {"sine": size * np.cos(phase), "cosine": size * np.sin(phase), "cycles": n}
+    return Hidden(adds=size * np.sin(n * w.motion.x + phase), truth=truth)
+
+
+def ripple_with_harmonics(w: World, s: float, u: Array) -> Hidden:
+    """Cogging: a ripple of N and 2 N (and a little 3 N) a turn."""
+    n, x, size = int(6 + 14 * u[0]), w.motion.x, s * w.scale
+    parts = ((1.0, 1, u[1]), (0.6, 2, u[2]), (0.3, 3, u[3]))
+    adds = sum(a * np.sin(h * n * x + 2 * np.pi * phase) for a, h, phase in parts)
+    return Hidden(adds=size * adds, truth={"cycles": n})
+
+
+def joint_spring(w: World, s: float, u: Array) -> Hidden:
+    """K (q - q0)."""
+    k, rest = 2 * s * w.scale / w.size, w.size * (u[0] - 0.3)
+    return Hidden(adds=k * (w.motion.x - rest), truth={"k": k, "preload": -k * rest})
+
+
+def backlash(w: World, s: float, u: Array) -> Hidden:
+    """The motor's angle is read; a link that does not move by itself follows it with play.
+
+    While the gap is crossed, the motor turns alone and carries half of the inertia.
+    """
+    m, gap = w.motion, 0.5 * s * w.size
+    link = w.by_run(lambda rows: play(m.x[rows], gap))
+    carried = np.abs(w.rate(link)) > 0
+    adds = w.law["g"] * (np.sin(link) - np.sin(m.x)) - 0.5 * w.law["J"] * m.a * ~carried
+    return Hidden(adds=w.filtered(adds, 0.002), truth={"gap": gap})
+
+
+def joint_elasticity(w: World, s: float, u: Array) -> Hidden:
+    """The motor's angle is read, the link is behind it by torque over stiffness.
+
+    Singular perturbation to first order: the link moves as said, the motor ahead of it.
+    """
+    give = 0.3 * s * w.size / w.scale
+    return Hidden(moves=lambda torque: w.load * give, truth={"compliance": give})
+
+
+def torque_gain(w: World, s: float, u: Array) -> Hidden:
+    """Each newton metre reads as more or less."""
+    gain = float(np.sign(u[0] - 0.5)) * 0.6 * s
+    return Hidden(senses=lambda f: (1 + gain) * f, truth={"gain": 1 + gain})
+
+
+def presliding_friction(w: World, s: float, u: Array) -> Hidden:
+    """Dahl: asperities bend over a distance before they slip."""
+    f, over, m = s * w.scale, w.size * (0.02 + 0.1 * u[0]), w.motion
+
+    def element(rows: slice) -> Array:
+        dx = np.diff(m.x[rows], prepend=m.x[rows][0]).tolist()
+        z, out = 0.0, []
+        for step in dx:
+            edge = 1.0 if step > 0 else -1.0
+            z = edge + (z - edge) * float(np.exp(-abs(step) / over))
+            out.append(z)
+        return np.array(out)
+
+    return Hidden(adds=f * w.by_run(element), truth={"force": f})
+
+
+# what each is best hidden in: its simple model must not take it over
+IN_RIGID_BODY = {
+    "payload": payload,
+    "armature": armature,
+    "torque_gain": torque_gain,
+    "viscous_friction": viscous_friction,
+    "gravity_tilt": gravity_tilt,
+}
+JOINT: dict[str, Effect] = {
+    **{
+        effect.__name__: effect
+        for effect in (
+            coulomb_friction,
+            stribeck_friction,
+            asymmetric_friction,
+            load_dependent_friction,
+            quadratic_friction,
+            torque_ripple,
+            joint_spring,
+            backlash,
+            joint_elasticity,
+            presliding_friction,
+        )
+    },
+    **IN_RIGID_BODY,
+    "torque_ripple (harmonics)": ripple_with_harmonics,
+    **{name: SENSOR[name] for name in ("bias", "lag", "delay", "drift", "hysteresis", "quantisation")},
+}
+NEEDS_GRAVITY = frozenset(
+    {"load_dependent_friction", "gravity_tilt", "payload", "backlash", "joint_elasticity"}
+)
+JOINT_PAIRS = (
+    ("coulomb_friction", "bias"),
+    ("coulomb_friction", "torque_ripple"),
+    ("coulomb_friction", "load_dependent_friction"),
+    ("joint_spring", "coulomb_friction"),
+    ("quadratic_friction", "coulomb_friction"),
+    ("coulomb_friction", "lag"),
+    ("payload", "coulomb_friction"),
+    ("torque_ripple", "bias"),
+    ("presliding_friction", "bias"),
+    ("armature", "viscous_friction"),
+)
+
+
+def _travel(w: World) -> Array:
+    return cumulative_trapezoid(np.abs(w.motion.v), dx=1 / FINE_HZ, initial=0.0)
+
+
+def _stick_slip(w: World, s: float, u: Array) -> Hidden:
+    """A sawtooth over the path."""
+    saw = 2 * ((_travel(w) / (w.size * (0.05 + 0.1 * u[0]))) % 1.0) - 1
+    return Hidden(adds=s * w.scale * saw * _sign(w))
+
+
+def _cos2_friction(w: World, s: float, u: Array) -> Hidden:
+    """A bearing that is tight in two places: cos^2(q) v."""
+    return Hidden(adds=3 * s * w.scale * np.cos(2 * w.motion.x + u[0]) ** 2 * w.motion.v / w.speed)
+
+
+def _detent(w: World, s: float, u: Array) -> Hidden:
+    """A magnet at one angle."""
+    z = (w.motion.x / w.size - u[0] * 0.6) / (0.06 + 0.1 * u[1])
+    return Hidden(adds=s * w.scale * np.exp(-(z**2)))
+
+
+def _thinning(w: World, s: float, u: Array) -> Hidden:
+    """A grease that thins with use."""
+    used = _travel(w)
+    return Hidden(
+        adds=4 * s * w.scale * np.exp(-used / (used[-1] * (0.08 + 0.2 * u[0]))) * w.motion.v / w.speed
+    )
+
+
+def _warming(w: World, s: float, u: Array) -> Hidden:
+    """A torque constant that falls with the heat of what was dissipated."""
+    heat = w.filtered(np.abs(w.plain * w.motion.v), 1.0 + 4 * u[0])
+    return Hidden(senses=lambda f: f * (1 - 0.8 * s * heat / heat.max()))
+
+
+def _crosstalk(w: World, s: float, u: Array) -> Hidden:
+    """Another drive's period in the sensor."""
+    f = 3 + 9 * u[0]
+    return Hidden(senses=lambda force: force + s * w.scale * np.sin(2 * np.pi * (f * w.motion.t + u[1])))
+
+
+def _farthest(w: World, s: float, u: Array) -> Hidden:
+    """A seal that has given way as far as the joint ever turned."""
+    far = np.maximum.accumulate(np.abs(w.motion.x))
+    return Hidden(adds=s * w.scale * np.exp(-(far - np.abs(w.motion.x)) / (0.08 * w.size)) * _sign(w))
+
+
+def _end_cushion(w: World, s: float, u: Array) -> Hidden:
+    """Oil that is squeezed out near an end: (q - q0)^2 v beyond q0."""
+    deep = np.maximum(w.motion.x / w.size - 0.3 - 0.3 * u[0], 0.0)
+    return Hidden(adds=10 * s * w.scale * deep**2 * w.motion.v / w.speed)
+
+
+def _dwell(w: World, s: float, u: Array) -> Hidden:
+    """A friction that grows with the time spent slow, and is worn off within a short time of motion."""
+    slow = w.filtered((np.abs(w.motion.v) < 0.1 * w.speed).astype(float), 0.3 + u[0])
+    return Hidden(adds=3 * s * w.scale * slow * w.motion.v / w.speed)
+
+
+JOINT_OUTSIDE: dict[str, Effect] = {
+    "stick-slip chatter": _stick_slip,
+    "cos^2 of the angle times speed": _cos2_friction,
+    "magnetic detent": _detent,
+    "grease that thins with use": _thinning,
+    "gain that follows dissipated energy": _warming,
+    "cross-talk of a periodic signal": _crosstalk,
+    "seal worn to the largest angle": _farthest,
+    "end cushion": _end_cushion,
+    "friction that grows at rest": _dwell,
+}

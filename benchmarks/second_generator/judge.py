@@ -1,0 +1,265 @@
+"""Whether a diagnosis is right, and the tables of many."""
+
+import json
+import math
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import partial
+
+import numpy as np
+
+from estimation.diagnosis import ChannelDiagnosis, diagnose
+
+from .cases import Case, Job, make
+
+# One and the same curve under two names, for mathematical reasons, so that no data can prefer one:
+# hidden -> the sets of effects that describe it as well, and why. A first effect out of any set is right.
+SAME_CURVE: dict[str, tuple[tuple[frozenset[str], str], ...]] = {
+    "tool_compliance": (
+        (
+            frozenset({"stress_relaxation"}),
+            "a spring in series with spring and damper is Zener's body, which relaxes",
+        ),
+    ),
+    "power_law_stiffness": ((frozenset({"hunt_crossley"}), "k x^n is Hunt and Crossley's law with b = 0"),),
+    "relaxation_spectrum": ((frozenset({"stress_relaxation"}), "the first of its two branches"),),
+    "stribeck_friction": (
+        (frozenset({"coulomb_friction", "stribeck_friction"}), "Coulomb's is the asymptote of Stribeck's"),
+        (frozenset({"coulomb_friction"}), "where all speeds are beyond Stribeck's"),
+    ),
+    "asymmetric_friction": (
+        (frozenset({"coulomb_friction", "bias"}), "f+ and f- are (f+ + f-)/2 and a constant while it moves"),
+        (frozenset({"coulomb_friction", "asymmetric_friction"}), "the same sum, told in two steps"),
+    ),
+    "presliding_friction": (
+        (frozenset({"coulomb_friction"}), "Dahl's law beyond its presliding distance is Coulomb's"),
+    ),
+    "joint_spring": ((frozenset({"joint_spring", "bias"}), "its preload is a bias"),),
+}
+# A sum of ripples has one name.
+SPELLED = {"torque_ripple (harmonics)": "torque_ripple"}
+# Outside the vocabulary of design.md, inside one that knows friction by position.
+NAMED_BY_A_WIDER_LIBRARY = {
+    "cos^2 of the angle times speed": frozenset({"position_dependent_friction"}),
+    "end cushion": frozenset({"position_dependent_friction"}),
+}
+QUANTILE_95 = 1.96
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A parameter's estimate beside its truth; `holds` is None where the data did not determine it."""
+
+    name: str
+    value: float
+    std_err: float | None
+    truth: float
+    accepted: bool  # of an accepted effect, not of the simple model
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether the 95 % interval holds the truth."""
+        if self.std_err is None or not math.isfinite(self.std_err):
+            return None
+        return abs(self.value - self.truth) <= QUANTILE_95 * self.std_err
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A diagnosed case; seconds are the processor's, as machines are busy."""
+
+    job: Job
+    seed: int
+    strength: float
+    world: str
+    samples: int
+    floor: float
+    verdict: str
+    reason: str
+    accepted: list[str]
+    first_group: list[str]
+    complete: bool | None
+    remaining_times_floor: float | None
+    rmse: tuple[float, float] | None
+    right: bool
+    first: bool
+    exact: bool
+    seconds: float
+    intervals: list[Interval] = field(default_factory=list)
+
+    def line(self) -> str:
+        """One line for people."""
+        asked = " + ".join(self.job.hidden) or "nothing"
+        named = " + ".join(self.accepted) or "-"
+        ratio = "" if self.remaining_times_floor is None else f" {self.remaining_times_floor:.2f} x floor"
+        return (
+            f"{'right' if self.right else 'WRONG'} {self.job.number:3d} {self.job.kind:8s} "
+            f"{asked} ({self.job.sort}, {self.strength:.0f}) -> {self.verdict}: {named}{ratio} "
+            f"[{self.world}; {self.samples} samples, {self.seconds:.1f} s]"
+        )
+
+    def record(self) -> str:
+        """One line of JSON, by which two engines can be compared case by case."""
+        found = asdict(self)
+        found["intervals"] = [asdict(one) | {"holds": one.holds} for one in self.intervals]
+        return json.dumps(found)
+
+
+def from_record(line: str) -> Outcome:
+    """An outcome back from its line of JSON."""
+    found = json.loads(line)
+    found["job"] = Job(**found["job"] | {"hidden": tuple(found["job"]["hidden"])})
+    found["intervals"] = [
+        Interval(**{key: value for key, value in one.items() if key != "holds"}) for one in found["intervals"]
+    ]
+    return Outcome(**found)
+
+
+def run(job: Job, seed: int) -> Outcome | None:
+    """Make a case and diagnose it; None where it cannot be made."""
+    case = make(job, seed)
+    if case is None:
+        return None
+    started = time.process_time()
+    rng = np.random.default_rng([seed, job.number, 7])
+    found = diagnose(case.channel, case.model, rng=rng, file=f"case {job.number}").channels[0]
+    return judged(case, seed, found, time.process_time() - started)
+
+
+def judged(case: Case, seed: int, found: ChannelDiagnosis, seconds: float) -> Outcome:
+    """Hold a diagnosis against the truth."""
+    job = case.job
+    names = [entry.effect for entry in found.accepted]
+    group = [names[0], *found.accepted[0].confused_with] if names else []
+    exact = any(set(names) == one for one in _right_sets(job))
+    first = bool(set(group) & frozenset().union(*_right_sets(job)))
+    verdict = found.verdict.value
+    right = {
+        "nothing": verdict == "adequate",
+        "outside": verdict == "unexplained" or (verdict == "missing" and first),
+    }.get(job.sort, verdict == "missing" and first)
+    remaining = getattr(found, "remaining", None)
+    times = getattr(remaining, "times_floor", None)
+    if times is None and found.final is not None and found.noise_floor:
+        times = found.final.rmse / found.noise_floor
+    return Outcome(
+        job=job,
+        seed=seed,
+        strength=case.strength,
+        world=case.world,
+        samples=len(case.channel),
+        floor=case.floor,
+        verdict=verdict,
+        reason=found.reason,
+        accepted=names,
+        first_group=group,
+        complete=getattr(found, "complete", None),
+        remaining_times_floor=times,
+        rmse=(found.baseline.rmse, found.final.rmse) if found.baseline and found.final else None,
+        right=right,
+        first=first,
+        exact=exact,
+        seconds=seconds,
+        intervals=_intervals(case, found) if job.sort != "outside" else [],
+    )
+
+
+def _right_sets(job: Job) -> list[frozenset[str]]:
+    """All sets of names that describe what is hidden."""
+    if job.sort == "outside":
+        return [NAMED_BY_A_WIDER_LIBRARY.get(job.hidden[0], frozenset())]
+    sets = [frozenset[str]()]
+    for name in job.hidden:
+        plain = SPELLED.get(name, name)
+        ways = [frozenset({plain}), *(names for names, _ in SAME_CURVE.get(plain, ()))]
+        sets = [one | way for one in sets for way in ways]
+    return sets
+
+
+def _intervals(case: Case, found: ChannelDiagnosis) -> list[Interval]:
+    """Estimates with a known truth: of accepted effects that are there, and of the model if all are named."""
+    named = {entry.effect for entry in found.accepted}
+    spelled = {SPELLED.get(name, name) for name in case.job.hidden}
+    there = {f"{entry.effect}.{name}": p for entry in found.accepted for name, p in entry.parameters.items()}
+    whole = found.final.parameters if found.final and named == spelled else {}
+    both = {name: (p, True) for name, p in there.items() if name.split(".")[0] in spelled}
+    both |= {name: (p, False) for name, p in whole.items() if name.split(".")[0] not in named}
+    return [
+        Interval(name, p.value, p.std_err, case.truth[name], accepted)
+        for name, (p, accepted) in both.items()
+        if name in case.truth
+    ]
+
+
+def share(flags: Iterable[bool]) -> str:
+    """So many of so many."""
+    some = list(flags)
+    return f"{sum(some)} of {len(some)}"
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """What came out, in one table, for each kind and both."""
+    kinds = [k for k in ("contact", "revolute") if any(o.job.kind == k for o in outcomes)]
+    columns = {kind: [o for o in outcomes if o.job.kind == kind] for kind in kinds} | {"all": list(outcomes)}
+    rows = {
+        "verdict right": lambda some: share(o.right for o in some),
+        "  nothing hidden": partial(_right, "nothing"),
+        "  one effect": partial(_right, "one"),
+        "  two effects": partial(_right, "two"),
+        "  outside the vocabulary": partial(_right, "outside"),
+        "first effect right": lambda some: share(o.first for o in some if o.job.sort in ("one", "two")),
+        "exact set": lambda some: share(o.exact for o in some if o.job.sort in ("one", "two")),
+        "nothing hidden: unexplained": lambda some: _verdicts(some, "nothing", "unexplained"),
+        "nothing hidden: named": lambda some: _verdicts(some, "nothing", "missing"),
+        "outside: wrong name": lambda some: share(
+            o.verdict == "missing" and not o.first for o in some if o.job.sort == "outside"
+        ),
+        "outside: unexplained": lambda some: _verdicts(some, "outside", "unexplained"),
+        "hidden: unexplained": lambda some: share(
+            o.verdict == "unexplained" for o in some if o.job.sort in ("one", "two")
+        ),
+        "hidden: insufficient": lambda some: share(
+            o.verdict == "insufficient" for o in some if o.job.sort in ("one", "two")
+        ),
+        "intervals of accepted hold": lambda some: _held(some, accepted=True),
+        "intervals of the simple model hold": lambda some: _held(some, accepted=False),
+        "processor seconds, median / largest": _seconds,
+    }
+    lines = [f"{'':36s}" + "".join(f"{name:>16s}" for name in columns)]
+    lines += [
+        f"{what:36s}" + "".join(f"{fill(o):>16s}" for o in columns.values()) for what, fill in rows.items()
+    ]
+    return "\n".join(lines)
+
+
+def _right(sort: str, some: Sequence[Outcome]) -> str:
+    return share(o.right for o in some if o.job.sort == sort)
+
+
+def _verdicts(some: Sequence[Outcome], sort: str, verdict: str) -> str:
+    return share(o.verdict == verdict for o in some if o.job.sort == sort)
+
+
+def _held(some: Sequence[Outcome], *, accepted: bool) -> str:
+    flags = [i.holds for o in some for i in o.intervals if i.accepted == accepted and i.holds is not None]
+    return f"{100 * np.mean(flags):.0f} % of {len(flags)}" if flags else "-"
+
+
+def _seconds(some: Sequence[Outcome]) -> str:
+    times = [o.seconds for o in some]
+    return f"{np.median(times):.1f} / {max(times):.1f}" if times else "-"
+
+
+def by_effect(outcomes: Sequence[Outcome]) -> str:
+    """Per hidden effect: how often right, and what was said where it was wrong."""
+    of: dict[str, list[Outcome]] = defaultdict(list)
+    for o in outcomes:
+        of[" + ".join(o.job.hidden) or "nothing"].append(o)
+    lines = []
+    for name, some in sorted(of.items()):
+        wrong = Counter(" + ".join(o.accepted) or o.verdict for o in some if not o.right)
+        told = "; ".join(f"{what} ({count})" for what, count in wrong.items())
+        lines.append(f"{name:44s}{share(o.right for o in some):>9s}   {told}")
+    return "\n".join(lines)

@@ -1,0 +1,68 @@
+"""Faults of a force or torque sensor."""
+
+import numpy as np
+
+from .motion import Array
+from .world import Effect, Hidden, World, play
+
+
+def bias(w: World, s: float, u: Array) -> Hidden:
+    """A zero that is off."""
+    b = float(np.sign(u[0] - 0.5)) * s * w.scale
+    return Hidden(senses=lambda f: f + b, truth={"offset": b})
+
+
+def drift(w: World, s: float, u: Array) -> Hidden:
+    """A zero that wanders at a constant rate from the start."""
+    span = w.motion.t[-1] - w.motion.t[0]
+    rate = float(np.sign(u[0] - 0.5)) * 2 * s * w.scale / span
+    return Hidden(senses=lambda f: f + rate * (w.motion.t - w.motion.t[0]), truth={"rate": rate})
+
+
+def lag(w: World, s: float, u: Array) -> Hidden:
+    """A first-order low-pass."""
+    tau = 0.5 * s
+    return Hidden(senses=lambda f: w.filtered(f, tau), truth={"tau": tau})
+
+
+def delay(w: World, s: float, u: Array) -> Hidden:
+    """Everything comes later."""
+    late = 0.3 * s
+    return Hidden(senses=lambda f: w.later(f, late), truth={"time": late})
+
+
+def saturation(w: World, s: float, u: Array) -> Hidden:
+    """Readings end at a limit."""
+    limit = (1 - 0.8 * s) * float(np.abs(w.plain).max())
+    return Hidden(senses=lambda f: np.clip(f, -limit, limit), truth={"limit": limit})
+
+
+def deadband(w: World, s: float, u: Array) -> Hidden:
+    """Small efforts read as nothing, larger ones less that much."""
+    width = 0.5 * s * w.scale
+    return Hidden(senses=lambda f: np.sign(f) * np.maximum(np.abs(f) - width, 0.0), truth={"width": width})
+
+
+def hysteresis(w: World, s: float, u: Array) -> Hidden:
+    """The reading follows the effort with play, as an elastic body with friction in it does."""
+    width = s * w.scale
+    return Hidden(senses=lambda f: w.by_run(lambda rows: play(f[rows], width)), truth={"width": 0.5 * width})
+
+
+def quantisation(w: World, s: float, u: Array) -> Hidden:
+    """A converter with few levels. It comes last, after the noise: see `cases.read`."""
+    step = s * w.scale
+    return Hidden(senses=lambda f: np.round(f / step) * step, truth={"step": step})
+
+
+SENSOR: dict[str, Effect] = {
+    "bias": bias,
+    "drift": drift,
+    "lag": lag,
+    "delay": delay,
+    "saturation": saturation,
+    "deadband": deadband,
+    "hysteresis": hysteresis,
+    "quantisation": quantisation,
+}
+AFTER_NOISE = frozenset({"saturation", "quantisation"})

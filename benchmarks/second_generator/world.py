@@ -1,0 +1,201 @@
+"""A case's world before anything is hidden in it, and what an effect may do to it."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from scipy.signal import lfilter
+
+from .motion import FINE_HZ, Array, Motion
+
+Truth = dict[str, float]
+
+
+@dataclass(frozen=True)
+class World:
+    """A motion and the simple law that moves or resists it.
+
+    Attributes:
+        kind: "contact" or "revolute".
+        motion: the true one.
+        base: "kelvin_voigt", "inertia", "pendulum" or "rigid_body".
+        law: its parameters: k, c of a contact; J, g, d of a joint.
+        size: depth or swing of the deepest run [m or rad].
+        fresh: of a contact: each run presses a spot that was never pressed before.
+    """
+
+    kind: str
+    motion: Motion
+    base: str
+    law: dict[str, float]
+    size: float
+    fresh: bool
+
+    @property
+    def pressed(self) -> Array:
+        """Depth while pressed, else 0."""
+        return np.maximum(self.motion.x, 0.0)
+
+    @property
+    def touching(self) -> Array:
+        """1 while pressed, else 0."""
+        return (self.motion.x > 0.0).astype(float)
+
+    @property
+    def speed(self) -> float:
+        """A large speed of this motion [m/s or rad/s]."""
+        return float(np.quantile(np.abs(self.motion.v), 0.95))
+
+    @property
+    def load(self) -> Array:
+        """Effort of the simple law without its damping."""
+        m = self.motion
+        if self.kind == "contact":
+            return self.law["k"] * self.pressed
+        return self.law["J"] * m.a + self.law["g"] * np.sin(m.x)
+
+    @property
+    def plain(self) -> Array:
+        """Effort of the simple law; an object can only push."""
+        if self.kind == "contact":
+            push = self.law["k"] * self.pressed + self.law["c"] * self.motion.v * self.touching
+            return np.maximum(push, 0.0)
+        return self.load + self.law["d"] * self.motion.v
+
+    @property
+    def scale(self) -> float:
+        """A large effort of the simple law."""
+        return float(np.quantile(np.abs(self.plain), 0.98))
+
+    @property
+    def columns(self) -> Array:
+        """What the simple law can mimic: its regressors."""
+        m = self.motion
+        if self.kind == "contact":
+            return np.column_stack([self.pressed, m.v * self.touching])
+        if self.base == "rigid_body":
+            return np.zeros((len(m.t), 1))
+        shapes = [m.a, m.v]
+        return np.column_stack([*shapes, np.sin(m.x)] if self.base == "pendulum" else shapes)
+
+    def by_run(self, work: Callable[[slice], Array]) -> Array:
+        """Something with a memory, which starts afresh with each run."""
+        return np.concatenate([work(rows) for rows in self.motion.each()])
+
+    def rate(self, signal: Array) -> Array:
+        """Derivative of a fine signal; runs do not touch."""
+        return self.by_run(lambda rows: np.gradient(signal[rows], 1 / FINE_HZ))
+
+    def filtered(self, signal: Array, time_s: float) -> Array:
+        """First-order lag of a signal, exact for one that is constant over a fine step."""
+        keep = np.exp(-1 / (FINE_HZ * time_s))
+
+        def lag(rows: slice) -> Array:
+            start = keep * signal[rows][0]
+            return lfilter([1 - keep], [1, -keep], signal[rows], zi=[start])[0]
+
+        return self.by_run(lag)
+
+    def later(self, signal: Array, time_s: float) -> Array:
+        """A signal as it was some time before."""
+        return self.by_run(
+            lambda rows: np.interp(self.motion.t[rows] - time_s, self.motion.t[rows], signal[rows])
+        )
+
+    def deepest(self) -> Array:
+        """The largest depth so far: of this run on fresh spots, else of the session."""
+        if self.fresh:
+            return self.by_run(lambda rows: np.maximum.accumulate(self.pressed[rows]))
+        return np.maximum.accumulate(self.pressed)
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What one effect of a certain size does.
+
+    Attributes:
+        adds: to the effort of the object or joint, shape (n,).
+        one_sided: `adds` belongs to what can only push.
+        moves: from what is there (effort) to the position read less the true one.
+        senses: from the effort to what the sensor says; None for a faithful one.
+        truth: its parameters, by the names of the library where it has them.
+    """
+
+    adds: Array | float = 0.0
+    one_sided: bool = False
+    moves: Callable[[Array], Array] | None = None
+    senses: Callable[[Array], Array] | None = None
+    truth: Truth | None = None
+
+
+Effect = Callable[[World, float, Array], Hidden]  # of the world, a size in (0, 1], and four chances in 0..1
+
+
+def effort_and_position(world: World, hidden: Iterable[Hidden]) -> tuple[Array, Array]:
+    """The effort as sensed without noise, and the position as read without steps."""
+    some = list(hidden)
+    m = world.motion
+    one_sided = [effect.adds for effect in some if effect.one_sided]
+    if world.kind == "contact":
+        push = world.law["k"] * world.pressed + world.law["c"] * m.v * world.touching
+        effort = np.maximum(push + sum(one_sided), 0.0) * world.touching
+    else:
+        effort = world.plain + sum(one_sided)
+    effort = effort + sum(effect.adds for effect in some if not effect.one_sided)
+    position = m.x.copy()
+    for effect in some:
+        if effect.moves:
+            position = position + effect.moves(effort)
+    for effect in some:
+        if effect.senses:
+            effort = effect.senses(effort)
+    return effort, position
+
+
+def not_mimicked(world: World, hidden: Iterable[Hidden]) -> float:
+    """RMS of the part of some effects that the simple law cannot take over with other parameters."""
+    effort, position = effort_and_position(world, hidden)
+    m = world.motion
+    v = world.rate(position)
+    read = Motion(m.t, position, v, world.rate(v), m.run)
+    seen = World(world.kind, read, world.base, world.law, world.size, world.fresh)
+    rows = slice(None, None, 4)
+    columns = seen.columns[rows]
+    norm = np.linalg.norm(columns, axis=0)
+    columns = columns / np.where(norm > 0, norm, 1.0)
+    rest = effort[rows] if seen.base != "rigid_body" else effort[rows] - seen.plain[rows]
+    found = np.linalg.lstsq(columns, rest, rcond=None)[0]
+    return float(np.sqrt(np.mean((rest - columns @ found) ** 2)))
+
+
+def sized(
+    world: World, effect: Effect, chances: Array, wanted: float, *, tolerance: float = 0.03
+) -> Hidden | None:
+    """The effect so large that the simple law misses this much; None if it never does."""
+    low, high = 1e-4, 1.0
+    if not_mimicked(world, [effect(world, high, chances)]) < wanted:
+        return None
+    for _ in range(20):
+        middle = float(np.sqrt(low * high))
+        missed = not_mimicked(world, [effect(world, middle, chances)])
+        if abs(missed / wanted - 1) < tolerance:
+            return effect(world, middle, chances)
+        low, high = (middle, high) if missed < wanted else (low, middle)
+    return effect(world, high, chances)
+
+
+def play(signal: Array, width: float) -> Array:
+    """The play (backlash) operator: the output follows when an edge of the gap is reached."""
+    out = np.empty_like(signal)
+    here = float(signal[0])
+    half = 0.5 * width
+    for i, drive in enumerate(signal.tolist()):
+        here = min(max(here, drive - half), drive + half)
+        out[i] = here
+    return out
+
+
+def chances(rng: Generator) -> Array:
+    """Numbers in 0..1 from which an effect draws its inner parameters."""
+    return rng.uniform(0.0, 1.0, 4)

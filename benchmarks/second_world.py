@@ -1,0 +1,88 @@
+"""Judges the diagnosis on cases from a second world, whose author had read only the vocabulary.
+
+    python benchmarks/second_world.py [--sample N] [--seed S] [--kind contact|revolute] [--processes 2]
+                                      [--case NUMBER] [--out FILE]
+    python benchmarks/second_world.py --table FILE | --compare BEFORE AFTER
+
+Some 250 cases: nothing hidden, one effect at 3, 10 or 30 floors, two effects, and laws outside the
+vocabulary. A floor is the RMS that noise of effort and position make; a strength is the RMS of what
+the simple model cannot mimic. A case follows from seed and number. `--out` writes one JSON line a case, of
+which `--table` makes the tables again, and by which `--compare` holds two engines against each other.
+"""
+
+import argparse
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import nullcontext
+from pathlib import Path
+
+from second_generator.cases import grid
+from second_generator.judge import Outcome, by_effect, from_record, run, table
+from threadpoolctl import threadpool_limits
+
+
+def compare_engines(before: Path, after: Path) -> None:
+    """Print the cases that two engines judge differently."""
+    old, new = ({(one.seed, one.job.number): one for one in read(path)} for path in (before, after))
+    shared = sorted(old.keys() & new.keys())
+    for key in shared:
+        was, now = old[key], new[key]
+        if was.right != now.right:
+            hidden = " + ".join(was.job.hidden) or "nothing"
+            said = [f"{one.verdict}: {' + '.join(one.accepted) or '-'}" for one in (was, now)]
+            print(f"{'better' if now.right else 'WORSE'} {key[1]:3d} {hidden}: {said[0]} -> {said[1]}")
+    right = [sum(engine[key].right for key in shared) for engine in (old, new)]
+    print(f"right: {right[0]} -> {right[1]} of {len(shared)}")
+
+
+def read(path: Path) -> list[Outcome]:
+    """Outcomes of an earlier run."""
+    return [from_record(line) for line in path.read_text().splitlines()]
+
+
+def main() -> None:
+    """Run the cases, or compare two runs."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--sample", type=int, help="only so many; the order mixes all sorts")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kind", choices=["contact", "revolute"])
+    parser.add_argument("--case", type=int, help="this one only")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--out", type=Path, help="JSON lines")
+    parser.add_argument("--compare", type=Path, nargs=2, metavar=("BEFORE", "AFTER"))
+    parser.add_argument("--table", type=Path, metavar="FILE")
+    options = parser.parse_args()
+    if options.table:
+        outcomes = read(options.table)
+        print(f"{by_effect(outcomes)}\n\n{table(outcomes)}")
+        return
+    if options.compare:
+        compare_engines(*options.compare)
+        return
+    jobs = [job for job in grid() if options.kind in (None, job.kind)][: options.sample]
+    if options.case is not None:
+        jobs = [job for job in grid() if job.number == options.case]
+    spawn = multiprocessing.get_context("spawn")
+    outcomes = []
+    with (
+        ProcessPoolExecutor(options.processes, spawn, initializer=threadpool_limits, initargs=(1,)) as pool,
+        options.out.open("w") if options.out else nullcontext() as out,
+    ):
+        for task in as_completed([pool.submit(run, job, options.seed) for job in jobs]):
+            outcome = task.result()
+            if outcome is None:
+                continue
+            outcomes.append(outcome)
+            print(outcome.line(), flush=True)
+            if out:
+                out.write(outcome.record() + "\n")
+                out.flush()
+    outcomes.sort(key=lambda outcome: outcome.job.number)
+    print(f"\n{len(jobs) - len(outcomes)} of {len(jobs)} cases cannot be hidden in any world drawn")
+    print(f"\n{by_effect(outcomes)}\n\n{table(outcomes)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,94 @@
+"""A neighbour that turns this joint's motor too."""
+
+from itertools import product
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from robot_io.types import FloatArray
+
+
+class JointCoupling(AdditiveEffect):
+    """effort = J (a_i + r a_j) + d (v_i + r v_j) + f tanh((v_i + r v_j) / transition).
+
+    Where a gear train passes through a wrist, the motor of joint i turns by the sum of two joints' angles,
+    and its rotor and its friction follow that sum. The own part of it is that of `armature`,
+    `viscous_friction` and `coulomb_friction`; what only the coupling brings goes with joint j.
+
+    Args:
+        neighbour: number of joint j from 0; None until `suited_to` has found it.
+    """
+
+    name = "joint_coupling"
+    physics = "The motor of this joint also turns when its neighbour moves, as in the wrists of many arms."
+    equation = "effort = J (a_i + r a_j) + d (v_i + r v_j) + f tanh((v_i + r v_j)/transition), j beside i"
+    source = (
+        "M. Gautier, A. Janot, P. O. Vandanjon, IEEE Trans. Control Systems Tech. 21 (2013): coupling of "
+        "joints 5 and 6 of the TX40"
+    )
+    signature = "effort while this joint rests and its neighbour moves, in any posture"
+    signals = ("other joints", "velocity", "direction", "acceleration")
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (
+        Parameter("inertia", "{effort} s^2/{position}", 0.0, 10000.0, (0.001, 5.0)),
+        Parameter("viscous", "{effort} s/{position}", 0.0, 10000.0, (0.001, 50.0)),
+        Parameter("coulomb", "{effort}", 0.0, 10000.0, (0.001, 50.0)),
+    )
+    inner = (
+        Parameter("ratio", "1", -5.0, 5.0, (-1.0, 1.0)),
+        Parameter("transition", "{position}/s", 1e-9, 1.0, (1e-4, 0.05), log=True),
+    )
+    needs = ("joint_velocity", "joint_acceleration")
+    confused_with: ClassVar[dict[str, str]] = {
+        "coulomb_friction": "hold this joint still and move its neighbour",
+        "viscous_friction": "hold this joint still and move its neighbour",
+        "rigid_body_fitted": "move slowly: friction of the coupling stays, inertia of the links does not",
+    }
+
+    def __init__(self, neighbour: int | None = None) -> None:
+        self._neighbour = neighbour
+
+    def suited_to(self, data: ChannelData) -> "JointCoupling":
+        """See `Effect.suited_to`: with the neighbour whose motion explains more of the effort."""
+        velocity = data.context["joint_velocity"]
+        own = _own(data)
+        beside = [j for j in (own + 1, own - 1) if 0 <= j < velocity.shape[1]]
+        if not beside:
+            return self
+        return JointCoupling(min(beside, key=lambda j: _left(data, own, j)))
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`: an arm of two joints or more."""
+        if not super().applies_to(data):
+            return False
+        velocity = data.context["joint_velocity"]
+        return velocity.ndim == 2 and velocity.shape[1] > 1
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 3)."""
+        neighbour = 0 if self._neighbour is None else self._neighbour
+        v = data.velocity + inner["ratio"] * data.context["joint_velocity"][:, neighbour]
+        a = data.acceleration + inner["ratio"] * data.context["joint_acceleration"][:, neighbour]
+        return np.column_stack([a, v, np.tanh(v / inner["transition"])])
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: turning with the neighbour or against it."""
+        speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
+        values = product((1.0, -1.0, 0.4, -0.4), (0.01, 0.05))
+        return tuple({"ratio": ratio, "transition": min(share * speed, 1.0)} for ratio, share in values)
+
+
+def _own(data: ChannelData) -> int:
+    """Number of the joint from 0, by its motion."""
+    apart = data.context["joint_velocity"] - data.velocity[:, None]
+    return int(np.argmin(np.sum(apart**2, axis=0)))
+
+
+def _left(data: ChannelData, own: int, other: int) -> float:
+    """What linear least squares by the motion of two joints leaves of the effort."""
+    v, a = (data.context[f"joint_{what}"][:, [own, other]] for what in ("velocity", "acceleration"))
+    columns = np.column_stack([v, a, np.sign(v), np.sign(v[:, 0] + v[:, 1]), np.ones(len(data))])
+    gains = np.linalg.lstsq(columns, data.effort, rcond=None)[0]
+    return float(np.sum((data.effort - columns @ gains) ** 2))

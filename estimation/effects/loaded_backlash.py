@@ -1,0 +1,52 @@
+"""Play in which the load decides on which side the link leans."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Inner, MotionEffect, Parameter
+from estimation.signals.moved import moved
+from estimation.signals.runwise import relay
+
+
+class LoadedBacklash(MotionEffect):
+    """q_true = q - gap/2 s; s = 1 once the load was above `threshold`, -1 once below -threshold.
+
+    Between the two friction holds the link where it is. A load that always pulls one way keeps the link on
+    one flank, and nothing of the gap is seen. The crossing itself is not modelled.
+    """
+
+    name = "loaded_backlash"
+    physics = "Within the play of a gear the load pulls the link to one flank or to the other."
+    equation = "q_true = q - gap/2 s, s the sign that the load had when it last exceeded the threshold"
+    source = "M. Nordin, P.-O. Gutman, Automatica 38 (2002), sec. 2: backlash under load"
+    signature = "the resting place depends on which way the load pulled last, and not on the motion"
+    signals = ("load",)
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    inner = (
+        Parameter("gap", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),
+        Parameter("threshold", "{effort}", 0.0, 1e6, (1e-3, 1.0)),
+    )
+    needs = ("load",)
+    confused_with: ClassVar[dict[str, str]] = {
+        "backlash": "reverse the motion with the load to one side: the link then stays on its flank",
+        "joint_elasticity": "load it more: a spring yields in proportion, a gap by a fixed amount",
+        "presliding_friction": "hold still and change the load",
+    }
+
+    def move(self, data: ChannelData, inner: Inner) -> ChannelData:
+        """See `MotionEffect.move`."""
+        side = relay(data.context["load"], data.run, inner["threshold"])
+        still = np.zeros(len(data))
+        return moved(data, position=-0.5 * inner["gap"] * side, velocity=still, acceleration=still)
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: shares of the range of motion and of the largest load."""
+        span = float(np.ptp(data.position)) or 1.0
+        most = float(np.max(np.abs(data.context["load"]))) or 1.0
+        return tuple(
+            {"gap": float(part * span), "threshold": share * most}
+            for part in np.geomspace(1e-3, 2.0, 10)
+            for share in (0.0, 0.1, 0.4)
+        )

@@ -1,0 +1,50 @@
+"""Elastic force that fades without any scale of time."""
+
+from typing import ClassVar
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Inner, MemoryEffect, Parameter
+from estimation.signals.viscoelastic import springpot
+from robot_io.types import FloatArray
+
+_SHARES = (0.2, 0.5, 0.9)
+_ALPHAS = (0.08, 0.2, 0.4, 0.7)
+
+
+class PowerLawRelaxation(MemoryEffect):
+    """F = integral ((1 - share) + share ((t - s) / 1 s)^-alpha) dE(s); E is what all springs give.
+
+    Quasi-linear viscoelasticity with a springpot, between a spring (alpha 0) and a dashpot (alpha 1), beside
+    the part that lasts. Stiffness means that one second after a sudden press.
+    """
+
+    name = "power_law_relaxation"
+    physics = "Elastic force flows away on all scales of time alike, as in muscle, cells and gels."
+    equation = "F = integral (1 - share + share ((t - s)/1 s)^-alpha) dE(s), E elastic"
+    source = (
+        "R. L. Bagley, P. J. Torvik, J. Rheology 27 (1983); B. Fabry et al., Phys. Rev. Lett. 87 (2001): "
+        "scale-free relaxation of cells"
+    )
+    signature = "force in a hold falls as much in each tenfold time; the peak grows as a small power of speed"
+    signals = ("past motion",)
+    channels = frozenset({ChannelKind.CONTACT})
+    inner = (
+        Parameter("share", "1", 0.0, 1.0, (0.1, 0.9)),
+        Parameter("alpha", "1", 0.01, 0.99, (0.1, 0.6)),
+    )
+    confused_with: ClassVar[dict[str, str]] = {
+        "stress_relaxation": "hold for longer: one branch ends, a power law goes on",
+        "relaxation_spectrum": "hold a hundred times as long: a power law goes on, branches end",
+        "damping": "hold: damping stops with the motion, relaxation goes on",
+        "drift": "free air: drift goes on there, relaxation does not",
+    }
+
+    def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `MemoryEffect.fade`."""
+        share = inner["share"]
+        fading = springpot(elastic, data.time_s, data.run, inner["alpha"])
+        return (1.0 - share) * elastic + share * fading
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: from a spring that fades a little to what is nearly a dashpot."""
+        return tuple({"share": share, "alpha": alpha} for share in _SHARES for alpha in _ALPHAS)

@@ -1,0 +1,42 @@
+"""A spring whose force grows with a power of its stretch."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from robot_io.types import FloatArray
+
+
+class PowerLawStiffness(AdditiveEffect):
+    """F = k |x|^n sign(x), beside whatever other stiffness there is; in a contact only while pressed.
+
+    With n = 1.5 it is Hertz's contact of a sphere, with n = 2 Sneddon's of a cone.
+    """
+
+    name = "power_law_stiffness"
+    physics = "The more it is pressed the more of the object carries, so that it stiffens with depth."
+    equation = "F = k |x|^n sign(x)"
+    source = (
+        "H. Hertz, J. reine angew. Mathematik 92 (1882): n = 3/2; I. N. Sneddon, Int. J. Engineering Sci. 3 "
+        "(1965): n by the shape of the indenter"
+    )
+    signature = "effort over position is a straight line on logarithmic paper, the same at any speed"
+    signals = ("position",)
+    channels = frozenset(ChannelKind)
+    gains = (Parameter("k", "{effort}/{position}^n", 0.0, 1e40, (10.0, 1e12)),)
+    elastic = ("k",)
+    inner = (Parameter("n", "1", 1.1, 6.0, (1.2, 4.0)),)
+    confused_with: ClassVar[dict[str, str]] = {
+        "cubic_stiffness": "press deeper: a power law and a cubic part ways",
+        "exponential_stiffness": "press deeper: an exponential soon outgrows any power",
+        "hunt_crossley": "press at two speeds: its damping grows with depth",
+        "layered_stiffness": "press deeper: layers have a kink, a power law has none",
+        "contact_offset": "find the surface by a slow touch: an offset bends the curve near the surface only",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 1)."""
+        pressed = np.where(data.engaged, data.position, 0.0)
+        return (np.sign(pressed) * np.abs(pressed) ** inner["n"])[:, None]

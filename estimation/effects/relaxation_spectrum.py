@@ -1,0 +1,60 @@
+"""Elastic force that fades on two scales of time."""
+
+from itertools import combinations
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Inner, MemoryEffect, Parameter
+from estimation.signals.runwise import relax, sample_time
+from robot_io.types import FloatArray
+
+_SHARES = (0.15, 0.4)
+
+
+class RelaxationSpectrum(MemoryEffect):
+    """F = (1 - f - s) E + f Z_f + s Z_s, Z' = E' - Z / tau; E is what all springs give at once.
+
+    Quasi-linear viscoelasticity with two branches: what relaxes is the elastic force, whatever its law, so
+    that stiffness means that of a sudden press. One branch of a straight spring is `stress_relaxation`.
+    """
+
+    name = "relaxation_spectrum"
+    physics = "Parts of the elastic force flow away, some at once and some slowly, as in tissue and rubber."
+    equation = "F = (1 - fast - slow) E + fast Z_fast + slow Z_slow, Z_i' = E' - Z_i/tau_i, E elastic"
+    source = "Y. C. Fung, Biomechanics (1993), ch. 7.6: quasi-linear viscoelasticity; Prony series"
+    signature = "force falls during a hold, fast at first and then slowly, by one share at any depth"
+    signals = ("past motion",)
+    channels = frozenset({ChannelKind.CONTACT})
+    inner = (
+        Parameter("fast", "1", 0.0, 1.0, (0.1, 0.5)),
+        Parameter("slow", "1", 0.0, 1.0, (0.1, 0.5)),
+        Parameter("fast_time", "s", 1e-5, 1e3, (0.03, 3.0), log=True),
+        Parameter("slow_time", "s", 1e-4, 1e5, (1.0, 100.0), log=True),
+    )
+    confused_with: ClassVar[dict[str, str]] = {
+        "stress_relaxation": "hold for longer, at two depths: one branch ends, a second goes on falling",
+        "power_law_relaxation": "hold a hundred times as long: a power law goes on, branches end",
+        "plastic_set": "wait and press again: relaxation recovers, a set stays",
+        "drift": "free air: drift goes on there, relaxation does not",
+    }
+
+    def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `MemoryEffect.fade`."""
+        left = (1.0 - inner["fast"] - inner["slow"]) * elastic
+        for branch in ("fast", "slow"):
+            left += inner[branch] * relax(elastic, data.time_s, data.run, inner[f"{branch}_time"])
+        return left
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: from a few samples to the length of the runs."""
+        step_s = sample_time(data.time_s, data.run)
+        longest_s = max(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
+        times = np.geomspace(4.0 * step_s, max(longest_s, 40.0 * step_s), 4)
+        return tuple(
+            {"fast": fast, "slow": slow, "fast_time": float(sooner), "slow_time": float(later)}
+            for sooner, later in combinations(times, 2)
+            for fast in _SHARES
+            for slow in _SHARES
+        )

@@ -1,0 +1,44 @@
+"""A gain that differs from run to run."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.effect import Inner
+from estimation.effects.run_variation import RunVariation
+from estimation.signals.blocks import places
+from robot_io.types import BoolArray, FloatArray
+
+_TELLING = 0.25  # of a run's squared effort
+
+
+class RunGain(RunVariation):
+    """reading = (1 + b_r) effort in run r, b_r Gaussian about zero; the run's first part tells it.
+
+    Here that part lasts until a quarter of the squared effort has come in: free air tells of no gain.
+    """
+
+    name = "run_gain"
+    physics = "Specimens, spots or battery voltages differ: all of the effort is larger in one run."
+    equation = "reading = (1 + b_r) effort, b_r ~ N(0, spread^2)"
+    source = "N. M. Laird, J. H. Ware, Biometrics 38 (1982): random-effects models for longitudinal data"
+    signature = "each run has the shape of the others and a height of its own"
+    signals = ("effort", "recorded")
+    confused_with: ClassVar[dict[str, str]] = {
+        "torque_gain": "record more runs: a wrong constant is the same in all",
+        "run_offset": "look where the effort is small: an offset is there too, a gain is not",
+        "recorded_dependence": "record the suspected cause, such as a temperature, beside",
+    }
+
+    def basis(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `RunVariation.basis`; shape (n, 1)."""
+        return effort[:, None]
+
+    def told(self, data: ChannelData) -> BoolArray:
+        """See `RunVariation.told`."""
+        starts, piece = places(data.run)
+        total = np.cumsum(data.effort**2)
+        before = np.concatenate([[0.0], total])[starts]
+        whole = np.append(before[1:], total[-1:]) - before
+        return np.asarray(total - before[piece] <= _TELLING * whole[piece])

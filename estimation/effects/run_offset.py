@@ -1,0 +1,35 @@
+"""A zero that differs from run to run."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.effect import Inner
+from estimation.effects.run_variation import RunVariation
+from robot_io.types import FloatArray
+
+
+class RunOffset(RunVariation):
+    """reading = effort + b_r in run r, b_r Gaussian about zero; the run's first part tells it."""
+
+    name = "run_offset"
+    physics = "The sensor was tared, mounted or charged anew before each run, each time a little differently."
+    equation = "reading = effort + b_r, b_r ~ N(0, spread^2)"
+    source = "C. R. Henderson, Biometrics 31 (1975): best linear unbiased prediction in mixed models"
+    signature = "each run is off by one amount all along, another run by another"
+    signals = ("offset", "recorded")
+    confused_with: ClassVar[dict[str, str]] = {
+        "bias": "record more runs: a bias is the same in all",
+        "drift": "record longer runs: a drift goes on within each",
+        "contact_offset": "record free air: an offset of the sensor is there too",
+    }
+
+    def basis(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `RunVariation.basis`; shape (n, 1)."""
+        return np.ones((len(data), 1))
+
+    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.slope`; the effort enters its own offset with the other sign."""
+        still = self.sense(np.zeros(len(data)), data, inner)
+        return self.sense(columns, data, inner) - still[:, None]

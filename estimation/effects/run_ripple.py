@@ -1,0 +1,42 @@
+"""Ripple whose zero differs from run to run."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Inner
+from estimation.effects.run_variation import RunVariation
+from estimation.effects.torque_ripple import TorqueRipple
+from robot_io.types import FloatArray
+
+
+class RunRipple(RunVariation):
+    """reading = effort + s_r sin(n q) + c_r cos(n q) in run r; the run's first part tells s_r and c_r."""
+
+    name = "run_ripple"
+    physics = "Magnets and teeth make effort ripple, and the encoder counts from where it was switched on."
+    equation = "reading = effort + s_r sin(n q) + c_r cos(n q), s_r and c_r of each run"
+    source = "J. Holtz, L. Springob, IEEE Trans. Industrial Electronics 43 (1996)"
+    signature = "a wave over position of the same length in all runs, that begins elsewhere in each"
+    signals = ("position", "recorded")
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    inner = (*RunVariation.inner, *TorqueRipple.inner)
+    confused_with: ClassVar[dict[str, str]] = {
+        "torque_ripple": "go to one stop before each run: from there on the wave begins in one place",
+        "run_offset": "move over a wide range within a run",
+    }
+
+    def basis(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `RunVariation.basis`; shape (n, 2)."""
+        angle = inner["cycles"] * data.position
+        return np.column_stack([np.sin(angle), np.cos(angle)])
+
+    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.slope`; the effort enters its own ripple with the other sign."""
+        still = self.sense(np.zeros(len(data)), data, inner)
+        return self.sense(columns, data, inner) - still[:, None]
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`."""
+        return tuple({**start, "share": 0.9} for start in TorqueRipple().starts(data))
