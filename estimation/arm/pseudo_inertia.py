@@ -67,7 +67,8 @@ def nearest_bodies(inertial: FloatArray) -> FloatArray:
     """
     pseudo = pseudo_inertias(inertial)
     mass = np.maximum(pseudo[:, 3, 3], _LEAST_MASS_SHARE * max(float(pseudo[:, 3, 3].max()), 1e-3))
-    centre = pseudo[:, :3, 3] / mass[:, None]
+    is_given = pseudo[:, 3, 3] == mass
+    centre = np.where(is_given[:, None], pseudo[:, :3, 3] / mass[:, None], 0.0)
     spread = pseudo[:, :3, :3] / mass[:, None, None] - centre[:, :, None] * centre[:, None, :]
     squares, axes = np.linalg.eigh(spread)
     least = _LEAST_RADIUS_SHARE**2 * max(float(squares.max()), 1e-4)
