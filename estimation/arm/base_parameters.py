@@ -42,14 +42,26 @@ class BaseParameters:
     @property
     def names(self) -> tuple[str, ...]:
         """Such as "link2_Izz", in the order of `columns`."""
-        return tuple(
-            f"link{i // PARAMETERS_PER_LINK + 1}_{_NAMES[i % PARAMETERS_PER_LINK]}" for i in self.columns
-        )
+        return tuple(inertial_name(int(i)) for i in self.columns)
 
     @property
     def units(self) -> tuple[str, ...]:
         """In the order of `columns`."""
-        return tuple(_UNITS[i % PARAMETERS_PER_LINK] for i in self.columns)
+        return tuple(inertial_unit(int(i)) for i in self.columns)
+
+    def felt_columns(self, joint: int) -> IntArray:
+        """Those of `columns` on which the torque of a joint (from 0) depends."""
+        return self.columns[self.felt[joint]]
+
+
+def inertial_name(column: int) -> str:
+    """Of the parameter that belongs to a column of the regressor, such as "link2_Izz"."""
+    return f"link{column // PARAMETERS_PER_LINK + 1}_{_NAMES[column % PARAMETERS_PER_LINK]}"
+
+
+def inertial_unit(column: int) -> str:
+    """Of the parameter that belongs to a column of the regressor."""
+    return _UNITS[column % PARAMETERS_PER_LINK]
 
 
 def base_parameters(body: RigidBody) -> BaseParameters:
