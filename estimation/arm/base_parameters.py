@@ -51,7 +51,7 @@ class BaseParameters:
 
     def felt_columns(self, joint: int) -> IntArray:
         """Those of `columns` on which the torque of a joint (from 0) depends."""
-        return self.columns[self.felt[joint]]
+        return np.asarray(self.columns[self.felt[joint]])
 
 
 def inertial_name(column: int) -> str:

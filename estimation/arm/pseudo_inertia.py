@@ -15,6 +15,7 @@ T. Lee, P. Wensing, F. Park, IEEE T-RO 36(1) (2020). To second order D = |P0^-1/
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from robot_io.types import FloatArray
 PARAMETERS = 10
 _LEAST_MASS_SHARE = 1e-3  # of the heaviest link: a link that the URDF gives no mass
 _LEAST_RADIUS_SHARE = 0.02  # of the arm's largest radius of gyration: a link that the URDF gives no inertia
+
+_ROUNDING = 1e-13  # of the given body, in any direction: less is no body
 
 
 def _unit_pseudo_inertias() -> FloatArray:
@@ -90,19 +93,23 @@ class Divergence:
 
     origin: FloatArray
 
+    @cached_property
+    def _origin_factor(self) -> FloatArray:
+        """L^-1 of each given body, P0 = L L', shape (links, 4, 4)."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(pseudo_inertias(self.origin))))
+
     def value(self, inertial: FloatArray) -> float:
         """D; infinite where a link is no body."""
-        pseudo = pseudo_inertias(inertial)
-        if np.linalg.eigvalsh(pseudo)[:, 0].min() <= 0.0:
+        factor = self._origin_factor
+        ratio = np.linalg.eigvalsh(factor @ pseudo_inertias(inertial) @ factor.transpose(0, 2, 1))
+        if ratio.min() <= _ROUNDING:
             return np.inf
-        ratio = np.linalg.solve(pseudo_inertias(self.origin), pseudo)
-        traces = np.trace(ratio, axis1=1, axis2=2)
-        return float(np.sum(traces - np.linalg.slogdet(ratio)[1] - 4.0))
+        return float(np.sum(ratio - np.log(ratio) - 1.0))
 
     def gradient(self, inertial: FloatArray) -> FloatArray:
         """Shape (10 links,)."""
         change = np.linalg.inv(pseudo_inertias(self.origin)) - np.linalg.inv(pseudo_inertias(inertial))
-        return np.einsum("lij,pij->lp", change, _UNITS).ravel()
+        return np.asarray(np.einsum("lij,pij->lp", change, _UNITS).ravel())
 
     def curvature_root(self, inertial: FloatArray) -> FloatArray:
         """A root R of the second derivative R' R, shape (16 links, 10 links): L^-1 dP L^-T with P = L L'."""
