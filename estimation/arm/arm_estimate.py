@@ -17,7 +17,7 @@ class Uncertainty:
     """Of all parameters (inertial, shared, each joint's own), p of them.
 
     Attributes:
-        covariance: for noise that is correlated in time, shape (p, p).
+        covariance: for noise that is correlated in time, shape (p, p); NaN where nothing is known.
         white: as if it were not, shape (p, p); the ratio says how many samples are independent.
         samples: rows that were fitted to.
     """
@@ -26,15 +26,28 @@ class Uncertainty:
     white: FloatArray
     samples: int
 
-    def std_err(self, combination: FloatArray) -> FloatArray:
-        """Standard errors of linear combinations (m, p), shape (m,)."""
-        return np.sqrt(_variance(combination, self.covariance))
+    def part(self, first: int, count: int) -> "Uncertainty":
+        """Of `count` neighbouring parameters."""
+        rows = slice(first, first + count)
+        return Uncertainty(self.covariance[rows, rows], self.white[rows, rows], self.samples)
 
-    def intervals(self, values: FloatArray, combination: FloatArray) -> FloatArray:
-        """95 % intervals of linear combinations (m, p) of these values (m,), shape (m, 2)."""
-        variance, white = (_variance(combination, matrix) for matrix in (self.covariance, self.white))
-        freedom = np.clip(self.samples * white / variance, 1.0, self.samples)
-        reach = stats.t.ppf(0.5 + CONFIDENCE / 2, freedom) * np.sqrt(variance)
+    def of(self, combinations: FloatArray) -> "Uncertainty":
+        """Of linear combinations (m, p) of the parameters."""
+        covariance, white = (
+            combinations @ matrix @ combinations.T for matrix in (self.covariance, self.white)
+        )
+        return Uncertainty(covariance, white, self.samples)
+
+    @property
+    def std_err(self) -> FloatArray:
+        """Standard errors, shape (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def intervals(self, values: FloatArray) -> FloatArray:
+        """95 % intervals of these values (p,), shape (p, 2), by Student's t for as many samples as count."""
+        freedom = self.samples * np.diag(self.white) / np.diag(self.covariance)
+        quantile = stats.t.ppf(0.5 + CONFIDENCE / 2, np.clip(freedom, 1.0, self.samples))
+        reach = quantile * self.std_err
         return np.column_stack([values - reach, values + reach])
 
 
@@ -71,10 +84,8 @@ class ArmEstimate:
     @property
     def base_estimates(self) -> tuple[ParameterEstimate, ...]:
         """The base parameters with their uncertainty."""
-        combination = np.zeros((len(self.base), len(self.uncertainty.covariance)))
-        combination[:, : len(self.inertial)] = self.base_parameters.grouping
-        errors = self.uncertainty.std_err(combination)
-        intervals = self.uncertainty.intervals(self.base, combination)
+        uncertainty = self.uncertainty.part(0, len(self.inertial)).of(self.base_parameters.grouping)
+        errors, intervals = uncertainty.std_err, uncertainty.intervals(self.base)
         names, units = self.base_parameters.names, self.base_parameters.units
         return tuple(
             ParameterEstimate(name, unit, float(value), float(error), (float(low), float(high)))
@@ -107,9 +118,4 @@ class ArmEstimate:
         return np.asarray(rows.regressor @ self.base + rows.shared @ self.shared + own)
 
     def _intervals(self, values: FloatArray, first: int) -> FloatArray:
-        combination = np.eye(len(self.uncertainty.covariance))[first : first + len(values)]
-        return self.uncertainty.intervals(values, combination)
-
-
-def _variance(combination: FloatArray, covariance: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("mp,pq,mq->m", combination, covariance, combination))
+        return self.uncertainty.part(first, len(values)).intervals(values)

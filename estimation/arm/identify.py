@@ -25,10 +25,12 @@ from estimation.arm.rows import ArmRows
 from estimation.statistics.noise_level import robust_sigma
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from robot_io.types import BoolArray, FloatArray
 
 _ROUNDS = 20
 _SETTLED = 1e-3  # relative change of every joint's noise
+_SINGULAR = 1e-14  # of the largest eigenvalue
+_LOST = 1e-3  # share of a parameter that lies in directions without information
 _NO_NOISE = 1e-9  # of the torque: smaller residuals are rounding errors
 
 
@@ -85,6 +87,8 @@ def _check(rows: ArmRows, base: BaseParameters) -> None:
         needed = np.count_nonzero(base.felt[joint]) + rows.own[joint].shape[1]
         if used <= needed:
             raise InputError(f"joint {joint + 1}: {used} samples cannot determine {needed} parameters")
+        if not np.any(weights * rows.torque[:, joint]):
+            raise InputError(f"joint {joint + 1}: its torque is 0 throughout, so it was not measured")
 
 
 def _moments(rows: ArmRows) -> list[JointMoments]:
@@ -146,12 +150,14 @@ def _uncertainty(
     gains = score.shape[1] - len(base.columns)
     onto = block_diag(base.grouping, np.eye(gains))  # from (inertial, gains) to (base, gains)
     known = block_diag(prior, np.zeros((gains, gains)))
-    bread = _inverse(onto.T @ _curvature(columns, rows.own, weights) @ onto + known)
+    bread, lost = _inverse(onto.T @ _curvature(columns, rows.own, weights) @ onto + known)
     used = np.count_nonzero(rows.weights)
     few = used / max(1.0, used - score.shape[1])
 
     def sandwich(middle: FloatArray) -> FloatArray:
-        return np.asarray(bread @ (onto.T @ (few * middle) @ onto + known) @ bread)
+        covariance = bread @ (onto.T @ (few * middle) @ onto + known) @ bread
+        covariance[lost], covariance[:, lost] = np.nan, np.nan
+        return np.asarray(covariance)
 
     return Uncertainty(
         sandwich(sum_covariance(score, rows.run).matrix), sandwich(score.T @ score), len(score)
@@ -170,10 +176,14 @@ def _curvature(columns: FloatArray, own: tuple[FloatArray, ...], weights: FloatA
     return whole
 
 
-def _inverse(matrix: FloatArray) -> FloatArray:
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    inverse = np.linalg.pinv(matrix * np.outer(scale, scale), rcond=1e-14, hermitian=True)
-    return np.asarray(inverse * np.outer(scale, scale))
+def _inverse(matrix: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Of a symmetric matrix, and which parameters it does not determine."""
+    size = np.sqrt(np.diag(matrix))
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    scaled = matrix * np.outer(scale, scale)
+    inverse = np.linalg.pinv(scaled, rcond=_SINGULAR, hermitian=True)
+    lost = np.abs(1.0 - np.diag(inverse @ scaled)) > _LOST
+    return inverse * np.outer(scale, scale), lost
 
 
 def _shares(said: FloatArray, urdf: FloatArray) -> tuple[FloatArray, int]:

@@ -153,6 +153,7 @@ def test_blocks_stay_within_runs_and_leave_out_what_has_no_weight():
         (lambda rows: replace(rows, weights=0.0 * rows.weights), "samples cannot determine"),
         (lambda rows: replace(rows, regressor=rows.regressor[:, :, 1:]), "base parameters"),
         (lambda rows: replace(rows, own=rows.own[1:]), "own has"),
+        (lambda rows: rows, "not measured"),
         (lambda rows: held_out(rows.of_runs(np.array([0])), BASE, BODY.parameters), "at least two"),
     ],
 )
@@ -160,3 +161,18 @@ def test_says_what_it_cannot_do(well_excited, change, words):
     with pytest.raises(InputError, match=words):
         identify(change(well_excited), BASE, BODY.parameters)
     assert isinstance(well_excited, ArmRows)
+
+
+def test_gains_that_nothing_shows_have_no_interval(poorly_excited):
+    """Friction of joints that stand still, and one column given twice; all else keeps its interval."""
+    rng = np.random.default_rng(12)
+    own = [
+        np.repeat(columns, 2, axis=1) if joint == 3 else columns
+        for joint, columns in enumerate(poorly_excited.own)
+    ]
+    data = measured(rng, poorly_excited, other_bodies(rng, BODY.parameters))
+    found = identify(replace(data, own=tuple(own)), BASE, BODY.parameters)
+    known = [np.isfinite(intervals).all() for intervals in found.own_intervals]
+    assert known == [False, True, False, False, False, False, False]
+    assert all(np.isfinite(one.interval).all() for one in found.base_estimates)
+    assert found.own_intervals[1][1, 0] < COULOMB[1] < found.own_intervals[1][1, 1]
