@@ -176,3 +176,17 @@ def test_gains_that_nothing_shows_have_no_interval(poorly_excited):
     assert known == [False, True, False, False, False, False, False]
     assert all(np.isfinite(one.interval).all() for one in found.base_estimates)
     assert found.own_intervals[1][1, 0] < COULOMB[1] < found.own_intervals[1][1, 1]
+
+
+def test_a_held_out_run_does_not_take_part_in_its_own_prediction(well_excited):
+    """Whatever is added to the torque of one run is found again in its residual, in full."""
+    rng = np.random.default_rng(13)
+    data = measured(rng, well_excited, other_bodies(rng, BODY.parameters))
+    held = data.run == 2
+    change = np.where(held[:, None], data.regressor[:, :, 5] * 3.0, 0.0)
+    one, two = (
+        held_out(d, BASE, BODY.parameters) for d in (data, replace(data, torque=data.torque + change))
+    )
+    np.testing.assert_allclose((two.residual - one.residual)[held], change[held], atol=1e-9)
+    assert np.all(two.rmse > one.rmse)
+    assert 0.0 < one.relative < two.relative
