@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 from estimation.arm.arm_estimate import ArmEstimate, Uncertainty
 from estimation.arm.base_parameters import BaseParameters
 from estimation.arm.consistent_fit import fit_bodies
-from estimation.arm.information import Information
+from estimation.arm.information import Information, pseudo_inverse
 from estimation.arm.normal_equations import JointMoments, joint_moments, own_gains, shared_information
 from estimation.arm.prior import URDF_SPREAD
 from estimation.arm.pseudo_inertia import Divergence, nearest_bodies
@@ -117,7 +117,7 @@ def _fit(
     onto = Information(grouping.T @ said.matrix @ grouping, grouping.T @ said.vector)
     inertial = fit_bodies(onto, divergence, precision, start)
     beside = whole.vector[count:] - whole.matrix[count:, :count] @ (grouping @ inertial)
-    shared = Information(whole.matrix[count:, count:], beside).solve()
+    shared = pseudo_inverse(whole.matrix[count:, count:]) @ beside
     every = np.concatenate([grouping @ inertial, shared])[None]
     return _Fit(inertial, shared, tuple(own_gains(joint, every)[0] for joint in moments), said.matrix)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-_NO_DIRECTION = 1e-11  # of the largest eigenvalue: columns that depend on each other
+_NO_DIRECTION = 1e-13  # of the largest eigenvalue: columns that depend on each other
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,12 @@ class Information:
     def times(self, factor: float) -> "Information":
         """For normal equations that are not divided by the noise variance: times that variance."""
         return Information(factor * self.matrix, factor * self.vector)
+
+    def extended(self, count: int) -> "Information":
+        """Of as many parameters more, of which nothing is known."""
+        edges = [(0, 0)] * (self.matrix.ndim - 2)
+        matrix = np.pad(self.matrix, [*edges, (0, count), (0, count)])
+        return Information(matrix, np.pad(self.vector, [*edges, (0, count)]))
 
     def about(self, chosen: IntArray | BoolArray) -> "Information":
         """Of these parameters alone, all others at their best beside them (Schur complement).

@@ -171,7 +171,9 @@ def test_gains_that_nothing_shows_have_no_interval(poorly_excited):
         for joint, columns in enumerate(poorly_excited.own)
     ]
     data = measured(rng, poorly_excited, other_bodies(rng, BODY.parameters))
-    found = identify(replace(data, own=tuple(own)), BASE, BODY.parameters)
+    nothing = np.zeros((len(data.run), JOINTS, 1))
+    found = identify(replace(data, own=tuple(own), shared=nothing), BASE, BODY.parameters)
+    assert np.isnan(found.shared_intervals).all()
     known = [np.isfinite(intervals).all() for intervals in found.own_intervals]
     assert known == [False, True, False, False, False, False, False]
     assert all(np.isfinite(one.interval).all() for one in found.base_estimates)

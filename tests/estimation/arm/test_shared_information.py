@@ -10,6 +10,7 @@ from estimation.arm.normal_equations import (
     information_of_others,
     joint_moments,
     own_gains,
+    shared_information,
     training_sums,
 )
 from estimation.arm.prior import urdf_information
@@ -140,6 +141,20 @@ def test_own_gains_beside_shared_ones_are_those_of_the_stacked_fit(arm):
         shared = np.array([arm.stacked(used)[0] for used in training(arm)])
         expected = np.array([arm.stacked(used)[1][joint] for used in training(arm)])
         close(own_gains(arm.moments[joint], shared), expected)
+
+
+def test_what_joints_share_beside_their_masses_needs_no_prior(arm):
+    """A coupling of joints 5 and 6, in one fit of joint 5 with what the others know."""
+    rng, coupled = np.random.default_rng(8), np.zeros((len(arm.fold), JOINTS, 1))
+    coupled[:, 4, 0], coupled[:, 5, 0] = rng.normal(size=(2, len(arm.fold)))
+    columns = np.concatenate([arm.rows.regressor, coupled], axis=2)
+    torque = arm.torque + 0.5 * coupled[:, :, 0]
+    moments = [
+        joint_moments(columns[:, j], arm.own[j], torque[:, j], sigma=SIGMA[j], fold=arm.fold, folds=FOLDS)
+        for j in range(JOINTS)
+    ]
+    both = information_of_others(moments, arm.prior.extended(1))[4] + shared_information(moments[4])
+    assert both.solve()[:, -1] == pytest.approx(0.5, abs=0.01)
 
 
 def test_dependent_own_columns_do_no_harm(arm):
