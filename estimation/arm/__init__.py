@@ -1,4 +1,4 @@
-"""Parameters that belong to a whole arm, shared by all its joints in one fit; see docs/arm-identification.md."""
+"""Parameters of a whole arm, shared by all its joints in one fit; see docs/arm-identification.md."""
 
 from estimation.arm.arm_columns import payload_columns, tilt_columns
 from estimation.arm.arm_estimate import ArmEstimate
