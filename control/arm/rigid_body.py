@@ -220,6 +220,12 @@ class RigidBody:
         model.appendBodyToJoint(frame.parentJoint, load, frame.placement)
         return RigidBody(model, frame.name)
 
+    def with_gravity(self, gravity_m_s2: Sequence[float]) -> "RigidBody":
+        """The same arm where gravity is another: shape (3,), in the axes of the root link [m/s^2]."""
+        model = self._model.copy()
+        model.gravity.linear = frozen_array(gravity_m_s2, (3,), what="gravity")
+        return RigidBody(model, model.frames[self._tip].name)
+
     def forward_dynamics(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, torque_nm: FloatArray
     ) -> FloatArray:

@@ -4,25 +4,25 @@ from typing import ClassVar
 
 import numpy as np
 
+from estimation.arm.base_parameters import inertial_name, inertial_unit
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
-
-_NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-_UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 
 
 class RigidBodyFitted(AdditiveEffect):
     """torque = Y(q, v, a) pi; the signal `rigid_body_regressor`; and J^T F where the tip presses.
 
+    The gains are base parameters of the whole arm: of one name in all its joints, they are one parameter.
+
     Args:
-        chosen: columns of the regressor that are independent of each other, ten a link (see
-            `control.arm.rigid_body.RigidBody.regressor`); what the others would add, these take over.
+        chosen: columns of the regressor, ten a link (`control.arm.rigid_body.RigidBody.regressor`), of the
+            arm's base parameters that the joint feels (`estimation.arm.base_parameters`).
     """
 
     name = "rigid_body_fitted"
     physics = "Inertia, Coriolis forces and weight of the links load the joint, by as much as the data say."
-    equation = "tau = Y(q, v, a) pi, row of the joint, base parameters only"
+    equation = "tau = Y(q, v, a) pi, row of the joint, pi the base parameters of the arm"
     source = (
         "C. G. Atkeson, C. H. An, J. M. Hollerbach, IJRR 5(3) (1986); M. Gautier, J. Robotic "
         "Systems 8 (1991): numerical calculation of the base inertial parameters"
@@ -38,8 +38,7 @@ class RigidBodyFitted(AdditiveEffect):
     def __init__(self, chosen: tuple[int, ...] = ()) -> None:
         self._chosen = list(chosen)
         self.gains = tuple(  # type: ignore[misc]  # how many there are depends on the arm
-            Parameter(f"link{i // 10 + 1}_{_NAMES[i % 10]}", _UNITS[i % 10], -1e3, 1e3, (-5.0, 5.0))
-            for i in chosen
+            Parameter(inertial_name(i), inertial_unit(i), -1e3, 1e3, (-5.0, 5.0)) for i in chosen
         )
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

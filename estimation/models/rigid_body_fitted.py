@@ -1,16 +1,17 @@
 """An arm whose masses are found from the data."""
 
+from estimation.arm.base_parameters import base_parameters
 from estimation.base_model import BaseModel, ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effects.rigid_body_fitted import RigidBodyFitted
 from estimation.effects.viscous_friction import ViscousFriction
 from estimation.model import Model
-from estimation.models.arm import arm_of, base_columns
+from estimation.models.arm import arm_of
 from estimation.signals.arm_signals import with_rigid_body
 
 
 class RigidBodyFittedModel(BaseModel):
-    """tau = Y(q, v, a) pi + d v, with the joint's base parameters pi."""
+    """tau = Y(q, v, a) pi + d v, with the arm's base parameters pi, as far as the joint feels them."""
 
     name = "rigid_body_fitted"
     physics = "The links' masses, found from the data, and viscous friction load the joint."
@@ -19,8 +20,9 @@ class RigidBodyFittedModel(BaseModel):
 
     def build(self, context: ModelContext) -> Model:
         """See `BaseModel.build`."""
-        effect = RigidBodyFitted(base_columns(*arm_of(context, self.name)))
-        return Model(self.name, (effect, ViscousFriction()))
+        body, joint = arm_of(context, self.name)
+        felt = base_parameters(body).felt_columns(joint)
+        return Model(self.name, (RigidBodyFitted(tuple(felt.tolist())), ViscousFriction()))
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
         """See `BaseModel.prepare`."""

@@ -1,0 +1,92 @@
+"""What of an arm's ten parameters a link the joint torques can show at all.
+
+Some parameters act on no joint, others only in fixed combinations. The base parameters are the smallest set
+that gives every torque: M. Gautier, J. Robotic Systems 8(4) (1991). They are the same for all joints of the
+arm.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from control.arm.rigid_body import PARAMETERS_PER_LINK, RigidBody
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+_POSTURES = 200
+_INDEPENDENT = (
+    1e-6  # of its length, what must be left of a column beside those before it; axes in URDFs are rounded
+)
+_NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+_UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """The base parameters of an arm: torque = Y phi = Y[:, columns] @ (grouping @ phi).
+
+    Each is one parameter phi_i of a link, i in `columns`, with what other parameters add to it, whose
+    columns of Y are sums of these. From the base outwards the first of several equivalent ones is taken, so
+    that a link's mass and what it shares with the link before are counted there, as in W. Khalil, E. Dombre
+    (2002), ch. 9.
+
+    Attributes:
+        columns: of the regressor (see `control.arm.rigid_body.RigidBody.regressor`), ascending, shape (b,).
+        grouping: shape (b, 10 links).
+        felt: joints whose torque depends on each, shape (joints, b).
+    """
+
+    columns: IntArray
+    grouping: FloatArray
+    felt: BoolArray
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Such as "link2_Izz", in the order of `columns`."""
+        return tuple(inertial_name(int(i)) for i in self.columns)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """In the order of `columns`."""
+        return tuple(inertial_unit(int(i)) for i in self.columns)
+
+    def felt_columns(self, joint: int) -> IntArray:
+        """Those of `columns` on which the torque of a joint (from 0) depends."""
+        return np.asarray(self.columns[self.felt[joint]])
+
+
+def inertial_name(column: int) -> str:
+    """Of the parameter that belongs to a column of the regressor, such as "link2_Izz"."""
+    return f"link{column // PARAMETERS_PER_LINK + 1}_{_NAMES[column % PARAMETERS_PER_LINK]}"
+
+
+def inertial_unit(column: int) -> str:
+    """Of the parameter that belongs to a column of the regressor."""
+    return _UNITS[column % PARAMETERS_PER_LINK]
+
+
+def base_parameters(body: RigidBody) -> BaseParameters:
+    """The base parameters of an arm, whatever its motion: from random postures, speeds and accelerations."""
+    rng = np.random.default_rng(0)
+    motions = rng.uniform(-2.0, 2.0, (_POSTURES, 3, body.joint_count))
+    regressor = np.array([body.regressor(*motion) for motion in motions])
+    rows = regressor.reshape(-1, regressor.shape[2])
+    columns = _independent(rows)
+    grouping = np.linalg.lstsq(rows[:, columns], rows, rcond=None)[0]
+    grouping[np.abs(grouping) < _INDEPENDENT] = 0.0
+    size = np.abs(regressor[:, :, columns]).max(axis=0)
+    return BaseParameters(columns, grouping, size > _INDEPENDENT * size.max(axis=0))
+
+
+def _independent(rows: FloatArray) -> IntArray:
+    """Columns that are not sums of those before them (Gram-Schmidt, each projection done twice)."""
+    lengths = np.linalg.norm(rows, axis=0)
+    least = _INDEPENDENT * np.maximum(lengths, 1e-3 * lengths.max())
+    basis, chosen = np.zeros((len(rows), 0)), []
+    for index, column in enumerate(rows.T):
+        left = column - basis @ (basis.T @ column)
+        left -= basis @ (basis.T @ left)
+        length = np.linalg.norm(left)
+        if length > least[index]:
+            chosen.append(index)
+            basis = np.column_stack([basis, left / length])
+    return np.array(chosen, dtype=np.int64)
