@@ -10,7 +10,9 @@ _LEAST_WAVES = 1.5  # within the range of motion; less of a wave could be any cu
 _LEAST_SHARE = 0.01  # of what is left, that one more wave must explain
 _BINS = 16384
 _PER_BIN = 4  # bins that the shortest wave must have
+_APART = 1.3  # waves within the range, by which two differ at least: a swing within one broadens it
 _FINER = 8  # of the spacing of independent waves
+_NEARLY_ALL = 0.75
 _MOST_PARTS = 120  # of the strongest wave, of which all are multiples
 
 
@@ -30,7 +32,7 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     left, waves = _plain(data), list[float]()
     base = left
     while len(waves) < _MOST_WAVES:
-        strongest = _strongest(data.position, left, span)
+        strongest = _strongest(data.position, left, span, waves)
         after = _without(data.position, base, [*waves, strongest])
         if np.sum(after**2) > (1.0 - _LEAST_SHARE) * np.sum(left**2):
             break
@@ -49,17 +51,20 @@ def _plain(data: ChannelData) -> FloatArray:
     return np.asarray(data.effort - columns @ gains)
 
 
-def _strongest(position: FloatArray, left: FloatArray, span: float) -> float:
-    """Wave number of the largest peak of the spectrum over position."""
+def _strongest(position: FloatArray, left: FloatArray, span: float, known: list[float]) -> float:
+    """Wave number of the largest peak of the spectrum over position, apart from those that are known."""
     place = ((position - position.min()) / span * (_BINS - 1)).astype(np.int64)
     count = np.bincount(place, minlength=_BINS)
     total = np.bincount(place, weights=left, minlength=_BINS)
     mean = np.where(count > 0, total / np.maximum(count, 1), 0.0)
     height = np.abs(np.fft.rfft(mean, _FINER * _BINS))
-    waves = np.arange(len(height)) / _FINER * (_BINS - 1) / _BINS
-    filled = min(int(np.count_nonzero(count)), _BINS)
-    height[(waves < _LEAST_WAVES) | (waves > filled / _PER_BIN)] = 0.0
-    return float(waves[np.argmax(height)] * 2.0 * np.pi / span)
+    waves = np.arange(len(height)) / _FINER * (_BINS - 1) / _BINS  # within the span
+    height[(waves < _LEAST_WAVES) | (waves > np.count_nonzero(count) / _PER_BIN)] = 0.0
+    for wave in known:
+        height[np.abs(waves - wave * span / (2.0 * np.pi)) < _APART] = 0.0
+    about = waves[np.argmax(height)] + np.linspace(-1.0, 1.0, 41) / _FINER
+    angle = np.multiply.outer(np.arange(_BINS) / (_BINS - 1), 2j * np.pi * about)
+    return float(about[np.argmax(np.abs(mean @ np.exp(-angle)))] * 2.0 * np.pi / span)
 
 
 def _without(position: FloatArray, signal: FloatArray, waves: list[float]) -> FloatArray:
@@ -69,12 +74,15 @@ def _without(position: FloatArray, signal: FloatArray, waves: list[float]) -> Fl
 
 
 def _common(waves: list[float], apart: float) -> tuple[float, tuple[int, ...]]:
-    """The largest wave number of which all are multiples, within a third of what can be told apart."""
-    if not waves:
-        return 0.0, ()
+    """The largest wave number of which nearly all are multiples, and these; the others are left out.
+
+    Multiples are as exact as a fifth of what can be told apart. Waves of no pattern remain of what was taken
+    off first, or of a pattern that changes slowly along the way.
+    """
     found = np.array(waves)
-    for parts in range(1, _MOST_PARTS + 1):
+    for parts in range(1, _MOST_PARTS + 1) if waves else ():
         multiples = np.round(found * parts / found[0])
-        if (np.abs(found - multiples * found[0] / parts) < apart / 3.0).all() and multiples.min() > 0:
-            break
-    return float(found[0] / parts), tuple(sorted({int(m) for m in multiples}))
+        fits = (np.abs(found - multiples * found[0] / parts) < apart / 5.0) & (multiples > 0)
+        if np.mean(fits) >= _NEARLY_ALL:
+            return float(found[0] / parts), tuple(sorted({int(m) for m in multiples[fits]}))
+    return 0.0, ()
