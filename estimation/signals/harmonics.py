@@ -3,11 +3,13 @@
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.signals.blocks import places
 from robot_io.types import FloatArray
 
-_MOST_WAVES = 10
+_MOST_WAVES = 12  # that are tried
 _LEAST_WAVES = 1.5  # within the range of motion; less of a wave could be any curve
-_LEAST_SHARE = 0.01  # of what is left, that one more wave must explain
+_LEAST_SHARE = 0.02  # of what is left, that one more wave must explain
+_APART_IN_HALVES = 0.8  # of its size, by which a wave may differ between two halves of the data
 _BINS = 16384
 _PER_BIN = 4  # bins that the shortest wave must have
 _APART = 1.3  # waves within the range, by which two differ at least: a swing within one broadens it
@@ -20,8 +22,9 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     """The wave number n [1/position] and the multiples of it of which an effort is made.
 
     What simple motion explains is taken off first. Then the strongest wave is taken, all those found are
-    fitted together, and so on, as long as a wave explains 1 % of what is left (orthogonal matching pursuit,
-    Pati et al. 1993). Which waves a channel has is chosen on all its runs; how large they are is for the fit.
+    fitted together, and so on, as long as a wave explains 2 % of what is left (orthogonal matching pursuit,
+    Pati et al. 1993); one that differs between two halves of the data is passed over. Which waves a channel
+    has is chosen on all its runs; how large they are is for the fit.
 
     Returns:
         n, and multiples in ascending order; (0, ()) where nothing ripples.
@@ -29,15 +32,16 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     span = float(np.ptp(data.position))
     if span == 0.0:
         return 0.0, ()
-    left, waves = _plain(data), list[float]()
-    base = left
-    while len(waves) < _MOST_WAVES:
-        strongest = _strongest(data.position, left, span, waves)
-        after = _without(data.position, base, [*waves, strongest])
+    left = base = _plain(data)
+    waves, tried = list[float](), list[float]()
+    for _ in range(_MOST_WAVES):
+        tried.append(_strongest(data.position, left, span, tried))
+        after = _without(data.position, base, [*waves, tried[-1]])
         if np.sum(after**2) > (1.0 - _LEAST_SHARE) * np.sum(left**2):
             break
-        waves.append(strongest)
-        left = after
+        if _is_in_both_halves(data, left, tried[-1]):
+            waves.append(tried[-1])
+            left = after
     return _common(waves, 2.0 * np.pi / span)
 
 
@@ -71,6 +75,18 @@ def _without(position: FloatArray, signal: FloatArray, waves: list[float]) -> Fl
     angle = np.multiply.outer(position, np.array(waves))
     columns = np.hstack([np.sin(angle), np.cos(angle)])
     return np.asarray(signal - columns @ np.linalg.lstsq(columns, signal, rcond=None)[0])
+
+
+def _is_in_both_halves(data: ChannelData, left: FloatArray, wave: float) -> bool:
+    """Whether every other run, or each half of a single one, has this wave as the others have it."""
+    starts, piece = places(data.run)
+    half = piece % 2 if len(starts) > 1 else np.arange(len(left)) * 2 // len(left)
+    columns = np.column_stack([np.sin(wave * data.position), np.cos(wave * data.position)])
+    one, other = (
+        np.linalg.lstsq(columns[half == side], left[half == side], rcond=None)[0] for side in (0, 1)
+    )
+    apart, size = np.linalg.norm(one - other), 0.5 * np.linalg.norm(one + other)
+    return bool(apart <= _APART_IN_HALVES * size)
 
 
 def _common(waves: list[float], apart: float) -> tuple[float, tuple[int, ...]]:
