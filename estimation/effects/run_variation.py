@@ -32,7 +32,7 @@ class RunVariation(SensorEffect):
     compared with one without, since their own effort has been used; `spread` is for the report.
     """
 
-    signals = ("recorded",)
+    signals: ClassVar[tuple[str, ...]] = ("recorded",)
     channels = frozenset(ChannelKind)
     linear = False
     inner: ClassVar[tuple[Parameter, ...]] = (Parameter("share", "1", 0.0, 1.0, (0.2, 1.0)),)
@@ -64,7 +64,8 @@ class RunVariation(SensorEffect):
 
     def spread(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """Standard deviation of the values from run to run, shape (k,), noise of the first part taken off."""
-        return np.sqrt(inner["share"] * np.mean(self.values(effort, data, inner) ** 2, axis=0))
+        own = self.values(effort, data, inner)
+        return np.asarray(np.sqrt(inner["share"] * np.mean(own**2, axis=0)))
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.sense`."""
