@@ -11,6 +11,7 @@ from estimation.signals.blocks import places
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _TELLING = 0.25  # of a run's samples, from its start, that tell the run's own value
+_FEWEST_RUNS = 3
 _SINGULAR = 1e-10
 
 
@@ -40,6 +41,10 @@ class RunVariation(SensorEffect):
     @abstractmethod
     def basis(self, data: ChannelData, inner: Inner) -> FloatArray:
         """What a run's own values multiply, shape (n, k)."""
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`; fewer runs than three say nothing of how runs vary."""
+        return super().applies_to(data) and len(data.runs) >= _FEWEST_RUNS
 
     def told(self, data: ChannelData) -> BoolArray:
         """Samples that tell their run's own values, shape (n,)."""

@@ -10,12 +10,13 @@ _MOST_WAVES = 12  # that are tried
 _LEAST_WAVES = 1.5  # within the range of motion; less of a wave could be any curve
 _LEAST_SHARE = 0.02  # of what is left, that one more wave must explain
 _APART_IN_HALVES = 0.8  # of its size, by which a wave may differ between two halves of the data
+_MOST_SAMPLES = 30_000  # more are thinned out evenly
 _BINS = 16384
 _PER_BIN = 4  # bins that the shortest wave must have
 _APART = 1.3  # waves within the range, by which two differ at least: a swing within one broadens it
 _FINER = 8  # of the spacing of independent waves
 _NEARLY_ALL = 0.75
-_MOST_PARTS = 120  # of the strongest wave, of which all are multiples
+_LEAST_PERIODS = 2.0  # of the pattern within the range; less may be any smooth law
 
 
 def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
@@ -32,6 +33,7 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     span = float(np.ptp(data.position))
     if span == 0.0:
         return 0.0, ()
+    data = data.select(np.arange(0, len(data), -(-len(data) // _MOST_SAMPLES)))
     left = base = _plain(data)
     waves, tried = list[float](), list[float]()
     for _ in range(_MOST_WAVES):
@@ -96,7 +98,8 @@ def _common(waves: list[float], apart: float) -> tuple[float, tuple[int, ...]]:
     off first, or of a pattern that changes slowly along the way.
     """
     found = np.array(waves)
-    for parts in range(1, _MOST_PARTS + 1) if waves else ():
+    most = int(found[0] / (_LEAST_PERIODS * apart)) if waves else 0
+    for parts in range(1, most + 1):
         multiples = np.round(found * parts / found[0])
         fits = (np.abs(found - multiples * found[0] / parts) < apart / 5.0) & (multiples > 0)
         if np.mean(fits) >= _NEARLY_ALL:
