@@ -70,15 +70,20 @@ def main() -> None:
         ProcessPoolExecutor(options.processes, spawn, initializer=threadpool_limits, initargs=(1,)) as pool,
         options.out.open("w") if options.out else nullcontext() as out,
     ):
-        for task in as_completed([pool.submit(run, job, options.seed) for job in jobs]):
-            outcome = task.result()
-            if outcome is None:
-                continue
-            outcomes.append(outcome)
-            print(outcome.line(), flush=True)
-            if out:
-                out.write(outcome.record() + "\n")
-                out.flush()
+        tasks = [pool.submit(run, job, options.seed) for job in jobs]
+        try:
+            for task in as_completed(tasks):
+                outcome = task.result()
+                if outcome is None:
+                    continue
+                outcomes.append(outcome)
+                print(outcome.line(), flush=True)
+                if out:
+                    out.write(outcome.record() + "\n")
+                    out.flush()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)  # else the rest is run before the error is shown
+            raise
     outcomes.sort(key=lambda outcome: outcome.job.number)
     print(f"\n{len(jobs) - len(outcomes)} of {len(jobs)} cases cannot be hidden in any world drawn")
     print(f"\n{by_effect(outcomes)}\n\n{table(outcomes)}")

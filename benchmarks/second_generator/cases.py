@@ -278,7 +278,7 @@ def _truth(world: World, job: Job, hidden: list[Hidden]) -> dict[str, float]:
     for name, effect in zip(job.hidden, hidden, strict=True):
         own = {f"{name.split(' (')[0]}.{key}": value for key, value in (effect.truth or {}).items()}
         truth |= own
-    return truth
+    return {key: float(value) for key, value in truth.items()}
 
 
 # the second joint stands still and carries nothing: arms have more than one
