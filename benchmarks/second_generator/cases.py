@@ -197,7 +197,9 @@ class _Reader:
         w, m = self.world, self.world.motion
         x, v, a = (self.sampled(signal) for signal in (m.x, m.v, m.a))
         if w.kind == "contact":
-            missed = w.law["k"] * (np.maximum(read, 0.0) - np.maximum(x, 0.0))
+            # near the surface a step decides whether there is contact at all, and a damper pushes at once
+            push = w.law["c"] * v * ((read > 0.0).astype(float) - (x > 0.0))
+            missed = w.law["k"] * (np.maximum(read, 0.0) - np.maximum(x, 0.0)) + push
         else:
             derived = [
                 readings.best_derivative(read, true, self.reading.rate_hz, self.run, order)
