@@ -200,6 +200,9 @@ class _Reader:
             # near the surface a step decides whether there is contact at all, and a damper pushes at once
             push = w.law["c"] * v * ((read > 0.0).astype(float) - (x > 0.0))
             missed = w.law["k"] * (np.maximum(read, 0.0) - np.maximum(x, 0.0)) + push
+            if self.reading.velocity != "given":
+                derived = readings.best_derivative(read, v, self.reading.rate_hz, self.run, 1)
+                missed = missed + w.law["c"] * (derived - v) * (x > 0.0)
         else:
             derived = [
                 readings.best_derivative(read, true, self.reading.rate_hz, self.run, order)
