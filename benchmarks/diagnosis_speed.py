@@ -1,4 +1,4 @@
-"""How long a diagnosis takes: a short session, and one of a minute with all joints, on all processors.
+"""How long a diagnosis takes: a short session, a minute with all joints, a long joint, many short runs.
 
     OPENBLAS_NUM_THREADS=1 python benchmarks/diagnosis_speed.py
 
@@ -13,9 +13,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from synthetic.scene import Scene, make
 
 from control.probing.plan import ProbingPlan
+from estimation.base_model import ModelContext
+from estimation.channel import ChannelData, ChannelKind
+from estimation.diagnosis import diagnose
 from estimation.diagnosis.search.library import library
+from estimation.models import MODELS
 from palpate.arm.probing_run import ProbingJob, run_probing
 from palpate.arm.robots import DEFAULT, find_robot
 from palpate.findings.estimation_run import load_material
@@ -76,8 +81,38 @@ def diagnosed(path: Path, channel: str) -> str:
     return f"{span_s:.0f} s of data: {', '.join(told)}"
 
 
+def long_joint() -> ChannelData:
+    """One joint with 50,000 samples and Coulomb friction at ten times the noise."""
+    made = make(Scene(ChannelKind.REVOLUTE, {"coulomb_friction": 10.0}))
+    if made is None:
+        raise SystemExit("no such friction can be hidden")
+    return made.data.select(np.arange(50_000))
+
+
+def short_runs(count: int = 2000, length: int = 25) -> ChannelData:
+    """Many short presses of one object that stiffens, at 100 Hz."""
+    rng = np.random.default_rng(0)
+    phase = np.tile(np.linspace(0.0, np.pi, length), count)
+    deep = np.repeat(rng.uniform(0.002, 0.01, count), length)
+    w = np.pi / (length * 0.01)
+    x, v, a = deep * np.sin(phase), deep * w * np.cos(phase), -deep * w**2 * np.sin(phase)
+    force = np.maximum(800.0 * x + 10.0 * v + 4e6 * x**3, 0.0) + 0.02 * rng.standard_normal(len(x))
+    run = np.repeat(np.arange(count), length)
+    time_s = 0.01 * np.arange(len(x)) + run
+    return ChannelData("contact", ChannelKind.CONTACT, time_s, x, v, a, force, run, np.full(len(x), -1))
+
+
+def directly(data: ChannelData, model: str) -> str:
+    """Diagnose a channel without a session around it."""
+    built = MODELS[model]().build(ModelContext())
+    (found,) = diagnose(data, built, rng=np.random.default_rng(0)).channels
+    return f"{len(data)} samples: {' + '.join(one.effect for one in found.accepted) or found.verdict.value}"
+
+
 def main() -> None:
     """Measure all."""
+    timed("one joint, 50,000 samples", lambda: directly(long_joint(), "pendulum"))
+    timed("2,000 short runs", lambda: directly(short_runs(), "kelvin_voigt"))
     with TemporaryDirectory() as folder:
         for name, hidden in (("nothing", []), ("one effect", ONE)):
             path = probed(Path(folder) / f"{name}.mcap", hidden, repeats=1)

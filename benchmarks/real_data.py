@@ -72,7 +72,7 @@ def judge(recording: str, found: ChannelDiagnosis, expected: Expected, seconds: 
         rmse=(found.baseline.rmse, found.final.rmse) if found.baseline and found.final else None,
         floor=found.noise_floor,
         complete=getattr(found, "complete", None),
-        depends_on=list(getattr(remaining, "depends_on", found.depends_on)),
+        depends_on=list(getattr(remaining, "depends_on", getattr(found, "depends_on", []))),
         ladder=expected.ladder,
         said=expected.said,
         control=expected.is_control,

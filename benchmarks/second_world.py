@@ -1,7 +1,7 @@
 """Judges the diagnosis on cases from a second world, whose author had read only the vocabulary.
 
     python benchmarks/second_world.py [--sample N] [--seed S] [--kind contact|revolute] [--processes 2]
-                                      [--case NUMBER] [--out FILE]
+                                      [--case NUMBER] [--out FILE [--resume]]
     python benchmarks/second_world.py --table FILE | --compare BEFORE AFTER
 
 Some 250 cases: nothing hidden, one effect at 3, 10 or 30 floors, two effects, and laws outside the
@@ -51,6 +51,7 @@ def main() -> None:
     parser.add_argument("--case", type=int, help="this one only")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--out", type=Path, help="JSON lines")
+    parser.add_argument("--resume", action="store_true", help="leave out what --out holds already")
     parser.add_argument("--compare", type=Path, nargs=2, metavar=("BEFORE", "AFTER"))
     parser.add_argument("--table", type=Path, metavar="FILE")
     options = parser.parse_args()
@@ -64,21 +65,28 @@ def main() -> None:
     jobs = [job for job in grid() if options.kind in (None, job.kind)][: options.sample]
     if options.case is not None:
         jobs = [job for job in grid() if job.number == options.case]
+    outcomes = read(options.out) if options.resume and options.out.exists() else []
+    done = {(outcome.seed, outcome.job.number) for outcome in outcomes}
+    tasked = [job for job in jobs if (options.seed, job.number) not in done]
     spawn = multiprocessing.get_context("spawn")
-    outcomes = []
     with (
         ProcessPoolExecutor(options.processes, spawn, initializer=threadpool_limits, initargs=(1,)) as pool,
-        options.out.open("w") if options.out else nullcontext() as out,
+        options.out.open("a" if options.resume else "w") if options.out else nullcontext() as out,
     ):
-        for task in as_completed([pool.submit(run, job, options.seed) for job in jobs]):
-            outcome = task.result()
-            if outcome is None:
-                continue
-            outcomes.append(outcome)
-            print(outcome.line(), flush=True)
-            if out:
-                out.write(outcome.record() + "\n")
-                out.flush()
+        tasks = [pool.submit(run, job, options.seed) for job in tasked]
+        try:
+            for task in as_completed(tasks):
+                outcome = task.result()
+                if outcome is None:
+                    continue
+                outcomes.append(outcome)
+                print(outcome.line(), flush=True)
+                if out:
+                    out.write(outcome.record() + "\n")
+                    out.flush()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)  # else the rest is run before the error is shown
+            raise
     outcomes.sort(key=lambda outcome: outcome.job.number)
     print(f"\n{len(jobs) - len(outcomes)} of {len(jobs)} cases cannot be hidden in any world drawn")
     print(f"\n{by_effect(outcomes)}\n\n{table(outcomes)}")

@@ -9,21 +9,19 @@ from estimation.channel import ChannelData, ChannelKind
 from .read import channel, rows
 
 MUSCLES = ("relaxed", "calcium_pCa4.4", "relaxed_mava_set", "calcium_pCa4.4_mava_set")
-_DENSE = 160  # samples of a curve of which each counts; of its hold then every fourth
 
 
 def afm_cell(folder: Path) -> ChannelData:
-    """Approach and hold of all curves on one cell; the retract apart, as its README does."""
+    """Approach and hold of all curves on one cell, evenly sampled; the retract apart, as its README does.
+
+    The README's errors count only every fourth sample of the later hold, so they weigh the approach more.
+    """
     runs: dict[str, list[dict[str, str]]] = {}
     for row in rows(folder / "runs.csv.gz"):
         runs.setdefault(row["run"], []).append(row)
     parts = []
     for number, run in enumerate(runs.values()):
-        kept = [
-            row
-            for j, row in enumerate(run)
-            if row["phase"] == "approach" or (row["phase"] == "hold" and (j < _DENSE or j % 4 == 0))
-        ]
+        kept = [row for row in run if row["phase"] in ("approach", "hold")]
         t, x, force = _signals(kept)
         parts.append(_part(t + 100.0 * number, x, force))
     return channel(ChannelKind.CONTACT, parts, "contact")

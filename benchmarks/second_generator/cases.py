@@ -197,7 +197,12 @@ class _Reader:
         w, m = self.world, self.world.motion
         x, v, a = (self.sampled(signal) for signal in (m.x, m.v, m.a))
         if w.kind == "contact":
-            missed = w.law["k"] * (np.maximum(read, 0.0) - np.maximum(x, 0.0))
+            # near the surface a step decides whether there is contact at all, and a damper pushes at once
+            push = w.law["c"] * v * ((read > 0.0).astype(float) - (x > 0.0))
+            missed = w.law["k"] * (np.maximum(read, 0.0) - np.maximum(x, 0.0)) + push
+            if self.reading.velocity != "given":
+                derived = readings.best_derivative(read, v, self.reading.rate_hz, self.run, 1)
+                missed = missed + w.law["c"] * (derived - v) * (x > 0.0)
         else:
             derived = [
                 readings.best_derivative(read, true, self.reading.rate_hz, self.run, order)
@@ -278,7 +283,7 @@ def _truth(world: World, job: Job, hidden: list[Hidden]) -> dict[str, float]:
     for name, effect in zip(job.hidden, hidden, strict=True):
         own = {f"{name.split(' (')[0]}.{key}": value for key, value in (effect.truth or {}).items()}
         truth |= own
-    return truth
+    return {key: float(value) for key, value in truth.items()}
 
 
 # the second joint stands still and carries nothing: arms have more than one

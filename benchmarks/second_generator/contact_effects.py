@@ -101,9 +101,18 @@ def contact_offset(w: World, s: float, u: Array) -> Hidden:
 
 
 def tool_compliance(w: World, s: float, u: Array) -> Hidden:
-    """The tool gives: its deflection is read as depth."""
-    share = 2 * s / w.law["k"]
-    return Hidden(moves=lambda f: f * share, truth={"compliance": share})
+    """The tool gives: its deflection is read as depth.
+
+    k z + c z' = (x - z) / compliance while pressed, z the object's depth.
+    """
+    compliance, k, c, dt = 2 * s / w.law["k"], w.law["k"], w.law["c"], 1 / FINE_HZ
+    z, depth = 0.0, np.zeros(len(w.motion.x))
+    for i, x in enumerate(w.motion.x.tolist()):
+        z = (c * z / dt + x / compliance) / (c / dt + k + 1 / compliance) if x > 0.0 else x
+        depth[i] = z
+    force = np.maximum(w.motion.x - depth, 0.0) / compliance
+    push = k * w.pressed + c * w.motion.v * w.touching
+    return Hidden(adds=force - push, one_sided=True, truth={"compliance": compliance})
 
 
 CONTACT: dict[str, Effect] = {

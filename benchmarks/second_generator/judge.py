@@ -111,6 +111,7 @@ def from_record(line: str) -> Outcome:
     """An outcome back from its line of JSON."""
     found = json.loads(line)
     found["job"] = Job(**found["job"] | {"hidden": tuple(found["job"]["hidden"])})
+    found["rmse"] = found["rmse"] and tuple(found["rmse"])
     found["intervals"] = [
         Interval(**{key: value for key, value in one.items() if key != "holds"}) for one in found["intervals"]
     ]

@@ -21,13 +21,13 @@ def drift(w: World, s: float, u: Array) -> Hidden:
 
 def lag(w: World, s: float, u: Array) -> Hidden:
     """A first-order low-pass."""
-    tau = 0.5 * s
+    tau = 0.2 * s
     return Hidden(senses=lambda f: w.filtered(f, tau), truth={"tau": tau})
 
 
 def delay(w: World, s: float, u: Array) -> Hidden:
     """Everything comes later."""
-    late = 0.3 * s
+    late = 0.1 * s
     return Hidden(senses=lambda f: w.later(f, late), truth={"time": late})
 
 

@@ -164,7 +164,7 @@ def not_mimicked(world: World, hidden: Iterable[Hidden]) -> float:
     columns = seen.columns[rows]
     norm = np.linalg.norm(columns, axis=0)
     columns = columns / np.where(norm > 0, norm, 1.0)
-    rest = effort[rows] if seen.base != "rigid_body" else effort[rows] - seen.plain[rows]
+    rest = effort[rows] - seen.plain[rows]  # an object lets go before its damper pulls: no column has that
     found = np.linalg.lstsq(columns, rest, rcond=None)[0]
     return float(np.sqrt(np.mean((rest - columns @ found) ** 2)))
 

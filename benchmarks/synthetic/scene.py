@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from synthetic import contact, joint
-from synthetic.motion import Motion, measured, presses, swings
+from synthetic.motion import Motion, measured, presses
 from synthetic.noise import coloured
 from synthetic.sensors import FAULTS
 from synthetic.truth import OF_THE_JOINT, Facts, of_effect
-from synthetic.ways import WAYS, Way, derived, imported, steps_seen
+from synthetic.ways import WAYS, Way, derived, imported, steps_seen, usual_swings
 
 from estimation.channel import ChannelData, ChannelKind
 
@@ -68,7 +68,7 @@ def make(scene: Scene) -> Made | None:
     """The session, or None where an effect cannot reach its strength at any size."""
     rng = np.random.default_rng(scene.seed)
     touching = scene.kind is ChannelKind.CONTACT
-    way = WAYS[scene.kind].get(scene.way, Way(presses if touching else swings))
+    way = WAYS[scene.kind].get(scene.way, Way(presses if touching else usual_swings))
     k, c = 10.0 ** rng.uniform(*way.stiffness), rng.uniform(5.0, 30.0)
     motion = way.motion(rng, 10.0 / k if touching else 1.0)
     seen_x = steps_seen(way, motion.x, FLOOR[scene.kind] / k, np.random.default_rng([scene.seed, 1]))

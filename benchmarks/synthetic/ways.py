@@ -107,7 +107,8 @@ def sweeps(rng: np.random.Generator, size: float) -> Motion:
     return assemble(paths)
 
 
-def _swings(rng: np.random.Generator, size: float) -> Motion:
+def usual_swings(rng: np.random.Generator, size: float) -> Motion:
+    """Swings of several frequencies, other in each of six runs."""
     return swings(rng, size=size)
 
 
@@ -121,9 +122,9 @@ WAYS: dict[ChannelKind, dict[str, Way]] = {
         "hand-guided": Way(guided_presses, steps_to_noise=(0.1, 1.0), gives_velocity=False),
     },
     ChannelKind.REVOLUTE: {
-        "4096 a turn": Way(_swings, per_turn=4096),
-        "4096, no velocity": Way(_swings, per_turn=4096, gives_velocity=False),
-        "no velocity given": Way(_swings, per_turn=2**17, gives_velocity=False),
+        "4096 a turn": Way(usual_swings, per_turn=4096),
+        "4096, no velocity": Way(usual_swings, per_turn=4096, gives_velocity=False),
+        "no velocity given": Way(usual_swings, per_turn=2**17, gives_velocity=False),
         "moves and rests": Way(moves, per_turn=2**17),
         "chirp": Way(sweeps, per_turn=2**17),
     },

@@ -25,6 +25,8 @@ class Backlash(MotionEffect):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     inner = (Parameter("gap", "{position}", 1e-07, 10.0, (0.0001, 0.1), log=True),)
     confused_with: ClassVar[dict[str, str]] = {
+        "presliding_friction": "reverse slowly: friction changes sign, through a gap effort is nothing",
+        "loaded_backlash": "reverse the motion with the load to one side: the link then stays on its flank",
         "hysteresis": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
         "coulomb_friction": "reverse slowly",
         "joint_elasticity": "press against a stop: a spring yields in proportion, a gap by a fixed amount",

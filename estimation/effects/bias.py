@@ -22,6 +22,7 @@ class Bias(AdditiveEffect):
     one_sided = False
     gains = (Parameter("offset", "{effort}", -1e9, 1e9, (-1.0, 1.0)),)
     confused_with: ClassVar[dict[str, str]] = {
+        "run_offset": "record more runs: a bias is the same in all",
         "contact_offset": "record free air: a bias is there too",
         "gravity_tilt": "judge all joints together: a tilt is in all of them; or move over a wide range",
         "payload": "judge all joints together: a payload is in all of them; or change the posture",

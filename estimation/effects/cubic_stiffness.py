@@ -26,6 +26,8 @@ class CubicStiffness(AdditiveEffect):
     )
     elastic = ("k3",)
     confused_with: ClassVar[dict[str, str]] = {
+        "exponential_stiffness": "press deeper: an exponential soon outgrows a cubic",
+        "power_law_stiffness": "press deeper: a power law and a cubic part ways",
         "hunt_crossley": "press deeper: a power law and a cubic part ways",
         "layered_stiffness": "press deeper: a layer has a kink where the slope jumps, a cubic has none",
     }

@@ -11,7 +11,10 @@ from robot_io.types import FloatArray
 
 
 class Delay(SensorEffect):
-    """reading(t) = effort(t - T); T < 0 where it is the motion that is reported late."""
+    """reading(t) = effort(t - T); T < 0 where it is the motion that is reported late.
+
+    Also by a part of a sample, such as between converters that take turns: see `shift`.
+    """
 
     name = "delay"
     physics = "Conversion, bus and buffers hold every reading back by the same time."

@@ -29,6 +29,7 @@ class DryFriction(AdditiveEffect):
     gains = (Parameter("force", "{effort}", 0.0, 1000.0, (0.05, 5.0)),)
     inner = (Parameter("presliding", "{position}", 1e-07, 0.01, (1e-06, 0.001), log=True),)
     confused_with: ClassVar[dict[str, str]] = {
+        "bouc_wen_hysteresis": "reverse half way: the curves of Dahl's friction are exponentials",
         "damping": "probe at two speeds: friction does not grow with speed",
         "hysteresis": "press a spring alone: the sensor keeps its hysteresis there",
         "adhesion": "retract slowly beyond the surface",

@@ -38,7 +38,7 @@ class ExponentialStiffness(AdditiveEffect):
         """See `AdditiveEffect.columns`; shape (n, 1)."""
         pressed = np.where(data.engaged, data.position, 0.0)
         steep = np.minimum(inner["b"] * np.abs(pressed), _STEEPEST)
-        return (np.sign(pressed) * (np.expm1(steep) - steep))[:, None]
+        return np.asarray(np.sign(pressed) * (np.expm1(steep) - steep))[:, None]
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from hardly bent to steep within the range of motion."""

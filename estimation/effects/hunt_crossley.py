@@ -30,6 +30,7 @@ class HuntCrossley(AdditiveEffect):
     essential = ("b",)
     inner = (Parameter("n", "1", 0.5, 4.0, (1.0, 2.0)),)
     confused_with: ClassVar[dict[str, str]] = {
+        "power_law_stiffness": "press at two speeds: its damping grows with depth",
         "cubic_stiffness": "press deeper: a power law and a cubic part ways",
         "layered_stiffness": "press deeper: layers have a kink, a power law has none",
         "contact_offset": "find the surface by a slow touch: an offset bends the curve near the surface only",

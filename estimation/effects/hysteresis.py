@@ -29,6 +29,7 @@ class Hysteresis(SensorEffect):
     channels = frozenset(ChannelKind)
     inner = (Parameter("width", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)
     confused_with: ClassVar[dict[str, str]] = {
+        "bouc_wen_hysteresis": "reverse slowly at several loads: the sensor's loops have one width",
         "backlash": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
         "dry_friction": "reverse slowly at several depths",
         "coulomb_friction": "reverse slowly at several loads",

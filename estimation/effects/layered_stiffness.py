@@ -31,6 +31,7 @@ class LayeredStiffness(AdditiveEffect):
     elastic = ("k2",)
     inner = (Parameter("depth", "{position}", 0.0, 0.2, (0.001, 0.02)),)
     confused_with: ClassVar[dict[str, str]] = {
+        "exponential_stiffness": "press deeper: beyond the kink a layer is straight",
         "cubic_stiffness": "press deeper: beyond the kink a layer is straight, a cubic bends on",
         "hunt_crossley": "press deeper: beyond the kink a layer is straight, a power law bends on",
     }

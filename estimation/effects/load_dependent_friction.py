@@ -35,6 +35,7 @@ class LoadDependentFriction(AdditiveEffect):
     )
     needs = ("load",)
     confused_with: ClassVar[dict[str, str]] = {
+        "load_dependent_presliding": "stop under load: presliding friction keeps its last value at rest",
         "coulomb_friction": "repeat with another load",
         "torque_gain": "lift and lower the same load: friction changes sign with the motion, a gain does not",
     }

@@ -7,26 +7,27 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
 from estimation.signals.moved import moved
-from estimation.signals.runwise import relay
+from estimation.signals.runwise import play
 
 
 class LoadedBacklash(MotionEffect):
-    """q_true = q - gap/2 s; s = 1 once the load was above `threshold`, -1 once below -threshold.
+    """q_true = q - gap/2 s; s goes to 1 as the load exceeds `threshold`, to -1 below -threshold.
 
-    Between the two friction holds the link where it is. A load that always pulls one way keeps the link on
-    one flank, and nothing of the gap is seen. The crossing itself is not modelled.
+    Between the two friction holds the link where it is: s is the load's play operator, cut off at the flanks,
+    and goes over between half and one and a half times the threshold. A load that always pulls one way keeps
+    the link on one flank, and nothing of the gap is seen. The link's own motion across is not modelled.
     """
 
     name = "loaded_backlash"
     physics = "Within the play of a gear the load pulls the link to one flank or to the other."
-    equation = "q_true = q - gap/2 s, s the sign that the load had when it last exceeded the threshold"
+    equation = "q_true = q - gap/2 s, s = clip(2 play(load, threshold)/threshold, -1, 1)"
     source = "M. Nordin, P.-O. Gutman, Automatica 38 (2002), sec. 2: backlash under load"
     signature = "the resting place depends on which way the load pulled last, and not on the motion"
     signals = ("load",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     inner = (
         Parameter("gap", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),
-        Parameter("threshold", "{effort}", 0.0, 1e6, (1e-3, 1.0)),
+        Parameter("threshold", "{effort}", 1e-12, 1e6, (1e-3, 1.0), log=True),
     )
     needs = ("load",)
     confused_with: ClassVar[dict[str, str]] = {
@@ -37,7 +38,9 @@ class LoadedBacklash(MotionEffect):
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
         """See `MotionEffect.move`."""
-        side = relay(data.context["load"], data.run, inner["threshold"])
+        threshold = inner["threshold"]
+        held = play(data.context["load"], data.run, threshold)
+        side = np.clip(2.0 * held / threshold, -1.0, 1.0)
         still = np.zeros(len(data))
         return moved(data, position=-0.5 * inner["gap"] * side, velocity=still, acceleration=still)
 
@@ -48,5 +51,5 @@ class LoadedBacklash(MotionEffect):
         return tuple(
             {"gap": float(part * span), "threshold": share * most}
             for part in np.geomspace(1e-3, 2.0, 10)
-            for share in (0.0, 0.1, 0.4)
+            for share in (0.003, 0.03, 0.1, 0.3)
         )

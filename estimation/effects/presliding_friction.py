@@ -18,7 +18,7 @@ class PreslidingFriction(AdditiveEffect):
     equation = "effort = f s, ds/dq = (1 - s sign(v))/presliding, s = 0 at first"
     source = "P. R. Dahl, A Solid Friction Model, Aerospace Corp. TOR-158 (1968)"
     signature = "after a reversal effort turns over a path, not at a speed; at rest it keeps its value"
-    signals = ("direction", "past motion")
+    signals: ClassVar[tuple[str, ...]] = ("direction", "past motion")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 10000.0, (0.001, 50.0)),)
     inner = (Parameter("presliding", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),)

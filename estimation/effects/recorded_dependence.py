@@ -25,7 +25,7 @@ class RecordedDependence(SensorEffect):
     signature = "the whole effort is larger by a share where the recorded column is larger"
     signals = ("recorded",)
     channels = frozenset(ChannelKind)
-    inner = (Parameter("change", "1", -3.0, 3.0, (-0.3, 0.3)),)
+    inner: ClassVar[tuple[Parameter, ...]] = (Parameter("change", "1", -3.0, 3.0, (-0.3, 0.3)),)
     linear = True
     confused_with: ClassVar[dict[str, str]] = {
         "run_gain": "vary the recorded quantity within a run",
@@ -36,7 +36,7 @@ class RecordedDependence(SensorEffect):
     def __init__(self, columns: tuple[tuple[str, float, float], ...] = ()) -> None:
         self._columns = columns
         if columns:
-            (change,) = RecordedDependence.inner
+            change = RecordedDependence.inner[0]
             names = [f"change_{name}" for name, _, _ in columns]
             self.inner = tuple(  # type: ignore[misc]  # how many there are depends on the data
                 Parameter(name, change.unit, change.lower, change.upper, change.typical) for name in names

@@ -31,9 +31,31 @@ class RunGain(RunVariation):
         "recorded_dependence": "record the suspected cause, such as a temperature, beside",
     }
 
-    def basis(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `RunVariation.basis`; shape (n, 1)."""
-        return effort[:, None]
+    def basis(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `RunVariation.basis`: here it is the effort itself, which only the model knows."""
+        return np.zeros((len(data), 1))
+
+    def values(
+        self, effort: FloatArray, data: ChannelData, inner: Inner, rows: BoolArray | None = None
+    ) -> FloatArray:
+        """See `RunVariation.values`: by how much each run's effort is larger; nothing where there is none."""
+        chosen = self.told(data) if rows is None else rows
+        starts, _ = places(data.run)
+        squares = np.add.reduceat(chosen * effort**2, starts)
+        products = np.add.reduceat(chosen * effort * (data.effort - effort), starts)
+        return np.asarray(products / np.where(squares > 0.0, squares, np.inf))[:, None]
+
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.sense`."""
+        if effort.ndim == 2:
+            return np.stack([self.sense(column, data, inner) for column in effort.T], axis=1)
+        own = self.values(effort, data, inner)[places(data.run)[1], 0]
+        return np.asarray(effort * (1.0 + inner["share"] * own))
+
+    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.slope`; the runs' gains as they are."""
+        own = self.values(effort, data, inner)[places(data.run)[1]]
+        return np.asarray(columns * (1.0 + inner["share"] * own))
 
     def told(self, data: ChannelData) -> BoolArray:
         """See `RunVariation.told`."""

@@ -25,11 +25,6 @@ class RunOffset(RunVariation):
         "contact_offset": "record free air: an offset of the sensor is there too",
     }
 
-    def basis(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+    def basis(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `RunVariation.basis`; shape (n, 1)."""
         return np.ones((len(data), 1))
-
-    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`; the effort enters its own offset with the other sign."""
-        still = self.sense(np.zeros(len(data)), data, inner)
-        return self.sense(columns, data, inner) - still[:, None]

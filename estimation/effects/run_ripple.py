@@ -27,15 +27,10 @@ class RunRipple(RunVariation):
         "run_offset": "move over a wide range within a run",
     }
 
-    def basis(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+    def basis(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `RunVariation.basis`; shape (n, 2)."""
         angle = inner["cycles"] * data.position
         return np.column_stack([np.sin(angle), np.cos(angle)])
-
-    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`; the effort enters its own ripple with the other sign."""
-        still = self.sense(np.zeros(len(data)), data, inner)
-        return self.sense(columns, data, inner) - still[:, None]
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`."""

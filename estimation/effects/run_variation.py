@@ -11,6 +11,7 @@ from estimation.signals.blocks import places
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _TELLING = 0.25  # of a run's samples, from its start, that tell the run's own value
+_FEWEST_RUNS = 3
 _SINGULAR = 1e-10
 
 
@@ -32,14 +33,18 @@ class RunVariation(SensorEffect):
     compared with one without, since their own effort has been used; `spread` is for the report.
     """
 
-    signals = ("recorded",)
+    signals: ClassVar[tuple[str, ...]] = ("recorded",)
     channels = frozenset(ChannelKind)
     linear = False
     inner: ClassVar[tuple[Parameter, ...]] = (Parameter("share", "1", 0.0, 1.0, (0.2, 1.0)),)
 
     @abstractmethod
-    def basis(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+    def basis(self, data: ChannelData, inner: Inner) -> FloatArray:
         """What a run's own values multiply, shape (n, k)."""
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`; fewer runs than three say nothing of how runs vary."""
+        return super().applies_to(data) and len(data.runs) >= _FEWEST_RUNS
 
     def told(self, data: ChannelData) -> BoolArray:
         """Samples that tell their run's own values, shape (n,)."""
@@ -58,30 +63,39 @@ class RunVariation(SensorEffect):
             inner: inner parameters.
             rows: samples to use instead, shape (n,), such as all of them.
         """
-        basis = self.basis(effort, data, inner)
-        weight = (self.told(data) if rows is None else rows).astype(np.float64)[:, None]
-        return _least_squares(basis, weight, data.effort - effort, places(data.run)[0])
+        chosen = self.told(data) if rows is None else rows
+        left = (data.effort - effort)[:, None]
+        return _least_squares(self.basis(data, inner), chosen, left, places(data.run)[0])[:, :, 0]
 
     def spread(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """Standard deviation of the values from run to run, shape (k,), noise of the first part taken off."""
-        return np.sqrt(inner["share"] * np.mean(self.values(effort, data, inner) ** 2, axis=0))
+        own = self.values(effort, data, inner)
+        return np.asarray(np.sqrt(inner["share"] * np.mean(own**2, axis=0)))
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.sense`."""
-        if effort.ndim == 2:
-            return np.column_stack([self.sense(column, data, inner) for column in effort.T] or [effort])
-        own = self.values(effort, data, inner)[places(data.run)[1]]
-        return effort + inner["share"] * np.sum(self.basis(effort, data, inner) * own, axis=1)
+        columns = effort.reshape(len(data), -1)
+        return (columns + self._of_runs(data.effort[:, None] - columns, data, inner)).reshape(effort.shape)
+
+    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.slope`: what the model explains of a run's first part is not the run's own."""
+        return columns - self._of_runs(columns, data, inner)
+
+    def _of_runs(self, left: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """What runs' own values make of what was left of their first parts, (n, m) both."""
+        basis = self.basis(data, inner)
+        starts, piece = places(data.run)
+        own = _least_squares(basis, self.told(data), left, starts)
+        return np.asarray(inner["share"] * np.einsum("nk,nkm->nm", basis, own[piece]))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`."""
         return tuple({"share": share} for share in (0.3, 0.7, 0.95))
 
 
-def _least_squares(basis: FloatArray, weight: FloatArray, target: FloatArray, starts: IntArray) -> FloatArray:
-    """Solutions run by run, (runs, k); zero in directions that a run's first part does not show."""
-    weighted = weight * basis
-    squares = np.add.reduceat(weighted[:, :, None] * basis[:, None, :], starts)
-    sums = np.add.reduceat(weighted * target[:, None], starts)
-    inverse = np.linalg.pinv(squares, rcond=_SINGULAR, hermitian=True)
-    return np.asarray(np.einsum("rij,rj->ri", inverse, sums))
+def _least_squares(basis: FloatArray, rows: BoolArray, target: FloatArray, starts: IntArray) -> FloatArray:
+    """Solutions (runs, k, m) for targets (n, m); zero in directions that a run's rows do not show."""
+    chosen = rows[:, None] * basis
+    squares = np.add.reduceat(chosen[:, :, None] * basis[:, None, :], starts)
+    sums = np.add.reduceat(chosen[:, :, None] * target[:, None, :], starts)
+    return np.asarray(np.linalg.pinv(squares, rcond=_SINGULAR, hermitian=True) @ sums)

@@ -29,6 +29,8 @@ class StressRelaxation(AdditiveEffect):
     gains = (Parameter("k1", "{effort}/{position}", 0.0, 10000000.0, (10.0, 10000.0)),)
     inner = (Parameter("tau", "s", 0.005, 300.0, (0.03, 30.0), log=True),)
     confused_with: ClassVar[dict[str, str]] = {
+        "power_law_relaxation": "hold a hundred times as long: a power law goes on, a branch ends",
+        "relaxation_spectrum": "hold for longer, at two depths: one branch ends, a second goes on falling",
         "damping": "hold: damping stops with the motion, relaxation goes on",
         "plastic_set": "wait and press again: relaxation recovers, a set stays",
         "hysteresis": "hold: a hysteresis of the sensor does not change with time",

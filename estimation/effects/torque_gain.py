@@ -23,6 +23,7 @@ class TorqueGain(SensorEffect):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     inner = (Parameter("gain", "1", 0.2, 5.0, (0.6, 1.6), log=True),)
     confused_with: ClassVar[dict[str, str]] = {
+        "run_gain": "record more runs: a wrong constant is the same in all",
         "payload": "change the posture",
         "load_dependent_friction": "lift and lower the same load",
         "bias": "lift two loads: a gain grows with the load",

@@ -6,42 +6,71 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.signals.harmonics import harmonics
 from robot_io.types import FloatArray
 
 _LEAST_WAVES = 1.5  # within the range of motion; less of a wave could be any curve
 
 
 class TorqueRipple(AdditiveEffect):
-    """effort = s sin(n q) + c cos(n q)."""
+    """effort = sum_m s_m sin(m n q) + c_m cos(m n q); one wave, or the multiples that data shows.
+
+    `suited_to` finds n and its multiples in what the motion leaves of the effort, see `harmonics`: a motor's
+    cogging has several at once.
+
+    Args:
+        multiples: m, ascending; the gains of m = 1 are called sine and cosine, others sine_m and cosine_m.
+        cycles: where the search for n begins beside waves that go twice or more into the motion's range.
+    """
 
     name = "torque_ripple"
     physics = "Magnets, teeth and gear errors make effort rise and fall n times a turn."
-    equation = "effort = s sin(n q) + c cos(n q)"
-    source = "J. Holtz, L. Springob, IEEE Trans. Industrial Electronics 43 (1996)"
-    signature = "a wave over position, the same at any speed and in either direction"
+    equation = "effort = sum_m s_m sin(m n q) + c_m cos(m n q)"
+    source = (
+        "J. Holtz, L. Springob, IEEE Trans. Industrial Electronics 43 (1996); Z. Q. Zhu, D. Howe, IEEE "
+        "Trans. Energy Conversion 15 (2000): cogging"
+    )
+    signature = "a wave or a pattern over position, the same at any speed and in either direction"
     signals = ("position",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    gains = (
+    gains: ClassVar[tuple[Parameter, ...]] = (
         Parameter("sine", "{effort}", -10000.0, 10000.0, (0.001, 5.0)),
         Parameter("cosine", "{effort}", -10000.0, 10000.0, (0.001, 5.0)),
     )
-    inner = (Parameter("cycles", "1/{position}", 0.5, 100000.0, (2.0, 100.0)),)
+    inner = (Parameter("cycles", "1/{position}", 0.05, 100000.0, (2.0, 100.0)),)
     confused_with: ClassVar[dict[str, str]] = {
         "joint_spring": "move over a wide range: a spring does not repeat",
         "gravity_tilt": "move over a wide range: gravity repeats once a turn",
+        "position_dependent_friction": "compare both directions: ripple has one sign, friction turns round",
+        "run_ripple": "go to one stop before each run: from there on the wave begins in one place",
     }
 
+    def __init__(self, multiples: tuple[int, ...] = (1,), cycles: float | None = None) -> None:
+        self._multiples, self._cycles = np.array(multiples, dtype=np.float64), cycles
+        if multiples != (1,):
+            sine = TorqueRipple.gains[0]
+            self.gains = tuple(  # type: ignore[misc]  # how many there are depends on the data
+                Parameter(f"{wave}_{m}" if m > 1 else wave, sine.unit, sine.lower, sine.upper, sine.typical)
+                for wave in ("sine", "cosine")
+                for m in multiples
+            )
+
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 2)."""
-        if inner["cycles"] * np.ptp(data.position) < _LEAST_WAVES * 2.0 * np.pi:
-            return np.zeros((len(data), 2))
-        angle = inner["cycles"] * data.position
-        wave = np.empty((len(data), 2))
-        np.sin(angle, out=wave[:, 0])
-        np.cos(angle, out=wave[:, 1])
-        return wave
+        """See `AdditiveEffect.columns`; shape (n, 2 len(multiples))."""
+        waves = inner["cycles"] * self._multiples
+        seen = waves * np.ptp(data.position) >= _LEAST_WAVES * 2.0 * np.pi
+        angle = np.multiply.outer(data.position, waves)
+        return np.hstack([np.sin(angle) * seen, np.cos(angle) * seen])
+
+    def suited_to(self, data: ChannelData) -> "TorqueRipple":
+        """See `Effect.suited_to`."""
+        cycles, multiples = harmonics(data)
+        return TorqueRipple(multiples, cycles) if multiples else self
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: so close together that no wave within the range is missed."""
+        """See `Effect.starts`: about what was found; for one wave, so close that none is missed."""
         span = float(np.ptp(data.position)) or 1.0
-        return tuple({"cycles": float(waves * 2.0 * np.pi / span)} for waves in np.arange(2.0, 40.0, 0.4))
+        off = np.pi / (span * self._multiples.max())  # half a wave of the shortest from end to end
+        found = [] if self._cycles is None else [self._cycles + part * off for part in (-0.5, 0.0, 0.5)]
+        waves = np.arange(2.0, 40.0, 0.4) if len(self._multiples) == 1 else ()
+        return tuple({"cycles": float(n)} for n in (*found, *(2.0 * np.pi / span * count for count in waves)))

@@ -19,6 +19,7 @@ class ViscousFriction(AdditiveEffect):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("d", "{effort} s/{position}", 0.0, 100000.0, (0.001, 500.0)),)
     confused_with: ClassVar[dict[str, str]] = {
+        "joint_coupling": "hold this joint still and move its neighbour",
         "delay": "move at two speeds with the same acceleration",
         "lag": "move at two speeds with the same acceleration",
         "damping": "none in one channel: it is the same term, named for a contact",

@@ -3,23 +3,29 @@
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.signals.blocks import places
 from robot_io.types import FloatArray
 
-_MOST_WAVES = 10
+_MOST_WAVES = 12  # that are tried
 _LEAST_WAVES = 1.5  # within the range of motion; less of a wave could be any curve
-_LEAST_SHARE = 0.01  # of what is left, that one more wave must explain
+_LEAST_SHARE = 0.02  # of what is left, that one more wave must explain
+_APART_IN_HALVES = 0.8  # of its size, by which a wave may differ between two halves of the data
+_MOST_SAMPLES = 30_000  # more are thinned out evenly
 _BINS = 16384
 _PER_BIN = 4  # bins that the shortest wave must have
+_APART = 1.3  # waves within the range, by which two differ at least: a swing within one broadens it
 _FINER = 8  # of the spacing of independent waves
-_MOST_PARTS = 120  # of the strongest wave, of which all are multiples
+_NEARLY_ALL = 0.75
+_LEAST_PERIODS = 2.0  # of the pattern within the range; less may be any smooth law
 
 
 def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     """The wave number n [1/position] and the multiples of it of which an effort is made.
 
     What simple motion explains is taken off first. Then the strongest wave is taken, all those found are
-    fitted together, and so on, as long as a wave explains 1 % of what is left (orthogonal matching pursuit,
-    Pati et al. 1993). Which waves a channel has is chosen on all its runs; how large they are is for the fit.
+    fitted together, and so on, as long as a wave explains 2 % of what is left (orthogonal matching pursuit,
+    Pati et al. 1993); one that differs between two halves of the data is passed over. Which waves a channel
+    has is chosen on all its runs; how large they are is for the fit.
 
     Returns:
         n, and multiples in ascending order; (0, ()) where nothing ripples.
@@ -27,15 +33,17 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     span = float(np.ptp(data.position))
     if span == 0.0:
         return 0.0, ()
-    left, waves = _plain(data), list[float]()
-    base = left
-    while len(waves) < _MOST_WAVES:
-        strongest = _strongest(data.position, left, span)
-        after = _without(data.position, base, [*waves, strongest])
+    data = data.select(np.arange(0, len(data), -(-len(data) // _MOST_SAMPLES)))
+    left = base = _plain(data)
+    waves, tried = list[float](), list[float]()
+    for _ in range(_MOST_WAVES):
+        tried.append(_strongest(data.position, left, span, tried))
+        after = _without(data.position, base, [*waves, tried[-1]])
         if np.sum(after**2) > (1.0 - _LEAST_SHARE) * np.sum(left**2):
             break
-        waves.append(strongest)
-        left = after
+        if _is_in_both_halves(data, left, tried[-1]):
+            waves.append(tried[-1])
+            left = after
     return _common(waves, 2.0 * np.pi / span)
 
 
@@ -49,17 +57,20 @@ def _plain(data: ChannelData) -> FloatArray:
     return np.asarray(data.effort - columns @ gains)
 
 
-def _strongest(position: FloatArray, left: FloatArray, span: float) -> float:
-    """Wave number of the largest peak of the spectrum over position."""
+def _strongest(position: FloatArray, left: FloatArray, span: float, known: list[float]) -> float:
+    """Wave number of the largest peak of the spectrum over position, apart from those that are known."""
     place = ((position - position.min()) / span * (_BINS - 1)).astype(np.int64)
     count = np.bincount(place, minlength=_BINS)
     total = np.bincount(place, weights=left, minlength=_BINS)
     mean = np.where(count > 0, total / np.maximum(count, 1), 0.0)
     height = np.abs(np.fft.rfft(mean, _FINER * _BINS))
-    waves = np.arange(len(height)) / _FINER * (_BINS - 1) / _BINS
-    filled = min(int(np.count_nonzero(count)), _BINS)
-    height[(waves < _LEAST_WAVES) | (waves > filled / _PER_BIN)] = 0.0
-    return float(waves[np.argmax(height)] * 2.0 * np.pi / span)
+    waves = np.arange(len(height)) / _FINER * (_BINS - 1) / _BINS  # within the span
+    height[(waves < _LEAST_WAVES) | (waves > np.count_nonzero(count) / _PER_BIN)] = 0.0
+    for wave in known:
+        height[np.abs(waves - wave * span / (2.0 * np.pi)) < _APART] = 0.0
+    about = waves[np.argmax(height)] + np.linspace(-1.0, 1.0, 41) / _FINER
+    angle = np.multiply.outer(np.arange(_BINS) / (_BINS - 1), 2j * np.pi * about)
+    return float(about[np.argmax(np.abs(mean @ np.exp(-angle)))] * 2.0 * np.pi / span)
 
 
 def _without(position: FloatArray, signal: FloatArray, waves: list[float]) -> FloatArray:
@@ -68,13 +79,29 @@ def _without(position: FloatArray, signal: FloatArray, waves: list[float]) -> Fl
     return np.asarray(signal - columns @ np.linalg.lstsq(columns, signal, rcond=None)[0])
 
 
+def _is_in_both_halves(data: ChannelData, left: FloatArray, wave: float) -> bool:
+    """Whether every other run, or each half of a single one, has this wave as the others have it."""
+    starts, piece = places(data.run)
+    half = piece % 2 if len(starts) > 1 else np.arange(len(left)) * 2 // len(left)
+    columns = np.column_stack([np.sin(wave * data.position), np.cos(wave * data.position)])
+    one, other = (
+        np.linalg.lstsq(columns[half == side], left[half == side], rcond=None)[0] for side in (0, 1)
+    )
+    apart, size = np.linalg.norm(one - other), 0.5 * np.linalg.norm(one + other)
+    return bool(apart <= _APART_IN_HALVES * size)
+
+
 def _common(waves: list[float], apart: float) -> tuple[float, tuple[int, ...]]:
-    """The largest wave number of which all are multiples, within a third of what can be told apart."""
-    if not waves:
-        return 0.0, ()
+    """The largest wave number of which nearly all are multiples, and these; the others are left out.
+
+    Multiples are as exact as a fifth of what can be told apart. Waves of no pattern remain of what was taken
+    off first, or of a pattern that changes slowly along the way.
+    """
     found = np.array(waves)
-    for parts in range(1, _MOST_PARTS + 1):
+    most = int(found[0] / (_LEAST_PERIODS * apart)) if waves else 0
+    for parts in range(1, most + 1):
         multiples = np.round(found * parts / found[0])
-        if (np.abs(found - multiples * found[0] / parts) < apart / 3.0).all() and multiples.min() > 0:
-            break
-    return float(found[0] / parts), tuple(sorted({int(m) for m in multiples}))
+        fits = (np.abs(found - multiples * found[0] / parts) < apart / 5.0) & (multiples > 0)
+        if np.mean(fits) >= _NEARLY_ALL:
+            return float(found[0] / parts), tuple(sorted({int(m) for m in multiples[fits]}))
+    return 0.0, ()

@@ -327,11 +327,3 @@ def _slopes(order: int) -> FloatArray:
     falling = np.array([float(perm(int(k), order)) for k in power])
     derived: FloatArray = falling * place[:, None] ** np.maximum(power - order, 0.0)
     return derived @ fitted
-
-
-def relay(signal: FloatArray, run: IntArray, threshold: float) -> FloatArray:
-    """Sign that a signal (n,) had when it last exceeded the threshold in its run; 0 before it first did."""
-    starts, piece = places(run)
-    side = np.where(np.abs(signal) > threshold, np.sign(signal), 0.0)
-    last = np.maximum.accumulate(np.where(side != 0.0, np.arange(len(side)), -1))
-    return np.where(last >= starts[piece], side[np.maximum(last, 0)], 0.0)

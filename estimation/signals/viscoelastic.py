@@ -7,8 +7,8 @@ from estimation.signals.blocks import places
 from estimation.signals.runwise import relax
 from robot_io.types import FloatArray, IntArray
 
-_LADDER = 1.1  # between the logarithms of two rates: two a decade leave less than a part in a thousand
-_SLOWEST, _FASTEST = 1e-3, 30.0  # rates, times the whole duration and times the shortest step
+_LADDER = 1.4  # between the logarithms of two rates: five in three decades miss by less than 1e-3
+_SLOWEST, _FASTEST = 1e-2, 10.0  # rates, times the whole duration and times the shortest step
 
 
 def springpot(signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: float) -> FloatArray:

@@ -39,8 +39,20 @@ def _asymmetric(p: Values) -> list[Entry]:
 
 
 def _ripple(p: Values) -> list[Entry]:
-    amplitude, phase = hypot(p["sine"], p["cosine"]), atan2(p["cosine"], p["sine"])
-    return [{"effect": "torque_ripple", "amplitude_nm": amplitude, "cycles": p["cycles"], "phase_rad": phase}]
+    multiples = [int(name.partition("_")[2] or 1) for name in p if name.startswith("sine")]
+    waves: list[Entry] = []
+    for m in multiples:
+        end = f"_{m}" if m > 1 else ""
+        sine, cosine = p[f"sine{end}"], p[f"cosine{end}"]
+        waves.append(
+            {
+                "effect": "torque_ripple",
+                "amplitude_nm": hypot(sine, cosine),
+                "cycles": m * p["cycles"],
+                "phase_rad": atan2(cosine, sine),
+            }
+        )
+    return waves
 
 
 def _torque_gain(p: Values) -> list[Entry]:

@@ -6,7 +6,9 @@ from hypothesis.extra import numpy as arrays
 from scipy.signal import savgol_filter
 
 from estimation.signals.blocks import in_order_of_time
+from estimation.signals.bouc_wen import bouc_wen
 from estimation.signals.runwise import direction, low_pass, play, rate, relax, running_max, shift, steadied
+from estimation.signals.viscoelastic import springpot
 
 TIME = np.arange(1000) * 0.01
 ONE_RUN = np.zeros(1000, dtype=np.int64)
@@ -195,3 +197,29 @@ def test_runs_that_overlap_have_clocks_of_their_own_and_keep_their_order():
     assert [rows.start for rows in in_order_of_time(later, run)] == [3, 6, 0]
     own = np.array([0.2, 1, 2, 0.1, 1, 2, 0, 1, 2])
     assert [rows.start for rows in in_order_of_time(own, run)] == [0, 3, 6]
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.2, 0.5, 0.9])
+@pytest.mark.parametrize("scale_s", [1e-4, 1.0, 1e4])
+def test_a_springpot_answers_a_ramp_as_its_closed_form_at_uneven_times(alpha, scale_s):
+    t = np.concatenate([np.linspace(0, 1, 20), 1 + np.geomspace(1e-3, 100, 80)]) * scale_s
+    ramp = np.minimum(t / scale_s, 1.0)
+    since = np.maximum(t - scale_s, 0.0)
+    wanted = (t ** (1 - alpha) - since ** (1 - alpha)) / (1 - alpha) / scale_s
+    both = springpot(np.column_stack([ramp, -3.0 * ramp]), t, np.zeros(100, dtype=np.int64), alpha)
+    np.testing.assert_allclose(both[:, 0], wanted, atol=1.2e-3 * wanted.max())
+    np.testing.assert_allclose(both[:, 1], -3.0 * both[:, 0])
+
+
+def test_bouc_and_wen_with_dahls_numbers_is_dahls_direction():
+    signal, _, run = some_runs(np.random.default_rng(5))
+    np.testing.assert_allclose(bouc_wen(signal, run, 2.0, 1.0, 1.0), direction(signal, run, 2.0), atol=1e-4)
+
+
+def test_a_sharp_yield_is_an_elastic_spring_that_slips():
+    signal, _, run = some_runs(np.random.default_rng(6))
+    w = bouc_wen(signal, run, 1.5, 400.0, 0.0)
+    stop = np.concatenate(
+        [signal[run == number] - stepped_play(signal[run == number], 1.5) for number in (4, 2, 9, 1, 7)]
+    )
+    np.testing.assert_allclose(w, stop / 1.5, atol=0.02)

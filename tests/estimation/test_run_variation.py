@@ -1,0 +1,72 @@
+"""What differs from run to run is told by each run's first part, and is nothing where runs do not differ."""
+
+import numpy as np
+import pytest
+
+from estimation.effects import EFFECTS
+from estimation.model import Model
+from tests.estimation.recover import channel, recover
+from tests.estimation.test_effects_recover import REVOLUTE, runs
+
+NOISE = 0.05
+
+
+def presses(offsets, gains, seed=0):
+    """A spring of 4 N m/rad in runs with zeros and gains of their own."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(400) * 5e-3
+    parts = []
+    for offset, gain in zip(offsets, gains, strict=True):
+        q = np.sin(3.0 * t + rng.uniform(0, 6))
+        parts.append((t, q, 4.0 * gain * q + offset + NOISE * rng.standard_normal(len(t))))
+    (t, q, torque), run = runs(parts)
+    return channel(REVOLUTE, t, q, torque, run=run)
+
+
+def rest_of_runs(data, effect, predicted):
+    left = (data.effort - predicted)[~effect.told(data)]
+    return float(np.sqrt(np.mean(left**2)))
+
+
+@pytest.mark.parametrize(("name", "spread"), [("run_offset", 0.8), ("run_gain", 0.2)])
+def test_a_run_that_was_never_seen_tells_its_own_value(name, spread):
+    own = spread * np.random.default_rng(1).standard_normal(40)
+    offsets, gains = (own, np.ones(40)) if name == "run_offset" else (np.zeros(40), 1.0 + own)
+    data, effect = presses(offsets, gains), EFFECTS[name]()
+    seen, unseen = data.of_runs(np.arange(30)), data.of_runs(np.arange(30, 40))
+    found, _ = recover(seen, ("stiffness",), name)
+    model = Model("m", (EFFECTS["stiffness"](), effect))
+    assert rest_of_runs(unseen, effect, model.predict(unseen, found)) == pytest.approx(NOISE, rel=0.15)
+    plain = found["stiffness.k"] * seen.position
+    inner = {"share": found[f"{name}.share"]}
+    (told,) = effect.spread(plain, seen, inner)
+    assert told == pytest.approx(np.std(own[:30]), rel=0.15)
+    whole = effect.values(plain, seen, inner, rows=np.ones(len(seen), dtype=np.bool_))
+    assert np.corrcoef(whole[:, 0], own[:30])[0, 1] > 0.995
+
+
+@pytest.mark.parametrize("name", ["run_offset", "run_gain"])
+def test_runs_that_do_not_differ_have_no_values_of_their_own(name):
+    data, effect = presses(np.zeros(30), np.ones(30)), EFFECTS[name]()
+    errors = {}
+    for share in (0.0, 0.3, 1.0):
+        model = Model("m", (EFFECTS["stiffness"](), effect))
+        predicted = model.predict(data, {"stiffness.k": 4.0, f"{name}.share": share})
+        errors[share] = rest_of_runs(data, effect, predicted)
+    assert errors[0.0] <= errors[0.3] <= errors[1.0]
+
+
+@pytest.mark.parametrize("name", ["run_offset", "run_gain", "run_ripple"])
+def test_values_of_a_run_do_not_depend_on_other_runs_nor_on_its_own_end(name):
+    data, effect = presses(0.5 * np.arange(4), np.ones(4)), EFFECTS[name]()
+    inner = {"share": 0.7} | ({"cycles": 5.0} if name == "run_ripple" else {})
+    effort = 4.0 * data.position
+    together = effect.values(effort, data, inner)
+    for number in range(4):
+        rows = data.run == number
+        np.testing.assert_allclose(effect.values(effort[rows], data.select(rows), inner)[0], together[number])
+    if name == "run_gain":
+        return  # its first part ends by a share of the whole effort
+    late = np.where(effect.told(data), data.effort, 99.0)
+    changed = type(data)(**{**vars(data), "effort": late})
+    np.testing.assert_allclose(effect.values(effort, changed, inner), together)
