@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from estimation.channel import ChannelData
 from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.standing import Standing, stand
-from estimation.diagnosis.judgement.gate import refuse, usable
+from estimation.gate.gate import refuse, usable
 from estimation.fit.intervals import Value, final, values
 from estimation.diagnosis.judgement.noise_floor import noise_floor
 from estimation.diagnosis.judgement.objection import floor_unseen

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.judgement.gate import spoilt
+from estimation.gate.gate import spoilt
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
 from estimation.fitting.misfit import Misfit, misfit
 from estimation.rounding import in_steps, steps_spanned

@@ -11,7 +11,7 @@ from rich.console import Console
 from control.probing.plan import ProbingPlan, load_probing_plan
 from estimation.channel import ChannelKind
 from estimation.diagnosis.judged import Judged
-from estimation.diagnosis.judgement.gate import refuse
+from estimation.gate.gate import refuse
 from estimation.diagnosis.judgement.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.result import (
     Accepted,

@@ -6,7 +6,7 @@ import pytest
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
-from estimation.diagnosis.judgement.gate import refuse, usable
+from estimation.gate.gate import refuse, usable
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
 from estimation.tare import Tare

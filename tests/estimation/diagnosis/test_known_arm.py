@@ -6,7 +6,7 @@ import pytest
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
-from estimation.diagnosis.judgement.gate import refuse
+from estimation.gate.gate import refuse
 from estimation.effects.rigid_body import RigidBody
 from estimation.model import Model
 from estimation.models import MODELS

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lombscargle
 
-from estimation.diagnosis.judgement.swinging import strongest_swing
+from estimation.signals.swinging import strongest_swing
 
 
 def recorded(begins_s, length, step_s=0.005):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.judgement.likeness import likeness
+from estimation.gate.likeness import likeness
 
 _STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was at its end
 _STILL = 1e-3  # of the range of positions, that a held one stays within

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.judgement.likeness import likeness
+from estimation.gate.likeness import likeness
 from estimation.signals.runwise import per_run, sample_time
 
 _LONGEST_CONTACT_M = 0.2  # deeper indentations than this are a mistaken unit

@@ -8,16 +8,16 @@ from scipy.ndimage import median_filter
 from estimation.channel import ChannelData, ChannelKind
 from estimation.fit.colour import ORDER, Colour
 from estimation.fit.frame import block_length, frame_of
-from estimation.diagnosis.judgement.copied import copied
-from estimation.diagnosis.judgement.folded import folded
-from estimation.diagnosis.judgement.motion_and_effort import (
+from estimation.gate.copied import copied
+from estimation.gate.folded import folded
+from estimation.gate.motion_and_effort import (
     misaligned,
     mistaken_times,
     mistaken_units,
     no_contact,
 )
-from estimation.diagnosis.judgement.readings import at_its_end, too_coarse, unchanging
-from estimation.diagnosis.judgement.turns import strange_turns
+from estimation.gate.readings import at_its_end, too_coarse, unchanging
+from estimation.gate.turns import strange_turns
 from estimation.model import Model
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import per_run

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from estimation.channel import ChannelKind
 from estimation.diagnosis.judgement.below_a_step import FEW_READINGS
-from estimation.diagnosis.judgement.gate import SINGLE_RUN
+from estimation.gate.gate import SINGLE_RUN
 from estimation.diagnosis.result import NextExperiment
 from estimation.effect import Effect
 

@@ -1,0 +1,177 @@
+"""Effects tried beside a model: which of the library, how well each does, whether its parameters make sense."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Effect, SensorEffect
+from estimation.effects import EFFECTS
+from estimation.fit.inner_search import Attempts, look, refine
+from estimation.fit.load import HEAVY
+from estimation.fit.polish import polish
+from estimation.fit.standing import Fit
+from estimation.fit.trial import Bench, Trial
+from estimation.model import Model
+from estimation.signals.runwise import sample_time
+from robot_io.types import BoolArray, FloatArray
+
+PROMISING = 0.3  # of what the best candidate takes away at its starts; those below are not refined
+REFINED = 5  # candidates that are refined in any case
+ESSENTIAL = 0.02  # of the squared error: what makes an effect what it is must take away as much
+FAR_END = 0.99  # of the upper bound of an inner parameter
+LOOSE = 0.05  # of the effort, that a gain may be off its bounds before all parameters are fitted together
+OF_RUNS = "run_"  # how names of effects begin that differ from run to run: whole runs held out cannot judge them
+
+# Parts of base models, or other names of a term that the channel's own vocabulary has.
+_NOT_TRIED = {
+    ChannelKind.CONTACT: frozenset({"inertia", "pendulum"}),
+    ChannelKind.REVOLUTE: frozenset({"inertia", "pendulum", "stiffness", "damping"}),
+    ChannelKind.PRISMATIC: frozenset({"inertia", "stiffness", "damping"}),
+}
+_BASES = frozenset({"rigid_body", "rigid_body_fitted"})
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that was tried beside a model.
+
+    Attributes:
+        effect: what was tried.
+        search: how well it did.
+        possible: whether its parameters made physical sense, see `is_possible`.
+    """
+
+    effect: Effect
+    search: Attempts
+    possible: bool = True
+
+    @property
+    def held_out(self) -> float:
+        """Sum of squared residuals in held-out runs."""
+        return float(self.search.held_out.sum())
+
+
+def library() -> tuple[Effect, ...]:
+    """One of every effect that palpate knows."""
+    return tuple(effect() for effect in EFFECTS.values())
+
+
+def size(effect: Effect) -> int:
+    """Number of parameters that make an effect what it is."""
+    return len(effect.inner) + len(effect.essential or effect.gains)
+
+
+def candidates(data: ChannelData, model: Model, effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """The effects that can be tried on this channel beside what the model has."""
+    present = {effect.name for effect in model.effects}
+    # a tilt turns a weight that is there; beside one, what else goes round with the angle is a tilt
+    skipped = _NOT_TRIED[data.kind] | _BASES | present | {"weight" if present & HEAVY else "gravity_tilt"}
+    return tuple(
+        effect.suited_to(data)
+        for effect in effects
+        if effect.name not in skipped and not effect.name.startswith(OF_RUNS) and effect.applies_to(data)
+    )
+
+
+def try_all(
+    standing: Fit,
+    effects: Sequence[Effect],
+    progress: Callable[[float, str], None] = lambda share, what: None,
+) -> list[Candidate]:
+    """Try each effect beside a model, the best in held-out runs first.
+
+    All are tried at their starts, those that do well there also in between. What would be impossible beside
+    the other parameters as they were may be possible once all are fitted together.
+    """
+    looked, places = [], _places(standing.trial)
+    for number, effect in enumerate(effects):
+        progress(number / len(effects), effect.name)
+        starts = effect.starts(standing.data)
+        tried = [
+            look(standing.plain, model, effect, parameters, starts)
+            for model in extended(standing.trial.model, effect)
+            for parameters in places
+        ]
+        looked.append(min(tried, key=lambda one: one.best.sse))
+    gains = np.array([standing.trial.sse - tried.best.sse for tried in looked])
+    least = min(PROMISING * gains.max(initial=0.0), np.sort(gains)[-REFINED:].min(initial=np.inf))
+    found = []
+    for effect, first, gain in zip(effects, looked, gains, strict=True):
+        best = refine(standing.plain, first.best.model, effect, first) if gain >= least else first
+        possible = is_possible(effect, best.best, standing.plain, LOOSE)
+        if not possible and gain >= PROMISING * gains.max():
+            best = Attempts((*best.trials, polish(standing.plain, best.best)), best.start_count)
+            possible = is_possible(effect, best.best, standing.plain, LOOSE)
+        found.append(Candidate(effect, best, possible))
+    return sorted(found, key=lambda candidate: candidate.held_out)
+
+
+def _places(trial: Trial) -> list[dict[str, float]]:
+    """Where effects are tried: as things stand, and as if an offset (what may be nothing) were none."""
+    nothing = {name: 0.0 for name, inner in trial.model.inner.items() if inner.lower < 0.0 < inner.upper}
+    return [trial.parameters, *([{**trial.parameters, **nothing}] if nothing else [])]
+
+
+def extended(model: Model, effect: Effect) -> list[Model]:
+    """The model with one more effect; what a sensor does may come before or after what it already does."""
+    if isinstance(effect, SensorEffect) and any(isinstance(e, SensorEffect) for e in model.effects):
+        return [model.with_effect(effect), model.with_effect_first(effect)]
+    return [model.with_effect(effect)]
+
+
+def is_possible(effect: Effect, trial: Trial, bench: Bench, loose: float = 0.0) -> bool:
+    """Whether an effect's parameters make physical sense, and what makes it what it is is there.
+
+    A gain that the effect could do without may be beyond its bounds by no more than makes the noise.
+
+    Args:
+        effect: part of the model.
+        trial: of the model.
+        bench: where.
+        loose: effort, as a share of the whole, that a gain may be beyond its bounds.
+    """
+    if not _within_bounds(effect, trial, loose):
+        return False
+    # what ended at the far end of a range that goes by ratio was not found
+    if any(p.log and trial.parameters[f"{effect.name}.{p.name}"] > FAR_END * p.upper for p in effect.inner):
+        return False
+    # no time stamp is better than half a step
+    half = 0.5 * sample_time(bench.frame.data.time_s, bench.frame.data.run)
+    if any(abs(trial.parameters[f"{effect.name}.{p.name}"]) < half for p in effect.inner if p.unit == "s"):
+        return False
+    simpler = effect.simpler(_own_columns(effect, trial))
+    if simpler.shape[1] == len(effect.gains):
+        return True
+    others = trial.columns[:, ~_is_own(effect, trial)]
+    without = bench.fit(np.column_stack([others, simpler]), trial.target)
+    return float(without.sse.sum()) - trial.sse >= ESSENTIAL * trial.sse
+
+
+def is_misnamed(effect: Effect, trial: Trial, bench: Bench) -> bool:
+    """Whether the effect has become another thing than its name says, see `Effect.is_misnamed`."""
+    data = trial.model.moved(bench.frame.data, trial.parameters)
+    noise = float(np.sqrt(np.mean(trial.residual**2)))
+    return effect.is_misnamed(data, trial.parameters, lambda: trial.spread, noise)
+
+
+def _within_bounds(effect: Effect, trial: Trial, loose: float) -> bool:
+    effort = loose * float(np.sqrt(np.mean(trial.target**2)))
+    noise = float(np.sqrt(np.mean(trial.residual**2)))
+    for column, parameter in zip(_own_columns(effect, trial).T, effect.gains, strict=True):
+        name = f"{effect.name}.{parameter.name}"
+        minor = bool(effect.essential) and parameter.name not in effect.essential
+        slack = 2.0 * trial.spread[name]
+        slack += (effort + minor * noise) / max(float(np.sqrt(np.mean(column**2))), 1e-300)
+        if not parameter.lower - slack <= trial.parameters[name] <= parameter.upper + slack:
+            return False
+    return True
+
+
+def _is_own(effect: Effect, trial: Trial) -> BoolArray:
+    return np.array([name.startswith(f"{effect.name}.") for name in trial.model.gains], dtype=np.bool_)
+
+
+def _own_columns(effect: Effect, trial: Trial) -> FloatArray:
+    return trial.columns[:, _is_own(effect, trial)]

@@ -1,0 +1,210 @@
+"""What a smooth law of the signals cannot show: runs with laws of their own, and a rest unlike noise in free air.
+
+What would explain why one run differs (another specimen, another zero, a sensor that died) is no signal of
+the data, so other runs teach nothing about it. Nor does a rest that swings or breathes follow any signal.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.derivatives import grid_step
+from estimation.fit.held_out import held_out_residual, rmse
+from estimation.fit.standing import Standing
+from estimation.signals.blocks import rows_of_runs
+from estimation.signals.runwise import sample_time
+from estimation.signals.swinging import strongest_swing
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+_FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
+_LEAST = 50  # samples
+_APART = 1.5  # the error by itself; slow noise of a few runs stays well below that
+_ROWS = 30  # samples for each gain, with which a run can be fitted by itself
+_ABOVE_AIR = 3.0  # the noise to be expected
+_LIKE_NEIGHBOUR = 0.5  # correlation of neighbouring blocks, which noise as in free air does not have
+_MORE_ALIKE = 0.2  # than in free air: that of 40 blocks is uncertain by 0.16
+_BLOCKS = 40  # in contact and in free air, with fewer of which nothing is said
+_PEAK = 0.2  # share of the variance in one frequency that makes it worth naming
+
+
+@dataclass(frozen=True)
+class Objection:
+    """Why a model is not complete though no smooth law improves it.
+
+    Attributes:
+        reason: in words.
+        depends_on: what the error depends on.
+        floor: the error that a complete model would leave, as far as this shows, in the unit of the effort.
+    """
+
+    reason: str
+    depends_on: str
+    floor: float
+
+
+def objection_to(end: Standing) -> Objection | None:
+    """What speaks against a model that leaves nothing to a smooth law; None if nothing does."""
+    unit = end.data.kind.effort_unit
+    apart = disagreement(end)
+    if apart:
+        return Objection(
+            f"the runs do not follow one law: run {apart.run} is off by {apart.run_predicted:.3g} {unit} when "
+            f"predicted from the others, by {apart.run_alone:.3g} {unit} when fitted by itself; was something "
+            "else probed, or a sensor changed?",
+            "run",
+            apart.alone,
+        )
+    excess = unlike_noise(end)
+    if not excess:
+        return None
+    swings = f" and swings at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
+    return Objection(
+        f"what is left in contact, {excess.contact:.3g} {unit}, is {excess.contact / excess.expected:.0f} "
+        f"times the noise in free air, does not look like noise{swings}; no signal of the data explains it",
+        "time",
+        free_air(end.data) or excess.expected,
+    )
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Runs that do not follow one law.
+
+    Attributes:
+        run: the one that the others predict worst, beside what it is by itself.
+        predicted: root mean square error of all runs, each predicted from the others.
+        alone: the same, each fitted by itself.
+        run_predicted: error of `run`, predicted from the others.
+        run_alone: the same, fitted by itself.
+    """
+
+    run: int
+    predicted: float
+    alone: float
+    run_predicted: float
+    run_alone: float
+
+
+def disagreement(standing: Standing) -> Disagreement | None:
+    """How the runs disagree about the gains and the zero of a model, or None if they do not."""
+    frame, trial = standing.plain.frame, standing.trial
+    data = frame.data
+    predicted = held_out_residual(frame, trial)
+    slopes, effort = trial.model.linearise(data, trial.parameters)
+    slopes = np.column_stack([slopes, np.ones(len(data))])  # a run may have a zero of its own
+    residual = data.effort - effort
+    alone = np.full(len(data), np.nan)
+    judged: list[IntArray] = []
+    for of_run in rows_of_runs(data.run):
+        rows = of_run[np.isfinite(predicted[of_run])]
+        if len(rows) < _ROWS * slopes.shape[1]:
+            predicted[rows] = np.nan  # too short to be fitted by itself
+            continue
+        scale = np.linalg.norm(slopes[rows], axis=0)
+        columns = slopes[rows] / np.where(scale > 0.0, scale, 1.0)
+        fitted = np.linalg.lstsq(columns, residual[rows], rcond=1e-9)[0]
+        freedom = len(rows) / (len(rows) - slopes.shape[1])
+        alone[rows] = (residual[rows] - columns @ fitted) * np.sqrt(freedom)
+        judged.append(rows)
+    if len(judged) < 2 or not rmse(predicted) > _APART * rmse(alone):
+        return None
+    errors = [(rmse(predicted[rows]), rmse(alone[rows])) for rows in judged]
+    worst = int(np.argmax([together**2 - single**2 for together, single in errors]))
+    run = int(data.run[judged[worst][0]])
+    return Disagreement(run, rmse(predicted), rmse(alone), *errors[worst])
+
+
+@dataclass(frozen=True)
+class Excess:
+    """What is left in contact and is no noise.
+
+    Attributes:
+        contact: root mean square of the residual in contact, on blocks, in the unit of the effort.
+        expected: the same of noise as in free air, and of what the steps of force and position make.
+        frequency_hz: at which much of it swings; None if it does at none.
+    """
+
+    contact: float
+    expected: float
+    frequency_hz: float | None
+
+
+def unlike_noise(standing: Standing) -> Excess | None:
+    """What a model leaves in contact beyond the sensor's noise, or None if it looks like noise."""
+    frame = standing.plain.frame
+    data = frame.data
+    if data.kind is not ChannelKind.CONTACT:
+        return None
+    residual = frame.reduce(held_out_residual(frame, standing.trial))
+    usable = frame.trusted & np.isfinite(residual)
+    pressed = data.engaged[frame.rows]
+    contact, air = usable & pressed.all(axis=1), usable & ~pressed.any(axis=1)
+    if min(contact.sum(), air.sum()) < _BLOCKS:
+        return None
+    size = _rms(residual[contact])
+    rounding = grid_step(data.effort) / np.sqrt(12.0)
+    noise = (_about_run_means(residual, frame.run, air), rounding, _of_position(standing, contact))
+    expected = float(np.linalg.norm(noise))
+    alike = _neighbours(residual, frame.run, contact)
+    if size < _ABOVE_AIR * expected or alike < _LIKE_NEIGHBOUR:
+        return None
+    if alike < _neighbours(residual, frame.run, air) + _MORE_ALIKE:
+        return None
+    return Excess(size, expected, _frequency(standing, residual, contact))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _about_run_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> float:
+    parts = [residual[chosen & (run == one)] for one in np.unique(run[chosen])]
+    return _rms(np.concatenate([part - part.mean() for part in parts]))
+
+
+def _of_position(standing: Standing, contact: BoolArray) -> float:
+    """Force that the unevenness of the measured position makes, whose steps a coarse encoder shows."""
+    frame = standing.plain.frame
+    position = frame.reduce(frame.data.position)
+    step = sample_time(frame.data.time_s, frame.data.run) * frame.rows.shape[1]
+    speed = frame.reduce(frame.data.velocity)
+    near = contact[1:] & contact[:-1] & (frame.run[1:] == frame.run[:-1])
+    if not near.any():
+        return 0.0
+    uneven = np.diff(position)[near] - 0.5 * (speed[1:] + speed[:-1])[near] * step
+    effort = frame.reduce(frame.data.effort)[contact]
+    stiffness = float(np.ptp(effort)) / max(float(np.ptp(position[contact])), 1e-12)
+    return stiffness * _rms(uneven)
+
+
+def _neighbours(residual: FloatArray, run: IntArray, chosen: BoolArray) -> float:
+    """Correlation of each block with the next."""
+    pairs = chosen[1:] & chosen[:-1] & (run[1:] == run[:-1])
+    if pairs.sum() < _BLOCKS // 2:
+        return 0.0
+    one, other = residual[1:][pairs], residual[:-1][pairs]
+    return float((one @ other) / max(np.sqrt((one @ one) * (other @ other)), 1e-300))
+
+
+def _frequency(standing: Standing, residual: FloatArray, contact: BoolArray) -> float | None:
+    """At which what is left in contact swings most, if it does much [Hz]."""
+    frame = standing.plain.frame
+    step_s = sample_time(frame.data.time_s, frame.data.run) * frame.rows.shape[1]
+    left = np.where(contact, residual, np.nan)
+    found = strongest_swing(frame.reduce(frame.data.time_s), frame.run, left, step_s)
+    return found[0] if found and found[1] > _PEAK else None
+
+
+def free_air(data: ChannelData) -> float | None:
+    """Standard deviation of the effort before the first touch of each run, about that run's mean."""
+    if data.kind is not ChannelKind.CONTACT:
+        return None
+    parts = []
+    for rows in rows_of_runs(data.run):
+        pressed = data.engaged[rows]
+        before = rows[: int(np.argmax(pressed)) if pressed.any() else len(rows)]
+        before = before[: int(_FREE * len(before))]
+        if len(before) >= _LEAST:
+            parts.append(data.effort[before] - data.effort[before].mean())
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) if parts else None

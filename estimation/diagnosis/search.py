@@ -1,0 +1,235 @@
+"""The search for effects: stepwise, looking back at each step, from several first effects where one leads astray.
+
+Pairs are sketched on a copy of the channel that has one sample for each block; what comes out is fitted again
+to all of it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.diagnosis.candidates import Candidate, candidates, is_misnamed, is_possible, size, try_all
+from estimation.effect import Effect, SensorEffect
+from estimation.fit.chance import chance_gains
+from estimation.fit.frame import Frame
+from estimation.fit.memory import Memory
+from estimation.fit.standing import Standing, stand
+from estimation.model import Model
+from robot_io.types import BoolArray
+
+SMALL = 0.05  # of an error: a smaller change is told, and changes no verdict
+TIE = 0.02  # of the squared error in held-out runs, that equally good models may differ by
+LEVEL = 0.01  # of false alarms, over all candidates of a step
+MOST_EFFECTS = 4  # with more, almost anything can be imitated
+FITTED = 4  # candidates of a step of which all parameters are fitted together
+FIRSTS = 5  # first effects that are tried where the best one leads to no complete model
+_FOLDS = 0.6  # share of the folds in which an effect must help
+_CLEAR = 0.5  # of the energy that is left: noise of a thousand blocks and more gives no effect that much
+_MANY = 1000
+Progress = Callable[[str, float], None]
+_Key = tuple[frozenset[str], tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Search:
+    """A channel, its base model and the library; models that were fitted are remembered.
+
+    Attributes:
+        data: the channel.
+        model: the base model.
+        good: samples that are fit for use, shape (n,).
+        effects: the library.
+        rng: for surrogates.
+        progress: told what is being done, and the share of it that is done.
+    """
+
+    data: ChannelData
+    model: Model
+    good: BoolArray
+    effects: tuple[Effect, ...]
+    rng: np.random.Generator
+    progress: Progress = lambda what, share: None
+    _memory: Memory = field(default_factory=Memory)
+    _fits: dict[_Key, Standing] = field(default_factory=dict)
+    _screened: dict[_Key, list[Candidate]] = field(default_factory=dict)
+
+    @property
+    def start(self) -> Standing:
+        """The base model."""
+        return self.fitted(self.model, {})
+
+    def added(self, standing: Standing) -> list[str]:
+        """Names of a model's effects beside the base model's."""
+        base = {effect.name for effect in self.model.effects}
+        return [effect.name for effect in standing.trial.model.effects if effect.name not in base]
+
+    def size(self, standing: Standing) -> int:
+        """Number of a model's parameters beside the base model's."""
+        names = set(self.added(standing))
+        return sum(size(effect) for effect in standing.trial.model.effects if effect.name in names)
+
+    def fitted(self, model: Model, parameters: Mapping[str, float]) -> Standing:
+        """A model, fitted from these parameters on unless it is known already."""
+        key = _key(model)
+        if key not in self._fits:
+            self._fits[key] = stand(self.data, model, parameters, self.good, self._memory)
+        return self._fits[key]
+
+    def refitted(self, model: Model, parameters: Mapping[str, float]) -> Standing:
+        """A model fitted from other parameters, and kept where that is better."""
+        key, anew = _key(model), stand(self.data, model, parameters, self.good, self._memory)
+        known = self._fits.get(key)
+        if known is None or anew.trial.sse < (1.0 - TIE) * known.trial.sse:
+            self._fits[key] = anew
+            self._screened.pop(key, None)
+        return self._fits[key]
+
+    def screened(self, standing: Standing) -> list[Candidate]:
+        """All candidates beside a model, the best first."""
+        key = _key(standing.trial.model)
+        if key not in self._screened:
+            beside = ", ".join(effect.name for effect in standing.trial.model.effects)
+            what = f"{self.data.name}: beside {beside}"
+            tried = candidates(standing.data, standing.trial.model, self.effects)
+            self._screened[key] = try_all(
+                standing, tried, lambda share, name: self.progress(f"{what}: {name}", share)
+            )
+        return self._screened[key]
+
+    def with_candidate(self, candidate: Candidate) -> Standing:
+        """The model that a candidate was tried in, with all parameters fitted together."""
+        best = candidate.search.best
+        known = self._fits.get(_key(best.model))
+        if known is not None and best.sse < (1.0 - TIE) * known.trial.sse:
+            return self.refitted(best.model, best.parameters)
+        return self.fitted(best.model, best.parameters)
+
+    def without(self, standing: Standing, name: str) -> Standing:
+        """A model less one effect."""
+        return self.fitted(standing.trial.model.without(name), standing.trial.parameters)
+
+    def extensions(self, standing: Standing, count: int = FITTED) -> list[Standing]:
+        """A model with one more effect, all parameters fitted together, in the order of `ordered`."""
+        promising = (1.0 - TIE) * standing.trial.held_out
+        made = []
+        for candidate in [one for one in self.screened(standing) if one.possible][:count]:
+            if candidate.held_out < promising:
+                after, effect = self.with_candidate(candidate), candidate.effect
+                if is_possible(effect, after.trial, after.plain) and not is_misnamed(
+                    effect, after.trial, after.plain
+                ):
+                    made.append(after)
+        return self.ordered(made)
+
+    def ordered(self, made: Sequence[Standing]) -> list[Standing]:
+        """By the error in held-out runs; of those as good as the best, the one with fewest parameters first."""
+        limit = (1.0 + TIE) * min((one.trial.held_out for one in made), default=0.0)
+
+        def rank(one: Standing) -> tuple[bool, int, float]:
+            tied = one.trial.held_out <= limit
+            return not tied, self.size(one) if tied else 0, one.trial.held_out
+
+        return sorted(made, key=rank)
+
+    def is_needed(self, before: Standing, after: Standing) -> bool:
+        """Whether an effect takes away more than a small share of the error, and more than chance would."""
+        if after.rmse > (1.0 - SMALL) * before.rmse:
+            return False
+        if np.mean(after.trial.scores.held_out < before.trial.scores.held_out) < _FOLDS:
+            return False
+        return self.p_value(before, after) <= LEVEL
+
+    def p_value(self, before: Standing, after: Standing) -> float:
+        """How often the best of all candidates takes as much from noise alone; 0 where that is out of question."""
+        kept = after.plain.kept
+        noise = after.flexible.residual[kept]
+        observed = (before.trial.sse - after.trial.sse) / max(float(noise @ noise), 1e-300)
+        if observed > _CLEAR and len(noise) > _MANY:
+            return 0.0
+        columns = (
+            trial.columns[kept] for candidate in self.screened(before) for trial in candidate.search.starts
+        )
+        run = after.plain.frame.run[kept]
+        chance = chance_gains(noise, run, before.trial.columns[kept], columns, self.rng)
+        return float((1 + np.sum(chance >= observed)) / (1 + len(chance)))
+
+
+def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
+    """The model that explains most, each of its effects needed beside the others."""
+    frame = whole.start.plain.frame
+    sketch = Search(coarse_copy(frame), whole.model, frame.trusted, whole.effects, whole.rng, whole.progress)
+    on_all = partial(_refined, whole)
+    best = on_all(_climb(sketch, sketch.start))
+    if is_complete(best):
+        return best
+    for first in sketch.extensions(sketch.start, FIRSTS):
+        if set(sketch.added(first)) <= set(whole.added(best)):
+            continue
+        rough = _climb(sketch, first)
+        known = sketch.fitted(best.trial.model, best.trial.parameters)
+        if rough.trial.held_out < (1.0 - TIE) * known.trial.held_out:
+            best = whole.ordered([best, on_all(rough)])[0]
+            if is_complete(best):
+                break
+    return best
+
+
+def _refined(whole: Search, rough: Standing) -> Standing:
+    """What was found on a coarse copy, on the channel itself."""
+    return _climb(whole, _looked_back(whole, whole.fitted(rough.trial.model, rough.trial.parameters)))
+
+
+def _climb(search: Search, standing: Standing) -> Standing:
+    """Add the best effect as long as one is needed, and look back at each step."""
+    while len(search.added(standing)) < MOST_EFFECTS:
+        further = (one for one in search.extensions(standing) if search.is_needed(standing, one))
+        found = next(further, None)
+        if found is None:
+            break
+        settled = _looked_back(search, found)
+        if settled.trial.held_out >= standing.trial.held_out:
+            break
+        standing = settled
+    return standing
+
+
+def _looked_back(search: Search, standing: Standing) -> Standing:
+    """Drop what later effects made needless, and exchange what another would now do better."""
+    for name in search.added(standing):
+        less = search.without(standing, name)
+        if not search.is_needed(less, standing):
+            standing = less
+        elif len(search.added(standing)) > 1:
+            others = search.extensions(less, 2)
+            if others and others[0].trial.held_out < (1.0 - TIE) * standing.trial.held_out:
+                standing = others[0]
+    return standing
+
+
+def coarse_copy(frame: Frame) -> ChannelData:
+    """The channel averaged over blocks, one sample for each."""
+    data, mean = frame.data, frame.reduce
+    return ChannelData(
+        data.name,
+        data.kind,
+        mean(data.time_s),
+        mean(data.position),
+        mean(data.velocity),
+        mean(data.acceleration),
+        mean(data.effort),
+        frame.run,
+        data.phase[frame.rows[:, 0]],
+        {name: mean(signal) for name, signal in data.context.items()},
+        data.surface,
+        data.tare,
+        data.recorded,
+    )
+
+
+def _key(model: Model) -> _Key:
+    """Effects add up in any order; what sensors do does not."""
+    sensors = tuple(effect.name for effect in model.effects if isinstance(effect, SensorEffect))
+    return frozenset(effect.name for effect in model.effects), sensors

@@ -1,1 +1,0 @@
-"""Which effects are tried, in which order, and what speaks for them."""
