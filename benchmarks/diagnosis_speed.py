@@ -19,7 +19,7 @@ from control.probing.plan import ProbingPlan
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import diagnose
-from estimation.diagnosis.search.library import library
+from estimation.diagnosis.candidates import library
 from estimation.models import MODELS
 from palpate.arm.probing_run import ProbingJob, run_probing
 from palpate.arm.robots import DEFAULT, find_robot

@@ -12,7 +12,7 @@ from synthetic.ways import WAYS
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, diagnose
-from estimation.diagnosis.search.library import library
+from estimation.diagnosis.candidates import library
 from estimation.models import MODELS
 
 BASE = {ChannelKind.CONTACT: "kelvin_voigt", ChannelKind.REVOLUTE: "pendulum"}

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.judgement.below_a_step import FEW_READINGS
 from estimation.gate.gate import SINGLE_RUN
 from estimation.diagnosis.result import NextExperiment
 from estimation.effect import Effect
 
+FEW_READINGS = "different readings"  # what a reason counts where the reader's steps are too coarse
 Settings = dict[str, float | int | str | list[float] | dict[str, float | str]]
 
 

@@ -9,12 +9,9 @@ class Verdict(StrEnum):
     """The answer for one channel."""
 
     ADEQUATE = "adequate"  # nothing is missing that this data can show
-    MISSING = "missing"  # these effects are
-    UNEXPLAINED = "unexplained"  # structure is left that no known effect explains
+    MISSING = "missing"  # these effects are, whatever else is
+    UNEXPLAINED = "unexplained"  # structure is left, and no effect is established
     INSUFFICIENT = "insufficient"  # this data cannot say
-
-
-SMALL_REST = 1.05  # times the noise floor, up to which an error is hardly more than noise, sample by sample
 
 
 class _Entry(BaseModel):
@@ -52,7 +49,6 @@ class Accepted(_Entry):
         physics: one line of what happens.
         equation: its term.
         signature: what one sees in the data.
-        told_by: other channels that showed it; empty where this one did.
     """
 
     effect: str
@@ -64,7 +60,6 @@ class Accepted(_Entry):
     physics: str
     equation: str
     signature: str
-    told_by: list[str] = Field(default_factory=list)
 
 
 class Ranked(_Entry):
@@ -81,18 +76,18 @@ class Ranked(_Entry):
     score: float
 
 
-class Suspect(_Entry):
-    """An effect that explains part of what is left, not well enough to be named.
+class Remaining(_Entry):
+    """What is left of the error with all that was accepted.
 
     Attributes:
-        effect: its name.
-        rmse_after: error in held-out runs with it and those before it.
-        confused_with: effects that would do as well in its place.
+        rmse: error in held-out runs.
+        times_floor: over the noise floor.
+        depends_on: signals that it depends on; empty where it is noise.
     """
 
-    effect: str
-    rmse_after: float
-    confused_with: list[str] = Field(default_factory=list)
+    rmse: float
+    times_floor: float
+    depends_on: list[str]
 
 
 class NextExperiment(_Entry):
@@ -112,11 +107,16 @@ class NextExperiment(_Entry):
 
 
 class Floor(_Entry):
-    """The noise floor and what it rests on; see `estimation.diagnosis.judgement.noise_floor.NoiseFloor`."""
+    """The noise floor and what it rests on; in the unit of the effort.
+
+    Attributes:
+        value: the error that a complete model would leave in held-out runs.
+        free_air: noise before the first touch of each run; None if there is no free air.
+        share_left: share of the error, on means over a few samples, that a smooth law still explains.
+    """
 
     value: float
     free_air: float | None
-    repeats: float | None
     share_left: float
 
 
@@ -132,14 +132,12 @@ class ChannelDiagnosis(_Entry):
         floor: what that rests on.
         baseline: the base model.
         accepted: effects found missing, in order.
-        suspects: effects that help but do not complete the model; only where it is unexplained.
         ranking: all candidates beside the base model, best first.
         final: the model with all that was accepted.
-        depends_on: signals that the remaining error depends on.
+        complete: whether no more is left than noise, as far as this data shows; None where nothing was judged.
+        remaining: what is left.
+        depends_on: the same as in `remaining`.
         next_experiment: what would tell more; None if nothing would.
-        force_ahead_of: faults of the force sensor, ahead of which the contact's model says with what force
-            this joint was judged; empty for the force as it was measured.
-        not_judged: joints of the same arm about which nothing is said, of a contact that was judged alone.
     """
 
     channel: str
@@ -150,20 +148,12 @@ class ChannelDiagnosis(_Entry):
     floor: Floor | None = None
     baseline: Fitted | None = None
     accepted: list[Accepted] = Field(default_factory=list)
-    suspects: list[Suspect] = Field(default_factory=list)
     ranking: list[Ranked] = Field(default_factory=list)
     final: Fitted | None = None
+    complete: bool | None = None
+    remaining: Remaining | None = None
     depends_on: list[str] = Field(default_factory=list)
     next_experiment: NextExperiment | None = None
-    force_ahead_of: list[str] = Field(default_factory=list)
-    not_judged: list[str] = Field(default_factory=list)
-
-    @property
-    def leaves_little(self) -> bool:
-        """Whether the final error is hardly above the noise floor, whatever shape the rest has."""
-        if self.final is None or self.noise_floor is None:
-            return False
-        return self.final.rmse < SMALL_REST * self.noise_floor
 
 
 class Diagnosis(_Entry):

@@ -76,9 +76,10 @@ def _polished(bench: Bench, trial: Trial) -> Trial:
         moved = {name: scale.value(x) for (name, scale), x in zip(scales.items(), numbers, strict=True)}
         return attempt(bench, trial.model, {**trial.parameters, **moved}, arrived=_ARRIVED)
 
+    unit = float(np.sqrt(np.mean(bench.whiten(trial.target) ** 2))) or 1.0  # its tolerance is absolute
+
     def residual(numbers: FloatArray) -> FloatArray:
-        tried = at(numbers)
-        return bench.whiten(tried.residual)
+        return bench.whiten(at(numbers).residual) / unit
 
     low, high = (np.array(side) for side in zip(*(s.bounds for s in scales.values()), strict=True))
     start = np.clip(np.zeros(len(scales)), low + 1e-9, high - 1e-9)

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelKind
 from estimation.fit.frame import Frame
+from estimation.signals.blocks import since_their_start
 from estimation.signals.runwise import low_pass, play, rate, relax, running_max, sample_time, shift
 from robot_io.types import FloatArray, IntArray
 
@@ -32,7 +33,7 @@ def features(frame: Frame, effort: FloatArray) -> dict[str, FloatArray]:
     coarse_x, coarse_e = _hats(x, even=0), _hats(effort, even=0)
     found = {
         "offset": np.ones((len(x), 1)),
-        "time": np.column_stack([time_s - time_s[0], (time_s - time_s[0]) ** 2]),
+        "time": _ageing(time_s, run, v, effort, turn),
         "position": frame.memory.recall("position", lambda: _position(frame)),
         "velocity": np.column_stack([curves_v, v[:, None] * coarse_x]),
         "direction": np.column_stack([sharp, turn, turn[:, None] * coarse_x, turn[:, None] * coarse_e]),
@@ -50,6 +51,17 @@ def features(frame: Frame, effort: FloatArray) -> dict[str, FloatArray]:
     if "load" in found:
         found["load"] = np.column_stack([found["load"], sharp * np.abs(frame.reduce(data.context["load"]))])
     return found
+
+
+def _ageing(time_s: FloatArray, run: IntArray, *signals: FloatArray) -> FloatArray:
+    """A trend, and how signals (m,) may grow or fade with the time of the session, and of each run."""
+    clocks = (_unit_clock(time_s), _unit_clock(since_their_start(time_s, run)))
+    fading = [clock * signal for clock in clocks for signal in signals]
+    return np.column_stack([clocks[0], clocks[0] ** 2, clocks[1], *fading])
+
+
+def _unit_clock(time_s: FloatArray) -> FloatArray:
+    return (time_s - time_s[0]) / (float(np.ptp(time_s)) or 1.0)
 
 
 def _position(frame: Frame) -> FloatArray:

@@ -1,0 +1,188 @@
+"""What a search comes to: the verdict, the effects with their evidence, and what is left, in words and numbers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.diagnosis.established import in_order, rivals
+from estimation.diagnosis.next_experiment import exploring, separating, sufficient
+from estimation.diagnosis.objections import Objection, free_air
+from estimation.diagnosis.result import (
+    Accepted,
+    ChannelDiagnosis,
+    Fitted,
+    Floor,
+    NextExperiment,
+    ParameterValue,
+    Ranked,
+    Remaining,
+    Verdict,
+)
+from estimation.diagnosis.search import Search
+from estimation.fit.intervals import final, values
+from estimation.fit.standing import Standing
+from estimation.fit.unexplained import depends_on
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Where a search ended.
+
+    Attributes:
+        search: the channel, the base model and all that was tried.
+        end: the base model with the effects that are established.
+        complete: whether it leaves no more than noise.
+        helping: effects that helped to lower the error and are not established.
+        objection: what no signal of the data shows, and speaks against completeness.
+    """
+
+    search: Search
+    end: Standing
+    complete: bool
+    helping: Sequence[str]
+    objection: Objection | None
+
+    @property
+    def floor(self) -> float:
+        """The error that a complete model would leave, in the unit of the effort."""
+        if self.complete:
+            return self.end.rmse
+        known = self.objection.floor if self.objection else np.inf
+        return min(self.end.floor(), self.end.rmse, known)
+
+    @property
+    def signals(self) -> list[str]:
+        """What the error that is left depends on."""
+        if self.complete:
+            return []
+        return [self.objection.depends_on] if self.objection else depends_on(self.end)
+
+
+def insufficient(data: ChannelData, reason: str) -> ChannelDiagnosis:
+    """That the channel cannot say, for this reason."""
+    return ChannelDiagnosis(
+        channel=data.name,
+        verdict=Verdict.INSUFFICIENT,
+        reason=reason,
+        effort_unit=data.kind.effort_unit,
+        next_experiment=sufficient(reason, data.kind),
+    )
+
+
+def answer(found: Judgement) -> ChannelDiagnosis:
+    """The entry for one channel."""
+    search, end = found.search, found.end
+    path = in_order(search, end)
+    accepted = _accepted(found, path)
+    verdict = (
+        Verdict.MISSING if accepted else Verdict.ADEQUATE if found.complete else Verdict.UNEXPLAINED
+    )
+    floor = found.floor
+    times = end.rmse / floor if floor > 0.0 else 1.0
+    return ChannelDiagnosis(
+        channel=search.data.name,
+        verdict=verdict,
+        reason=_reason(found, verdict, accepted),
+        effort_unit=search.data.kind.effort_unit,
+        noise_floor=floor,
+        floor=Floor(value=floor, free_air=free_air(search.data), share_left=end.left_of_blocks()),
+        baseline=fitted(search.start, complete=found.complete and not accepted),
+        accepted=accepted,
+        ranking=_ranking(search),
+        final=fitted(end, complete=found.complete),
+        complete=found.complete,
+        remaining=Remaining(rmse=end.rmse, times_floor=times, depends_on=found.signals),
+        depends_on=found.signals,
+        next_experiment=_next(found, accepted),
+    )
+
+
+def fitted(standing: Standing, *, complete: bool) -> Fitted:
+    """A model's error and parameters; `complete` where nothing is missing in it, see `final`."""
+    return Fitted(rmse=standing.rmse, parameters=_parameters(standing, complete=complete))
+
+
+def _parameters(standing: Standing, *, complete: bool) -> dict[str, ParameterValue]:
+    found = values(*final(standing, complete=complete))
+    return {
+        name: ParameterValue(
+            value=one.value, std_err=one.std_err if np.isfinite(one.std_err) else None, unit=one.unit
+        )
+        for name, one in found.items()
+    }
+
+
+def _accepted(found: Judgement, path: Sequence[Standing]) -> list[Accepted]:
+    search, before, accepted = found.search, found.search.start, []
+    everything = _parameters(found.end, complete=found.complete) if path else {}
+    by_name = {effect.name: effect for effect in search.effects}
+    for after in path:
+        (name,) = set(search.added(after)) - set(search.added(before))
+        own = {key.split(".", 1)[1]: one for key, one in everything.items() if key.split(".")[0] == name}
+        less = search.without(found.end, name)
+        accepted.append(
+            Accepted(
+                effect=name,
+                parameters=own,
+                rmse_before=before.rmse,
+                rmse_after=after.rmse,
+                p_value=search.p_value(less, found.end),
+                confused_with=rivals(search, found.end, name),
+                physics=by_name[name].physics,
+                equation=by_name[name].equation,
+                signature=by_name[name].signature,
+            )
+        )
+        before = after
+    return accepted
+
+
+def _ranking(search: Search) -> list[Ranked]:
+    """Errors sample by sample, from what each candidate takes away on blocks."""
+    start, ranked = search.start, []
+    count = max(int(start.plain.kept.sum()), 1)
+    for candidate in (one for one in search.screened(start) if one.possible):
+        taken = (start.trial.held_out - candidate.held_out) / count
+        error = float(np.sqrt(max(start.rmse**2 - taken, 0.0)))
+        score = float(1.0 - error / start.rmse) if start.rmse > 0.0 else 0.0
+        ranked.append(Ranked(effect=candidate.effect.name, rmse_held_out=error, score=score))
+    return ranked
+
+
+def _reason(found: Judgement, verdict: Verdict, accepted: Sequence[Accepted]) -> str:
+    end, unit = found.end, found.search.data.kind.effort_unit
+    if verdict is Verdict.ADEQUATE:
+        return "no effect of the library lowers the error in held-out runs, and nothing smooth is left in it"
+    left = _left(found)
+    if verdict is Verdict.MISSING:
+        names = " and ".join(_or_rivals(entry) for entry in accepted)
+        fall = f"the error falls from {found.search.start.rmse:.3g} to {end.rmse:.3g} {unit} with {names}"
+        return f"{fall}, and nothing smooth is left in it" if found.complete else f"{fall}; {left}"
+    if not found.helping:
+        return f"the error is {end.rmse:.3g} {unit}; {left}"
+    names = " and ".join(found.helping)
+    return f"{left}; {names} would lower it, but a law that no effect of the library follows does so better"
+
+
+def _left(found: Judgement) -> str:
+    if found.objection:
+        return found.objection.reason
+    told = ", ".join(found.signals) or "a mix of signals"
+    floor = found.floor
+    times = f"{found.end.rmse / floor:.2g} times the noise floor, " if floor > 0.0 else ""
+    return f"what is left is {times}and depends on {told}"
+
+
+def _or_rivals(entry: Accepted) -> str:
+    others = " or ".join(entry.confused_with)
+    return f"{entry.effect} (indistinguishable from {others})" if others else entry.effect
+
+
+def _next(found: Judgement, accepted: Sequence[Accepted]) -> NextExperiment | None:
+    by_name, kind = {effect.name: effect for effect in found.search.effects}, found.search.data.kind
+    for entry in accepted:
+        if entry.confused_with:
+            return separating(by_name[entry.effect], entry.confused_with, kind)
+    return None if found.complete else exploring(found.signals, kind)

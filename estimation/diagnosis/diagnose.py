@@ -1,0 +1,141 @@
+"""Says what is missing in a model, with evidence; or that nothing is, or that nobody has named it."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.diagnosis.answer import Judgement, answer, insufficient
+from estimation.diagnosis.candidates import library
+from estimation.diagnosis.doubt import still_explained
+from estimation.diagnosis.established import established
+from estimation.diagnosis.next_experiment import FEW_READINGS
+from estimation.diagnosis.objections import objection_to
+from estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
+from estimation.diagnosis.search import SMALL, Progress, Search, search
+from estimation.effect import Effect
+from estimation.fit.exact import is_exact
+from estimation.fit.readings import readings_of
+from estimation.fit.standing import Standing
+from estimation.gate import refuse, usable
+from estimation.model import Model
+
+_HANDFUL = 12  # different readings in all; with more, an effort crosses so many steps that they average out
+
+
+def diagnose(
+    data: ChannelData | Sequence[ChannelData],
+    model: Model | Sequence[Model],
+    effects: Iterable[Effect] | None = None,
+    *,
+    rng: np.random.Generator,
+    progress: Progress = lambda what, share: None,
+    file: str = "",
+    processes: int = 1,
+) -> Diagnosis:
+    """Diagnose each channel.
+
+    Args:
+        data: one channel or several.
+        model: the base model of all, or one for each channel.
+        effects: the library of hypotheses; by default all that palpate knows.
+        rng: for all draws.
+        progress: told what is being done and which share of that is done.
+        file: what the data came from, for the record.
+        processes: that share the channels.
+
+    Returns:
+        One entry for each channel, in the order given.
+    """
+    channels = [data] if isinstance(data, ChannelData) else list(data)
+    models = [model] * len(channels) if isinstance(model, Model) else list(model)
+    known = library() if effects is None else tuple(effects)
+    jobs = list(zip(channels, models, rng.spawn(len(channels)), strict=True))
+    work = partial(_diagnose_job, known)
+    if processes == 1 or len(jobs) == 1:
+        found = [diagnose_channel(*job[:2], known, job[2], progress) for job in jobs]
+    else:
+        with ProcessPoolExecutor(min(processes, len(jobs)), get_context("fork")) as pool:
+            found = list(_counted(pool.map(work, jobs), channels, progress))
+    name = "+".join(dict.fromkeys(one.name for one in models))
+    return Diagnosis(file=file, model=name, channels=found)
+
+
+def _diagnose_job(
+    effects: tuple[Effect, ...], job: tuple[ChannelData, Model, np.random.Generator]
+) -> ChannelDiagnosis:
+    data, model, rng = job
+    return diagnose_channel(data, model, effects, rng)
+
+
+def _counted(
+    found: Iterable[ChannelDiagnosis], channels: Sequence[ChannelData], progress: Progress
+) -> Iterator[ChannelDiagnosis]:
+    """Results as they come, told as progress."""
+    progress(", ".join(one.name for one in channels), 0.0)
+    for number, one in enumerate(found, start=1):
+        progress(f"{one.channel}: {one.verdict.value}", number / len(channels))
+        yield one
+
+
+def diagnose_channel(
+    data: ChannelData,
+    model: Model,
+    effects: tuple[Effect, ...],
+    rng: np.random.Generator,
+    progress: Progress = lambda what, share: None,
+) -> ChannelDiagnosis:
+    """Diagnose one channel; see `diagnose`."""
+    good = usable(data)
+    if reason := refuse(data.select(good), model):
+        return insufficient(data, reason)
+    tried = Search(data, model, good, effects, rng, progress)
+    is_complete = _Completeness(tried)
+    found = search(tried, is_complete)
+    end = established(tried, found, complete=is_complete(found))
+    objection = None if is_exact(end) else objection_to(end)
+    complete = objection is None and is_complete(end)
+    if not complete and end is tried.start and (reason := _below_a_step(end)):
+        return insufficient(data, reason)
+    helping = [name for name in tried.added(found) if name not in tried.added(end)]
+    return answer(Judgement(tried, end, complete, helping, objection))
+
+
+class _Completeness:
+    """Whether models leave no more than draws from them do; each is judged once."""
+
+    def __init__(self, search: Search) -> None:
+        self._search, self._known = search, dict[int, tuple[Standing, bool]]()
+        self._of_motion = readings_of(search.data)
+
+    def __call__(self, standing: Standing) -> bool:
+        if id(standing) not in self._known:
+            self._known[id(standing)] = standing, self._judge(standing)
+        return self._known[id(standing)][1]
+
+    def _judge(self, standing: Standing) -> bool:
+        if is_exact(standing) or standing.rmse <= (1.0 + SMALL) * standing.floor():
+            return True
+        return not still_explained(standing, self._of_motion, self._search.rng).is_unusual
+
+
+def _below_a_step(start: Standing) -> str | None:
+    """Why nothing can be said of a channel whose reader shows a handful of values only; None if it can.
+
+    A reader that rounds is off by up to half a step, and always in the same way where the motion is the same
+    (B. Widrow, I. Kollar, Quantization Noise (2008)).
+    """
+    levels = np.unique(start.data.effort)
+    if not 1 < len(levels) <= _HANDFUL:
+        return None
+    step, unit = float(np.median(np.diff(levels))), start.data.kind.effort_unit
+    if start.rmse >= step:
+        return None
+    return (
+        f"only {len(levels)} {FEW_READINGS}, {step:.3g} {unit} apart, and the model is off by "
+        f"{start.rmse:.3g} {unit}, less than one such step: what is left may be the reader's rounding; "
+        "use a finer sensor, or a motion that takes more effort"
+    )

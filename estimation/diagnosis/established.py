@@ -1,0 +1,146 @@
+"""Which effects of a model may be called by their names.
+
+An effect that is not in the library is drawn by others, well or badly. What gives an impostor away is that a
+law without a name does better: a wide, shrunken regression on all signals (`estimation.fit.flexible`), which
+knows no shape. Names stand where they describe held-out runs as well as that, and leave it little to explain.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.data.derivatives import grid_step
+from estimation.diagnosis.candidates import Candidate, size
+from estimation.diagnosis.doubt import is_as_good
+from estimation.diagnosis.search import SMALL, Search
+from estimation.fit.standing import Standing
+from estimation.fit.trial import Trial
+from robot_io.types import FloatArray
+
+AS_GOOD = 0.9  # of the squared error that names leave, that a law without a name must not get below
+MOST = 0.9  # of the squared error that can be explained at all, that names must explain
+_ALIKE = 0.95  # cosine above which two effects explain the same
+_WITHIN = 1e-3  # of the energy of what an effect adds, that is left where another law contains it
+
+
+@dataclass(frozen=True)
+class Standards:
+    """What a model is held against, as mean squares of the error on blocks of held-out runs.
+
+    Attributes:
+        base: of the base model.
+        named: of the model with effects.
+        nameless: of the base model and a smooth law of all signals.
+        both: of the model with effects and such a law.
+    """
+
+    base: float
+    named: float
+    nameless: float
+    both: float
+
+    @property
+    def is_met(self) -> bool:
+        """Whether the names do as well as a law without a name, and leave it little to explain."""
+        explainable = self.base - min(self.nameless, self.both)
+        explained = self.base - self.named
+        return self.nameless >= AS_GOOD * self.named and explained >= MOST * explainable
+
+
+def standards(start: Standing, end: Standing) -> Standards:
+    """How well effects and nameless laws describe runs that were held out."""
+    counts = [max(int(one.plain.kept.sum()), 1) for one in (start, end)]
+    return Standards(
+        start.trial.held_out / counts[0],
+        end.trial.held_out / counts[1],
+        float(start.flexible.held_out.sum()) / counts[0],
+        float(end.flexible.held_out.sum()) / counts[1],
+    )
+
+
+def established(search: Search, end: Standing, *, complete: bool) -> Standing:
+    """The model with those of its effects that stand by themselves; the base model where none does.
+
+    Args:
+        search: that led to the model.
+        end: base model and effects.
+        complete: whether it leaves no more than draws from it do.
+    """
+    names = [name for name in search.added(end) if not _is_below_a_step(search, end, name)]
+    if not names or not (complete or standards(search.start, end).is_met):
+        return search.start
+    for name in set(search.added(end)) - set(names):
+        end = search.without(end, name)
+    return end
+
+
+def in_order(search: Search, end: Standing) -> list[Standing]:
+    """The models on the way from the base to the end, the most telling effect first."""
+    path = [end]
+    while search.added(path[0]):
+        less = [search.without(path[0], name) for name in search.added(path[0])]
+        path.insert(0, min(less, key=lambda one: one.trial.held_out))
+    return path[1:]
+
+
+def rivals(search: Search, end: Standing, name: str) -> list[str]:
+    """Effects that the data do not refuse in the place of one, best first.
+
+    An effect that merely contains this one (a law with one more term) is no rival: the data say that the term
+    is nothing.
+    """
+    without = search.without(end, name)
+    tried = search.screened(without)
+    taken = next((one for one in tried if one.effect.name == name), None)
+    reach = (1.0 + SMALL) ** 2 * 1.5 * end.trial.held_out
+    found = []
+    for candidate in tried:
+        if candidate is taken or not candidate.possible or candidate.held_out > reach:
+            continue
+        if _likeness(without.trial, end.trial, candidate.search.best) < _ALIKE:
+            continue
+        if taken is not None and _contains(candidate, taken):
+            continue
+        if is_as_good(end, search.with_candidate(candidate), search.rng):
+            found.append(candidate.effect.name)
+    return found
+
+
+def _is_below_a_step(search: Search, end: Standing, name: str) -> bool:
+    """Whether an effect adds no more than the reader's rounding does, which looks like a law too."""
+    step = grid_step(np.sort(end.data.effort))
+    without = search.without(end, name)
+    added = np.sqrt(max(without.rmse**2 - end.rmse**2, 0.0))
+    return bool(name != "quantisation" and step > 0.0 and added < step / np.sqrt(12.0) and end.rmse < step)
+
+
+def _likeness(base: Trial, one: Trial, other: Trial) -> float:
+    """Cosine between what two models explain beyond a third: 1 where they explain the same."""
+    first, second = (base.residual - trial.residual for trial in (one, other))
+    lengths = float(np.linalg.norm(first) * np.linalg.norm(second))
+    return float(first @ second) / lengths if lengths > 0.0 else 0.0
+
+
+def _contains(rival: Candidate, taken: Candidate) -> bool:
+    """Whether the rival has more parameters and can draw what the taken one draws."""
+    if _count(rival) <= _count(taken):
+        return False
+    added = _contribution(taken.search.best, taken.effect.name)
+    energy = float(added @ added)
+    columns = rival.search.best.columns
+    left = added - columns @ np.linalg.lstsq(columns, added, rcond=None)[0]
+    return energy > 0.0 and float(left @ left) < _WITHIN * energy
+
+
+def _count(candidate: Candidate) -> int:
+    return len(candidate.effect.inner) + len(candidate.effect.gains)
+
+
+def _contribution(trial: Trial, effect: str) -> FloatArray:
+    """What an effect adds to the prediction on blocks, shape (m,)."""
+    names: Sequence[str] = list(trial.model.gains)
+    own = [i for i, name in enumerate(names) if name.startswith(f"{effect}.")]
+    gains = np.array([trial.parameters[names[i]] for i in own])
+    added: FloatArray = trial.columns[:, own] @ gains
+    return added
