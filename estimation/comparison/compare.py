@@ -7,11 +7,11 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.comparison.split import splits
+from estimation.diagnosis.judgement.noise_floor import NoiseFloor, noise_floor
+from estimation.diagnosis.judgement.objection import floor_unseen
 from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.standing import Standing
 from estimation.fit.unexplained import is_explained
-from estimation.diagnosis.judgement.noise_floor import NoiseFloor, noise_floor
-from estimation.diagnosis.judgement.objection import floor_unseen
 from estimation.model import Model
 from estimation.revision import standings
 from robot_io.types import BoolArray, FloatArray

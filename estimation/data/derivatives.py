@@ -95,9 +95,7 @@ def grid_step(position: FloatArray) -> float:
     return float(moves.min()) if np.abs(in_steps - np.round(in_steps)).max() < _ON_GRID else 0.0
 
 
-def position_error(
-    time_s: FloatArray, position: FloatArray, run: IntArray, rounding: float
-) -> FloatArray:
+def position_error(time_s: FloatArray, position: FloatArray, run: IntArray, rounding: float) -> FloatArray:
     """What each position differs by from the smooth motion, shape (n,), at the size of the reading's error.
 
     The smooth motion is that of the window which best predicts a sample from its neighbours; what a sample

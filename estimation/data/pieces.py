@@ -4,7 +4,7 @@ import numpy as np
 
 from robot_io.types import FloatArray, IntArray
 
-_GAP = 1.5  # median steps that are a gap
+_GAP = 3.5  # median steps that are a gap: jitter, and a sample or two that were lost, are none
 
 
 def number_pieces(time_s: FloatArray, run: IntArray) -> IntArray:

@@ -76,9 +76,7 @@ def answer(found: Judgement) -> ChannelDiagnosis:
     search, end = found.search, found.end
     path = in_order(search, end)
     accepted = _accepted(found, path)
-    verdict = (
-        Verdict.MISSING if accepted else Verdict.ADEQUATE if found.complete else Verdict.UNEXPLAINED
-    )
+    verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if found.complete else Verdict.UNEXPLAINED
     floor = found.floor
     times = end.rmse / floor if floor > 0.0 else 1.0
     return ChannelDiagnosis(

@@ -22,7 +22,9 @@ REFINED = 5  # candidates that are refined in any case
 ESSENTIAL = 0.02  # of the squared error: what makes an effect what it is must take away as much
 FAR_END = 0.99  # of the upper bound of an inner parameter
 LOOSE = 0.05  # of the effort, that a gain may be off its bounds before all parameters are fitted together
-OF_RUNS = "run_"  # how names of effects begin that differ from run to run: whole runs held out cannot judge them
+OF_RUNS = (
+    "run_"  # how names of effects begin that differ from run to run: whole runs held out cannot judge them
+)
 
 # Parts of base models, or other names of a term that the channel's own vocabulary has.
 _NOT_TRIED = {

@@ -95,7 +95,7 @@ def diagnose_channel(
     tried = Search(data, model, good, effects, rng, progress)
     is_complete = _Completeness(tried)
     found = search(tried, is_complete)
-    end = established(tried, found, complete=is_complete(found))
+    end = established(tried, found, is_complete.readings, complete=is_complete(found))
     objection = None if is_exact(end) else objection_to(end)
     complete = objection is None and is_complete(end)
     if not complete and end is tried.start and (reason := _below_a_step(end)):
@@ -109,7 +109,7 @@ class _Completeness:
 
     def __init__(self, search: Search) -> None:
         self._search, self._known = search, dict[int, tuple[Standing, bool]]()
-        self._of_motion = readings_of(search.data)
+        self.readings = readings_of(search.data)
 
     def __call__(self, standing: Standing) -> bool:
         if id(standing) not in self._known:
@@ -119,7 +119,7 @@ class _Completeness:
     def _judge(self, standing: Standing) -> bool:
         if is_exact(standing) or standing.rmse <= (1.0 + SMALL) * standing.floor():
             return True
-        return not still_explained(standing, self._of_motion, self._search.rng).is_unusual
+        return not still_explained(standing, self.readings, self._search.rng).is_unusual
 
 
 def _below_a_step(start: Standing) -> str | None:

@@ -15,6 +15,7 @@ from estimation.channel import ChannelData
 from estimation.fit.chance import surrogates
 from estimation.fit.flexible import flexible
 from estimation.fit.held_out import held_out_blocks
+from estimation.fit.inner_search import look
 from estimation.fit.memory import Memory
 from estimation.fit.readings import Readings, shuffled
 from estimation.fit.standing import Fit, Standing
@@ -24,6 +25,7 @@ from robot_io.types import FloatArray
 DRAWS = 19  # at most: of 20 data sets, one is the largest by chance once in twenty
 _USUAL = 2  # draws as large as the data, after which these are nothing unusual
 _FEW, _FAR = 4, 3.0  # draws, and times the largest of them: data beyond need no more draws
+_STARTS = 6  # of an effect's inner parameters, that are tried on a draw beside those found
 _LEAST_NOISE = 0.05  # share of the noise that is the effort's own, however much the readings may make
 _RIVAL_LEVEL = 0.01  # of refusing a rival that is right
 _ROUNDING = 0.02  # of the squared error: models closer than this are equally good
@@ -59,13 +61,47 @@ def still_explained(standing: Standing, readings: Readings, rng: np.random.Gener
     return place(standing.left_of_blocks(), (_share(*one) for one in draws(standing, readings, rng)))
 
 
+def still_gained(
+    before: Standing, after: Standing, name: str, readings: Readings, rng: np.random.Generator
+) -> Placed:
+    """Share of the held-out error that an effect takes away, in the data and in draws from the model without it.
+
+    Args:
+        before: the model without the effect.
+        after: the model with it; what it leaves is the noise of the draws.
+        name: of the effect.
+        readings: how the motion was read.
+        rng: for the draws.
+    """
+    model = after.trial.model
+    effect = next(one for one in model.effects if one.name == name)
+    found = {one.name: after.trial.parameters[f"{name}.{one.name}"] for one in effect.inner}
+    starts = effect.starts(before.data)
+    tried = [found, *starts[:: max(len(starts) // _STARTS, 1)]]
+
+    def gain(bench: Bench, trial: Trial) -> float:
+        looked = look(bench, model, effect, {**after.trial.parameters, **trial.parameters}, tried)
+        return 1.0 - float(np.sqrt(looked.held_out.sum() / max(trial.held_out, 1e-300)))
+
+    observed = 1.0 - float(np.sqrt(after.trial.held_out / before.trial.held_out))
+    return place(observed, (gain(*one) for one in draws(before, readings, rng, after.flexible.residual)))
+
+
 def draws(
-    standing: Standing, readings: Readings, rng: np.random.Generator
+    standing: Standing, readings: Readings, rng: np.random.Generator, left: FloatArray | None = None
 ) -> Iterator[tuple[Bench, Trial]]:
-    """The model fitted to measurements drawn from itself, without end."""
+    """A model fitted to measurements drawn from itself, without end.
+
+    Args:
+        standing: the model.
+        readings: how the motion was read.
+        rng: for the draws.
+        left: noise on blocks, shape (m,); by default what a smooth law leaves of the model's error.
+    """
     frame, model, known = standing.plain.frame, standing.trial.model, standing.trial.parameters
-    expected = model.predict(_with_derived(readings.true_motion, standing.data), known)
-    noise = _own_noise(standing, readings, expected, rng)
+    expected = model.predict(_with_derived(readings.true_motion(rng), standing.data), known)
+    left = standing.flexible.residual if left is None else left
+    noise = _own_noise(standing, readings, expected, left, rng)
     while True:
         effort = expected.copy()
         effort[frame.rows] += shuffled(noise, frame.run, rng)[:, None]
@@ -75,10 +111,10 @@ def draws(
 
 
 def _own_noise(
-    standing: Standing, readings: Readings, expected: FloatArray, rng: np.random.Generator
+    standing: Standing, readings: Readings, expected: FloatArray, left: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """The effort's noise on blocks, (m,): what is left, less what another reading of the motion makes of it."""
-    frame, left = standing.plain.frame, standing.flexible.residual
+    frame = standing.plain.frame
     read = _with_derived(readings.draw(rng), standing.data)
     apart = frame.reduce(standing.trial.model.predict(read, standing.trial.parameters) - expected)
     share = 1.0 - float(np.var(apart[frame.trusted])) / max(float(np.var(left[frame.trusted])), 1e-300)

@@ -7,13 +7,15 @@ knows no shape. Names stand where they describe held-out runs as well as that, a
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from estimation.data.derivatives import grid_step
-from estimation.diagnosis.candidates import Candidate, size
-from estimation.diagnosis.doubt import is_as_good
+from estimation.diagnosis.candidates import Candidate
+from estimation.diagnosis.doubt import is_as_good, still_gained
 from estimation.diagnosis.search import SMALL, Search
+from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
 from estimation.fit.trial import Trial
 from robot_io.types import FloatArray
@@ -59,20 +61,33 @@ def standards(start: Standing, end: Standing) -> Standards:
     )
 
 
-def established(search: Search, end: Standing, *, complete: bool) -> Standing:
+def established(search: Search, end: Standing, readings: Readings, *, complete: bool) -> Standing:
     """The model with those of its effects that stand by themselves; the base model where none does.
 
     Args:
         search: that led to the model.
         end: base model and effects.
+        readings: how the motion was read.
         complete: whether it leaves no more than draws from it do.
     """
-    names = [name for name in search.added(end) if not _is_below_a_step(search, end, name)]
-    if not names or not (complete or standards(search.start, end).is_met):
+    if not (complete or standards(search.start, end).is_met):
         return search.start
-    for name in set(search.added(end)) - set(names):
-        end = search.without(end, name)
+    for name in reversed(names_in_order(search, end)):  # the least telling first
+        before = search.without(end, name)
+        needed = not _is_below_a_step(search, end, name) and search.is_needed(before, end)
+        if not (needed and still_gained(before, end, name, readings, search.rng).is_unusual):
+            end = before
     return end
+
+
+def names_in_order(search: Search, end: Standing) -> list[str]:
+    """The effects of a model beside the base model's, the most telling first."""
+    path = [search.start, *in_order(search, end)]
+    return [
+        name
+        for before, after in pairwise(path)
+        for name in set(search.added(after)) - set(search.added(before))
+    ]
 
 
 def in_order(search: Search, end: Standing) -> list[Standing]:

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from estimation.channel import ChannelKind
-from estimation.gate.gate import SINGLE_RUN
 from estimation.diagnosis.result import NextExperiment
 from estimation.effect import Effect
+from estimation.gate.gate import SINGLE_RUN
 
 FEW_READINGS = "different readings"  # what a reason counts where the reader's steps are too coarse
 Settings = dict[str, float | int | str | list[float] | dict[str, float | str]]

@@ -35,7 +35,12 @@ def parts_along(data: ChannelData, model: Model, effect: Effect, parameters: Map
     columns, effort = model.without(effect.name).parts(data, known)
 
     def parts(inner: Inner) -> Parts:
-        own_columns = model.faded(effect, effect.columns(moved, inner), moved, {**known, **{f"{effect.name}.{n}": v for n, v in inner.items()}})
+        own_columns = model.faded(
+            effect,
+            effect.columns(moved, inner),
+            moved,
+            {**known, **{f"{effect.name}.{n}": v for n, v in inner.items()}},
+        )
         return np.hstack([columns, own_columns]), effort + effect.known(moved, inner)
 
     return parts

@@ -16,7 +16,11 @@ COUNT = 199
 
 
 def chance_gains(
-    noise: FloatArray, run: IntArray, base: FloatArray, candidates: Iterable[FloatArray], rng: np.random.Generator
+    noise: FloatArray,
+    run: IntArray,
+    base: FloatArray,
+    candidates: Iterable[FloatArray],
+    rng: np.random.Generator,
 ) -> FloatArray:
     """Largest share of the error that any candidate takes from each surrogate of the noise, shape (COUNT,).
 

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner
 from estimation.fit.load import LOAD
 from estimation.fit.memory import Itself, Memory
-from estimation.effect import AdditiveEffect, Inner
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
@@ -25,6 +25,8 @@ _SLOW_S = 0.011  # between samples
 _CORNER_REACH = 3  # samples to either side that a derived velocity is wrong for
 _MOST_CORNERS = 0.2  # of the blocks; more are no corners, but a motion that is coarsely sampled
 _SETTLING_S = 0.25  # from the first sample
+_UNKNOWN_S = 0.1  # from the start of a run: what a delay or a lag shows there happened before
+_UNKNOWN = 0.05  # of a run, at most
 _REST = 0.05  # of the joint's usual highest speed
 _Compute = Callable[[ChannelData, Inner], FloatArray]
 
@@ -128,7 +130,7 @@ def frame_of(data: ChannelData, good: BoolArray | None = None, memory: Memory | 
     grid = np.concatenate(rows)
     fold = np.unique(np.concatenate(folds), return_inverse=True)[1]
     trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
-    trusted &= ~(_mixed(data, grid) | _at_rest(data, grid) | _at_corners(data, grid))
+    trusted &= ~(_mixed(data, grid) | _at_rest(data, grid) | _at_corners(data, grid) | _at_starts(data, grid))
     return Frame(data, grid, data.run[grid[:, 0]], fold, trusted, memory or Memory())
 
 
@@ -162,6 +164,15 @@ def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
         sharp[of_run[np.clip(around.ravel(), 0, len(of_run) - 1)]] = True
     found = np.asarray(sharp[rows].any(axis=1))
     return found if np.mean(found) <= _MOST_CORNERS else np.zeros(len(rows), dtype=np.bool_)
+
+
+def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
+    """Blocks at the start of a run, shape (m,): what a sensor or an object remembers there was not recorded."""
+    found = np.zeros(len(data), dtype=np.bool_)
+    for of_run in rows_of_runs(data.run):
+        since_s = data.time_s[of_run] - data.time_s[of_run[0]]
+        found[of_run] = since_s < min(_UNKNOWN_S, _UNKNOWN * float(since_s[-1]))
+    return np.asarray(found[rows].any(axis=1))
 
 
 def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:

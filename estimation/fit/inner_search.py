@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.effect import Effect, Parameter
 from estimation.fit.along import Along, parts_along
 from estimation.fit.trial import Bench, Trial, attempt
-from estimation.effect import Effect, Parameter
 from estimation.model import Model
 from robot_io.types import FloatArray
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.fit.acceleration_doubt import doubted
 from estimation.fit.polish import polish
 from estimation.fit.standing import Standing
 from estimation.fit.trial import Bench, Trial, attempt
 from estimation.fit.unexplained import is_explained
-from estimation.fit.acceleration_doubt import doubted
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import FloatArray, IntArray
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from estimation.effects.contact_offset import ContactOffset
 from estimation.fit.inner_search import look, refine
 from estimation.fit.standing import Standing
-from estimation.effects.contact_offset import ContactOffset
 from robot_io.types import FloatArray
 
 # Signals of which any smooth law is plain, with the number of its parameters: a constant, and a trend in time

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from estimation.fit.trial import Bench, Trial, attempt
 from estimation.effect import Parameter
+from estimation.fit.trial import Bench, Trial, attempt
 from robot_io.types import FloatArray
 
 _TIMES = 4

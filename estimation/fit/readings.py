@@ -7,7 +7,7 @@ Measurement Error in Nonlinear Models (2006), ch. 3; A. C. Davison, D. V. Hinkle
 Application (1997), ch. 4).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,10 +39,30 @@ class Readings:
     step: float
     windows: tuple[int | None, int | None]
 
-    @property
-    def true_motion(self) -> ChannelData:
-        """The channel with the smooth motion, as far as it is known."""
-        return self._moved(-self.error)
+    def true_motion(self, rng: np.random.Generator) -> ChannelData:
+        """The channel with the smooth motion, as far as it is known.
+
+        A window bends what it derives. How much it does is the difference to the derivative of half the
+        window, less the share of that which is noise.
+        """
+        bent = [np.zeros(len(self.error))]
+        noise = self._another_error(rng)
+        for order, half in enumerate(self.windows, start=1):
+            bent.append(self._bent(noise, half, order) if half else np.zeros(len(noise)))
+        return moved(self._moved(-self.error), *bent)
+
+    def _bent(self, noise: FloatArray, half: int, order: int) -> FloatArray:
+        """What a window takes from a derivative (n,)."""
+        narrow = half // 2
+        if narrow < HALF_WINDOWS[0]:
+            return np.zeros(len(noise))
+        apart, by_noise = (
+            derived(self.data, signal, narrow, order) - derived(self.data, signal, half, order)
+            for signal in (self.data.position, noise)
+        )
+        whole = float(np.mean(apart**2))
+        share = max(1.0 - float(np.mean(by_noise**2)) / whole, 0.0) if whole > 0.0 else 0.0
+        return share * apart
 
     def draw(self, rng: np.random.Generator) -> ChannelData:
         """The smooth motion read once more."""

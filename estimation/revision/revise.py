@@ -4,15 +4,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from estimation.channel import ChannelData
-from estimation.fit.held_out import held_out_residual, rmse
-from estimation.fit.standing import Standing, stand
-from estimation.gate.gate import refuse, usable
-from estimation.fit.intervals import Value, final, values
 from estimation.diagnosis.judgement.noise_floor import noise_floor
 from estimation.diagnosis.judgement.objection import floor_unseen
 from estimation.diagnosis.search.extend import extend
 from estimation.diagnosis.search.library import library
 from estimation.effect import Effect
+from estimation.fit.held_out import held_out_residual, rmse
+from estimation.fit.intervals import Value, final, values
+from estimation.fit.standing import Standing, stand
+from estimation.gate.gate import refuse, usable
 from estimation.model import Model
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
