@@ -9,8 +9,7 @@ from typing import Annotated, Any
 from pydantic import ConfigDict, Field, PrivateAttr, field_validator
 
 from robot_io.files.file_model import FileModel, Number, Positive, input_error, matching, validate
-from robot_io.files.safe_yaml import YamlDocument, load_yaml, parse_yaml
-from robot_io.files.text_file import MOST_BYTES
+from robot_io.files.safe_yaml import MOST_BYTES, YamlDocument, load_yaml, parse_yaml
 from robot_io.guard import Limits, SafeState
 
 Name = Annotated[

@@ -9,8 +9,7 @@ from robot_io.clip import clip
 from robot_io.errors import InputError, SafetyTripError
 from robot_io.guard.deaf_drive import DeafDrives
 from robot_io.guard.limit_checks import LimitChecks
-from robot_io.guard.limits import Limits, SafeState
-from robot_io.guard.problem import Problem
+from robot_io.guard.limits import Limits, Problem, SafeState
 from robot_io.guard.safe_stop import GravityModel, SafeStop
 from robot_io.guard.stuck_encoder import StuckEncoders
 from robot_io.guard.stuck_force import StuckForce

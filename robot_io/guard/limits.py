@@ -1,6 +1,6 @@
 """What the guard holds an arm to, and how it brings it to rest."""
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from pydantic import Field, model_validator
 
@@ -99,3 +99,15 @@ class SafeState(FileModel):
     stop_time_s: Annotated[NotNegative, Field(le=10)]
     lower_time_s: Annotated[NotNegative, Field(le=10)] = 3.0
     lower_speed_rad_s: Annotated[Positive, Field(le=2.0)] = 0.3
+
+
+class Problem(NamedTuple):
+    """One reason to stop.
+
+    Attributes:
+        text: one sentence without its full stop: what is wrong, where, and by how much.
+        remedy: what to do, for the end of the line that the user reads; empty where nobody can do anything.
+    """
+
+    text: str
+    remedy: str = ""

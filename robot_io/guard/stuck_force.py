@@ -12,7 +12,7 @@ came to life again, is one that does so, and is not accused any more.
 
 from math import inf, log, nan
 
-from robot_io.guard.problem import Problem
+from robot_io.guard.limits import Problem
 from robot_io.types import Measurement
 
 _LEAST_KNOWN = 100  # samples, before anything is said

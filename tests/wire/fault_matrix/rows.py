@@ -148,13 +148,13 @@ _MOTOR_ROWS = {
     "dynamixel": (
         (OLD, OLD_OFF, "servo 3 did not answer in time"),
         (OLD, OLD_OFF, "did not answer in time"),
-        (OLD, OLD_OFF, "wrong checksum"),
+        (OLD, OLD_OFF, "CRC mismatch"),
         GOES_ON,
         (OLD, OLD_OFF, "answered in place of servo"),
         (OLD, OLD_OFF, "servo 103 answered in place of servo 3"),
         (2, 3, "servo 3 (joint 3): has switched its torque off (hardware error: overload)"),
         (OLD, OLD_OFF, "servo 3 did not answer in time"),
-        (2, 3, "servo 3 (joint 3): has forgotten its settings; it has restarted"),
+        (2, 3, "servo 3 (joint 3): has lost its settings; it has restarted"),
         (2, 62, "the port has failed", _CUT_OFF),
         (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
     ),
@@ -289,7 +289,7 @@ def rows() -> Iterator[Row]:
 def _mit_rows() -> Iterator[Row]:
     """What a motor that has restarted does is not the same for all of them."""
     name, back_at_once = "reboot, back at once", {"times": 1, "delay_s": 0.001, "device": 3}
-    idle = (1620, BRAKED + 1620, "joint 3 is 0.1", _IDLE, _DEAF)
+    idle = (1680, BRAKED + 1680, "joint 3 is 0.1", _IDLE, _DEAF)
     yield _wire_row("mit", f"{name}; without a load", K.REBOOT, MOVING_S, idle, back_at_once)
     mute = (OLD, BRAKED, "joint 3 (motor 3): nothing valid for")
     row = _wire_row("mit", f"{name}; mute until told the mode", K.REBOOT, MOVING_S, mute, back_at_once)
