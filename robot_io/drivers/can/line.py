@@ -114,6 +114,11 @@ class CanLine:
         return f"CAN {self._settings.interface} {self._settings.channel}"
 
     @property
+    def interface(self) -> str:
+        """The python-can interface."""
+        return self._settings.interface
+
+    @property
     def bitrate(self) -> int | None:
         """Bits a second, None where the robot file leaves it to the adapter."""
         return self._settings.bitrate

@@ -20,6 +20,7 @@ _SILENT_SHARE = 0.5  # of the age limit; said from then on, so that it is known 
 _FRAME_BITS = 47  # of a frame with an 11 bit id and the gap after it, beside its data (ISO 11898-1)
 _USUAL_BITRATE = 1_000_000  # where the adapter was set up before, and does not say how
 _LOOK_S = 1e-3  # how often to look while waiting for an answer
+_LATENCY_ROUNDS, _LATEST_ANSWER_S = 3, 0.05
 
 
 class MotorMounting(FileModel):
@@ -77,6 +78,7 @@ class MotorBus(Bus, Examinable):
         n = len(mountings)
         self._position_rad, self._velocity_rad_s, self._torque_nm = ([float("nan")] * n for _ in range(3))
         self._motion_at_s, self._torque_at_s = [-inf] * n, [-inf] * n
+        self._latency_s = [0.0] * n
         self._at_range_end = [False] * n
         self._motion_is_wrong = [False] * n  # the motor itself says that its encoder has failed
         self._last_problem = [""] * n
@@ -140,6 +142,9 @@ class MotorBus(Bus, Examinable):
     def examine(self) -> tuple[Observation, ...]:
         """See `Examinable.examine`."""
         observations = self._say()
+        if self.line.interface == "slcan":
+            value = "python-can's slcan stamps frames late and does not recover from damaged bytes"
+            observations.append(warn(self.line.label, value, "attach it with slcand, and use socketcan"))
         if foreign := self.line.counts["foreign id"]:
             value = f"{foreign} frames from ids that are not in the robot file"
             observations.append(warn(self.line.label, value, "correct the ids, or take the others off"))
@@ -235,6 +240,28 @@ class MotorBus(Bus, Examinable):
                 failures.append(error)
         if failures:
             raise failures[0]
+
+    def _measure_latency(self, ask: Callable[[], None], answered_at_s: list[float]) -> None:
+        """How long each motor's answers take, so that samples can be dated by it.
+
+        CAN frames carry no time: answers that are always late by the same would pass as fresh. It is measured
+        while nothing else is under way; a motor that does not answer is taken to be prompt.
+
+        Args:
+            ask: asks for one answer of every motor.
+            answered_at_s: where `_take` keeps when each motor's answer came [s].
+        """
+        self._latency_s = [0.0] * self.joint_count
+        rounds = []
+        for _ in range(_LATENCY_ROUNDS):
+            answered_at_s[:] = [-inf] * self.joint_count
+            asked_s = self._clock.now_s()
+            ask()
+            complete = self._wait_for(lambda: -inf not in answered_at_s, _LATEST_ANSWER_S)
+            rounds.append([at_s - asked_s for at_s in answered_at_s])
+            if not complete:
+                break
+        self._latency_s = [max(0.0, min(latencies_s)) for latencies_s in zip(*rounds, strict=True)]
 
     def _wait_for(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Take in frames until `done`, or until the time is over; says which."""

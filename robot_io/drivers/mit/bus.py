@@ -55,12 +55,13 @@ class MitBus(MotorBus):
             DeviceError: the adapter cannot be opened, or a motor is silent.
         """
         self.line.open()
-        self._send_all(self._to_every_motor(mit.EXIT_MOTOR_MODE))
         self._ask()
         if not self._wait_for(lambda: -inf not in self._motion_at_s, _ANSWER_S):
             silent = [joint for joint, at_s in enumerate(self._motion_at_s) if at_s == -inf]
             labels = ", ".join(map(self.motor_label, silent))
             raise DeviceError(f"{self.line.label}: no answer in {_ANSWER_S} s from {labels}")
+        if self._own.ask_with == "exit":  # one answer to each frame
+            self._measure_latency(self._ask, self._motion_at_s)
 
     def _say(self) -> list[Observation]:
         """See `MotorBus._say`; the protocol tells neither voltage nor firmware."""
@@ -174,7 +175,7 @@ class MitBus(MotorBus):
         self._position_rad[joint] = motor.joint_angle_rad(state.position_rad)
         self._velocity_rad_s[joint] = state.velocity_rad_s / motor.signed_ratio
         self._torque_nm[joint] = state.torque_nm * motor.signed_ratio
-        self._motion_at_s[joint] = self._torque_at_s[joint] = at_s
+        self._motion_at_s[joint] = self._torque_at_s[joint] = at_s - self._latency_s[joint]
         self._at_range_end[joint] = state.at_range_end
         self._errors[joint] = state.error
         self._answers[joint] += 1

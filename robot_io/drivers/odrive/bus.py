@@ -55,6 +55,7 @@ class OdriveBus(MotorBus):
         self._heartbeats: list[Heartbeat | None] = [None] * len(own.axes)
         self._heartbeat_at_s = [-inf] * len(own.axes)
         self._supply_v: dict[int, float] = {}
+        self._answered_at_s = [-inf] * len(own.axes)
         self._versions: dict[int, tuple[int, int, int]] = {}
 
     def motor_label(self, joint: int) -> str:
@@ -74,6 +75,8 @@ class OdriveBus(MotorBus):
         self._wait_for(self._all_heard, self._heartbeat_timeout_s)
         for joint, axis in enumerate(self._axes):
             self._check_heard(joint, axis)
+        ask = [odrive.ask(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
+        self._measure_latency(lambda: self._send_all(ask), self._answered_at_s)
 
     def _say(self) -> list[Observation]:
         """See `MotorBus._say`."""
@@ -231,7 +234,7 @@ class OdriveBus(MotorBus):
                 position_rev, velocity_rev_s = odrive.decode_encoder_estimates(frame)
                 self._position_rad[joint] = axis.joint_angle_rad(tau * position_rev)
                 self._velocity_rad_s[joint] = tau * velocity_rev_s / axis.signed_ratio
-                self._motion_at_s[joint] = at_s
+                self._motion_at_s[joint] = at_s - self._latency_s[joint]
             case OdriveCommand.GET_IQ if self._own.firmware is Firmware.V0_5:
                 _, current_a = odrive.decode_iq(frame)
                 self._keep_torque(joint, current_a * (axis.torque_constant_nm_a or 0.0), at_s)
@@ -242,6 +245,7 @@ class OdriveBus(MotorBus):
                 self._keep_heartbeat(joint, odrive.decode_heartbeat(frame, self._own.firmware), at_s)
             case OdriveCommand.BUS_VOLTAGE_CURRENT:
                 self._supply_v[joint], _ = odrive.decode_bus_voltage_current(frame)
+                self._answered_at_s[joint] = at_s
             case OdriveCommand.GET_VERSION:
                 self._versions[node] = odrive.decode_version(frame)
             case _:
@@ -250,7 +254,7 @@ class OdriveBus(MotorBus):
 
     def _keep_torque(self, joint: int, motor_torque_nm: float, at_s: float) -> None:
         self._torque_nm[joint] = motor_torque_nm * self._axes[joint].signed_ratio
-        self._torque_at_s[joint] = at_s
+        self._torque_at_s[joint] = at_s - self._latency_s[joint]
 
     def _keep_heartbeat(self, joint: int, beat: Heartbeat, at_s: float) -> None:
         self._heartbeats[joint], self._heartbeat_at_s[joint] = beat, at_s

@@ -34,7 +34,7 @@ _WRITE_S = 0.2  # more than any question takes
 
 
 class ForceSample(NamedTuple):
-    """One reading: `force_n` in the sensor's own sign [N], `arrived_at_s` or later on the robot's clock [s]."""
+    """One reading in the sensor's own sign [N]; it arrived at `arrived_at_s` or later, robot's clock [s]."""
 
     force_n: float
     arrived_at_s: float
@@ -275,7 +275,7 @@ class SerialLine(Bus):
         """See `Bus.flush`; nothing is sent to a sensor in a tick."""
 
     def reading(self, *, reversed_sign: bool) -> Reading:
-        """The sample as a force sensor hands it out; `reversed_sign`: the sensor counts tension as positive."""
+        """The newest sample; `reversed_sign`: the sensor counts tension as positive."""
         if self.sample is None:
             return Reading(np.full(1, np.nan), -np.inf, Status.STALE)
         force_n, arrived_at_s = self.sample

@@ -181,12 +181,12 @@ _SYNC_SAMPLES = 4  # counters in a row before a stream is believed
 
 
 class LorenzStream:
-    """Samples of the speed-optimised stream (mode 3): a counter, and 16 bits, signed, big-endian; no checksum.
+    """Samples of the fast stream (mode 3): a counter, and 16 bits, signed, big-endian; no checksum.
 
     Only the counter tells where a sample begins: it must count on by one. After a gap the stream is accepted
-    again once four counters in a row fit. Where a byte of a sample is lost, the next counter stands in the place
-    of the low byte: a sample that looks so waits for what follows, and is rejected unless that fits it alone.
-    A flipped bit in a value does not show here.
+    again once four counters in a row fit. Where a byte of a sample is lost, the next counter stands in the
+    place of the low byte: a sample that looks so waits for what follows, and is left out unless that fits it
+    alone. A flipped bit in a value does not show here.
 
     Args:
         newtons_per_count: newtons in one count.

@@ -88,8 +88,8 @@ class LineSplitter:
 class LineStream:
     """Readings from lines of text.
 
-    Where all lines have had the same number of decimals, one with another number is rejected: a byte is missing
-    ("0.65" without its point is 65).
+    Where all lines have had the same number of decimals, one with another number is rejected: a byte is
+    missing ("0.65" without its point is 65).
 
     Args:
         parse: the number as it is written, and newtons per unit, of a line; ProtocolError: it is no reading.
