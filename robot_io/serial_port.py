@@ -91,8 +91,7 @@ class SerialPort:
     def open(self) -> None:
         """Open it for this program alone, and forget earlier failures.
 
-        Raises:
-            DeviceError: there is no such port, no permission, or another program has it.
+        DeviceError: there is no such port, no permission, or another program has it.
         """
         self.close()
         self._serial = open_exclusively(self.path, self.baud_rate)
@@ -106,11 +105,7 @@ class SerialPort:
             close_exclusive(port)
 
     def write(self, data: bytes) -> None:
-        """Send bytes.
-
-        Raises:
-            DeviceError: the port is closed or gone, or takes no more.
-        """
+        """Send bytes. DeviceError: the port is closed or gone, or takes no more."""
         try:
             sent = os.write(self._usable(), data)
         except BlockingIOError:
@@ -121,11 +116,7 @@ class SerialPort:
             raise DeviceError(f"{self.path}: took {sent} of {len(data)} bytes; its output is blocked")
 
     def read(self) -> bytes:
-        """What has come, without waiting.
-
-        Raises:
-            DeviceError: the port is closed or gone.
-        """
+        """What has come, without waiting. DeviceError: the port is closed or gone."""
         try:
             return os.read(self._usable(), _CHUNK)
         except BlockingIOError:
@@ -136,8 +127,7 @@ class SerialPort:
     def wait(self, deadline_s: float) -> bytes:
         """What has come as soon as something has, or nothing at the deadline.
 
-        Raises:
-            DeviceError: the port is closed or gone.
+        DeviceError: the port is closed or gone.
         """
         if isinstance(self._clock, SimulatedClock):
             data = self._watch_in_simulated_time(deadline_s)

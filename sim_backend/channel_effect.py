@@ -23,7 +23,6 @@ class ChannelEffect(SensorEffect):
         self.ahead_of_noise = ahead_of_noise
 
     def measure(self, time_s: float, value: Sequence[float]) -> Sequence[float]:
-        """See `SensorEffect.measure`."""
         changed = list(value)
         changed[self._index] = self._transducer(time_s, changed[self._index])
         return changed

@@ -18,7 +18,6 @@ class JointTorque(JointEffect):
         self._torque_nm = torque_nm
 
     def joint_torque_nm(self, state: JointState, torque_nm: Sequence[float]) -> Sequence[float]:
-        """See `JointEffect.joint_torque_nm`."""
         i, changed = self._index, list(torque_nm)
         changed[i] += self._torque_nm(state.position_rad[i], state.drive_torque_nm[i])
         return changed
@@ -38,7 +37,6 @@ class JointFriction(FrictionEffect):
         self._resistance_nm = resistance_nm
 
     def friction_nm(self, state: JointState, limit_nm: Sequence[float]) -> Sequence[float]:
-        """See `FrictionEffect.friction_nm`."""
         i, changed = self._index, list(limit_nm)
         changed[i] += self._resistance_nm(abs(state.velocity_rad_s[i]), abs(state.drive_torque_nm[i]))
         return changed

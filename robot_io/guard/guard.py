@@ -27,19 +27,13 @@ _STUCK_ENCODER = (
 
 @dataclass(frozen=True, slots=True)
 class Trip:
-    """Why the guard took over.
+    """Why the guard took over."""
 
-    Attributes:
-        cause: one sentence.
-        time_s: time of the measurement at which it happened, on the robot's clock [s]; NaN before the first.
-        tick: number of that measurement, from 0; -1 before the first.
-        remedy: what its user can do about it; empty if nothing is known.
-    """
-
-    cause: str
+    cause: str  # one sentence
+    # Time of the measurement at which it happened, on the robot's clock [s]; NaN before the first.
     time_s: float
-    tick: int
-    remedy: str = ""
+    tick: int  # number of that measurement, from 0; -1 before the first
+    remedy: str = ""  # what its user can do about it; empty if nothing is known
 
 
 class Guard:
@@ -177,8 +171,7 @@ class Guard:
 
         The rate limit starts from the measured torque.
 
-        Raises:
-            SafetyTripError: the stop is not over, or something is still wrong; the trip stays.
+        SafetyTripError: the stop is not over, or something is still wrong; the trip stays.
         """
         if self._trip is not None and not self._finished and self._clock_says_stopping(measurement):
             raise SafetyTripError(f"not re-armed: the arm is still being stopped ({self._trip.cause})")

@@ -86,8 +86,7 @@ class SharedLog:
 def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
     """File descriptor of nameless memory for a `SharedLog`: it is gone with the last process that uses it.
 
-    Raises:
-        SessionError: the system does not give so much.
+    SessionError: the system does not give so much.
     """
     size = _size_bytes(_layout(streams, ring_slots))
     memory = os.memfd_create("palpate-log") if hasattr(os, "memfd_create") else _unlinked_file()
@@ -113,8 +112,7 @@ def _unlinked_file() -> int:
 def check_streams(streams: Sequence[Stream]) -> None:
     """Refuse streams that cannot live in one session.
 
-    Raises:
-        InputError: a name is there twice, or is the one of the events.
+    InputError: a name is there twice, or is the one of the events.
     """
     names = [stream.name for stream in streams]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -137,25 +135,15 @@ MODULE = "robot_io.session.writer_process"
 
 @dataclass(frozen=True)
 class Job:
-    """One line of JSON on the writer process's standard input.
+    """One line of JSON on the writer process's standard input."""
 
-    Attributes:
-        path: the new session file.
-        memory: file descriptor of the memory for `SharedLog`.
-        streams: the streams as JSON text.
-        ring_slots: records that each ring holds.
-        parent_pid: process whose end also ends the session.
-        metadata: the session's metadata.
-        extra: the metadata's extra part.
-    """
-
-    path: str
-    memory: int
-    streams: str
-    ring_slots: int
-    parent_pid: int
-    metadata: dict[str, str]
-    extra: dict[str, str]
+    path: str  # the new session file
+    memory: int  # file descriptor of the memory for `SharedLog`
+    streams: str  # the streams as JSON text
+    ring_slots: int  # records that each ring holds
+    parent_pid: int  # process whose end also ends the session
+    metadata: dict[str, str]  # the session's metadata
+    extra: dict[str, str]  # the metadata's extra part
 
     def start(self) -> subprocess.Popen[str]:
         """Start the writer process: a fresh interpreter, out of reach of the terminal's Ctrl-C."""

@@ -135,8 +135,7 @@ class SessionWriter:
     def close(self) -> None:
         """Empty the rings, finish the file and wait for it. A second call does nothing.
 
-        Raises:
-            SessionError: not all of it reached the disk.
+        SessionError: not all of it reached the disk.
         """
         if self._closed:
             return
@@ -194,8 +193,7 @@ class SessionWriter:
 def new_session_path(path: str | os.PathLike[str]) -> Path:
     """The path, with its folder made, if no file is there yet.
 
-    Raises:
-        SessionError: a file is there, or the folder cannot be made.
+    SessionError: a file is there, or the folder cannot be made.
     """
     new = Path(path)
     try:

@@ -27,9 +27,7 @@ class SimEncoder(JointEncoder):
         return self._joint_count
 
     def read_position(self) -> Reading:
-        """See `JointEncoder.read_position`."""
         return reading_of(self._bus.encoder_sample, slice(0, self._joint_count), self._joint_count)
 
     def read_velocity(self) -> Reading:
-        """See `JointEncoder.read_velocity`."""
         return reading_of(self._bus.encoder_sample, slice(self._joint_count, None), self._joint_count)

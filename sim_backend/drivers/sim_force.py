@@ -21,5 +21,4 @@ class SimForce(ForceSensor):
         self._bus = context.bus_as(PyBulletBus)
 
     def read_force(self) -> Reading:
-        """See `ForceSensor.read_force`."""
         return reading_of(self._bus.force_sample, slice(None), 1)

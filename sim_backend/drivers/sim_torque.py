@@ -38,7 +38,6 @@ class SimTorque(JointTorque):
         return self._joint_count
 
     def configure(self) -> None:
-        """See `Component.configure`."""
         self._resolution_nm = self._bus.scenario.sensors.torque.command_resolution_nm
 
     def activate(self) -> None:
@@ -51,15 +50,10 @@ class SimTorque(JointTorque):
         self._bus.torque_off()
 
     def read_torque(self) -> Reading:
-        """See `JointTorque.read_torque`."""
         return reading_of(self._bus.torque_sample, slice(None), self._joint_count)
 
     def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
-        """See `JointTorque.stage_torque`.
-
-        Raises:
-            LifecycleError: the drives are off.
-        """
+        """See `JointTorque.stage_torque`. LifecycleError: the drives are off."""
         if not self._active:
             raise LifecycleError("the drives are off: activate them before the first command")
         resolution_nm, limits_nm = self._resolution_nm, self._bus.world.torque_limit_nm

@@ -13,17 +13,11 @@ _SAME_TIME_S = 1e-9  # physics times are multiples of the step; closer than this
 
 
 class Sample(NamedTuple):
-    """One sample of a device.
+    """One sample of a device."""
 
-    Attributes:
-        value: in the unit of the sensor.
-        sampled_at_s: when the device sampled [s].
-        status: how far to trust it.
-    """
-
-    value: list[float]
-    sampled_at_s: float
-    status: Status = Status.OK
+    value: list[float]  # in the unit of the sensor
+    sampled_at_s: float  # when the device sampled [s]
+    status: Status = Status.OK  # how far to trust it
 
 
 class SampledSensor(ABC):

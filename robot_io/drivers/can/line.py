@@ -26,27 +26,16 @@ _MOST_FRAMES = 1000  # taken in one go; a node that babbles does not hold up the
 
 @dataclass(frozen=True, slots=True)
 class CanFrame:
-    """One classic CAN 2.0 frame.
+    """One classic CAN 2.0 frame."""
 
-    Attributes:
-        can_id: arbitration id, 11 bits, or 29 when `extended`.
-        data: 0 to 8 bytes.
-        extended: whether the id has 29 bits.
-        remote: whether it asks for a frame of this id instead of being one.
-    """
-
-    can_id: int
-    data: bytes = b""
-    extended: bool = False
-    remote: bool = False
+    can_id: int  # arbitration id, 11 bits, or 29 when `extended`
+    data: bytes = b""  # 0 to 8 bytes
+    extended: bool = False  # whether the id has 29 bits
+    remote: bool = False  # whether it asks for a frame of this id instead of being one
 
 
 def expect_length(frame: CanFrame, what: str, *lengths: int) -> None:
-    """Check the number of data bytes.
-
-    Raises:
-        ProtocolError: it is none of `lengths`.
-    """
+    """Check the number of data bytes. ProtocolError: it is none of `lengths`."""
     if len(frame.data) not in lengths:
         valid = " or ".join(map(str, lengths))
         raise ProtocolError(f"{what} has {len(frame.data)} bytes, expected {valid}")
@@ -61,21 +50,16 @@ class Timestamps(StrEnum):
 
 
 class CanLineSettings(FileModel):
-    """Which adapter, and how it is opened.
+    """Which adapter, and how it is opened."""
 
-    Attributes:
-        interface: a python-can interface: socketcan, slcan, pcan, virtual, udp_multicast ...
-        channel: what the interface calls its channel: can0, /dev/ttyACM0, PCAN_USBBUS1 ...
-        bitrate: bits a second, for adapters that set it themselves; None leaves it alone.
-        options: further arguments of the python-can interface.
-        timestamps: what its time stamps mean.
-    """
-
+    # A python-can interface: socketcan, slcan, pcan, virtual, udp_multicast .
     interface: Annotated[str, matching(r"[a-z0-9_]{1,32}", "1 to 32 small letters, digits or _")]
-    channel: str | int
+    channel: str | int  # what the interface calls its channel: can0, /dev/ttyACM0, PCAN_USBBUS1
+    # Bits a second, for adapters that set it themselves; None leaves it alone.
     bitrate: Annotated[int, Field(gt=0, le=1_000_000, strict=True)] | None = None
+    # Further arguments of the python-can interface.
     options: dict[str, str | bool | int | float] = Field(default_factory=dict)
-    timestamps: Timestamps = Timestamps.WALL
+    timestamps: Timestamps = Timestamps.WALL  # what its time stamps mean
 
     def arguments(self) -> dict[str, Any]:
         """Arguments for `can.Bus`; multicast stays on this machine unless told otherwise."""
@@ -126,8 +110,7 @@ class CanLine:
     def open(self) -> None:
         """Open the adapter.
 
-        Raises:
-            DeviceError: there is no such adapter, it cannot be opened, or its port is in use.
+        DeviceError: there is no such adapter, it cannot be opened, or its port is in use.
         """
         lock = PortLock(self._settings.channel)
         try:
@@ -159,8 +142,7 @@ class CanLine:
     def send(self, frame: CanFrame, deadline_s: float) -> None:
         """Hand a frame to the adapter.
 
-        Raises:
-            DeviceError: the adapter refused it before the deadline, is closed or bus-off.
+        DeviceError: the adapter refused it before the deadline, is closed or bus-off.
         """
         bus = self._opened()
         if self.bus_off:
@@ -185,8 +167,7 @@ class CanLine:
         and without one a frame is taken to be as old as it can be. Where more has queued up than is taken in
         one go, the rest of it is not taken to be newer.
 
-        Raises:
-            DeviceError: the adapter failed or is bus-off.
+        DeviceError: the adapter failed or is bus-off.
         """
         bus, clock = self._opened(), self._clock
         now_s, wall_offset_s = clock.now_s(), self._clock_minus_stamps_s()

@@ -24,17 +24,11 @@ _LATENCY_ROUNDS, _LATEST_ANSWER_S = 3, 0.05
 
 
 class MotorMounting(FileModel):
-    """How a motor moves its joint: joint angle = zero_rad + sign * shaft angle / gear_ratio.
+    """How a motor moves its joint: joint angle = zero_rad + sign * shaft angle / gear_ratio."""
 
-    Attributes:
-        gear_ratio: turns of what the drive reports for one turn of the joint.
-        reversed: whether a positive shaft angle turns the joint backwards.
-        zero_rad: joint angle where the drive reports zero [rad].
-    """
-
-    gear_ratio: Positive = 1.0
-    reversed: StrictBool = False
-    zero_rad: Number = 0.0
+    gear_ratio: Positive = 1.0  # turns of what the drive reports for one turn of the joint
+    reversed: StrictBool = False  # whether a positive shaft angle turns the joint backwards
+    zero_rad: Number = 0.0  # joint angle where the drive reports zero [rad]
 
     @property
     def signed_ratio(self) -> float:
@@ -99,26 +93,20 @@ class MotorBus(Bus, Examinable):
 
     @abstractmethod
     def power_on(self) -> None:
-        """Make all motors obey torque commands, at zero torque.
-
-        Raises:
-            DeviceError: a motor refused.
-        """
+        """Make all motors obey torque commands, at zero torque. DeviceError: a motor refused."""
 
     @abstractmethod
     def power_off(self) -> None:
         """Take the torque off all motors, whatever state they are in.
 
-        Raises:
-            DeviceError: a motor did not confirm; all were told.
+        DeviceError: a motor did not confirm; all were told.
         """
 
     @abstractmethod
     def _take(self, frame: CanFrame, at_s: float) -> bool:
         """Keep what a frame says of a joint; False if it is not for us.
 
-        Raises:
-            ProtocolError: it comes from one of our motors but is not what the protocol allows.
+        ProtocolError: it comes from one of our motors but is not what the protocol allows.
         """
 
     @abstractmethod
@@ -140,7 +128,6 @@ class MotorBus(Bus, Examinable):
     # What is common.
 
     def examine(self) -> tuple[Observation, ...]:
-        """See `Examinable.examine`."""
         observations = self._say()
         if self.line.interface == "slcan":
             value = "python-can's slcan stamps frames late and does not recover from damaged bytes"
@@ -159,15 +146,13 @@ class MotorBus(Bus, Examinable):
         return (_FRAME_BITS + 8 * byte_count) / (self.line.bitrate or _USUAL_BITRATE)
 
     def close(self) -> None:
-        """See `Component.close`."""
         self.line.close()
 
     def poll(self, deadline_s: float) -> None:
         """See `Bus.poll`: takes what has arrived and does not wait.
 
-        Raises:
-            DeviceError: adapter failed or bus-off, or a motor reports an error.
-            DeviceTimeoutError: a motor has fallen silent.
+        DeviceError: adapter failed or bus-off, or a motor reports an error; DeviceTimeoutError: a motor has
+        fallen silent.
         """
         now_s = self._clock.now_s()
         self._drain(deadline_s)
@@ -193,7 +178,6 @@ class MotorBus(Bus, Examinable):
         return np.array([sent for _, sent in pairs])
 
     def flush(self, deadline_s: float) -> None:
-        """See `Bus.flush`."""
         staged, self._staged = self._staged, []
         for frame in staged:
             self.line.send(frame, deadline_s)
@@ -227,11 +211,7 @@ class MotorBus(Bus, Examinable):
         self.torque = Reading(np.array(self._torque_nm), torque_at_s, torque)
 
     def _send_all(self, frames: Sequence[CanFrame]) -> None:
-        """Send every frame, whatever becomes of the others.
-
-        Raises:
-            DeviceError: some could not be sent.
-        """
+        """Send every frame, whatever becomes of the others. DeviceError: some could not be sent."""
         failures: list[DeviceError] = []
         for frame in frames:
             try:
@@ -295,11 +275,9 @@ class MotorEncoder(JointEncoder):
         return self._bus.joint_count
 
     def read_position(self) -> Reading:
-        """See `JointEncoder.read_position`."""
         return self._bus.position
 
     def read_velocity(self) -> Reading:
-        """See `JointEncoder.read_velocity`."""
         return self._bus.velocity
 
 
@@ -324,25 +302,18 @@ class MotorTorque(JointTorque):
         return self._bus.joint_count
 
     def activate(self) -> None:
-        """See `MotorBus.power_on`."""
         self._bus.power_on()
         self._active = True
 
     def deactivate(self) -> None:
-        """See `MotorBus.power_off`."""
         self._active = False
         self._bus.power_off()
 
     def read_torque(self) -> Reading:
-        """See `JointTorque.read_torque`."""
         return self._bus.torque
 
     def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
-        """See `JointTorque.stage_torque`.
-
-        Raises:
-            LifecycleError: the motors are off.
-        """
+        """See `JointTorque.stage_torque`. LifecycleError: the motors are off."""
         if not self._active:
             raise LifecycleError("the motors are off: activate them before the first command")
         return self._bus.stage(torque_nm)

@@ -83,21 +83,13 @@ class ServoJoints:
 
 
 class ServoSample(NamedTuple):
-    """What one sync read brought; positive along the joint axes.
+    """What one sync read brought; positive along the joint axes."""
 
-    Attributes:
-        sampled_at_s: when the servos were asked [s].
-        position_rad: shape (n,) [rad].
-        velocity_rad_s: as the servos derive it, shape (n,) [rad/s].
-        torque_nm: by the motor currents, shape (n,) [N m].
-        torque_status: FAULT if a servo has a hardware error.
-    """
-
-    sampled_at_s: float
-    position_rad: FloatArray
-    velocity_rad_s: FloatArray
-    torque_nm: FloatArray
-    torque_status: Status
+    sampled_at_s: float  # when the servos were asked [s]
+    position_rad: FloatArray  # shape (n,) [rad]
+    velocity_rad_s: FloatArray  # as the servos derive it, shape (n,) [rad/s]
+    torque_nm: FloatArray  # by the motor currents, shape (n,) [N m]
+    torque_status: Status  # FAULT if a servo has a hardware error
 
 
 class DynamixelBus(Bus, Examinable):
@@ -174,9 +166,8 @@ class DynamixelBus(Bus, Examinable):
     def poll(self, deadline_s: float) -> None:
         """See `Bus.poll`; the samples are of all servos or of none.
 
-        Raises:
-            DeviceTimeoutError: a servo did not answer properly in time, by id.
-            DeviceError: the port failed, a servo has restarted, let go or has a hardware error, by name.
+        DeviceTimeoutError: a servo did not answer properly in time, by id; DeviceError: the port failed, a
+        servo has restarted, let go or has a hardware error, by name.
         """
         if self._reader is None:
             raise LifecycleError("the servos can be read from configure to close")
@@ -200,8 +191,7 @@ class DynamixelBus(Bus, Examinable):
     def stage(self, torque_nm: FloatArray) -> FloatArray:
         """Keep torques (n) [N m] for the next flush; returns what the currents' range and step make of them.
 
-        Raises:
-            LifecycleError: the torque is off.
+        LifecycleError: the torque is off.
         """
         if not self._powered:
             raise LifecycleError("the drives are off: activate them before the first command")
@@ -219,19 +209,14 @@ class DynamixelBus(Bus, Examinable):
             self._port.write(staged)
 
     def torque_on(self) -> None:
-        """Torque on, at zero.
-
-        Raises:
-            DeviceError: a servo refused.
-        """
+        """Torque on, at zero. DeviceError: a servo refused."""
         self._line.switch_on()
         self._powered = True
 
     def torque_off(self) -> None:
         """Torque off, and a staged command is dropped; does nothing on a port that was never opened.
 
-        Raises:
-            DeviceError: some servos did not confirm it.
+        DeviceError: some servos did not confirm it.
         """
         self._staged = None
         powered, self._powered = self._powered, False

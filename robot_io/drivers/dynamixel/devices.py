@@ -14,16 +14,12 @@ from robot_io.types import FloatArray, Reading, Status
 
 
 class DynamixelEncoderSettings(FileModel):
-    """How the velocity is come by.
+    """How the velocity is come by."""
 
-    Attributes:
-        velocity: "servo" takes what the servo derives, in steps of 0.024 rad/s; "difference" differentiates
-            the position, in steps of 0.0015 rad, and smooths it.
-        bandwidth_hz: of the first-order low-pass on the difference [Hz].
-    """
-
+    # "servo" takes what the servo derives, in steps of 0.024 rad/s; "difference" differentiates the position,
+    # in steps of 0.0015 rad, and smooths it.
     velocity: Literal["servo", "difference"] = "servo"
-    bandwidth_hz: Positive = 60.0
+    bandwidth_hz: Positive = 60.0  # of the first-order low-pass on the difference [Hz]
 
 
 class DynamixelEncoder(JointEncoder):
@@ -45,12 +41,10 @@ class DynamixelEncoder(JointEncoder):
         return self._bus.joint_count
 
     def read_position(self) -> Reading:
-        """See `JointEncoder.read_position`."""
         sample = self._bus.sample
         return self._unknown() if sample is None else Reading(sample.position_rad, sample.sampled_at_s)
 
     def read_velocity(self) -> Reading:
-        """See `JointEncoder.read_velocity`."""
         sample = self._bus.sample
         if sample is None:
             return self._unknown()
@@ -99,12 +93,10 @@ class DynamixelTorque(JointTorque):
         self._bus.torque_off()
 
     def read_torque(self) -> Reading:
-        """See `JointTorque.read_torque`."""
         sample = self._bus.sample
         if sample is None:
             return Reading(np.full(self.joint_count, np.nan), -np.inf, Status.STALE)
         return Reading(sample.torque_nm, sample.sampled_at_s, sample.torque_status)
 
     def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
-        """See `JointTorque.stage_torque`."""
         return self._bus.stage(np.asarray(torque_nm, dtype=np.float64))

@@ -133,9 +133,8 @@ class FeedbackReader:
 
         They sample when the request has reached them, so the time is a little too early, never too late.
 
-        Raises:
-            DeviceTimeoutError: no complete answer came before `deadline_s`, with the silent servo's id.
-            DeviceError: the port failed.
+        DeviceTimeoutError: no complete answer came before `deadline_s`, with the silent servo's id;
+        DeviceError: the port failed.
         """
         if self._clock.now_s() >= deadline_s:
             raise DeviceTimeoutError("no time left to ask the servos")

@@ -57,17 +57,11 @@ _ERROR_NAMES = {
 
 
 class StatusPacket(NamedTuple):
-    """What a servo answers.
+    """What a servo answers."""
 
-    Attributes:
-        servo_id: who answers.
-        error: error byte: bit 7 is the alert, the rest an error number.
-        data: parameters.
-    """
-
-    servo_id: int
-    error: int
-    data: bytes
+    servo_id: int  # who answers
+    error: int  # error byte: bit 7 is the alert, the rest an error number
+    data: bytes  # parameters
 
     @property
     def alert(self) -> bool:
@@ -84,8 +78,7 @@ class StatusPacket(NamedTuple):
 def encode_packet(servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
     """The instruction packet for a servo, or for all with `BROADCAST_ID`.
 
-    Raises:
-        ProtocolError: no servo can have this id, or the packet would be too long.
+    ProtocolError: no servo can have this id, or the packet would be too long.
     """
     if not (0 <= servo_id <= LARGEST_ID or servo_id == BROADCAST_ID):
         raise ProtocolError(f"{servo_id} is no servo id: 0 to {LARGEST_ID}, or {BROADCAST_ID} for all")
@@ -101,8 +94,7 @@ def encode_packet(servo_id: int, instruction: int, parameters: bytes = b"") -> b
 def decode_status(packet: bytes) -> StatusPacket:
     """The status packet that `packet` is, no more and no less.
 
-    Raises:
-        ProtocolError: it is not one, or its checksum is wrong.
+    ProtocolError: it is not one, or its checksum is wrong.
     """
     if len(packet) < _HEAD + _LEAST_STATUS_LENGTH or not packet.startswith(HEADER):
         raise ProtocolError(f"not a packet: {packet[:16].hex(' ')}")
@@ -197,8 +189,7 @@ def fast_sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
 def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
     """Write at the same address of several servos, each its own bytes; nobody answers.
 
-    Raises:
-        ProtocolError: the bytes are not of equal number.
+    ProtocolError: the bytes are not of equal number.
     """
     sizes = {len(value) for value in data.values()}
     if len(sizes) != 1:
@@ -242,8 +233,7 @@ class FastReply:
     def decode(self, packet: bytes) -> list[StatusPacket]:
         """Each servo's part of a whole answer.
 
-        Raises:
-            ProtocolError: it is not such an answer, a checksum is wrong, or a part is another servo's.
+        ProtocolError: it is not such an answer, a checksum is wrong, or a part is another servo's.
         """
         if len(packet) != self.size or not packet.startswith(self._head):
             raise ProtocolError(f"not the answer to a fast sync read: {packet[:16].hex(' ')}")

@@ -37,9 +37,7 @@ class RegisterAccess:
     def ping(self, servo_id: int) -> tuple[int, int]:
         """Model number and firmware version.
 
-        Raises:
-            DeviceTimeoutError: nobody answers.
-            DeviceError: the port failed, or the answer makes no sense.
+        DeviceTimeoutError: nobody answers; DeviceError: the port failed, or the answer makes no sense.
         """
         packet = self._ask(servo_id, protocol.ping(servo_id), 3)
         self._check(packet, "ping")
@@ -48,9 +46,7 @@ class RegisterAccess:
     def read(self, servo_id: int, register: Register) -> int:
         """The value of a register.
 
-        Raises:
-            DeviceTimeoutError: no answer.
-            DeviceError: the port failed, or the servo refused.
+        DeviceTimeoutError: no answer; DeviceError: the port failed, or the servo refused.
         """
         request = protocol.read(servo_id, register.address, register.size)
         packet = self._ask(servo_id, request, register.size)
@@ -60,26 +56,20 @@ class RegisterAccess:
     def write(self, servo_id: int, register: Register, value: int) -> None:
         """Set a register; the servo says that it has.
 
-        Raises:
-            DeviceTimeoutError: no answer.
-            DeviceError: the port failed, or the servo refused, with its hardware error if it has one.
+        DeviceTimeoutError: no answer; DeviceError: the port failed, or the servo refused, with its hardware
+        error if it has one.
         """
         self.write_bytes(servo_id, register.address, register.encode(value), f"setting {register.name}")
 
     def write_bytes(self, servo_id: int, address: int, data: bytes, what: str) -> None:
-        """Set bytes in a row; `what` is for the error.
-
-        Raises:
-            DeviceError: as `write`.
-        """
+        """Set bytes in a row; `what` is for the error. DeviceError: as `write`."""
         packet = self._ask(servo_id, protocol.write(servo_id, address, data), 0)
         self._check(packet, what)
 
     def settle(self, servo_id: int, register: Register, value: int, *, keeps: bool = False) -> None:
         """Set a register and read it back; one that keeps its value without power is only set if it differs.
 
-        Raises:
-            DeviceError: as `write`, or it has another value afterwards.
+        DeviceError: as `write`, or it has another value afterwards.
         """
         if keeps and self.read(servo_id, register) == value:
             return  # its memory wears out with each writing
@@ -89,8 +79,7 @@ class RegisterAccess:
     def insist(self, servo_id: int, register: Register, value: int) -> None:
         """Set a register of a servo that may not answer to writing, and read it back.
 
-        Raises:
-            DeviceError: as `settle`.
+        DeviceError: as `settle`.
         """
         self._port.write(protocol.write(servo_id, register.address, register.encode(value)))
         self._confirm(servo_id, register, value)
@@ -134,25 +123,15 @@ _SWITCH_OFF_ATTEMPTS = 3
 
 @dataclass(frozen=True, slots=True)
 class ServoIdentity:
-    """What a servo said of itself when it was looked at.
+    """What a servo said of itself when it was looked at."""
 
-    Attributes:
-        id: its id.
-        model: name of its model.
-        firmware: firmware version.
-        voltage_v: input voltage [V].
-        temperature_c: inside it [degrees Celsius].
-        current_limit: largest current it takes, in its unit.
-        hardware_error: names of its hardware errors, or "none".
-    """
-
-    id: int
-    model: str
-    firmware: int
-    voltage_v: float
-    temperature_c: float
-    current_limit: int
-    hardware_error: str
+    id: int  # its id
+    model: str  # name of its model
+    firmware: int  # firmware version
+    voltage_v: float  # input voltage [V]
+    temperature_c: float  # inside it [degrees Celsius]
+    current_limit: int  # largest current it takes, in its unit
+    hardware_error: str  # names of its hardware errors, or "none"
 
 
 class ServoLine:
@@ -178,8 +157,7 @@ class ServoLine:
     def identify(self) -> None:
         """Look who is there, and compare with the settings.
 
-        Raises:
-            DeviceError: a servo is missing, is another model, is too old, or does not fit as it is set up.
+        DeviceError: a servo is missing, is another model, is too old, or does not fit as it is set up.
         """
         self._find_all()
         self.identities = tuple(self._identify(servo) for servo in self._settings.servos)
@@ -238,8 +216,7 @@ class ServoLine:
     def prepare_feedback(self) -> None:
         """Gather what is read in each tick, set return delay and watchdog; the torque is off from here on.
 
-        Raises:
-            DeviceError: a servo did not do what it was told.
+        DeviceError: a servo did not do what it was told.
         """
         addresses = b"".join(address.to_bytes(2, "little") for address in block_addresses())
         for servo_id in self._ids:
@@ -255,8 +232,7 @@ class ServoLine:
     def prepare_torque(self) -> None:
         """Everything that a servo must do in a run, each setting read back.
 
-        Raises:
-            DeviceError: a servo did not do what it was told.
+        DeviceError: a servo did not do what it was told.
         """
         self.prepare_feedback()
         for servo_id in self._ids:
@@ -264,11 +240,7 @@ class ServoLine:
             self._registers.settle(servo_id, tables.OPERATING_MODE, mode, keeps=True)
 
     def switch_on(self) -> None:
-        """Torque on, at zero.
-
-        Raises:
-            DeviceError: a servo refused, with its hardware error if it has one.
-        """
+        """Torque on, at zero. DeviceError: a servo refused, with its hardware error if it has one."""
         for servo_id in self._ids:
             self._registers.settle(servo_id, tables.GOAL_CURRENT, 0)
         for servo_id in self._ids:
@@ -277,8 +249,7 @@ class ServoLine:
     def switch_off(self) -> None:
         """Torque off, asked of every servo until it says so.
 
-        Raises:
-            DeviceError: some did not say so, by id; their watchdogs let go when nothing is sent any more.
+        DeviceError: some did not say so, by id; their watchdogs let go when nothing is sent any more.
         """
         still_on, problem = list(self._ids), ""
         for _ in range(_SWITCH_OFF_ATTEMPTS):

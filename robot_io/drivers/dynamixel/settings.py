@@ -18,22 +18,15 @@ from robot_io.files.file_model import FileModel, NotNegative, Number, Positive
 
 
 class ServoSettings(FileModel):
-    """One servo; it drives the joint at its place in the list.
+    """One servo; it drives the joint at its place in the list."""
 
-    Attributes:
-        id: its id on the bus.
-        model: such as XM430-W350.
-        reversed: whether a positive count turns the joint backwards.
-        zero_rad: joint angle where the servo shows position 0, whole turns aside; at half a turn, its middle
-            position 2048 is the joint's zero [rad].
-        torque_constant_nm_a: instead of the model's own [N m/A].
-    """
-
-    id: Annotated[int, Field(ge=0, le=LARGEST_ID, strict=True)]
-    model: str
-    reversed: StrictBool = False
+    id: Annotated[int, Field(ge=0, le=LARGEST_ID, strict=True)]  # its id on the bus
+    model: str  # such as XM430-W350
+    reversed: StrictBool = False  # whether a positive count turns the joint backwards
+    # Joint angle where the servo shows position 0, whole turns aside; at half a turn, its middle position
+    # 2048 is the joint's zero [rad].
     zero_rad: Number = pi
-    torque_constant_nm_a: Positive | None = None
+    torque_constant_nm_a: Positive | None = None  # instead of the model's own [N m/A]
 
     @field_validator("model")
     @classmethod
@@ -49,23 +42,18 @@ class ServoSettings(FileModel):
 
 
 class DynamixelSettings(FileModel):
-    """A bus.
+    """A bus."""
 
-    Attributes:
-        port: device file; /dev/serial/by-id/... stays the same when plugs are changed.
-        baud_rate: as set in the servos [bit/s].
-        return_delay_s: how long a servo waits before it answers, in steps of 2 us [s].
-        watchdog_s: a servo that hears nothing for so long lets go, in steps of 20 ms [s].
-        fast_sync_read: use it if the firmware of all servos knows it.
-        servos: one for each joint, from base to tip.
-    """
-
+    # Device file; /dev/serial/by-id/... stays the same when plugs are changed.
     port: Annotated[str, Field(min_length=1)]
+    # As set in the servos [bit/s].
     baud_rate: Literal[57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000] = 4_000_000
+    # How long a servo waits before it answers, in steps of 2 us [s].
     return_delay_s: Annotated[NotNegative, Field(le=LARGEST_RETURN_DELAY * RETURN_DELAY_STEP_S)] = 0.0
+    # A servo that hears nothing for so long lets go, in steps of 20 ms [s].
     watchdog_s: Annotated[Positive, Field(ge=WATCHDOG_STEP_S, le=LARGEST_WATCHDOG * WATCHDOG_STEP_S)] = 0.06
-    fast_sync_read: bool = True
-    servos: Annotated[tuple[ServoSettings, ...], Field(min_length=1)]
+    fast_sync_read: bool = True  # use it if the firmware of all servos knows it
+    servos: Annotated[tuple[ServoSettings, ...], Field(min_length=1)]  # one for each joint, from base to tip
 
     @property
     def return_delay(self) -> int:

@@ -19,37 +19,22 @@ from robot_io.errors import ProtocolError
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One value of a servo.
+    """One value of a servo."""
 
-    Attributes:
-        name: as in the manual.
-        address: of its first byte.
-        size: bytes.
-        signed: whether it can be negative.
-    """
-
-    name: str
-    address: int
-    size: int
-    signed: bool = False
+    name: str  # as in the manual
+    address: int  # of its first byte
+    size: int  # bytes
+    signed: bool = False  # whether it can be negative
 
     def encode(self, value: int) -> bytes:
-        """The bytes of a value.
-
-        Raises:
-            ProtocolError: it does not fit.
-        """
+        """The bytes of a value. ProtocolError: it does not fit."""
         try:
             return value.to_bytes(self.size, "little", signed=self.signed)
         except OverflowError as error:
             raise ProtocolError(f"{value} does not fit into {self.name} ({self.size} bytes)") from error
 
     def decode(self, data: bytes) -> int:
-        """The value of bytes.
-
-        Raises:
-            ProtocolError: not as many bytes as it has.
-        """
+        """The value of bytes. ProtocolError: not as many bytes as it has."""
         if len(data) != self.size:
             raise ProtocolError(f"{self.name} came with {len(data)} bytes instead of {self.size}")
         return int.from_bytes(data, "little", signed=self.signed)
@@ -121,25 +106,15 @@ WATCHDOG_FIRMWARE: Final = 38  # the bus watchdog exists from here on
 
 @dataclass(frozen=True, slots=True)
 class ServoModel:
-    """One model.
+    """One model."""
 
-    Attributes:
-        name: as printed on it.
-        number: model number.
-        current_step_a: unit of its currents [A].
-        largest_current: largest current limit, in that unit.
-        torque_constant_nm_a: torque at the horn per current, approximate [N m/A].
-        indirect_data: address of the first of its indirect data.
-        fast_sync_read_firmware: it knows the fast sync read from this firmware on.
-    """
-
-    name: str
-    number: int
-    current_step_a: float
-    largest_current: int
-    torque_constant_nm_a: float
-    indirect_data: int
-    fast_sync_read_firmware: int
+    name: str  # as printed on it
+    number: int  # model number
+    current_step_a: float  # unit of its currents [A]
+    largest_current: int  # largest current limit, in that unit
+    torque_constant_nm_a: float  # torque at the horn per current, approximate [N m/A]
+    indirect_data: int  # address of the first of its indirect data
+    fast_sync_read_firmware: int  # it knows the fast sync read from this firmware on
 
 
 MODELS: Final = {

@@ -45,14 +45,12 @@ class MitBus(MotorBus):
         self._flushed = False
 
     def motor_label(self, joint: int) -> str:
-        """See `MotorBus.motor_label`."""
         return f"joint {joint + 1} (motor {self._motors[joint].motor_id})"
 
     def configure(self) -> None:
         """Open the adapter and hear every motor, with the torque off.
 
-        Raises:
-            DeviceError: the adapter cannot be opened, or a motor is silent.
+        DeviceError: the adapter cannot be opened, or a motor is silent.
         """
         self.line.open()
         self._ask()
@@ -88,7 +86,6 @@ class MitBus(MotorBus):
         return 2 * self.joint_count * self._frame_s(8)
 
     def power_on(self) -> None:
-        """See `MotorBus.power_on`."""
         frames = [*self._to_every_motor(mit.ENTER_MOTOR_MODE), *self._zero_torque()]
         self._tell(frames, "motor mode is not confirmed by")
         wrong = [joint for joint, error in enumerate(self._errors) if error]
@@ -120,7 +117,6 @@ class MitBus(MotorBus):
             self._flushed = False
 
     def flush(self, deadline_s: float) -> None:
-        """See `Bus.flush`."""
         if self._staged:
             self._commanded_s, self._command, self._flushed = self._clock.now_s(), self._staged, True
         super().flush(deadline_s)

@@ -16,17 +16,11 @@ from robot_io.errors import InputError
 
 @dataclass(frozen=True, slots=True)
 class MitRanges:
-    """What the ends of the wire's numbers mean; each range goes from minus to plus the value.
+    """What the ends of the wire's numbers mean; each range goes from minus to plus the value."""
 
-    Attributes:
-        position_rad: of the output shaft [rad].
-        velocity_rad_s: of the output shaft [rad/s].
-        torque_nm: at the output shaft [N m].
-    """
-
-    position_rad: float
-    velocity_rad_s: float
-    torque_nm: float
+    position_rad: float  # of the output shaft [rad]
+    velocity_rad_s: float  # of the output shaft [rad/s]
+    torque_nm: float  # at the output shaft [N m]
 
 
 MIT_MODELS: dict[str, MitRanges] = {
@@ -67,30 +61,21 @@ _MAX_12 = (1 << 12) - 1
 
 @dataclass(frozen=True, slots=True)
 class MitState:
-    """What a motor answers.
+    """What a motor answers."""
 
-    Attributes:
-        motor_id: which motor.
-        position_rad: of the output shaft [rad].
-        velocity_rad_s: of the output shaft [rad/s].
-        torque_nm: at the output shaft [N m].
-        at_range_end: whether a value is at the end of its range, so that the true one may lie beyond.
-        error: error byte, see `mit_error_name`; 0 is none. Old firmware does not send it.
-    """
-
-    motor_id: int
-    position_rad: float
-    velocity_rad_s: float
-    torque_nm: float
+    motor_id: int  # which motor
+    position_rad: float  # of the output shaft [rad]
+    velocity_rad_s: float  # of the output shaft [rad/s]
+    torque_nm: float  # at the output shaft [N m]
+    # Whether a value is at the end of its range, so that the true one may lie beyond.
     at_range_end: bool = False
-    error: int = 0
+    error: int = 0  # error byte, see `mit_error_name`; 0 is none. Old firmware does not send it
 
 
 def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> CanFrame:
     """Command a torque at the output shaft [N m], with zero gains; cut at the range.
 
-    Raises:
-        InputError: the torque is not a number.
+    InputError: the torque is not a number.
     """
     return encode_command(motor_id, 0.0, 0.0, 0.0, 0.0, torque_nm, ranges)
 
@@ -104,11 +89,7 @@ def encode_command(  # noqa: PLR0917 (the order of the frame)
     torque_nm: float,
     ranges: MitRanges,
 ) -> CanFrame:
-    """Command all five values; each is cut at its range.
-
-    Raises:
-        InputError: a value is not a number.
-    """
+    """Command all five values; each is cut at its range. InputError: a value is not a number."""
     position = _to_bits(position_rad, -ranges.position_rad, ranges.position_rad, _MAX_16)
     velocity = _to_bits(velocity_rad_s, -ranges.velocity_rad_s, ranges.velocity_rad_s, _MAX_12)
     stiffness = _to_bits(stiffness_nm_rad, 0.0, MAX_STIFFNESS, _MAX_12)
@@ -121,8 +102,7 @@ def encode_command(  # noqa: PLR0917 (the order of the frame)
 def as_sent(torque_nm: float, ranges: MitRanges) -> float:
     """A torque as the 12 bit number that travels [N m]; zero is half a step off, for 4095 is odd.
 
-    Raises:
-        InputError: the torque is not a number.
+    InputError: the torque is not a number.
     """
     bits = _to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, _MAX_12)
     return _from_bits(bits, ranges.torque_nm, _MAX_12)
@@ -131,8 +111,7 @@ def as_sent(torque_nm: float, ranges: MitRanges) -> float:
 def decode_state(frame: CanFrame, ranges: MitRanges) -> MitState:
     """What a motor answers: id, position 16 bits, velocity 12, torque 12, and then temperature and error.
 
-    Raises:
-        ProtocolError: wrong length.
+    ProtocolError: wrong length.
     """
     expect_length(frame, "motor state", 6, 8)
     data = frame.data

@@ -11,31 +11,19 @@ from robot_io.files.file_model import FileModel, Positive
 
 
 class MitRangeSettings(FileModel):
-    """Ranges of a motor whose parameters were changed.
+    """Ranges of a motor whose parameters were changed."""
 
-    Attributes:
-        position_rad: position range, plus and minus [rad].
-        velocity_rad_s: velocity range, plus and minus [rad/s].
-        torque_nm: torque range, plus and minus [N m].
-    """
-
-    position_rad: Positive
-    velocity_rad_s: Positive
-    torque_nm: Positive
+    position_rad: Positive  # position range, plus and minus [rad]
+    velocity_rad_s: Positive  # velocity range, plus and minus [rad/s]
+    torque_nm: Positive  # torque range, plus and minus [N m]
 
 
 class MitMotor(MotorMounting):
-    """One motor. It reports at its output shaft, so that `gear_ratio` is only what comes after it.
+    """One motor. It reports at its output shaft, so that `gear_ratio` is only what comes after it."""
 
-    Attributes:
-        motor_id: its CAN id.
-        model: which ranges it has, see `MIT_MODELS`.
-        ranges: its ranges, if they are not those of the model.
-    """
-
-    motor_id: Annotated[int, Field(ge=1, le=255, strict=True)]
-    model: str
-    ranges: MitRangeSettings | None = None
+    motor_id: Annotated[int, Field(ge=1, le=255, strict=True)]  # its CAN id
+    model: str  # which ranges it has, see `MIT_MODELS`
+    ranges: MitRangeSettings | None = None  # its ranges, if they are not those of the model
 
     @model_validator(mode="after")
     def _know_the_model(self) -> "MitMotor":
@@ -54,22 +42,18 @@ class MitMotor(MotorMounting):
 
 
 class MitBusSettings(CanLineSettings):
-    """What the robot file says.
+    """What the robot file says."""
 
-    Attributes:
-        motors: one per joint, from base to tip.
-        host_id: arbitration id of the motors' answers; an answer under the motor's own id is taken too.
-        watchdog_s: after how long without a command a motor lets go [s], as set in it (CAN timeout). The
-            protocol can neither set nor read it. Without commands for so long the host sends zero torque as
-            well, for a motor can only be read by commanding it.
-        ask_with: what makes a motor without torque say its state: "exit" keeps it off, as in the firmware
-            that the protocol comes from, which answers every frame; "enter" is what the AK manual names for
-            motors that are deaf to commands outside of motor mode, and zero torque and "exit" follow it.
-    """
-
-    motors: Annotated[tuple[MitMotor, ...], Field(min_length=1)]
+    motors: Annotated[tuple[MitMotor, ...], Field(min_length=1)]  # one per joint, from base to tip
+    # Arbitration id of the motors' answers; an answer under the motor's own id is taken too.
     host_id: Annotated[int, Field(ge=0, le=0x7FF, strict=True)] = 0
+    # After how long without a command a motor lets go [s], as set in it (CAN timeout). The protocol can
+    # neither set nor read it. Without commands for so long the host sends zero torque as well, for a motor
+    # can only be read by commanding it.
     watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
+    # What makes a motor without torque say its state: "exit" keeps it off, as in the firmware that the
+    # protocol comes from, which answers every frame; "enter" is what the AK manual names for motors that are
+    # deaf to commands outside of motor mode, and zero torque and "exit" follow it.
     ask_with: Literal["exit", "enter"] = "exit"
 
     @model_validator(mode="after")

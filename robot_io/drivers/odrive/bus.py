@@ -59,14 +59,12 @@ class OdriveBus(MotorBus):
         self._versions: dict[int, tuple[int, int, int]] = {}
 
     def motor_label(self, joint: int) -> str:
-        """See `MotorBus.motor_label`."""
         return f"joint {joint + 1} (node {self._axes[joint].node_id})"
 
     def configure(self) -> None:
         """Open the adapter, hear every axis, check the firmware, and set all axes to idle.
 
-        Raises:
-            DeviceError: the adapter cannot be opened, or an axis is silent or of another firmware.
+        DeviceError: the adapter cannot be opened, or an axis is silent or of another firmware.
         """
         self.line.open()
         self._send_all(self._to_every_axis(AxisState.IDLE))
@@ -79,7 +77,6 @@ class OdriveBus(MotorBus):
         self._measure_latency(lambda: self._send_all(ask), self._answered_at_s)
 
     def _say(self) -> list[Observation]:
-        """See `MotorBus._say`."""
         self._heartbeats = [None] * self.joint_count
         self._motion_at_s = [-inf] * self.joint_count
         asked = [OdriveCommand.BUS_VOLTAGE_CURRENT]

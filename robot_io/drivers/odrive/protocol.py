@@ -125,28 +125,19 @@ _COMMAND_MASK = (1 << COMMAND_BITS) - 1
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """What an axis says of itself without being asked.
+    """What an axis says of itself without being asked."""
 
-    Attributes:
-        axis_error: error bits, see `axis_error_names`.
-        state: what the axis is doing.
-        component_errors: names of the parts that report an error of their own (0.5 only).
-        procedure_result: how the last procedure ended (0.6 only); 0 is success.
-        trajectory_done: whether a planned motion has ended.
-    """
-
-    axis_error: int
-    state: AxisState
-    component_errors: tuple[str, ...] = ()
-    procedure_result: int = 0
-    trajectory_done: bool = False
+    axis_error: int  # error bits, see `axis_error_names`
+    state: AxisState  # what the axis is doing
+    component_errors: tuple[str, ...] = ()  # names of the parts that report an error of their own (0.5 only)
+    procedure_result: int = 0  # how the last procedure ended (0.6 only); 0 is success
+    trajectory_done: bool = False  # whether a planned motion has ended
 
 
 def odrive_id(node_id: int, command: OdriveCommand) -> int:
     """Arbitration id of a command to, or a message from, an axis.
 
-    Raises:
-        InputError: the node id has more than six bits.
+    InputError: the node id has more than six bits.
     """
     if not 0 <= node_id <= MAX_NODE_ID:
         raise InputError(f"node id {node_id} is not from 0 to {MAX_NODE_ID}")
@@ -164,8 +155,7 @@ def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
     Bytes 0 to 3 are the axis error and byte 4 the state. Then 0.5 has flags for motor, encoder and controller
     (bit 7 of the last: trajectory done), 0.6 the procedure result and the trajectory flag.
 
-    Raises:
-        ProtocolError: wrong length, or a state that does not exist.
+    ProtocolError: wrong length, or a state that does not exist.
     """
     expect_length(frame, "heartbeat", 8)
     data = frame.data
@@ -182,47 +172,27 @@ def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
 
 
 def decode_encoder_estimates(frame: CanFrame) -> tuple[float, float]:
-    """Position [rev] and velocity [rev/s] of the motor.
-
-    Raises:
-        ProtocolError: wrong length, or not finite.
-    """
+    """Position [rev] and velocity [rev/s] of the motor. ProtocolError: wrong length, or not finite."""
     return _two_finite_floats(frame, "encoder estimates")
 
 
 def decode_iq(frame: CanFrame) -> tuple[float, float]:
-    """Wanted and measured torque-making current [A] (0.5).
-
-    Raises:
-        ProtocolError: wrong length, or not finite.
-    """
+    """Wanted and measured torque-making current [A] (0.5). ProtocolError: wrong length, or not finite."""
     return _two_finite_floats(frame, "motor current")
 
 
 def decode_torques(frame: CanFrame) -> tuple[float, float]:
-    """Wanted and estimated motor torque [N m] (0.6).
-
-    Raises:
-        ProtocolError: wrong length, or not finite.
-    """
+    """Wanted and estimated motor torque [N m] (0.6). ProtocolError: wrong length, or not finite."""
     return _two_finite_floats(frame, "motor torque")
 
 
 def decode_bus_voltage_current(frame: CanFrame) -> tuple[float, float]:
-    """Supply voltage [V] and current [A].
-
-    Raises:
-        ProtocolError: wrong length, or not finite.
-    """
+    """Supply voltage [V] and current [A]. ProtocolError: wrong length, or not finite."""
     return _two_finite_floats(frame, "bus voltage and current")
 
 
 def decode_version(frame: CanFrame) -> tuple[int, int, int]:
-    """Firmware version as major, minor, revision (0.6).
-
-    Raises:
-        ProtocolError: wrong length.
-    """
+    """Firmware version as major, minor, revision (0.6). ProtocolError: wrong length."""
     expect_length(frame, "version", 8)
     return frame.data[4], frame.data[5], frame.data[6]
 
@@ -246,8 +216,7 @@ def encode_controller_mode(node_id: int, control_mode: int, input_mode: int) -> 
 def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
     """Command a motor torque [N m]; it feeds the axis's watchdog.
 
-    Raises:
-        InputError: not a number that a 32 bit float can hold.
+    InputError: not a number that a 32 bit float can hold.
     """
     try:
         data = _FLOAT.pack(torque_nm)

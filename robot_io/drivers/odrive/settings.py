@@ -11,35 +11,23 @@ from robot_io.files.file_model import Positive
 
 
 class OdriveAxis(MotorMounting):
-    """One axis.
+    """One axis."""
 
-    Attributes:
-        node_id: its CAN node id.
-        max_torque_nm: largest motor torque, from its current limit [N m].
-        torque_constant_nm_a: motor torque per ampere, needed with firmware 0.5, which reports current [N
-            m/A].
-    """
-
-    node_id: Annotated[int, Field(ge=0, le=MAX_NODE_ID, strict=True)]
-    max_torque_nm: Positive
+    node_id: Annotated[int, Field(ge=0, le=MAX_NODE_ID, strict=True)]  # its CAN node id
+    max_torque_nm: Positive  # largest motor torque, from its current limit [N m]
+    # Motor torque per ampere, needed with firmware 0.5, which reports current [N m/A].
     torque_constant_nm_a: Positive | None = None
 
 
 class OdriveBusSettings(CanLineSettings):
-    """What the robot file says.
+    """What the robot file says."""
 
-    Attributes:
-        firmware: "0.5" or "0.6".
-        axes: one per joint, from base to tip.
-        heartbeat_s: period of the heartbeats [s].
-        watchdog_s: after how long without a command an axis disarms itself [s], as set on the axis.
-        check_watchdog: at each activation, let every watchdog expire once to see that it works.
-    """
-
-    firmware: Firmware
-    axes: Annotated[tuple[OdriveAxis, ...], Field(min_length=1)]
-    heartbeat_s: Annotated[Positive, Field(le=1)] = 0.1
+    firmware: Firmware  # "0.5" or "0.6"
+    axes: Annotated[tuple[OdriveAxis, ...], Field(min_length=1)]  # one per joint, from base to tip
+    heartbeat_s: Annotated[Positive, Field(le=1)] = 0.1  # period of the heartbeats [s]
+    # After how long without a command an axis disarms itself [s], as set on the axis.
     watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
+    # At each activation, let every watchdog expire once to see that it works.
     check_watchdog: StrictBool = True
 
     @model_validator(mode="after")

@@ -62,22 +62,15 @@ def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: floa
 
 
 class ForceLinesSettings(FileModel):
-    """What the robot file says.
+    """What the robot file says."""
 
-    Attributes:
-        pattern: regular expression for a whole line, with a group (?P<value>...) and perhaps (?P<unit>...).
-        unit: unit of lines that name none.
-        scale: what a value is multiplied with before its unit; for its sign there is `reversed`.
-        capacity_n: from this force on the sensor is saturated [N].
-        reversed: whether the sensor counts tension as positive.
-        start: what to send to make it stream, such as a carriage return.
-    """
-
+    # Regular expression for a whole line, with a group (?P<value>...) and perhaps (?P<unit>...).
     pattern: Annotated[str, Field(min_length=1, max_length=MAX_PATTERN)]
-    unit: Annotated[str | None, AfterValidator(known_unit)] = None
-    scale: Positive = 1.0
-    capacity_n: Positive
-    reversed: StrictBool = False
+    unit: Annotated[str | None, AfterValidator(known_unit)] = None  # unit of lines that name none
+    scale: Positive = 1.0  # what a value is multiplied with before its unit; for its sign there is `reversed`
+    capacity_n: Positive  # from this force on the sensor is saturated [N]
+    reversed: StrictBool = False  # whether the sensor counts tension as positive
+    # What to send to make it stream, such as a carriage return.
     start: Annotated[str, Field(max_length=100)] = ""
 
     @field_validator("pattern")
@@ -105,5 +98,4 @@ class ForceLines(ForceSensor):
             self._bus.write(own.start.encode("ascii", "replace"))
 
     def read_force(self) -> Reading:
-        """See `ForceSensor.read_force`."""
         return self._bus.reading(reversed_sign=self._own.reversed)

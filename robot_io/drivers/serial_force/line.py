@@ -249,9 +249,8 @@ class SerialLine(Bus):
     def poll(self, deadline_s: float) -> None:
         """See `Bus.poll`; never waits.
 
-        Raises:
-            DeviceError: the port failed.
-            DeviceTimeoutError: the sensor is silent, or has sent data but no valid reading yet.
+        DeviceError: the port failed; DeviceTimeoutError: the sensor is silent, or has sent data but no valid
+        reading yet.
         """
         reader = self._reader
         if reader is None:

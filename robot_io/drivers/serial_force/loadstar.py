@@ -62,17 +62,11 @@ def loadstar_stream(newtons_per_unit: float, capacity_n: float) -> LineStream:
 
 
 class LoadstarSettings(FileModel):
-    """What the robot file says.
+    """What the robot file says."""
 
-    Attributes:
-        capacity_n: capacity of the load cell [N]; the interface must say the same within 1 %.
-        reversed: whether the load cell counts tension as positive.
-        tare: whether to zero it when the robot is configured; nothing must touch it then.
-    """
-
-    capacity_n: Positive
-    reversed: StrictBool = False
-    tare: StrictBool = False
+    capacity_n: Positive  # capacity of the load cell [N]; the interface must say the same within 1 %
+    reversed: StrictBool = False  # whether the load cell counts tension as positive
+    tare: StrictBool = False  # whether to zero it when the robot is configured; nothing must touch it then
 
 
 class Loadstar(ForceSensor, Examinable):
@@ -107,7 +101,6 @@ class Loadstar(ForceSensor, Examinable):
         self._bus.write(STREAM)
 
     def examine(self) -> tuple[Observation, ...]:
-        """See `Examinable.examine`."""
         return (Observation("force sensor", self._found),) if self._found else ()
 
     def close(self) -> None:
@@ -118,7 +111,6 @@ class Loadstar(ForceSensor, Examinable):
             return  # it is gone, or was never there: nothing to end
 
     def read_force(self) -> Reading:
-        """See `ForceSensor.read_force`."""
         return self._bus.reading(reversed_sign=self._own.reversed)
 
     def _wake(self) -> None:

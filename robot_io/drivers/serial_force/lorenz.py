@@ -20,27 +20,17 @@ _ANSWER_S = 0.3
 
 
 class LorenzSettings(FileModel):
-    """What the robot file says: the data sheet's values, and the sensor's own codes, which must agree.
+    """What the robot file says: the data sheet's values, and the sensor's own codes, which must agree."""
 
-    Attributes:
-        nominal_load: nominal load, in `unit`.
-        unit: unit of the nominal load.
-        counts_at_nominal: counts at nominal load.
-        dimension_code: the sensor's code of its unit; the error of a first try with any code shows it.
-        load_code: the sensor's code of its nominal load.
-        rate_hz: samples a second.
-        address: bus address of the sensor.
-        reversed: whether the sensor counts tension as positive.
-    """
-
-    nominal_load: Positive
-    unit: Annotated[str, AfterValidator(known_unit)]
-    counts_at_nominal: Annotated[Positive, Field(le=32767)]
+    nominal_load: Positive  # nominal load, in `unit`
+    unit: Annotated[str, AfterValidator(known_unit)]  # unit of the nominal load
+    counts_at_nominal: Annotated[Positive, Field(le=32767)]  # counts at nominal load
+    # The sensor's code of its unit; the error of a first try with any code shows it.
     dimension_code: Annotated[int, Field(ge=0, le=255, strict=True)]
-    load_code: Annotated[int, Field(ge=0, le=65535, strict=True)]
-    rate_hz: Annotated[int, Field(strict=True)] = 1000
-    address: Annotated[int, Field(ge=1, le=254, strict=True)] = 1
-    reversed: StrictBool = False
+    load_code: Annotated[int, Field(ge=0, le=65535, strict=True)]  # the sensor's code of its nominal load
+    rate_hz: Annotated[int, Field(strict=True)] = 1000  # samples a second
+    address: Annotated[int, Field(ge=1, le=254, strict=True)] = 1  # bus address of the sensor
+    reversed: StrictBool = False  # whether the sensor counts tension as positive
 
     @field_validator("rate_hz")
     @classmethod
@@ -75,8 +65,7 @@ class Lorenz(ForceSensor, Examinable):
     def configure(self) -> None:
         """Check which sensor it is, and start the stream.
 
-        Raises:
-            DeviceError: it does not answer, or is another one.
+        DeviceError: it does not answer, or is another one.
         """
         own = self._own
         self._bus.write(lorenz.STOP_STREAM)
@@ -98,7 +87,6 @@ class Lorenz(ForceSensor, Examinable):
         self._bus.listen(LorenzStream(own.nominal_n / own.counts_at_nominal), own.nominal_n)
 
     def examine(self) -> tuple[Observation, ...]:
-        """See `Examinable.examine`."""
         return (Observation("force sensor", self._found),) if self._found else ()
 
     def close(self) -> None:
@@ -109,7 +97,6 @@ class Lorenz(ForceSensor, Examinable):
             return  # it is gone, or was never there: nothing to end
 
     def read_force(self) -> Reading:
-        """See `ForceSensor.read_force`."""
         return self._bus.reading(reversed_sign=self._own.reversed)
 
     def _greet(self) -> None:

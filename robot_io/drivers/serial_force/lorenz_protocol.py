@@ -38,34 +38,21 @@ class LorenzCommand(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Telegram:
-    """One telegram.
+    """One telegram."""
 
-    Attributes:
-        command: what it is.
-        receiver: address that it goes to.
-        sender: address that it comes from.
-        parameters: up to 255 bytes.
-    """
-
-    command: int
-    receiver: int
-    sender: int
-    parameters: bytes = b""
+    command: int  # what it is
+    receiver: int  # address that it goes to
+    sender: int  # address that it comes from
+    parameters: bytes = b""  # up to 255 bytes
 
 
 @dataclass(frozen=True, slots=True)
 class SensorHeader:
-    """What the sensor says of itself (block "rotor header").
+    """What the sensor says of itself (block "rotor header")."""
 
-    Attributes:
-        dimension_code: code of the unit.
-        load_code: nominal load of channel A, as it is stored.
-        serial_number: of the sensor.
-    """
-
-    dimension_code: int
-    load_code: int
-    serial_number: int
+    dimension_code: int  # code of the unit
+    load_code: int  # nominal load of channel A, as it is stored
+    serial_number: int  # of the sensor
 
 
 def checksums(content: bytes) -> tuple[int, int]:
@@ -79,11 +66,7 @@ def checksums(content: bytes) -> tuple[int, int]:
 
 
 def encode_telegram(telegram: Telegram) -> bytes:
-    """The bytes of a telegram.
-
-    Raises:
-        InputError: more than 255 parameters.
-    """
+    """The bytes of a telegram. InputError: more than 255 parameters."""
     count = len(telegram.parameters)
     if count > 255:
         raise InputError(f"a telegram holds at most 255 parameters, not {count}")
@@ -136,11 +119,7 @@ class TelegramReader:
 
 
 def encode_start_stream(address: int, rate_hz: int) -> bytes:
-    """Ask for an endless stream of channel A.
-
-    Raises:
-        InputError: the sensor has no such rate.
-    """
+    """Ask for an endless stream of channel A. InputError: the sensor has no such rate."""
     if rate_hz not in SAMPLE_RATE_CODES:
         raise InputError(f"rate_hz {rate_hz}: valid are {', '.join(map(str, SAMPLE_RATE_CODES))}")
     parameters = bytes((STREAM_MODE, SAMPLE_RATE_CODES[rate_hz], 0, 0, ord("A")))
@@ -150,8 +129,7 @@ def encode_start_stream(address: int, rate_hz: int) -> bytes:
 def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
     """The block "rotor header" as READ_CONFIG answers it: its number, and the block with own checksums.
 
-    Raises:
-        ProtocolError: wrong block, length or checksum.
+    ProtocolError: wrong block, length or checksum.
     """
     if (
         len(parameters) != _BLOCK + 1
@@ -199,7 +177,6 @@ class LorenzStream:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[float]:
-        """See `Stream.feed`."""
         buffer, place, samples = self._rest + data, 0, []
         while True:
             if self._next_counter is None:

@@ -109,7 +109,6 @@ class LineStream:
         return self._bad + self._lines.dropped
 
     def feed(self, data: bytes) -> list[float]:
-        """See `Stream.feed`."""
         samples: list[float] = []
         for line in self._lines.feed(data):
             try:

@@ -69,7 +69,6 @@ class EmulatedMitMotor(CanNode):
         self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
-        """See `CanNode.hear`."""
         for_me = message.arbitration_id == self.number and not message.is_extended_id
         if not for_me or message.is_remote_frame or len(message.data) != 8 or now_s < self._silent_until_s:
             return []
@@ -121,7 +120,6 @@ class EmulatedMitMotor(CanNode):
         return []
 
     def strike(self, fault: Fault, now_s: float) -> None:
-        """See `CanNode.strike`."""
         if fault.kind is FaultKind.ALERT:
             self.error = _ALERT
         elif fault.kind is FaultKind.STUCK:

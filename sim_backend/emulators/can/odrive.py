@@ -68,7 +68,6 @@ class EmulatedOdrive(CanNode):
         self._fed_s = -math.inf
 
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
-        """See `CanNode.hear`."""
         if (
             message.is_extended_id
             or message.arbitration_id >> 5 != self.number
@@ -128,7 +127,6 @@ class EmulatedOdrive(CanNode):
         return []
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """See `CanNode.tell`."""
         if now_s < self._silent_until_s:
             return []
         if (
@@ -147,7 +145,6 @@ class EmulatedOdrive(CanNode):
         return [message for message in messages if message is not None]
 
     def strike(self, fault: Fault, now_s: float) -> None:
-        """See `CanNode.strike`."""
         if fault.kind is FaultKind.ALERT:
             self._disarm(ALERT_BIT[self._firmware])
         elif fault.kind is FaultKind.STUCK:

@@ -20,13 +20,9 @@ class _Late:
 
 
 class CanNode(ABC):
-    """One device on the bus.
+    """One device on the bus."""
 
-    Attributes:
-        number: its node or motor id, which faults name it by.
-    """
-
-    number: int
+    number: int  # its node or motor id, which faults name it by
 
     @abstractmethod
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
@@ -63,7 +59,6 @@ class CanWire(EmulatedWire):
         self._unplugged = False
 
     def receive(self, now_s: float) -> None:
-        """See `EmulatedWire.receive`."""
         while (message := self._bus.recv(timeout=0.0)) is not None:
             if self._unplugged or message.is_error_frame:
                 continue
@@ -71,7 +66,6 @@ class CanWire(EmulatedWire):
                 self._send(node, node.hear(message, now_s), now_s)
 
     def send(self, now_s: float) -> None:
-        """See `EmulatedWire.send`."""
         if self._is_unplugged(now_s):
             for node in self._nodes:
                 node.tell(now_s)  # to nobody; its watchdog runs all the same
@@ -84,7 +78,6 @@ class CanWire(EmulatedWire):
             self._send(node, node.tell(now_s), now_s)
 
     def close(self) -> None:
-        """See `EmulatedWire.close`."""
         self._bus.shutdown()
 
     def _is_unplugged(self, now_s: float) -> bool:

@@ -24,50 +24,29 @@ class Error(IntEnum):
 
 @dataclass(frozen=True)
 class Item:
-    """One row of the table.
+    """One row of the table."""
 
-    Attributes:
-        address: of the first byte.
-        size: bytes.
-        writable: RW, or else R.
-        initial: value after a factory reset or, in RAM, after power-up.
-        low: smallest value that may be written.
-        high: largest value that may be written.
-    """
-
-    address: int
-    size: int
-    writable: bool
-    initial: int = 0
-    low: int | None = None
-    high: int | None = None
+    address: int  # of the first byte
+    size: int  # bytes
+    writable: bool  # RW, or else R
+    initial: int = 0  # value after a factory reset or, in RAM, after power-up
+    low: int | None = None  # smallest value that may be written
+    high: int | None = None  # largest value that may be written
 
 
 @dataclass(frozen=True)
 class Model:
-    """What is particular to a model.
+    """What is particular to a model."""
 
-    Attributes:
-        number: model number.
-        current_unit_a: [A].
-        current_limit: initial and largest current limit.
-        torque_per_ampere_nm: stall torque over stall current at the recommended voltage [N m/A].
-        indirect_data: address of Indirect Data 1.
-        indirect_count: how many of them are in a row.
-        shutdown: initial value of Shutdown.
-        voltage: present input voltage [0.1 V].
-        voltage_limits: initial min and max voltage limit [0.1 V].
-    """
-
-    number: int
-    current_unit_a: float
-    current_limit: int
-    torque_per_ampere_nm: float
-    indirect_data: int
-    indirect_count: int
-    shutdown: int
-    voltage: int
-    voltage_limits: tuple[int, int]
+    number: int  # model number
+    current_unit_a: float  # [A]
+    current_limit: int  # initial and largest current limit
+    torque_per_ampere_nm: float  # stall torque over stall current at the recommended voltage [N m/A]
+    indirect_data: int  # address of Indirect Data 1
+    indirect_count: int  # how many of them are in a row
+    shutdown: int  # initial value of Shutdown
+    voltage: int  # present input voltage [0.1 V]
+    voltage_limits: tuple[int, int]  # initial min and max voltage limit [0.1 V]
 
 
 MODELS = {

@@ -87,11 +87,9 @@ class DynamixelLine(EmulatedWire):
         return self._master if self._in_use else -1
 
     def next_due_s(self) -> float:
-        """See `EmulatedWire.next_due_s`."""
         return min((frame.due_s for frame in self._outgoing), default=inf)
 
     def receive(self, now_s: float) -> None:
-        """See `EmulatedWire.receive`."""
         for servo in self.servos.values():
             self._befall(servo, now_s)
             servo.watch(now_s)
@@ -101,7 +99,6 @@ class DynamixelLine(EmulatedWire):
             self._obey(instruction, now_s)
 
     def send(self, now_s: float) -> None:
-        """See `EmulatedWire.send`."""
         due = [frame for frame in self._outgoing if frame.due_s <= now_s]
         if due and self._master >= 0:
             self._outgoing = [frame for frame in self._outgoing if frame.due_s > now_s]

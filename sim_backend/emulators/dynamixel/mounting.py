@@ -10,23 +10,15 @@ from sim_backend.emulators.dynamixel.control_table import MODELS
 
 
 class Mounting(FileModel, extra="ignore"):
-    """One servo as it is bolted to the arm, which is not always what the robot file says.
+    """One servo as it is bolted to the arm, which is not always what the robot file says."""
 
-    Attributes:
-        id: its id.
-        model: such as XM430-W350.
-        reversed: whether a positive count turns the joint backwards.
-        zero_rad: joint angle where the servo shows position 0, whole turns aside [rad].
-        torque_constant_nm_a: of this very servo; None is as its model's data sheet says [N m/A].
-        firmware: version.
-    """
-
-    id: Annotated[int, Field(ge=0, le=252)]
-    model: str
-    reversed: bool = False
-    zero_rad: Number = pi
+    id: Annotated[int, Field(ge=0, le=252)]  # its id
+    model: str  # such as XM430-W350
+    reversed: bool = False  # whether a positive count turns the joint backwards
+    zero_rad: Number = pi  # joint angle where the servo shows position 0, whole turns aside [rad]
+    # Of this very servo; None is as its model's data sheet says [N m/A].
     torque_constant_nm_a: Positive | None = None
-    firmware: int = 46
+    firmware: int = 46  # version
 
     @field_validator("model")
     @classmethod

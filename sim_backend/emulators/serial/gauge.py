@@ -27,13 +27,10 @@ class EmulatedGauge(SerialSensor):
         return b""
 
     def due(self, now_s: float) -> bool:
-        """See `SerialSensor.due`."""
         return now_s >= self._silent_until_s and self._timer.due(now_s)
 
     def reading(self, force_n: float) -> bytes:
-        """See `SerialSensor.reading`."""
         return f"{self._sign * force_n:.3f} N\r\n".encode()
 
     def restart(self, now_s: float, silent_s: float) -> None:
-        """See `SerialSensor.restart`."""
         self._silent_until_s = now_s + silent_s

@@ -33,7 +33,6 @@ class EmulatedLoadstar(SerialSensor):
         self._silent_until_s = -math.inf
 
     def hear(self, data: bytes, now_s: float) -> bytes:
-        """See `SerialSensor.hear`."""
         if now_s < self._silent_until_s:
             return b""
         *commands, self._input = (self._input + data).split(b"\r")
@@ -61,16 +60,13 @@ class EmulatedLoadstar(SerialSensor):
         return answers.get(word, "?").encode() + b"\r\n"
 
     def due(self, now_s: float) -> bool:
-        """See `SerialSensor.due`."""
         return now_s >= self._silent_until_s and self._timer.due(now_s)
 
     def reading(self, force_n: float) -> bytes:
-        """See `SerialSensor.reading`."""
         self._last_n = force_n
         return f"{self._sign * (force_n - self._tare_n) / self._newtons:12.4f}\r\n".encode()
 
     def restart(self, now_s: float, silent_s: float) -> None:
-        """See `SerialSensor.restart`."""
         self._timer.stop()
         self._tare_n, self._input = 0.0, b""
         self._silent_until_s = now_s + silent_s

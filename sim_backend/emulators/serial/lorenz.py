@@ -60,7 +60,6 @@ class EmulatedLorenz(SerialSensor):
         self._silent_until_s = -math.inf
 
     def hear(self, data: bytes, now_s: float) -> bytes:
-        """See `SerialSensor.hear`."""
         if now_s < self._silent_until_s:
             return b""
         answers = b""
@@ -111,7 +110,6 @@ class EmulatedLorenz(SerialSensor):
         return bytes(block) + total.to_bytes(2, "big") + weighted.to_bytes(2, "big")
 
     def due(self, now_s: float) -> bool:
-        """See `SerialSensor.due`."""
         return now_s >= self._silent_until_s and self._timer.due(now_s)
 
     def reading(self, force_n: float) -> bytes:
@@ -122,7 +120,6 @@ class EmulatedLorenz(SerialSensor):
         return sample
 
     def restart(self, now_s: float, silent_s: float) -> None:
-        """See `SerialSensor.restart`."""
         self._timer.stop()
         self._input = b""
         self._silent_until_s = now_s + silent_s

@@ -86,7 +86,6 @@ class PtyLine(EmulatedWire):
         self._stuck_n: float | None = None
 
     def receive(self, now_s: float) -> None:
-        """See `EmulatedWire.receive`."""
         if self._master is None:
             return
         try:
@@ -99,7 +98,6 @@ class PtyLine(EmulatedWire):
             self._put(self._sensor.hear(data, now_s))
 
     def send(self, now_s: float) -> None:
-        """See `EmulatedWire.send`."""
         strikes, name = self.faults.strikes, self._sensor.name
         if strikes(FaultKind.UNPLUG, name, now_s):
             self.close()

@@ -19,7 +19,6 @@ class DynamixelWires(WireMaker):
     name: ClassVar[str] = "dynamixel_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        """See `WireMaker.make`."""
         own = validate(_Settings, request.section.settings)
         line = DynamixelLine(
             own.servos, request.plant, request.faults, baud_rate=own.baud_rate, start_s=request.start_s

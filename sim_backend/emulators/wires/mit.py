@@ -57,7 +57,6 @@ class MitWires(WireMaker):
     name: ClassVar[str] = "mit_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        """See `WireMaker.make`."""
         own = validate(_Settings, request.section.settings)
         nodes = [
             EmulatedMitMotor(

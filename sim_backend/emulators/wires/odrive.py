@@ -31,7 +31,6 @@ class OdriveWires(WireMaker):
     name: ClassVar[str] = "odrive_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        """See `WireMaker.make`."""
         own = validate(_Settings, request.section.settings)
         nodes = [
             EmulatedOdrive(

@@ -45,7 +45,6 @@ class SerialWires(WireMaker):
     name: ClassVar[str] = "serial_line"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        """See `WireMaker.make`."""
         own = validate(_Line, request.section.settings)
         line = PtyLine(
             self._sensor(request),
