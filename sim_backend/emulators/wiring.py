@@ -56,7 +56,7 @@ class WiredArm:
 
 def wire_makers() -> Registry[WireMaker]:
     """All wires that can be emulated, by the name of the bus driver."""
-    return Registry("emulated bus", WireMaker, "sim_backend.emulators.wires")  # type: ignore[type-abstract]
+    return Registry("emulated bus", WireMaker, "sim_backend.emulators")  # type: ignore[type-abstract]
 
 
 def wire_up(

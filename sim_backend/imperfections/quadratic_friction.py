@@ -5,9 +5,9 @@ from typing import ClassVar, Self
 from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative
+from sim_backend.channel_effect import JointFriction
 from sim_backend.hooks import Effects
 from sim_backend.imperfection import JointImperfection, parameter
-from sim_backend.joint_effects import JointFriction
 from sim_backend.noise_scale import NoiseScale, joint_of
 
 

@@ -5,13 +5,8 @@ from typing import Any, ClassVar
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, Positive, validate
 from sim_backend.emulators.bench import EmulatedWire
-from sim_backend.emulators.serial import (
-    EmulatedGauge,
-    EmulatedLoadstar,
-    EmulatedLorenz,
-    PtyLine,
-    SerialSensor,
-)
+from sim_backend.emulators.serial.pty_line import PtyLine, SerialSensor
+from sim_backend.emulators.serial.sensors import EmulatedGauge, EmulatedLoadstar, EmulatedLorenz
 from sim_backend.emulators.wiring import WireMaker, WireRequest
 
 _NEWTONS = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665}
