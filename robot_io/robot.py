@@ -136,10 +136,7 @@ class Robot:
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         try:
             self.close()
@@ -255,10 +252,7 @@ class Robot:
 
 
 def build_robot(
-    robot_file: RobotFile,
-    drivers: DriverCatalogue,
-    clock: Clock,
-    calibrations: Calibrations | None = None,
+    robot_file: RobotFile, drivers: DriverCatalogue, clock: Clock, calibrations: Calibrations | None = None
 ) -> Robot:
     """Put together the robot that a robot file describes; opens nothing yet.
 

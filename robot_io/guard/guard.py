@@ -59,11 +59,7 @@ class Guard:
     """
 
     def __init__(
-        self,
-        limits: Limits,
-        safe_state: SafeState,
-        joint_count: int,
-        gravity_nm: GravityModel | None = None,
+        self, limits: Limits, safe_state: SafeState, joint_count: int, gravity_nm: GravityModel | None = None
     ) -> None:
         if limits.joint_count != joint_count or len(safe_state.damping_nms_rad) != joint_count:
             raise InputError(

@@ -46,10 +46,7 @@ def direct(tmp_path_factory):
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        [],
-        [("velocity: servo", "velocity: difference"), ("fast_sync_read: true", "fast_sync_read: false")],
-    ],
+    [[], [("velocity: servo", "velocity: difference"), ("fast_sync_read: true", "fast_sync_read: false")]],
     ids=["fast, servo's velocity", "plain, difference"],
 )
 def test_the_object_is_the_same_over_the_wire(bench, direct, tmp_path, changes):

@@ -43,11 +43,7 @@ class ServoJoints:
                 for servo in servos
             ]
         )
-        steps = (
-            direction * POSITION_STEP_RAD,
-            direction * VELOCITY_STEP_RAD_S,
-            direction * torque_step_nm,
-        )
+        steps = (direction * POSITION_STEP_RAD, direction * VELOCITY_STEP_RAD_S, direction * torque_step_nm)
         self._steps = np.array(steps)  # (3, n): of position, velocity and torque
         self._offsets = np.zeros_like(self._steps)
         self._torque_steps_nm: list[float] = self._steps[2].tolist()

@@ -115,11 +115,7 @@ def _supply(access: RegisterAccess, servo: ServoSettings, label: str) -> Observa
     read = access.read
     voltage, low, high = (
         0.1 * read(servo.id, register)
-        for register in (
-            tables.PRESENT_INPUT_VOLTAGE,
-            tables.MIN_VOLTAGE_LIMIT,
-            tables.MAX_VOLTAGE_LIMIT,
-        )
+        for register in (tables.PRESENT_INPUT_VOLTAGE, tables.MIN_VOLTAGE_LIMIT, tables.MAX_VOLTAGE_LIMIT)
     )
     temperature = read(servo.id, tables.PRESENT_TEMPERATURE)
     value = f"{voltage:.1f} V (its limits {low:.1f} to {high:.1f} V), {temperature} °C"

@@ -40,10 +40,7 @@ REQUESTS = {
         "ff ff fd 00 01 09 00 03 74 00 00 02 00 00 ca 89",
     ),
     "reboot": (protocol.reboot(1), "ff ff fd 00 01 03 00 08 2f 4e"),
-    "sync read": (
-        protocol.sync_read(132, 4, (1, 2)),
-        "ff ff fd 00 fe 09 00 82 84 00 04 00 01 02 ce fa",
-    ),
+    "sync read": (protocol.sync_read(132, 4, (1, 2)), "ff ff fd 00 fe 09 00 82 84 00 04 00 01 02 ce fa"),
     "sync write": (
         protocol.sync_write(116, {1: packet("96 00 00 00"), 2: packet("aa 00 00 00")}),
         "ff ff fd 00 fe 11 00 83 74 00 04 00 01 96 00 00 00 02 aa 00 00 00 82 87",
