@@ -35,7 +35,6 @@ class SimEncoder(JointEncoder):
 
     @property
     def joint_count(self) -> int:
-        """Number of joints n."""
         return self._joint_count
 
     def read_position(self) -> Reading:
@@ -63,7 +62,6 @@ class SimTorque(JointTorque):
 
     @property
     def joint_count(self) -> int:
-        """Number of joints n."""
         return self._joint_count
 
     def configure(self) -> None:

@@ -82,7 +82,6 @@ class MotorBus(Bus, Examinable):
 
     @property
     def joint_count(self) -> int:
-        """Number of joints n."""
         return len(self._mountings)
 
     # What a protocol adds.
@@ -256,12 +255,7 @@ class MotorBus(Bus, Examinable):
 
 
 class MotorEncoder(JointEncoder):
-    """Positions and velocities that motors on a CAN bus report.
-
-    Args:
-        settings: none are known.
-        context: must hold a bus of the protocol's `bus_type`.
-    """
+    """Positions and velocities that motors on a CAN bus report."""
 
     bus_type: ClassVar[type[MotorBus]]
 
@@ -271,7 +265,6 @@ class MotorEncoder(JointEncoder):
 
     @property
     def joint_count(self) -> int:
-        """Number of joints n."""
         return self._bus.joint_count
 
     def read_position(self) -> Reading:
@@ -282,12 +275,7 @@ class MotorEncoder(JointEncoder):
 
 
 class MotorTorque(JointTorque):
-    """Motors on a CAN bus in torque mode.
-
-    Args:
-        settings: none are known.
-        context: must hold a bus of the protocol's `bus_type`.
-    """
+    """Motors on a CAN bus in torque mode."""
 
     bus_type: ClassVar[type[MotorBus]]
 
@@ -298,7 +286,6 @@ class MotorTorque(JointTorque):
 
     @property
     def joint_count(self) -> int:
-        """Number of joints n."""
         return self._bus.joint_count
 
     def activate(self) -> None:

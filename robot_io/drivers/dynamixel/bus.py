@@ -91,10 +91,6 @@ class ServoSample(NamedTuple):
 class DynamixelBus(Bus, Examinable):
     """Servos of the X series in current control, Protocol 2.0.
 
-    Args:
-        settings: as `DynamixelSettings`.
-        context: clock and robot file.
-
     Attributes:
         sample: what the last sync read brought that was answered by all, or None before the first.
     """
@@ -120,7 +116,6 @@ class DynamixelBus(Bus, Examinable):
 
     @property
     def joint_count(self) -> int:
-        """Number of servos n."""
         return len(self._ids)
 
     @property

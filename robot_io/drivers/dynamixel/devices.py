@@ -37,7 +37,6 @@ class DynamixelEncoder(JointEncoder):
 
     @property
     def joint_count(self) -> int:
-        """Number of joints n."""
         return self._bus.joint_count
 
     def read_position(self) -> Reading:
@@ -81,7 +80,6 @@ class DynamixelTorque(JointTorque):
 
     @property
     def joint_count(self) -> int:
-        """Number of joints n."""
         return self._bus.joint_count
 
     def activate(self) -> None:

@@ -1,33 +1,85 @@
 """Motors in MIT mode (CubeMars AK and kin) on a CAN bus: zero gains and feed-forward torque.
 
-A motor speaks only when it is spoken to: each command is answered with the motor's state, which the next
-poll takes in. While the torque is off, each poll asks again.
+A motor speaks only when it is spoken to: each command is answered with the motor's state, which the next poll
+takes in. While the torque is off, each poll asks again.
 """
 
 from collections.abc import Mapping
 from math import inf
-from typing import ClassVar
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, model_validator
 
 from robot_io.driver import DriverContext
-from robot_io.drivers.can.line import CanFrame
-from robot_io.drivers.can.motors import MotorBus
+from robot_io.drivers.can.line import CanFrame, CanLineSettings
+from robot_io.drivers.can.motors import MotorBus, MotorEncoder, MotorMounting, MotorTorque
 from robot_io.drivers.mit import protocol as mit
-from robot_io.drivers.mit.protocol import mit_error_name
-from robot_io.drivers.mit.settings import MitBusSettings
+from robot_io.drivers.mit.protocol import MIT_MODELS, MitRanges, mit_error_name
 from robot_io.errors import DeviceError
 from robot_io.examination import Observation, fail
+from robot_io.files.file_model import FileModel, Positive
+
+
+class MitRangeSettings(FileModel):
+    """Ranges of a motor whose parameters were changed."""
+
+    position_rad: Positive  # position range, plus and minus [rad]
+    velocity_rad_s: Positive  # velocity range, plus and minus [rad/s]
+    torque_nm: Positive  # torque range, plus and minus [N m]
+
+
+class MitMotor(MotorMounting):
+    """One motor. It reports at its output shaft, so that `gear_ratio` is only what comes after it."""
+
+    motor_id: Annotated[int, Field(ge=1, le=255, strict=True)]  # its CAN id
+    model: str  # which ranges it has, see `MIT_MODELS`
+    ranges: MitRangeSettings | None = None  # its ranges, if they are not those of the model
+
+    @model_validator(mode="after")
+    def _know_the_model(self) -> "MitMotor":
+        if self.ranges is None and self.model not in MIT_MODELS:
+            raise ValueError(
+                f"no ranges are known for '{self.model}'. Valid: {', '.join(MIT_MODELS)}, or state 'ranges'"
+            )
+        return self
+
+    @property
+    def wire_ranges(self) -> MitRanges:
+        """What the numbers on the wire mean."""
+        if self.ranges is None:
+            return MIT_MODELS[self.model]
+        return MitRanges(self.ranges.position_rad, self.ranges.velocity_rad_s, self.ranges.torque_nm)
+
+
+class MitBusSettings(CanLineSettings):
+    """What the robot file says."""
+
+    motors: Annotated[tuple[MitMotor, ...], Field(min_length=1)]  # one per joint, from base to tip
+    # Arbitration id of the motors' answers; an answer under the motor's own id is taken too.
+    host_id: Annotated[int, Field(ge=0, le=0x7FF, strict=True)] = 0
+    # After how long without a command a motor lets go [s], as set in it (CAN timeout). The protocol can
+    # neither set nor read it. Without commands for so long the host sends zero torque as well, for a motor
+    # can only be read by commanding it.
+    watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
+    # What makes a motor without torque say its state: "exit" keeps it off, as in the firmware that the
+    # protocol comes from, which answers every frame; "enter" is what the AK manual names for motors that are
+    # deaf to commands outside of motor mode, and zero torque and "exit" follow it.
+    ask_with: Literal["exit", "enter"] = "exit"
+
+    @model_validator(mode="after")
+    def _agree(self) -> "MitBusSettings":
+        ids = [motor.motor_id for motor in self.motors]
+        if len(set(ids)) != len(ids):
+            raise ValueError(f"motors: ids {ids} are not all different")
+        return self
+
 
 _ANSWER_S = 0.05  # more than any motor takes
 _ENCODER_FAULT = 5
 
 
 class MitBus(MotorBus):
-    """MIT-mode motors on a CAN bus.
-
-    Args:
-        settings: as `MitBusSettings`.
-        context: clock and robot file.
-    """
+    """MIT-mode motors on a CAN bus."""
 
     name: ClassVar[str] = "mit_bus"
 
@@ -187,3 +239,17 @@ class MitBus(MotorBus):
     def _fault(self, joint: int, now_s: float) -> str:
         error = self._errors[joint]
         return mit_error_name(error) if error else ""
+
+
+class MitEncoder(MotorEncoder):
+    """Positions and velocities that MIT-mode motors report; the settings are the bus's."""
+
+    name: ClassVar[str] = "mit_encoder"
+    bus_type: ClassVar[type[MotorBus]] = MitBus
+
+
+class MitTorque(MotorTorque):
+    """Torques to and from MIT-mode motors; the settings are the bus's."""
+
+    name: ClassVar[str] = "mit_torque"
+    bus_type: ClassVar[type[MotorBus]] = MitBus

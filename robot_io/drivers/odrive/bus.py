@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from robot_io.driver import DriverContext
 from robot_io.drivers.can.line import CanFrame
-from robot_io.drivers.can.motors import MotorBus
+from robot_io.drivers.can.motors import MotorBus, MotorEncoder, MotorTorque
 from robot_io.drivers.odrive import protocol as odrive
 from robot_io.drivers.odrive.protocol import (
     PASSTHROUGH,
@@ -38,10 +38,6 @@ class OdriveBus(MotorBus):
     Heartbeats are watched: an axis that reports an error, leaves closed-loop control by itself, or whose
     heartbeat is lost has failed. CANSimple cannot read the watchdog's settings, so it is proven by letting
     it expire.
-
-    Args:
-        settings: as `OdriveBusSettings`.
-        context: clock and robot file.
     """
 
     name: ClassVar[str] = "odrive_bus"
@@ -276,3 +272,17 @@ class OdriveBus(MotorBus):
             left = self._powered and beat is not None and beat.state is not AxisState.CLOSED_LOOP_CONTROL
             return f"left closed-loop control, is {beat.state.name}" if left and beat else ""
         return self._describe(beat) if self._powered else ""
+
+
+class OdriveEncoder(MotorEncoder):
+    """Positions and velocities that ODrive axes estimate; the settings are the bus's."""
+
+    name: ClassVar[str] = "odrive_encoder"
+    bus_type: ClassVar[type[MotorBus]] = OdriveBus
+
+
+class OdriveTorque(MotorTorque):
+    """Torques to and from ODrive axes; the settings are the bus's."""
+
+    name: ClassVar[str] = "odrive_torque"
+    bus_type: ClassVar[type[MotorBus]] = OdriveBus

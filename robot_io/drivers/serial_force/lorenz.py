@@ -49,10 +49,6 @@ class Lorenz(ForceSensor, Examinable):
     """A Lorenz sensor in its speed-optimised stream.
 
     Which sensor it is comes from its configuration, in telegrams with checksums; the stream itself has none.
-
-    Args:
-        settings: as `LorenzSettings`.
-        context: must hold a `serial_line`.
     """
 
     name: ClassVar[str] = "lorenz"
