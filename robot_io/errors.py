@@ -27,7 +27,7 @@ class DeviceTimeoutError(DeviceError, TimeoutError):
 
 
 class ProtocolError(DeviceError):
-    """What came over a wire is not what its protocol allows; nothing of it was believed."""
+    """What came over a wire is not what its protocol allows; all of it was ignored."""
 
 
 class LifecycleError(PalpateError):

@@ -119,7 +119,7 @@ class Guard:
             self._tick += 1
         if self._trip is not None:
             return
-        problem = problem or self._checks.violation(measurement) or self._witnessed(measurement)
+        problem = problem or self._checks.violation(measurement) or self._plausibility_problem(measurement)
         if problem is None and reference_position_rad is not None:
             problem = self._following_problem(measurement, reference_position_rad)
         if problem is not None:
@@ -182,7 +182,7 @@ class Guard:
         self._watched = measurement
         self._previous_nm = None
 
-    def _witnessed(self, measurement: Measurement) -> Problem | None:
+    def _plausibility_problem(self, measurement: Measurement) -> Problem | None:
         """What samples that look sound say against each other."""
         return self._deaf_drives.problem(measurement) or self._stuck_force.problem(measurement)
 
@@ -247,8 +247,8 @@ class Guard:
             self._finished = True
         if self._finished or not self._checks.motion_is_known(measurement):
             return _command([0.0] * self._shape[0])
-        believed = self._stuck_encoders.believed(measurement)
-        return _command(self._safe_stop.torque_nm(measurement, believed, self._stopping_s, dt_s))
+        trusted = self._stuck_encoders.trusted(measurement)
+        return _command(self._safe_stop.torque_nm(measurement, trusted, self._stopping_s, dt_s))
 
     def _clock_says_stopping(self, measurement: Measurement) -> bool:
         return self._trip is not None and measurement.time_s - self._trip.time_s < self._safe_stop.duration_s

@@ -75,7 +75,7 @@ def test_what_a_motor_does_not_confirm_is_an_error(bench):
 
 
 def test_a_motor_that_has_restarted_goes_on_answering_and_exerts_nothing(bench):
-    """As the firmware does that the protocol comes from; the guard's witness is for this."""
+    """As the firmware does that the protocol comes from; `deaf_drive_s` is for this."""
     arm = bench(CUBEMARS).start()
     arm.ticks(5, PUSH_NM)
     arm.strike("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)

@@ -163,7 +163,7 @@ class CanLine:
     def drain(self, deadline_s: float) -> list[tuple[CanFrame, float]]:
         """Everything that has arrived, oldest first, with the time of its arrival [s]; never waits.
 
-        What was not here at the last drain arrived since: a time stamp outside of that span is not believed,
+        What was not here at the last drain arrived since: a time stamp outside of that span is ignored,
         and without one a frame is taken to be as old as it can be. Where more has queued up than is taken in
         one go, the rest of it is not taken to be newer.
 

@@ -121,13 +121,13 @@ class MotorBus(Bus, Examinable):
         """What the motor of `joint` says is wrong with it, or nothing."""
 
     @abstractmethod
-    def _say(self) -> list[Observation]:
+    def _report(self) -> list[Observation]:
         """What the motors say of themselves, asked for if need be, with the torque off."""
 
     # What is common.
 
     def examine(self) -> tuple[Observation, ...]:
-        observations = self._say()
+        observations = self._report()
         if self.line.interface == "slcan":
             value = "python-can's slcan stamps frames late and does not recover from damaged bytes"
             observations.append(warn(self.line.label, value, "attach it with slcand, and use socketcan"))

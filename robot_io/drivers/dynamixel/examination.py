@@ -13,7 +13,7 @@ from robot_io.errors import DeviceError, DeviceTimeoutError
 from robot_io.examination import Observation, fail, warn
 from robot_io.serial_port import SerialPort
 
-_ROLL_CALL_S = 0.3  # all 253 ids have answered by then
+_PING_ALL_S = 0.3  # all 253 ids have answered by then
 
 
 def examine_servos(settings: DynamixelSettings, port: SerialPort, clock: Clock) -> list[Observation]:
@@ -27,10 +27,10 @@ def examine_servos(settings: DynamixelSettings, port: SerialPort, clock: Clock) 
     Raises:
         DeviceError: the port failed.
     """
-    there = _roll_call(port, clock)
+    there = _ids_on_line(port, clock)
     wanted = [servo.id for servo in settings.servos]
     if not set(there) & set(wanted):
-        return _nobody(settings, port, clock, there)
+        return _none_answers(settings, port, clock, there)
     access = RegisterAccess(port, clock)
     strangers = [servo_id for servo_id in there if servo_id not in wanted]
     observations: list[Observation] = []
@@ -49,7 +49,7 @@ def examine_servos(settings: DynamixelSettings, port: SerialPort, clock: Clock) 
     return observations
 
 
-def _nobody(
+def _none_answers(
     settings: DynamixelSettings, port: SerialPort, clock: Clock, there: Sequence[int]
 ) -> list[Observation]:
     """None of the servos answers: others may, or all of them at another baud rate."""
@@ -70,7 +70,7 @@ def _heard_at(baud_rate: int, port: SerialPort, clock: Clock) -> list[int]:
     other = SerialPort(port.path, baud_rate, clock)
     try:
         other.open()
-        return _roll_call(other, clock)
+        return _ids_on_line(other, clock)
     except DeviceError:  # the adapter does not know this rate
         return []
     finally:
@@ -78,12 +78,12 @@ def _heard_at(baud_rate: int, port: SerialPort, clock: Clock) -> list[int]:
         port.open()
 
 
-def _roll_call(port: SerialPort, clock: Clock) -> list[int]:
+def _ids_on_line(port: SerialPort, clock: Clock) -> list[int]:
     """The ids of everybody who answers."""
     port.read_all()
     reader, ids = StatusReader(), set()
     port.write(protocol.ping(BROADCAST_ID))
-    deadline_s = clock.now_s() + _ROLL_CALL_S
+    deadline_s = clock.now_s() + _PING_ALL_S
     while clock.now_s() < deadline_s:
         ids |= {packet.servo_id for packet in reader.feed(port.wait(deadline_s))}
     return sorted(ids)

@@ -115,6 +115,9 @@ class FeedbackReader:
             )
             for size in sizes
         }
+        self._by_length: dict[bytes, tuple[int, _Request | None]] = {
+            request.reply.length: (size, request) for size, request in self._requests.items()
+        }
         self._in_turn = list(self._requests.values())  # the first one is next
         self._buffer = b""  # of fast answers
         self._packets = StatusReader(_LARGEST_ANSWER)
@@ -191,10 +194,7 @@ class FeedbackReader:
         found, place, incomplete = [], 0, -1
         while (start := buffer.find(protocol.FAST_HEADER, place)) >= 0:
             place = start + 1
-            length = int.from_bytes(buffer[start + 5 : start + 7], "little")
-            size, request = next(
-                ((size, r) for size, r in self._requests.items() if r.reply.length == length), (0, None)
-            )
+            size, request = self._by_length.get(buffer[start + 5 : start + 7], (0, None))
             if len(buffer) >= start + 7 and request is None:
                 continue
             if request is None or start + request.reply.size > len(buffer):

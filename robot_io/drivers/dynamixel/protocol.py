@@ -216,15 +216,15 @@ class FastReply:
 
     Attributes:
         size: bytes of the whole answer.
-        length: what its length field says.
+        length: its length field.
     """
 
     def __init__(self, servo_ids: Sequence[int], data_size: int) -> None:
         self._ids = tuple(servo_ids)
         self._part = data_size + _AROUND_DATA
         self.size = _FAST_HEAD + len(self._ids) * self._part
-        self.length = self.size - _HEAD
-        self._head = FAST_HEADER + _word(self.length) + bytes((_STATUS,))
+        self.length = _word(self.size - _HEAD)
+        self._head = FAST_HEADER + self.length + bytes((_STATUS,))
 
     def answered(self, data: bytes) -> int:
         """How many servos have added their part to an answer that is not complete."""

@@ -264,7 +264,7 @@ class ServoLine:
     @property
     def last_resort(self) -> str:
         """What happens when a servo cannot be told anything."""
-        return f"its watchdog lets go {self._settings.watchdog_s:g} s after the last command"
+        return f"its watchdog switches it off {self._settings.watchdog_s:g} s after the last command"
 
     @staticmethod
     def _torque_off(servo_ids: Iterable[int]) -> tuple[int, dict[int, bytes]]:

@@ -113,8 +113,8 @@ class MitBus(MotorBus):
         if self._own.ask_with == "exit":  # one answer to each frame
             self._measure_latency(self._ask, self._motion_at_s)
 
-    def _say(self) -> list[Observation]:
-        """See `MotorBus._say`; the protocol tells neither voltage nor firmware."""
+    def _report(self) -> list[Observation]:
+        """See `MotorBus._report`; the protocol tells neither voltage nor firmware."""
         self._motion_at_s = [-inf] * self.joint_count
         self._ask()
         self._wait_for(lambda: -inf not in self._motion_at_s, _ANSWER_S)
@@ -127,10 +127,8 @@ class MitBus(MotorBus):
             elif error:
                 observations.append(fail(label, mit_error_name(error), "remove the cause, then restart it"))
             else:
-                value = (
-                    f"answers, at {self._position_rad[joint]:+.3f} rad; its model is not told, the robot file"
-                )
-                observations.append(Observation(label, f"{value} says {motor.model}"))
+                value = f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model, "
+                observations.append(Observation(label, f"{value}the robot file says {motor.model}"))
         return observations
 
     def tick_wire_s(self) -> float | None:
@@ -139,7 +137,7 @@ class MitBus(MotorBus):
 
     def power_on(self) -> None:
         frames = [*self._to_every_motor(mit.ENTER_MOTOR_MODE), *self._zero_torque()]
-        self._tell(frames, "motor mode is not confirmed by")
+        self._send_confirmed(frames, "motor mode is not confirmed by")
         wrong = [joint for joint, error in enumerate(self._errors) if error]
         if wrong:
             problems = (
@@ -157,7 +155,7 @@ class MitBus(MotorBus):
             return
         leave = self._to_every_motor(mit.EXIT_MOTOR_MODE)
         frames = [*self._zero_torque(), *leave, *leave]
-        self._tell(frames, "torque off is not confirmed by")
+        self._send_confirmed(frames, "torque off is not confirmed by")
 
     def poll(self, deadline_s: float) -> None:
         """See `MotorBus.poll`; where no command has been sent since the last poll, asks for the next one."""
@@ -165,7 +163,7 @@ class MitBus(MotorBus):
             super().poll(deadline_s)
         finally:
             if not self.line.bus_off:
-                self._keep_talking()
+                self._request_states()
             self._flushed = False
 
     def flush(self, deadline_s: float) -> None:
@@ -173,7 +171,7 @@ class MitBus(MotorBus):
             self._commanded_s, self._command, self._flushed = self._clock.now_s(), self._staged, True
         super().flush(deadline_s)
 
-    def _keep_talking(self) -> None:
+    def _request_states(self) -> None:
         """Make the motors answer: say the last command again, but not for longer than the watchdog's time."""
         if not self._powered:
             self._ask()
@@ -195,7 +193,7 @@ class MitBus(MotorBus):
     def _zero_torque(self) -> list[CanFrame]:
         return [self._encode_torque(joint, 0.0)[0] for joint in range(self.joint_count)]
 
-    def _tell(self, frames: list[CanFrame], problem: str) -> None:
+    def _send_confirmed(self, frames: list[CanFrame], problem: str) -> None:
         """Send frames, two or more to each motor, and wait until each has answered twice."""
         self._answers = [0] * self.joint_count
         self._send_all(frames)

@@ -72,7 +72,7 @@ class OdriveBus(MotorBus):
         ask = [odrive.ask(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
         self._measure_latency(lambda: self._send_all(ask), self._answered_at_s)
 
-    def _say(self) -> list[Observation]:
+    def _report(self) -> list[Observation]:
         self._heartbeats = [None] * self.joint_count
         self._motion_at_s = [-inf] * self.joint_count
         asked = [OdriveCommand.BUS_VOLTAGE_CURRENT]
@@ -94,7 +94,7 @@ class OdriveBus(MotorBus):
             return fail(label, str(error).removeprefix(f"{self.line.label}: {label}: "), "set it up over USB")
         version = self._versions.get(self._axes[joint].node_id)
         firmware = f"firmware {'.'.join(map(str, version))}" if version else f"firmware {self._own.firmware}"
-        supply = "supply not told" if supply_v is None else f"{supply_v:.1f} V"
+        supply = "supply voltage not reported" if supply_v is None else f"{supply_v:.1f} V"
         value = f"{firmware}, {supply}, {self._describe(beat)}"
         if supply_v is not None and supply_v < UNDERVOLTAGE_V:
             return fail(label, value, "switch its power supply on")

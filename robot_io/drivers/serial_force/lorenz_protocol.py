@@ -155,7 +155,7 @@ def _block_checksums(content: bytes) -> bytes:
     return plain.to_bytes(2, "big") + weighted.to_bytes(2, "big")
 
 
-_SYNC_SAMPLES = 4  # counters in a row before a stream is believed
+_SYNC_SAMPLES = 4  # counters in a row before a stream is accepted
 
 
 class LorenzStream:

@@ -381,7 +381,9 @@ def test_switching_off_gets_through_a_bad_line(active):
 
 def test_switching_off_that_nobody_confirms_is_an_error_that_says_what_follows(active):
     active.befall(kind="drop", device=2)
-    with pytest.raises(DeviceError, match=r"torque not known to be off: servo 2.*watchdog lets go 0.06 s"):
+    with pytest.raises(
+        DeviceError, match=r"torque not known to be off: servo 2.*watchdog switches it off 0.06 s"
+    ):
         active.torque.deactivate()
 
 
