@@ -64,6 +64,24 @@ class SimulatedEncoder(SampledSensor):
         return self._velocity_low_pass.filter([moved * rate_hz for moved in map(sub, position, before)])
 
 
+class _Amplifier:
+    """Hidden effects ahead of the noise, the noise, effects behind it, and the converter's steps."""
+
+    def __init__(self, noise: GaussianNoise, effects: Sequence[SensorEffect], resolution: float) -> None:
+        self._noise, self._resolution = noise, resolution
+        self._ahead = [effect for effect in effects if effect.ahead_of_noise]
+        self._behind = [effect for effect in effects if not effect.ahead_of_noise]
+
+    def output(self, time_s: float, signal: Sequence[float]) -> list[float]:
+        value: Sequence[float] = signal
+        for effect in self._ahead:
+            value = effect.measure(time_s, value)
+        value = self._noise.added_to(value)
+        for effect in self._behind:
+            value = effect.measure(time_s, value)
+        return quantise(value, self._resolution)
+
+
 class SimulatedTorqueSensor(SampledSensor):
     """Samples the torques of all drives, positive along the joint axes (n) [N m].
 
@@ -82,19 +100,11 @@ class SimulatedTorqueSensor(SampledSensor):
         effects: Sequence[SensorEffect] = (),
     ) -> None:
         super().__init__(settings.rate_hz, settings.delay_s, start_s, settings.phase)
-        self._resolution_nm = settings.resolution_nm
-        self._noise = GaussianNoise(settings.noise_std_nm, generator)
-        self._ahead = [effect for effect in effects if effect.ahead_of_noise]
-        self._behind = [effect for effect in effects if not effect.ahead_of_noise]
+        noise = GaussianNoise(settings.noise_std_nm, generator)
+        self._amplifier = _Amplifier(noise, effects, settings.resolution_nm)
 
     def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
-        value: Sequence[float] = signal
-        for effect in self._ahead:
-            value = effect.measure(time_s, value)
-        value = self._noise.added_to(value)
-        for effect in self._behind:
-            value = effect.measure(time_s, value)
-        return Sample(quantise(value, self._resolution_nm), time_s)
+        return Sample(self._amplifier.output(time_s, signal), time_s)
 
 
 class SimulatedForceSensor(SampledSensor):
@@ -118,19 +128,12 @@ class SimulatedForceSensor(SampledSensor):
     ) -> None:
         low_pass = LowPass(settings.bandwidth_hz, step_s) if settings.bandwidth_hz else None
         super().__init__(settings.rate_hz, settings.delay_s, start_s, low_pass=low_pass)
-        self._resolution_n, self._range_n = settings.resolution_n, settings.range_n
-        self._noise = GaussianNoise(settings.noise_std_n, generator)
-        self._ahead = [effect for effect in effects if effect.ahead_of_noise]
-        self._behind = [effect for effect in effects if not effect.ahead_of_noise]
+        self._range_n = settings.range_n
+        noise = GaussianNoise(settings.noise_std_n, generator)
+        self._amplifier = _Amplifier(noise, effects, settings.resolution_n)
 
     def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
-        value: Sequence[float] = signal
-        for effect in self._ahead:
-            value = effect.measure(time_s, value)
-        value = self._noise.added_to(value)
-        for effect in self._behind:
-            value = effect.measure(time_s, value)
-        measured, range_n = quantise(value, self._resolution_n), self._range_n
+        measured, range_n = self._amplifier.output(time_s, signal), self._range_n
         if abs(measured[0]) < range_n:
             return Sample(measured, time_s)
         return Sample([clip(measured[0], -range_n, range_n)], time_s, Status.SATURATED)

@@ -116,6 +116,10 @@ _NO_CHECKSUM = (
     "a line has no checksum: a digit that is flipped is a number, until the first line that is none makes "
     "all of them doubtful; the slowest of sixteen random courses"
 )
+_CONFIRMED = (
+    "a reading that jumps by more than 1 % of the capacity counts with the next one, here 2 ms later: a lost "
+    "byte must not look like a force"
+)
 _CONTRADICTED = (
     "a sensor that is pulled may be right: joint torques contradict it once they say a push, and it a pull, "
     "of more than 2 N each"
@@ -212,8 +216,8 @@ _FORCE_ROWS = {
         _SILENT,
         (2, BRAKED, "the port was unplugged"),
         _SILENT,
-        (2, BRAKED, "force sensor: at the end of its range"),
-        (22, BRAKED + 22, "is the sensor alive", _CONTRADICTED, "2 N"),
+        (4, BRAKED, "force sensor: at the end of its range", _CONFIRMED, "one reading"),
+        (30, BRAKED + 30, "is the sensor alive", _CONTRADICTED, "2 N"),
         _STUCK,
     ),
     "lorenz": (
@@ -238,7 +242,7 @@ _FORCE_ROWS = {
         _SILENT,
         (2, BRAKED, "the port was unplugged"),
         _SILENT,
-        (2, BRAKED, "force sensor: at the end of its range"),
+        (4, BRAKED, "force sensor: at the end of its range", _CONFIRMED, "one reading"),
         (22, BRAKED + 22, "is the sensor alive", _CONTRADICTED, "2 N"),
         _STUCK,
     ),
