@@ -247,9 +247,10 @@ def test_the_silent_servo_is_named(active, servo_id):
         active.tick()
 
 
-@pytest.mark.parametrize("late_ms", [0.3, 0.9, 1.7, 3.3, 4.2, 5.2, 9.1, 40.0])
+@pytest.mark.parametrize("late_ms", [0.3, 0.9, 1.7, 3.3, 4.2, 5.2, 6.7, 9.1, 40.0])
 def test_answers_that_are_constantly_late_are_as_old_as_their_requests(active, late_ms):
-    """Answers of 4.2 ms once passed as fresh: there were four lengths of request, one for each tick."""
+    """Answers that were late by four ticks (1.6 ms here, when waiting) once passed as fresh: there are four
+    lengths of request, and each tick used the next one."""
     servo = active.line.servos[1]
     servo._look = lambda: None
     active.befall(kind="delay", delay_s=late_ms * 1e-3)
