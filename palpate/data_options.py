@@ -11,7 +11,7 @@ from palpate.files import existing_file
 from palpate.findings.estimation_run import Arm
 from palpate.words import as_shell_word, typed
 from robot_io.errors import InputError
-from robot_io.files.text_file import read_text
+from robot_io.files.safe_yaml import read_text
 
 FileArgument = Annotated[
     Path, typer.Argument(help="Session (.mcap) or data file (.csv, .csv.gz, .parquet, .npz).")

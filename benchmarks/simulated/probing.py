@@ -78,7 +78,7 @@ def drawable() -> list[str]:
     return [
         name
         for name in IMPERFECTIONS
-        if any(IMPERFECTIONS[name].can_show_in(channel) for channel in channels)
+        if any(channel in IMPERFECTIONS[name].shows_in for channel in channels)
     ]
 
 

@@ -20,8 +20,7 @@ from palpate.doctor.signs import examine_signs
 from robot_io.calibration import Calibrations, doubtful, load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
-from robot_io.errors import InputError, PalpateError
-from robot_io.raised import in_words
+from robot_io.errors import InputError, PalpateError, in_words
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
 from sim_backend.emulators.faults import Faults

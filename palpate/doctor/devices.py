@@ -3,11 +3,10 @@
 from collections.abc import Iterator, Set
 
 from palpate.doctor.finding import Finding, Level, fail
-from robot_io.errors import DeviceError, PalpateError
+from robot_io.errors import DeviceError, PalpateError, in_words
 from robot_io.examination import Examinable, Observation, Verdict
 from robot_io.interfaces import Component
 from robot_io.lifecycle import undo_all
-from robot_io.raised import in_words
 from robot_io.robot import Robot
 from robot_io.robot_file import RobotFile
 

@@ -12,7 +12,7 @@ from palpate.arm.robots import find_robot
 from palpate.commands import probe as command
 from robot_io.errors import DeviceError, SafetyTripError
 from robot_io.session import SessionWriter
-from sim_backend.drivers.sim_torque import SimTorque
+from sim_backend.drivers.devices import SimTorque
 from tests.palpate.cli import run
 
 
