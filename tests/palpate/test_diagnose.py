@@ -34,7 +34,7 @@ from palpate.findings.subject import Subject
 from palpate.text.diagnosis import sentence, show
 from robot_io.session import Session
 from tests.estimation.contact_data import base_model
-from tests.estimation.diagnosis.presses import channel, kelvin_voigt, maxwell, motion, session
+from tests.estimation.presses import channel, kelvin_voigt, maxwell, motion, session
 from tests.estimation.diagnosis.test_common_cause import ARM, answer, joints
 from tests.estimation.diagnosis.test_true_force import pressing
 from tests.palpate.cli import assert_refused, next_commands, run

@@ -8,7 +8,7 @@ from estimation.effect import AdditiveEffect, Parameter
 from palpate.findings.guarded_effect import guarded
 from palpate.findings.rehearsal import rehearse
 from robot_io.errors import InputError
-from tests.estimation.diagnosis.presses import session
+from tests.estimation.presses import session
 
 DATA = session(1)
 

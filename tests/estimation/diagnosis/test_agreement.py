@@ -6,7 +6,7 @@ import pytest
 from estimation.diagnosis import Verdict, diagnose
 from estimation.fit.standing import stand
 from estimation.diagnosis.judgement.agreement import disagreement
-from tests.estimation.diagnosis.presses import NOISE_N, kelvin_voigt, session
+from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.diagnosis.test_diagnose import MODEL
 
 CHANGES = {

@@ -19,7 +19,7 @@ from estimation.effects import EFFECTS
 from estimation.effects.bias import Bias
 from estimation.models import MODELS
 from robot_io.errors import PalpateError
-from tests.estimation.diagnosis.presses import kelvin_voigt, maxwell, session
+from tests.estimation.presses import kelvin_voigt, maxwell, session
 
 FEW = tuple(EFFECTS[name]() for name in ("cubic_stiffness", "bias"))
 

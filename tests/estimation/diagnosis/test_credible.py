@@ -11,7 +11,7 @@ from estimation.diagnosis.search.library import library
 from estimation.diagnosis.search.search import Search
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
-from tests.estimation.diagnosis.presses import K, kelvin_voigt, session
+from tests.estimation.presses import K, kelvin_voigt, session
 from tests.estimation.diagnosis.test_pairs_in_a_joint import NOISE_NM, channel, pendulum
 
 BASE = {ChannelKind.CONTACT: "kelvin_voigt", ChannelKind.REVOLUTE: "pendulum"}

@@ -12,7 +12,7 @@ from estimation.diagnosis.search.search import Search
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
 from estimation.signals.runwise import low_pass
-from tests.estimation.diagnosis.presses import kelvin_voigt, session
+from tests.estimation.presses import kelvin_voigt, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 

@@ -7,7 +7,7 @@ import pytest
 
 from estimation.diagnosis import Verdict, diagnose
 from estimation.effects import EFFECTS
-from tests.estimation.diagnosis.presses import C, K, kelvin_voigt, session
+from tests.estimation.presses import C, K, kelvin_voigt, session
 from tests.estimation.diagnosis.test_diagnose import MODEL
 
 NAMES = ("cubic_stiffness", "layered_stiffness", "bias")

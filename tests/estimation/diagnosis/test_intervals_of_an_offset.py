@@ -6,7 +6,7 @@ from estimation.fit.standing import stand
 from estimation.fit.trial import attempt
 from estimation.fit.intervals import final, inner_slopes, values
 from estimation.effects import EFFECTS
-from tests.estimation.diagnosis.presses import session
+from tests.estimation.presses import session
 from tests.estimation.diagnosis.test_diagnose import MODEL
 
 OFFSET = "contact_offset.offset"

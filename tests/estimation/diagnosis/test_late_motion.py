@@ -8,7 +8,7 @@ import pytest
 from estimation.diagnosis import Verdict, diagnose
 from estimation.effects import EFFECTS
 from estimation.signals.runwise import shift
-from tests.estimation.diagnosis.presses import session
+from tests.estimation.presses import session
 from tests.estimation.diagnosis.test_diagnose import MODEL
 
 KNOWN = ("delay", "lag", "cubic_stiffness")

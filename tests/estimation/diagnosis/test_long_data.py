@@ -10,7 +10,7 @@ from estimation.fit.inner_search import look, refine
 from estimation.fit.standing import stand
 from estimation.diagnosis.judgement.noise_floor import repeats
 from estimation.effects import EFFECTS
-from tests.estimation.diagnosis.presses import session
+from tests.estimation.presses import session
 from tests.estimation.diagnosis.test_diagnose import MODEL
 
 DATA = session(3)

@@ -11,7 +11,7 @@ from estimation.diagnosis import Verdict, diagnose
 from estimation.models import MODELS
 from estimation.revision import revise
 from robot_io.errors import InputError
-from tests.estimation.diagnosis.presses import session
+from tests.estimation.presses import session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 

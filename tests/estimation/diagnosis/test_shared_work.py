@@ -15,7 +15,7 @@ from estimation.fit.trial import attempt
 from estimation.effect import AdditiveEffect, Parameter
 from estimation.effects import EFFECTS
 from estimation.model import Model
-from tests.estimation.diagnosis.presses import session
+from tests.estimation.presses import session
 
 
 def swings():

@@ -10,7 +10,7 @@ from estimation.comparison import compare
 from estimation.diagnosis import Verdict, diagnose
 from estimation.fit.standing import stand
 from estimation.diagnosis.judgement.unlike_noise import unlike_noise
-from tests.estimation.diagnosis.presses import NOISE_N, kelvin_voigt, session
+from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.diagnosis.test_diagnose import MODEL
 
 

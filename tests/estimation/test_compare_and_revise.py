@@ -1,11 +1,18 @@
 import numpy as np
 import pytest
 
+from estimation.base_model import ModelContext
 from estimation.comparison import compare
+from estimation.models import MODELS
 from estimation.revision import revise
 from robot_io.errors import InputError
-from tests.estimation.diagnosis.presses import session
-from tests.estimation.diagnosis.test_diagnose import MODEL, cubic
+from tests.estimation.presses import kelvin_voigt, session
+
+MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
+
+
+def cubic(t, x, v, run):
+    return kelvin_voigt(x, v, 1.5e6 * np.maximum(x, 0) ** 3)
 
 
 def test_comparison_says_where_a_stiffening_spring_is_missed():
