@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from control.loop.interrupt import InterruptFlag
+from control.loop.journal import TickLog
 from control.loop.loop import READ_SHARE, first_measurement
 from control.loop.phases import Phase
 from control.loop.task import NO_RUN, TaskOutput
-from control.loop.tick_log import TickLog
 from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, tick_record
 from control.loop.timing import TickDurations
+from control.loop.way_out import InterruptFlag
 from robot_io.clock import Clock
 from robot_io.errors import SafetyTripError
 from robot_io.guard import Guard

@@ -12,7 +12,7 @@ from calibration.arm.model import GravityBodies, design
 from calibration.arm.pace import SHARE, overloaded_joint, paced
 from calibration.arm.way_up import check_way_up, highest_posture, room
 from control.arm.rigid_body import RigidBody
-from control.paths.motion import JointMotion
+from control.paths.trajectory import JointMotion
 from robot_io.errors import InputError
 from robot_io.guard import Limits
 from robot_io.types import FloatArray

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from control.paths.motion import JointMotion
+from control.paths.trajectory import JointMotion
 from robot_io.types import FloatArray
 
 _FADE_SHARE = 0.1  # of the duration, from rest to the full motion and back

@@ -9,7 +9,7 @@ from control.laws.computed_torque import ComputedTorque
 from control.laws.gains import TrackingGains
 from control.loop.phases import Phase
 from control.loop.task import NO_RUN, TaskEvent, TaskOutput
-from control.paths.motion import JointMotion
+from control.paths.trajectory import JointMotion
 from robot_io.errors import SafetyTripError
 from robot_io.types import Command, FloatArray, Measurement
 

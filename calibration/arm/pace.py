@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from control.arm.rigid_body import RigidBody
-from control.paths.motion import JointMotion
+from control.paths.trajectory import JointMotion
 from robot_io.guard import Limits
 from robot_io.types import FloatArray
 

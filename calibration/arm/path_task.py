@@ -7,8 +7,7 @@ from control.arm.rigid_body import RigidBody
 from control.laws.gains import TrackingGains
 from control.loop.phases import Phase
 from control.loop.task import NO_RUN, TaskEvent, TaskOutput
-from control.paths.motion import JointMotion
-from control.paths.trajectory import JointMove
+from control.paths.trajectory import JointMotion, JointMove
 from robot_io.types import FloatArray, Measurement
 
 _SETTLE_S = 0.3

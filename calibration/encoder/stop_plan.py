@@ -10,7 +10,7 @@ from calibration.arm.clearance import MARGIN_M, lowest_m, straight_way
 from calibration.arm.pace import overloaded_joint
 from calibration.arm.way_up import check_way_up, highest_posture, room
 from control.arm.rigid_body import RigidBody
-from control.paths.motion import JointMotion
+from control.paths.trajectory import JointMotion
 from robot_io.errors import InputError
 from robot_io.guard import Limits
 from robot_io.types import FloatArray

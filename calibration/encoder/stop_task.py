@@ -14,8 +14,7 @@ from control.arm.rigid_body import RigidBody
 from control.laws.gains import TrackingGains
 from control.loop.phases import Phase
 from control.loop.task import NO_RUN, TaskEvent, TaskOutput
-from control.paths.motion import JointMotion
-from control.paths.trajectory import JointMove
+from control.paths.trajectory import JointMotion, JointMove
 from robot_io.clip import clip
 from robot_io.errors import SafetyTripError
 from robot_io.guard import Limits

@@ -24,11 +24,8 @@ _STALL_S = 0.1  # which proves nothing for so long
 class ForceWitness:
     """Compares the force sensor with the joint torques, tick after tick.
 
-    Args:
-        body: the arm's dynamics.
-        gains: threshold, filter.
-        force_limit_n: of the plan; a share of it is the threshold [N].
-        force_feedforward: share of the measured force that the controller balances by itself.
+    A share of the plan's force limit is the threshold. The controller balances `force_feedforward` of the
+    measured force by itself.
     """
 
     def __init__(
@@ -59,13 +56,7 @@ class ForceWitness:
     def watch(
         self, measurement: Measurement, output: ControlOutput, dt_s: float, *, in_free_air: bool
     ) -> None:
-        """Judge one tick.
-
-        Args:
-            measurement: this tick's measurement.
-            output: what the controller made of it.
-            dt_s: time since the last tick [s].
-            in_free_air: nothing but the arm itself can be what is not explained.
+        """Judge one tick; in free air nothing but the arm itself can be what is not explained.
 
         Raises:
             SafetyTripError: for several ticks the joint torques have said something else than the sensor.

@@ -7,17 +7,13 @@ from time import perf_counter
 
 import numpy as np
 
-from control.loop.interrupt import InterruptFlag
-from control.loop.journal import Journal, Observer
-from control.loop.output_check import OutputCheck
+from control.loop.journal import Journal, Observer, TickLog
 from control.loop.phases import Phase
 from control.loop.result import LoopResult
-from control.loop.task import Task, TaskOutput
-from control.loop.tick_grid import TickGrid
-from control.loop.tick_log import TickLog
+from control.loop.task import Task, TaskOutput, aimless_output, checked_output
 from control.loop.tick_record import NO_ESTIMATE, tick_record
-from control.loop.timing import LoopTiming, TickDurations
-from control.loop.way_out import WayOut, one_line
+from control.loop.timing import LoopTiming, TickDurations, TickGrid
+from control.loop.way_out import InterruptFlag, WayOut, one_line
 from robot_io.clock import Clock
 from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
 from robot_io.guard import Guard
@@ -86,15 +82,9 @@ def run_loop(
 
 
 def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float) -> Measurement:
-    """Read until every device has a sample that is young enough to begin with.
+    """Read, every `period_s` [s], until every device has a sample that the guard takes as young enough.
 
     What has waited in a line since the devices were opened is old, and some speak only when they are asked.
-
-    Args:
-        robot: configured.
-        guard: knows how old a sample may be; trips on nothing here.
-        clock: the robot's.
-        period_s: time from one read to the next [s].
 
     Raises:
         DeviceTimeoutError: some have none within `FIRST_SAMPLE_S`, by name.
@@ -135,9 +125,9 @@ class _Loop:
         self._log_s = 0.0  # of the tick before
         self._ticks = self._unsent = 0
         self._deactivation_error = ""
-        self._unknown = np.full(robot.joint_count, np.nan)
-        self._checked = OutputCheck(robot.joint_count)
-        self._stopped_output = _stopped_output(robot.joint_count)
+        self._joints = (robot.joint_count,)
+        self._unknown = np.full(self._joints, np.nan)
+        self._stopped_output = aimless_output(robot.joint_count, Phase.STOPPED)  # while the guard commands
 
     def run(self, measurement: Measurement) -> None:
         """Everything from the start of the task to torque off."""
@@ -243,7 +233,7 @@ class _Loop:
 
     def _step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         try:
-            return self._checked(self._task.step(measurement, dt_s))
+            return checked_output(self._task.step(measurement, dt_s), self._joints)
         except Exception as error:
             self._way_out.fail("the task", error)
             return self._stopped_output
@@ -271,10 +261,3 @@ class _Loop:
         except Exception as error:
             self._deactivation_error = one_line(error)
             self._way_out.fail("switching the torque off", error)
-
-
-def _stopped_output(joint_count: int) -> TaskOutput:
-    """What stands in a record while the guard commands: nothing is aimed at, and nobody computed the tip."""
-    joints, space = np.full(joint_count, np.nan), np.full(3, np.nan)
-    command = Command(np.zeros(joint_count))
-    return TaskOutput(command, joints, joints, space, space, space, math.nan, Phase.STOPPED)

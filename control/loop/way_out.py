@@ -1,8 +1,11 @@
 """The one way out of a run that is not done: through the guard, with the cause said once."""
 
+import signal
+import threading
 from collections.abc import Callable
+from types import FrameType
+from typing import Any, Self
 
-from control.loop.interrupt import InterruptFlag
 from control.loop.journal import Journal
 from control.loop.result import Outcome
 from robot_io.clock import Clock
@@ -10,20 +13,41 @@ from robot_io.errors import PalpateError
 from robot_io.guard import Guard
 from robot_io.robot import Robot
 
+_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C, kill, closed terminal
+
+
+class InterruptFlag:
+    """While entered, the signals that end a program only set a flag; afterwards the former handlers are back.
+
+    A second Ctrl-C changes nothing: the safe stop under way is already the shortest safe way out. Signals
+    that the program's parent had switched off (nohup, background jobs) stay off. Outside the main thread,
+    where Python allows no handlers, the flag is never set.
+    """
+
+    def __init__(self) -> None:
+        self.signal_name: str | None = None  # the first signal that came
+        self._former: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            for number in _ENDING_SIGNALS:
+                if signal.getsignal(number) is not signal.SIG_IGN:
+                    self._former[number] = signal.signal(number, self._on_signal)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._former.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        self._former.clear()
+
+    def _on_signal(self, number: int, _frame: FrameType | None) -> None:
+        self.signal_name = self.signal_name or signal.Signals(number).name
+
 
 class WayOut:
     """Turns requests to stop and failures into trips of the guard, each logged once.
 
-    Args:
-        guard: what is tripped.
-        robot: asked what it could not read when the guard trips.
-        clock: stamps events.
-        journal: takes events.
-        interrupt: set by Ctrl-C.
-        stop: asked once a tick; true ends the run.
-
-    Attributes:
-        error: the exception that tripped the guard, if one did.
+    `stop` is asked once a tick; true ends the run.
     """
 
     def __init__(
@@ -36,7 +60,7 @@ class WayOut:
         interrupt: InterruptFlag,
         stop: Callable[[], bool],
     ) -> None:
-        self.error: Exception | None = None
+        self.error: Exception | None = None  # what tripped the guard, if an exception did
         self._guard, self._robot, self._clock, self._journal = guard, robot, clock, journal
         self._interrupt, self._stop = interrupt, stop
         self._on_request = False

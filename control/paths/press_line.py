@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from control.arm.inverse_kinematics import NEAR_SINGULAR, Elbow, IkSolution, PlanarArm
-from control.paths.motion import JointMotion, LineState
+from control.paths.trajectory import JointMotion, LineState
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, frozen_array
 
@@ -47,12 +47,9 @@ class PressLine:
     def reach_m(
         self, wanted_m: float, near_rad: FloatArray, limits_rad: tuple[FloatArray, FloatArray]
     ) -> float:
-        """How far the tip can travel from the start, up to `wanted_m`, to within 2 mm [m].
+        """How far the tip can travel from the start, up to `wanted_m` (negative: back), to within 2 mm [m].
 
-        Args:
-            wanted_m: way to try, negative for backwards [m].
-            near_rad: joint positions of a moment ago, shape (3,) [rad].
-            limits_rad: lowest and highest joint positions, (3,) each [rad].
+        It starts near joint positions (3,) and stays between the limits, (3,) each [rad].
         """
         steps = math.ceil(abs(wanted_m) / _REACH_STEP_M)
         reached_m = 0.0
@@ -70,11 +67,7 @@ class PressLine:
         return reached_m
 
     def joint_motion(self, state: LineState, near_rad: FloatArray) -> JointMotion:
-        """Joint motion that gives this motion along the line.
-
-        Args:
-            state: travel, speed and acceleration.
-            near_rad: joint positions of a moment ago, shape (3,); each result is the turn nearest to it.
+        """Joint motion that gives this motion along the line, in turns nearest to `near_rad`, shape (3,).
 
         Raises:
             InputError: out of reach, or singular.

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Protocol
 
-from control.arm.dh_check import check_dh_table
+from control.arm.dh import check_dh_table
 from control.arm.rigid_body import RigidBody
 from control.loop.result import LoopResult
 from control.loop.tick_record import tick_stream

@@ -12,7 +12,7 @@ from control.loop.phases import Phase
 from control.loop.result import LoopResult, Outcome
 from control.loop.task import TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates
-from control.paths.motion import JointMotion
+from control.paths.trajectory import JointMotion
 from palpate.doctor.finding import Finding, fail, ok, warn
 from robot_io.guard import Guard, Limits
 from robot_io.robot import Robot

@@ -5,8 +5,7 @@ import pytest
 
 from control.laws.computed_torque import ComputedTorque
 from control.laws.gains import TrackingGains
-from control.paths.motion import JointMotion
-from control.paths.trajectory import JointMove
+from control.paths.trajectory import JointMotion, JointMove
 from tests.control.probing_runs import TICK_S, plant_above
 from tests.control.reference_plant import test_arm
 

@@ -66,7 +66,7 @@ def test_any_table_and_its_urdf_have_the_same_kinematics(found, seed):
 
 def test_one_revolute_row_by_hand():
     row = DhRow(name="j", type="revolute", theta_rad=np.pi / 2, d_m=0.1, a_m=0.3, alpha_rad=np.pi / 2)
-    frame = row.transform(0.0)
+    frame = row.transform(0.0).homogeneous
     assert frame[:3, 3] == pytest.approx((0.0, 0.3, 0.1), abs=1e-12)  # x has turned onto y
     assert frame[:3, 2] == pytest.approx((1.0, 0.0, 0.0), abs=1e-12)  # and z onto the old x
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from control.arm.dh_check import check_dh_table
+from control.arm.dh import check_dh_table
 from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
 from robot_io.robot_file import load_robot_file

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.loop.tick_grid import TickGrid
+from control.loop.timing import TickGrid
 
 
 def test_ends_where_the_periods_end_after_a_hundred_thousand_ticks():

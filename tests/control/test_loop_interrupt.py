@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from control.loop.interrupt import InterruptFlag
+from control.loop.way_out import InterruptFlag
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -7,12 +7,11 @@ from control.arm.inverse_kinematics import PlanarArm
 from control.arm.rigid_body import RigidBody
 from control.loop.phases import Phase
 from control.loop.result import Outcome
-from control.paths.joint_way import JointWay
-from control.paths.motion import LineState
-from control.probing.passage import Passages, Place
+from control.paths.trajectory import JointPath, LineState
 from control.probing.plan import ProbingPlan
 from control.probing.sites import probing_sites
 from control.probing.task import ProbingTask
+from control.probing.ways import Place, Routes
 from robot_io.errors import InputError
 from robot_io.robot_file import load_robot_file
 from robot_io.types import Measurement
@@ -44,7 +43,7 @@ class Bench:
         home = np.array(self.robot_file.home_rad)
         bounds = np.array(limits.position_min_rad), np.array(limits.position_max_rad)
         self.sites = probing_sites(arm, plan, self.body.tip_pose(home)[0], home, bounds)
-        self.passages = Passages(arm, plan)
+        self.routes = Routes(arm, plan)
         here, self.places = home, []
         for site in self.sites:
             here = site.joint_position_rad(here)
@@ -52,7 +51,7 @@ class Bench:
 
     def heights_m(self, points_rad) -> np.ndarray:
         """Of the tip on a way, by the forward kinematics of the URDF."""
-        way = JointWay(points_rad, 1.0, 4.0)
+        way = JointPath(points_rad, 1.0, 4.0)
         times = np.linspace(0.0, way.duration_s, 500)
         return np.array([self.body.tip_pose(way.at(t).position_rad)[0][2] for t in times])
 
@@ -61,7 +60,7 @@ class Bench:
 @pytest.mark.parametrize(("x1", "x2", "clearance_m"), FAR_APART)
 def test_half_of_the_clearance_is_kept_on_the_way(name, x1, x2, clearance_m):
     bench = Bench(name, plan_of([(x1, SURFACE_M), (x2, SURFACE_M)], clearance_m))
-    passage = bench.passages.find(*bench.places)
+    passage = bench.routes.find(*bench.places)
     assert passage.too_low_m == 0.0
     assert passage.points_rad[0] is bench.places[0].position_rad
     assert passage.points_rad[-1] is bench.places[1].position_rad
@@ -72,14 +71,14 @@ def test_half_of_the_clearance_is_kept_on_the_way(name, x1, x2, clearance_m):
 
 def test_straight_where_that_is_clear():
     bench = Bench("follower", plan_of([(0.4, SURFACE_M), (0.44, SURFACE_M)], 0.03))
-    assert len(bench.passages.find(*bench.places).points_rad) == 2
+    assert len(bench.routes.find(*bench.places).points_rad) == 2
 
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_up_a_step_before_it_and_down_a_step_behind_it(order):
     low, high = (0.36, SURFACE_M), (0.42, SURFACE_M + 0.06)
     bench = Bench("follower", plan_of([low, high][::order], 0.02))
-    points = bench.passages.find(*bench.places).points_rad
+    points = bench.routes.find(*bench.places).points_rad
     tips = np.array([bench.body.tip_pose(point)[0] for point in points])
     beside = np.argmin(tips[:, 2])  # at the low target; the way goes straight up from there
     above = beside + order
@@ -163,14 +162,14 @@ def test_what_is_met_between_two_targets_sends_the_arm_back_as_it_came_and_home(
 def test_a_target_to_which_there_is_no_way_any_more_is_left(monkeypatch):
     task = probing_task(ProbingPlan(**TWO, repeats=2, hold_s=0.05, settle_s=0.05, free_air_s=0.1))
     plant = plant_above(height_m=0.15, stiffness_n_m=2000.0, damping_n_s_m=20.0)
-    find = Passages.find
+    find = Routes.find
 
     def blocked(self, start, end):
         passage = find(self, start, end)
         to_the_second = bool(start.site) and end.site not in (None, start.site)
         return passage._replace(too_low_m=0.004) if to_the_second and plant.time_s > 0.0 else passage
 
-    monkeypatch.setattr(Passages, "find", blocked)
+    monkeypatch.setattr(Routes, "find", blocked)
     record = run_probing(plant, task)
     assert [event.kind for _, event in record.events][-2:] == ["no_way", "probing_done"]
     (failure,) = task.failures

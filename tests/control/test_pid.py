@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from control.laws.pid import Pid
+from control.laws.computed_torque import Pid
 from robot_io.errors import InputError
 
 DT_S = 0.001
