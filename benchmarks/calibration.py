@@ -92,13 +92,19 @@ def _arm(kind: str, rng: np.random.Generator, seed: int, folder: Path) -> Found:
     calibrating.run_motion(job)
     fit = calibrating.arm_fit_of(Session.open(job.session), ROBOT.urdf_path, ROBOT.tip_frame)
     way = "slow motion" if kind == "gravity" else "torque's motion"
-    yield f"pitch, {way}", "rad", fit.tilt_rad[0], fit.tilt_std_rad[0], pitch
+    yield f"pitch, {way}", "rad", fit.tilt_rad.value[0], fit.tilt_rad.std_err[0], pitch
     for j in range(3):
-        yield f"torque gain {j + 1}", "-", fit.gain[j], fit.gain_std[j], gain[j]
-        yield "torque offset", "N m", fit.offset_nm[j], fit.offset_std_nm[j], -gain[j] * bias[j]
-        yield "command offset", "N m", fit.command_offset_nm[j], fit.command_offset_std_nm[j], 0.0
-        yield "Coulomb friction", "N m", fit.coulomb_nm[j], fit.coulomb_std_nm[j], coulomb[j]
-        yield "viscous friction", "N m s/rad", fit.viscous_nms_rad[j], fit.viscous_std_nms_rad[j], viscous[j]
+        yield f"torque gain {j + 1}", "-", fit.gain.value[j], fit.gain.std_err[j], gain[j]
+        yield "torque offset", "N m", fit.offset_nm.value[j], fit.offset_nm.std_err[j], -gain[j] * bias[j]
+        yield "command offset", "N m", fit.command_offset_nm.value[j], fit.command_offset_nm.std_err[j], 0.0
+        yield "Coulomb friction", "N m", fit.coulomb_nm.value[j], fit.coulomb_nm.std_err[j], coulomb[j]
+        yield (
+            "viscous friction",
+            "N m s/rad",
+            fit.viscous_nms_rad.value[j],
+            fit.viscous_nms_rad.std_err[j],
+            viscous[j],
+        )
 
 
 def _job(kind: str, hidden: list[dict], seed: int, folder: Path) -> CalibrationJob:

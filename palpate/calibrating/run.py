@@ -6,16 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.arm.excitation import GRAVITY_WISH, TORQUE_WISH, ExcitationWish, choose_path
+from calibration.arm.excitation import GRAVITY_MOTION, TORQUE_MOTION, ExcitationSettings, choose_path
 from calibration.arm.fit import ArmFit, fit_arm, motion_of
+from calibration.arm.free_motion import PathTask
 from calibration.arm.model import GravityBodies
-from calibration.arm.pace import paced, travel_speed_rad_s
-from calibration.arm.path_task import PathTask
+from calibration.arm.room import paced, travel_speed_rad_s
 from calibration.encoder.fit import EncoderFit, fit_pose, fit_stops
 from calibration.encoder.stop_plan import plan_stops, with_room_for_stops
 from calibration.encoder.stop_task import PUSH_SHARE, StopSettings, StopTask
-from calibration.force.fit import Estimate, ForceFit, check_references
+from calibration.force.fit import ForceFit, check_references
 from calibration.force.weighing import weigh
+from calibration.statistics import Estimate
 from calibration.still import StillRobot
 from control.laws.gains import gains_of
 from palpate.arm.probing_run import NOBODY, Watcher
@@ -34,7 +35,7 @@ from robot_io.guard import Limits
 from robot_io.session import Session
 from robot_io.types import FloatArray
 
-WISHES = {"torque": TORQUE_WISH, "gravity": GRAVITY_WISH}
+MOTIONS = {"torque": TORQUE_MOTION, "gravity": GRAVITY_MOTION}
 SPEED_MARGIN = 1.5  # of the guard over the motion's own speed
 STOP_SPEED_RAD_S = (
     3.0  # of the guard while stops are touched; a light wrist is jerked when the shoulder stops
@@ -48,8 +49,8 @@ Place = Callable[[Bench, int, float], None]
 def motion_in_words(kind: str, limits: Limits) -> str:
     """What the arm does to have its encoders, drives or base calibrated, as a person reads it beforehand."""
     travel_rad_s = travel_speed_rad_s(limits)
-    if kind in WISHES:
-        wish = WISHES[kind]
+    if kind in MOTIONS:
+        wish = MOTIONS[kind]
         fastest_rad_s = max(float(paced(wish.speed_rad_s, limits).max()), travel_rad_s)
         return (
             f"all joints at once in free air, up to {fastest_rad_s:.3g} rad/s, for "
@@ -66,7 +67,7 @@ def motion_in_words(kind: str, limits: Limits) -> str:
 
 def run_motion(
     job: CalibrationJob,
-    wish: ExcitationWish | None = None,
+    wish: ExcitationSettings | None = None,
     watcher: Callable[[float], Watcher] = lambda _s: NOBODY,
     now_utc: datetime | None = None,
 ) -> None:
@@ -83,13 +84,13 @@ def run_motion(
         PalpateError: the arm was stopped.
         KeyboardInterrupt: the user stopped it.
     """
-    wish = wish or WISHES[job.kind]
+    wish = wish or MOTIONS[job.kind]
     with calibration_bench(job, now_utc) as bench:
         robot_file = job.robot_file
         bodies = GravityBodies.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
         start_rad = _where_it_stands(bench)
         rng = np.random.default_rng(0)
-        path = choose_path(bench.body, bodies, start_rad, robot_file.limits, wish=wish, rng=rng)
+        path = choose_path(bench.body, bodies, start_rad, robot_file.limits, settings=wish, rng=rng)
         travel_rad_s = travel_speed_rad_s(robot_file.limits)
         task = PathTask(bench.body, gains_of(robot_file).tracking, path, travel_rad_s)
         limits = slowed(robot_file.limits, SPEED_MARGIN * max(wish.speed_rad_s, 1.0))
@@ -178,7 +179,7 @@ def run_weighing(
         def put(number: int, force_n: float) -> None:
             place(bench, number, force_n)
 
-        weigh(still, forces_n, put, settle_s=settle_s, measure_s=measure_s, told=told)
+        weigh(still, forces_n, put, settle_s=settle_s, measure_s=measure_s, progress=told)
 
 
 def put_simulated_weight(bench: Bench, number: int, force_n: float) -> None:
@@ -213,14 +214,14 @@ def encoder_calibration(fit: EncoderFit, stamp: Stamp) -> EncoderCalibration:
 def torque_calibration(fit: ArmFit, stamp: Stamp) -> TorqueCalibration:
     """The file's content; friction is a finding."""
     values = {
-        "gain": _all(fit.gain, fit.gain_std, "1"),
-        "offset": _all(fit.offset_nm, fit.offset_std_nm, "N m"),
-        "command_offset": _all(fit.command_offset_nm, fit.command_offset_std_nm, "N m"),
+        "gain": _all(fit.gain.value, fit.gain.std_err, "1"),
+        "offset": _all(fit.offset_nm.value, fit.offset_nm.std_err, "N m"),
+        "command_offset": _all(fit.command_offset_nm.value, fit.command_offset_nm.std_err, "N m"),
     }
     findings = {
-        "coulomb_friction": _all(fit.coulomb_nm, fit.coulomb_std_nm, "N m"),
-        "viscous_friction": _all(fit.viscous_nms_rad, fit.viscous_std_nms_rad, "N m s/rad"),
-        "residual_rms": _all(_rms(fit.residual_nm), np.zeros(len(fit.gain)), "N m"),
+        "coulomb_friction": _all(fit.coulomb_nm.value, fit.coulomb_nm.std_err, "N m"),
+        "viscous_friction": _all(fit.viscous_nms_rad.value, fit.viscous_nms_rad.std_err, "N m s/rad"),
+        "residual_rms": _all(_rms(fit.residual_nm), np.zeros(len(fit.gain.value)), "N m"),
     }
     return validate(TorqueCalibration, stamp.content("torque") | {"values": values, "findings": findings})
 
@@ -233,15 +234,15 @@ def gravity_calibration(fit: ArmFit, stamp: Stamp) -> GravityCalibration:
     """
     values = {
         name: _one(Estimate(float(angle), float(std)), "rad")
-        for name, angle, std in zip(("pitch", "roll"), fit.tilt_rad, fit.tilt_std_rad, strict=True)
+        for name, angle, std in zip(("pitch", "roll"), fit.tilt_rad.value, fit.tilt_rad.std_err, strict=True)
         if np.isfinite(angle)
     }
     if not values:
         raise InputError("no joint of this arm carries weight: it cannot feel how its base stands")
     findings = {
-        "torque_gain": _all(fit.gain, fit.gain_std, "1"),
-        "coulomb_friction": _all(fit.coulomb_nm, fit.coulomb_std_nm, "N m"),
-        "residual_rms": _all(_rms(fit.residual_nm), np.zeros(len(fit.gain)), "N m"),
+        "torque_gain": _all(fit.gain.value, fit.gain.std_err, "1"),
+        "coulomb_friction": _all(fit.coulomb_nm.value, fit.coulomb_nm.std_err, "N m"),
+        "residual_rms": _all(_rms(fit.residual_nm), np.zeros(len(fit.gain.value)), "N m"),
     }
     return validate(GravityCalibration, stamp.content("gravity") | {"values": values, "findings": findings})
 
@@ -300,7 +301,7 @@ def _rms(residual: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.nanmean(residual**2, axis=0)))
 
 
-def _one(estimate: Estimate, unit: str) -> dict[str, object]:
+def _one(estimate: Estimate[float], unit: str) -> dict[str, object]:
     return {"value": estimate.value, "std_err": estimate.std_err, "unit": unit}
 
 

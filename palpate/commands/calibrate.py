@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from calibration.force.fit import fit_force
-from calibration.force.reference_file import STANDARD_GRAVITY_M_S2, read_reference_file
+from calibration.force.plateaus import STANDARD_GRAVITY_M_S2, read_reference_file
 from calibration.force.weighing import read_weighing
 from estimation.data.import_options import parse_pairs
 from palpate.arm.robots import DEFAULT, find_robot

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.arm.excitation import TORQUE_WISH, choose_path
+from calibration.arm.excitation import TORQUE_MOTION, FourierPath, choose_path
 from calibration.arm.fit import ArmMotion, fit_arm
-from calibration.arm.fourier import FourierPath
 from calibration.arm.model import GravityBodies
 from control.arm.rigid_body import RigidBody
 from robot_io.calibration.applied import gravity_base_m_s2
@@ -23,7 +22,9 @@ BODY = RigidBody.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame)
 @pytest.fixture(scope="module")
 def path():
     start = np.array(ROBOT.home_rad)
-    return choose_path(BODY, BODIES, start, ROBOT.limits, wish=TORQUE_WISH, rng=np.random.default_rng(0))
+    return choose_path(
+        BODY, BODIES, start, ROBOT.limits, settings=TORQUE_MOTION, rng=np.random.default_rng(0)
+    )
 
 
 def measured(
@@ -49,15 +50,15 @@ def test_everything_hidden_in_the_drives_is_found_at_once(path):
     }
     fit = fit_arm(measured(path, np.random.default_rng(1), pitch=0.04, **hidden), BODIES)
     for found, std, name in (
-        (fit.gain, fit.gain_std, "gain"),
-        (fit.offset_nm, fit.offset_std_nm, "offset"),
-        (fit.coulomb_nm, fit.coulomb_std_nm, "coulomb"),
-        (fit.viscous_nms_rad, fit.viscous_std_nms_rad, "viscous"),
+        (fit.gain.value, fit.gain.std_err, "gain"),
+        (fit.offset_nm.value, fit.offset_nm.std_err, "offset"),
+        (fit.coulomb_nm.value, fit.coulomb_nm.std_err, "coulomb"),
+        (fit.viscous_nms_rad.value, fit.viscous_nms_rad.std_err, "viscous"),
     ):
         assert np.all(np.abs(found - hidden[name]) < 4 * std), name
         assert np.all(std < 0.02), name
-    assert fit.tilt_rad[0] == pytest.approx(0.04, abs=4 * fit.tilt_std_rad[0])
-    assert fit.tilt_std_rad[0] < 1e-3
+    assert fit.tilt_rad.value[0] == pytest.approx(0.04, abs=4 * fit.tilt_rad.std_err[0])
+    assert fit.tilt_rad.std_err[0] < 1e-3
 
 
 def test_twice_the_uncertainty_covers_95_percent(path):
@@ -76,20 +77,20 @@ def test_twice_the_uncertainty_covers_95_percent(path):
         )
         fit = fit_arm(noisy, BODIES)
         covered += [
-            *(np.abs(fit.gain - 1) < 2 * fit.gain_std),
-            *(np.abs(fit.offset_nm) < 2 * fit.offset_std_nm),
+            *(np.abs(fit.gain.value - 1) < 2 * fit.gain.std_err),
+            *(np.abs(fit.offset_nm.value) < 2 * fit.offset_nm.std_err),
         ]
         covered += [
-            *(np.abs(fit.coulomb_nm) < 2 * fit.coulomb_std_nm),
-            abs(fit.tilt_rad[0]) < 2 * fit.tilt_std_rad[0],
+            *(np.abs(fit.coulomb_nm.value) < 2 * fit.coulomb_nm.std_err),
+            abs(fit.tilt_rad.value[0]) < 2 * fit.tilt_rad.std_err[0],
         ]
     assert 0.90 < np.mean(covered) < 0.99
 
 
 def test_an_arm_that_moves_in_one_plane_does_not_feel_roll(path):
     fit = fit_arm(measured(path, np.random.default_rng(2)), BODIES)
-    assert np.isfinite(fit.tilt_rad[0])
-    assert np.isnan(fit.tilt_rad[1])
+    assert np.isfinite(fit.tilt_rad.value[0])
+    assert np.isnan(fit.tilt_rad.value[1])
 
 
 def test_late_torque_samples_are_not_taken_for_friction(path):
@@ -98,8 +99,8 @@ def test_late_torque_samples_are_not_taken_for_friction(path):
         *(part[:-3] for part in motion_parts(motion)[:4]), motion.measured_nm[3:], motion.sent_nm[3:]
     )
     fit = fit_arm(late, BODIES)
-    assert fit.delay_s[0] == pytest.approx(-0.003, abs=4 * fit.delay_s[1])
-    assert np.all(np.abs(fit.viscous_nms_rad) < 4 * fit.viscous_std_nms_rad)
+    assert fit.delay_s.value == pytest.approx(-0.003, abs=4 * fit.delay_s.std_err)
+    assert np.all(np.abs(fit.viscous_nms_rad.value) < 4 * fit.viscous_nms_rad.std_err)
 
 
 def motion_parts(motion):
@@ -148,14 +149,14 @@ class TestPath:
             BODIES,
             np.array(ROBOT.home_rad),
             ROBOT.limits,
-            wish=TORQUE_WISH,
+            settings=TORQUE_MOTION,
             rng=np.random.default_rng(0),
         )
         assert np.array_equal(again.at(7.0).position_rad, path.at(7.0).position_rad)
 
     def test_is_smaller_where_there_is_less_room(self):
         up, rng = np.array([1.57, 0.0, 0.0]), np.random.default_rng(0)
-        small = choose_path(BODY, BODIES, up, ROBOT.limits, wish=TORQUE_WISH, rng=rng)
+        small = choose_path(BODY, BODIES, up, ROBOT.limits, settings=TORQUE_MOTION, rng=rng)
         for time_s in np.linspace(0, small.duration_s, 700):
             assert BODY.heights_m(small.at(time_s).position_rad)[1:].min() > 0.55 - 0.02
 
@@ -168,6 +169,6 @@ class TestPath:
                 lowered,
                 np.array([1.57, 0.0, 0.0]),
                 narrow,
-                wish=TORQUE_WISH,
+                settings=TORQUE_MOTION,
                 rng=np.random.default_rng(0),
             )

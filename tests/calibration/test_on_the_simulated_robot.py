@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from calibration.arm.excitation import ExcitationWish
+from calibration.arm.excitation import ExcitationSettings
 from calibration.encoder.stop_task import StopSettings
 from calibration.force.fit import fit_force
 from calibration.force.weighing import read_weighing
@@ -24,7 +24,7 @@ from sim_backend.scenario import load_scenario
 from tests.calibration.simulated import FOLLOWER, in_joints, job_in, opened, stamp
 
 FORCES_N = [0.0, 10.0, 20.0, 40.0, 20.0, 10.0, 0.0]
-SHORT = ExcitationWish(duration_s=12.0, period_s=6.0)
+SHORT = ExcitationSettings(duration_s=12.0, period_s=6.0)
 BIAS, GAIN = "bias", "sensor_gain"
 
 
@@ -84,14 +84,14 @@ class TestDrives:
     def test_are_found_within_their_uncertainty(self, excited):
         _, hidden, fit = excited
         for found, std, true in (
-            (fit.gain, fit.gain_std, hidden["gain"]),
-            (fit.offset_nm, fit.offset_std_nm, -hidden["gain"] * hidden["bias"]),
-            (fit.command_offset_nm, fit.command_offset_std_nm, np.zeros(3)),
-            (fit.coulomb_nm, fit.coulomb_std_nm, hidden["coulomb"]),
-            (fit.viscous_nms_rad, fit.viscous_std_nms_rad, hidden["viscous"]),
+            (fit.gain.value, fit.gain.std_err, hidden["gain"]),
+            (fit.offset_nm.value, fit.offset_nm.std_err, -hidden["gain"] * hidden["bias"]),
+            (fit.command_offset_nm.value, fit.command_offset_nm.std_err, np.zeros(3)),
+            (fit.coulomb_nm.value, fit.coulomb_nm.std_err, hidden["coulomb"]),
+            (fit.viscous_nms_rad.value, fit.viscous_nms_rad.std_err, hidden["viscous"]),
         ):
             assert np.all(np.abs(found - true) < 4 * std)
-        assert np.all(fit.gain_std < 2e-3)
+        assert np.all(fit.gain.std_err < 2e-3)
 
     def test_and_so_is_the_base(self, excited):
         job, hidden, fit = excited

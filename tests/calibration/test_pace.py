@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.excitation import GRAVITY_WISH, TORQUE_WISH, ExcitationWish, choose_path
+from calibration.arm.excitation import GRAVITY_MOTION, TORQUE_MOTION, ExcitationSettings, choose_path
 from calibration.arm.model import GravityBodies
 from calibration.encoder.stop_plan import plan_stops, with_room_for_stops
 from control.arm.rigid_body import RigidBody
@@ -25,14 +25,14 @@ def limited(**limits):
     return FOLLOWER.model_copy(update={"limits": FOLLOWER.limits.model_copy(update=limits)})
 
 
-def path_under(wish=TORQUE_WISH, **limits):
+def path_under(settings=TORQUE_MOTION, **limits):
     limits = limited(**limits).limits
-    return choose_path(BODY, BODIES, HOME_RAD, limits, wish=wish, rng=np.random.default_rng(0))
+    return choose_path(BODY, BODIES, HOME_RAD, limits, settings=settings, rng=np.random.default_rng(0))
 
 
 def test_a_motion_in_free_air_runs_under_low_limits(tmp_path):
     job = job_in(tmp_path, "torque", [], robot=limited(velocity_rad_s=SLOW_RAD_S))
-    calibrating.run_motion(job, ExcitationWish(duration_s=8.0, period_s=4.0))
+    calibrating.run_motion(job, ExcitationSettings(duration_s=8.0, period_s=4.0))
     ticks = opened(job).samples("tick")
     assert not ticks["guard_tripped"].any()
     assert np.all(np.abs(ticks["reference_velocity_rad_s"]).max(axis=0) < 0.6 * np.array(SLOW_RAD_S))
@@ -68,7 +68,7 @@ def test_a_weak_arm_chooses_a_motion_that_it_can_carry():
 )
 def test_limits_that_leave_no_motion_are_named_before_anything_moves(limits, words):
     with pytest.raises(InputError, match=words):
-        path_under(wish=GRAVITY_WISH, **limits)
+        path_under(settings=GRAVITY_MOTION, **limits)
 
 
 def test_the_shipped_dynamixel_arm_reaches_its_stops_from_home():
