@@ -7,12 +7,10 @@ from typing import Annotated
 import typer
 
 from palpate import console
-from palpate.arm.driver_packages import importable
-from palpate.arm.robots import find_robot
-from palpate.arm.wired import is_simulated, wires_in_words
 from palpate.doctor import Finding, Level, examine_all
 from palpate.doctor.check_arm import NOT_POWERED, ArmCheck, examine_arm
 from palpate.doctor.hardware import memory_lock, real_time
+from palpate.runs.robots import find_robot, importable, is_simulated, wires_in_words
 from palpate.words import AT_REST, FIRST_PROBE, as_shell_word, count, safe
 from robot_io.errors import InputError
 

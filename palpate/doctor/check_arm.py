@@ -6,8 +6,6 @@ from dataclasses import dataclass, field
 
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import gains_of
-from palpate.arm.arm_session import SIMULATED_DRIVERS
-from palpate.arm.wired import DEFAULT_SCENARIO, emulate, is_simulated
 from palpate.doctor.clearance import count_down
 from palpate.doctor.devices import examine_devices
 from palpate.doctor.finding import Finding, Level, fail, warn
@@ -17,6 +15,8 @@ from palpate.doctor.nudge import examine_powered
 from palpate.doctor.ports import examine_ports
 from palpate.doctor.rates import examine_rates
 from palpate.doctor.signs import examine_signs
+from palpate.runs.robots import DEFAULT_SCENARIO, emulate, is_simulated
+from palpate.runs.session import SIMULATED_DRIVERS
 from robot_io.calibration import Calibrations, doubtful, load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue

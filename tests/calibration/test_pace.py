@@ -9,8 +9,8 @@ from calibration.arm.excitation import GRAVITY_MOTION, TORQUE_MOTION, Excitation
 from calibration.arm.model import GravityBodies
 from calibration.encoder.stop_plan import plan_stops, with_room_for_stops
 from control.arm.rigid_body import RigidBody
-from palpate.arm.robots import find_robot
-from palpate.calibrating import run as calibrating
+from palpate.runs import calibration as runs
+from palpate.runs.robots import find_robot
 from robot_io.errors import InputError
 from tests.calibration.simulated import FOLLOWER, job_in, opened
 from tests.palpate.cli import ROOT
@@ -32,7 +32,7 @@ def path_under(settings=TORQUE_MOTION, **limits):
 
 def test_a_motion_in_free_air_runs_under_low_limits(tmp_path):
     job = job_in(tmp_path, "torque", [], robot=limited(velocity_rad_s=SLOW_RAD_S))
-    calibrating.run_motion(job, ExcitationSettings(duration_s=8.0, period_s=4.0))
+    runs.run_motion(job, ExcitationSettings(duration_s=8.0, period_s=4.0))
     ticks = opened(job).samples("tick")
     assert not ticks["guard_tripped"].any()
     assert np.all(np.abs(ticks["reference_velocity_rad_s"]).max(axis=0) < 0.6 * np.array(SLOW_RAD_S))
@@ -40,9 +40,9 @@ def test_a_motion_in_free_air_runs_under_low_limits(tmp_path):
 
 @pytest.mark.parametrize("kind", ["torque", "gravity", "encoder"])
 def test_the_speed_that_is_announced_is_the_one_that_is_moved_at(kind):
-    assert "0.6 rad/s" in calibrating.motion_in_words("encoder", FOLLOWER.limits)
-    assert "up to 1.5 rad/s" in calibrating.motion_in_words("torque", FOLLOWER.limits)
-    words = calibrating.motion_in_words(kind, limited(velocity_rad_s=(0.5, 0.5, 0.5)).limits)
+    assert "0.6 rad/s" in runs.motion_in_words("encoder", FOLLOWER.limits)
+    assert "up to 1.5 rad/s" in runs.motion_in_words("torque", FOLLOWER.limits)
+    words = runs.motion_in_words(kind, limited(velocity_rad_s=(0.5, 0.5, 0.5)).limits)
     assert "up to 0.25 rad/s" in words
     assert "0.6" not in words
 

@@ -4,7 +4,7 @@ import pytest
 
 from calibration.still import StillRobot
 from control.loop.tick_record import tick_stream
-from palpate.calibrating.common import ask_for_weight
+from palpate.commands.calibrate import ask_for_weight
 from robot_io.clock import SimulatedClock
 from robot_io.errors import DeviceTimeoutError, InputError, PalpateError, SafetyTripError
 from robot_io.guard import Guard

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from palpate.arm.wired import is_simulated
+from palpate.runs.robots import is_simulated
 from robot_io.errors import InputError
 from robot_io.robot_file import parse_robot_file
 from tests.palpate.cli import ROOT, assert_refused, run
