@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from control.arm.rigid_body import RigidBody
-from palpate.doctor import Level, check_arm
-from palpate.doctor.check_arm import ArmCheck, examine_arm
-from palpate.doctor.clearance import is_still
-from palpate.doctor.devices import examine_devices
-from palpate.doctor.hand import EmulatedHand, Person
+from palpate.doctor import Level
+from palpate.doctor import arm as arm_check
+from palpate.doctor.arm import ArmCheck, examine_arm, examine_devices, examine_ports
+from palpate.doctor.hand import EmulatedHand, Hand
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.nudge import NUDGE_RAD, NudgeTask, gentle
-from palpate.doctor.ports import examine_ports
+from palpate.doctor.signs import is_still
 from palpate.words import AT_REST, FIRST_PROBE
 from robot_io.calibration import Calibrations
 from robot_io.errors import SafetyTripError
@@ -52,7 +51,7 @@ def failures(findings):
 @pytest.fixture
 def plants(monkeypatch):
     """What stood behind the emulated devices, kept to look at the torque afterwards."""
-    seen, emulate = [], check_arm.emulate
+    seen, emulate = [], arm_check.emulate
 
     def watched(*arguments, **options):
         arm = emulate(*arguments, **options)
@@ -65,7 +64,7 @@ def plants(monkeypatch):
         arm.bench.close = note_and_close
         return arm
 
-    monkeypatch.setattr(check_arm, "emulate", watched)
+    monkeypatch.setattr(arm_check, "emulate", watched)
     return seen
 
 
@@ -181,7 +180,7 @@ class ThoroughHand(EmulatedHand):
 
 
 def signs_by(hand, monkeypatch, **options):
-    monkeypatch.setattr(check_arm, "EmulatedHand", hand)
+    monkeypatch.setattr(arm_check, "EmulatedHand", hand)
     return examined(DYNAMIXEL, move=True, **options)
 
 
@@ -210,7 +209,7 @@ def test_a_hand_that_finishes_its_turn_is_not_taken_for_the_next_joint(monkeypat
 
 
 def test_a_person_is_told_when_to_let_go_and_when_to_stay_away(capsys):
-    person = Person()
+    person = Hand()
     person.rest()
     person.leave()
     person.count(3)
@@ -478,7 +477,7 @@ def test_an_arm_that_stands_far_from_home_is_told_that_nothing_drives_it_there()
 def test_zeros_that_a_calibration_moves_far_are_told(monkeypatch):
     robot_file = load_robot_file(DYNAMIXEL)
     applied = Calibrations(encoder=calibration_of("encoder", robot_file))
-    monkeypatch.setattr(check_arm, "load_calibrations", lambda *_, **__: applied)
+    monkeypatch.setattr(arm_check, "load_calibrations", lambda *_, **__: applied)
     (found,) = (finding for finding in examined(DYNAMIXEL) if finding.subject == "zeros")
     assert found.level is Level.WARN
     assert "joint 3 by +0.3 rad" in found.text
