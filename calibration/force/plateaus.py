@@ -88,13 +88,11 @@ def read_reference_file(
 ) -> tuple[Plateaus, str]:
     """Plateaus of a data file, and the unit of its readings.
 
-    Args:
-        path: CSV (also .gz), Parquet or NPZ; one row a sample, in the order of time.
-        columns: what `reading`, `reference` and `settled` are called there; units are the end of a name, such
-            as `load_counts`, `weight_kg`, `force_N`. Without an entry a column is looked for that begins so.
-            Where a column `settled` is there, only rows count in which it is not 0.
-        gravity_m_s2: what makes a mass a weight [m/s^2].
-        reading_unit: of the readings, where the column's name does not say it.
+    CSV (also .gz), Parquet or NPZ, one row a sample in the order of time. `columns` say what `reading`,
+    `reference` and `settled` are called there; without an entry a column is looked for that begins so.
+    Units are the end of a name, such as `load_counts`, `weight_kg`, `force_N`, or `reading_unit`. Where
+    there is a column `settled`, only rows count in which it is not 0. Gravity makes a mass a weight
+    [m/s^2].
 
     Raises:
         InputError: the file cannot be read, a column is missing or has no known unit, or nothing is steady.

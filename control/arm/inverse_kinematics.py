@@ -50,12 +50,9 @@ class IkSolution:
 class PlanarArm:
     """Geometry of the arm, and its inverse kinematics for tip position and tool direction.
 
-    Args:
-        body: three revolute joints with parallel axes.
-        tool_axis_tip: direction of the tool in the tip frame, shape (3,); it must lie in the arm's plane.
-
     Raises:
-        InputError: the arm or the tool is not planar.
+        InputError: the arm is not of three revolute joints with parallel axes, or the tool's direction in the
+            tip frame, shape (3,), does not lie in its plane.
     """
 
     def __init__(self, body: RigidBody, tool_axis_tip: FloatArray) -> None:

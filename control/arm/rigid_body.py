@@ -53,10 +53,7 @@ class RigidBody:
 
     Units are those of revolute joints; for a prismatic joint read m, m/s, m/s^2 and N instead.
 
-    Args:
-        model: Pinocchio's model; one position and one velocity per joint.
-        tip_frame: name of the frame whose motion counts.
-        place: where the model comes from, for errors.
+    The tip is the frame whose motion counts; `place` says in errors where the model comes from.
 
     Raises:
         InputError: the frame is unknown, or a joint has more than one coordinate.

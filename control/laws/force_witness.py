@@ -40,18 +40,14 @@ class ForceWitness:
 
     def restart(self) -> None:
         """Forget everything."""
-        self._ticks = 0
-        self._mass_kg = 0.0
-        self._period_s = math.inf
-        self._stalled_s = 0.0
+        self._ticks, self._period_s = 0, math.inf
+        self._mass_kg = self._stalled_s = 0.0
         self.pause()
 
     def pause(self) -> None:
         """Forget what was learnt in free air: what is unexplained at the next look counts as free air."""
-        self._free_n = math.nan
-        self._beyond_n = math.nan
-        self._sensed_n = 0.0
-        self._count = 0
+        self._free_n = self._beyond_n = math.nan
+        self._sensed_n, self._count = 0.0, 0
 
     def watch(
         self, measurement: Measurement, output: ControlOutput, dt_s: float, *, in_free_air: bool

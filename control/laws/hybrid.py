@@ -59,10 +59,8 @@ class ContactSwitch:
     """Contact or not, with hysteresis and debounce; above `touch_force_n` is contact [N]."""
 
     def __init__(self, gains: TouchGains, touch_force_n: float) -> None:
-        self._debounce = gains.debounce_samples
-        self._count = 0
-        self.touch_force_n = touch_force_n
-        self.release_force_n = release_force_n(touch_force_n, gains)
+        self._debounce, self._count = gains.debounce_samples, 0
+        self.touch_force_n, self.release_force_n = touch_force_n, release_force_n(touch_force_n, gains)
         self.in_contact = False
 
     def update(self, force_n: float) -> bool:

@@ -36,11 +36,8 @@ class ObjectGuess:
 
     def reset(self) -> None:
         """Forget the object."""
-        self._k = 0.0
-        self._c = 0.0
-        self._p_kk = _STIFFNESS_SPREAD_N_M**2
-        self._p_kc = 0.0
-        self._p_cc = _DAMPING_SPREAD_N_S_M**2
+        self._k = self._c = self._p_kc = 0.0
+        self._p_kk, self._p_cc = _STIFFNESS_SPREAD_N_M**2, _DAMPING_SPREAD_N_S_M**2
 
     @property
     def compliance(self) -> Compliance:

@@ -1,6 +1,7 @@
 """When a force is a touch: one rule for who controls and for who estimates."""
 
 import math
+from dataclasses import dataclass
 
 from control.laws.gains import TouchGains
 
@@ -43,13 +44,13 @@ def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains
     return None
 
 
+@dataclass
 class RunningMean:
     """Welford's recursion, which keeps its digits when the mean is large (Technometrics 4(3), 1962)."""
 
-    def __init__(self) -> None:
-        self.count = 0
-        self.mean = 0.0
-        self._squares = 0.0
+    count: int = 0
+    mean: float = 0.0
+    _squares: float = 0.0
 
     def add(self, value: float) -> None:
         """Take in one sample."""

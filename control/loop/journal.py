@@ -35,10 +35,8 @@ class Journal:
 
     def __init__(self, log: TickLog, observer: Observer | None) -> None:
         self.log_failures = 0
-        self.log_error = ""  # the first failure
-        self.observer_error = ""
-        self._log = log
-        self._observer = observer
+        self.log_error = self.observer_error = ""  # the first failure of each
+        self._log, self._observer = log, observer
 
     @property
     def log_trouble(self) -> str:

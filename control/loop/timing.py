@@ -103,6 +103,7 @@ class LoopTiming:
         return MappingProxyType({name: histogram.summary() for name, histogram in self._histograms.items()})
 
 
+@dataclass
 class TickGrid:
     """The instants `start_s + k * period_s`, walked in order.
 
@@ -111,12 +112,11 @@ class TickGrid:
     on at the next instant that is still ahead; those in between are skipped, never made up for in a burst.
     """
 
-    def __init__(self, start_s: float, period_s: float) -> None:
-        self.start_s = start_s
-        self.period_s = period_s
-        self.index = 0
-        self.overruns = 0  # ticks that ended after the next one was due
-        self.skipped = 0  # instants without a tick
+    start_s: float  # time of the first tick
+    period_s: float
+    index: int = 0
+    overruns: int = 0  # ticks that ended after the next one was due
+    skipped: int = 0  # instants without a tick
 
     @property
     def due_s(self) -> float:

@@ -15,14 +15,8 @@ _REACH_STEP_M = 2e-3
 class PressLine:
     """The line along which an object is pressed, in an arm's plane.
 
-    Args:
-        arm: closed-form kinematics.
-        start_world_m: shape (3,), tip position at travel 0 [m].
-        direction_world: shape (3,), direction of positive travel and of the tool; made a unit vector.
-        elbow: which way the elbow bends.
-
-    Raises:
-        InputError: the start cannot be reached.
+    At travel 0 the tip is at the start, shape (3,) [m]; travel and tool go in the direction, shape (3,),
+    which is made a unit vector. Raises `InputError` if the start cannot be reached.
     """
 
     def __init__(

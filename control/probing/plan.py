@@ -81,7 +81,7 @@ class ProbingPlan(FileModel):
                 f"at most {0.4 * self.force_limit_n:.3g} N for force_limit_n {self.force_limit_n} N"
             )
         run_up_m = blend_distance_m(max(self.speeds_m_s), self.acceleration_m_s2)
-        for name in ("approach_clearance_m", "retract_m"):
+        for name in ("approach_clearance_m", "retract_m", "search_depth_m"):
             if getattr(self, name) < run_up_m:
                 raise ValueError(
                     f"{name} {getattr(self, name)} m is too short to reach {max(self.speeds_m_s)} m/s at "

@@ -1,10 +1,11 @@
 """Where a probing plan presses: one line per target, checked against the arm before anything moves."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
-from control.arm.inverse_kinematics import Elbow, PlanarArm
+from control.arm.inverse_kinematics import PlanarArm
 from control.paths.press_line import PressLine
 from control.paths.trajectory import LineState, blend_distance_m
 from control.probing.plan import ProbingPlan
@@ -19,38 +20,25 @@ _SPEED_MARGIN = 1.1  # what an encoder's noise and the controller's corrections 
 _STEPS = 20  # places on a press line that are looked at
 
 
+@dataclass
 class ProbingSite:
-    """A target: its press line and how far the tip may go on it, as travels along that line [m].
+    """A target: its press line and how far the tip may go on it, as travels along that line [m]."""
 
-    Args:
-        line: the press line; an approach starts at travel 0 until the surface is known.
-        search_travel_m: the surface must be touched before this travel.
-        deepest_travel_m: the tip never goes beyond this travel.
-        highest_travel_m: nor does an approach start before this one, which is not positive.
-        lifted_travel_m: nor does the tip go back beyond this one, which is not above that one.
-    """
-
-    def __init__(
-        self,
-        line: PressLine,
-        search_travel_m: float,
-        deepest_travel_m: float,
-        highest_travel_m: float,
-        lifted_travel_m: float,
-    ) -> None:
-        self.line = line
-        self.search_travel_m, self.deepest_travel_m = search_travel_m, deepest_travel_m
-        self.approach_travel_m = 0.0
-        self._highest_travel_m, self._lifted_travel_m = highest_travel_m, lifted_travel_m
+    line: PressLine
+    search_travel_m: float  # the surface must be touched before this travel
+    deepest_travel_m: float  # the tip never goes beyond this travel
+    highest_travel_m: float  # nor does an approach start before this one, which is not positive
+    lifted_travel_m: float  # nor does the tip go back beyond this one, which is not above that one
+    approach_travel_m: float = 0.0  # where the next approach starts; 0 until the surface is known
 
     def start_above(self, surface_travel_m: float, clearance_m: float) -> None:
         """Let the next approach start a clearance [m] before the surface found at a travel [m]."""
-        self.approach_travel_m = max(surface_travel_m - clearance_m, self._highest_travel_m)
+        self.approach_travel_m = max(surface_travel_m - clearance_m, self.highest_travel_m)
 
     @property
     def lift_room_m(self) -> float:
         """How far the tip can be lifted from where the next approach starts [m]."""
-        return self.approach_travel_m - self._lifted_travel_m
+        return self.approach_travel_m - self.lifted_travel_m
 
     def joint_position_rad(self, near_rad: FloatArray) -> FloatArray:
         """Joint positions (3,) [rad] at the start of the approach, turns nearest to `near_rad`."""
@@ -58,7 +46,7 @@ class ProbingSite:
 
     def lifted_rad(self, lift_m: float, near_rad: FloatArray) -> FloatArray:
         """Joint positions (3,) [rad] with the tip lifted by `lift_m` [m], or as high as can be."""
-        travel_m = max(self.approach_travel_m - lift_m, self._lifted_travel_m)
+        travel_m = max(self.approach_travel_m - lift_m, self.lifted_travel_m)
         return self.line.joint_motion(LineState(travel_m), near_rad).position_rad
 
 
@@ -86,20 +74,15 @@ def probing_sites(
     for number, start in enumerate(places, 1):
         millimetres = ", ".join(f"{1e3 * value:.0f}" for value in start)
         name = f"target {number} ({millimetres} mm)" if starts else "below the tip"
-        line = _line(arm, start, direction, elbow, name)
+        try:
+            line = PressLine(arm, start, direction, elbow)
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from error
+        if line.start.near_singular:
+            raise InputError(f"{name}: the arm would be stretched or folded (singular); move the target")
         lift_m = float(start @ direction) - highest_m + room_m
         sites.append(_site(line, plan, position_rad, limits_rad, lift_m, name))
     return sites
-
-
-def _line(arm: PlanarArm, start: FloatArray, direction: FloatArray, elbow: Elbow, name: str) -> PressLine:
-    try:
-        line = PressLine(arm, start, direction, elbow)
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from error
-    if line.start.near_singular:
-        raise InputError(f"{name}: the arm would be stretched or folded (singular); move the target")
-    return line
 
 
 def _site(  # noqa: PLR0917 (all that bounds it)
@@ -115,11 +98,6 @@ def _site(  # noqa: PLR0917 (all that bounds it)
     lifted_m = line.reach_m(-clearance_m - lift_m, near_rad, limits_rad)
     search_m = min(plan.search_depth_m, deepest_m)
     run_up_m = blend_distance_m(max(plan.speeds_m_s), plan.acceleration_m_s2)
-    if plan.search_depth_m <= run_up_m:
-        raise InputError(
-            f"search_depth_m {plan.search_depth_m:g} m: the tip needs more than {run_up_m:.4f} m to come up "
-            "to speed"
-        )
     if search_m <= run_up_m:
         raise InputError(
             f"{name}: the arm can go only {deepest_m * 1e3:.0f} mm on from the start of the approach within "
@@ -157,11 +135,8 @@ def check_tip_speeds(
 
     `near_rad` are the present joint positions, and the limits are the guard's, shape (n,) each.
     """
-    name, speed_m_s = max(
-        ("speeds_m_s", max(plan.speeds_m_s)),
-        ("travel_speed_m_s", plan.travel_speed_m_s),
-        key=lambda item: item[1],
-    )
+    speeds_m_s = {"speeds_m_s": max(plan.speeds_m_s), "travel_speed_m_s": plan.travel_speed_m_s}
+    name, speed_m_s = max(speeds_m_s.items(), key=lambda item: item[1])
     for number, site in enumerate(sites, 1):
         here_rad = near_rad
         for travel_m in np.linspace(0.0, site.deepest_travel_m, _STEPS):

@@ -90,11 +90,7 @@ class Stamp:
         return cls(robot_file, raw, made_utc, valid_days, source, tuple(names))
 
     def content(self, kind: str) -> dict[str, object]:
-        """Everything but the values.
-
-        Raises:
-            InputError: the raw data or the URDF cannot be read.
-        """
+        """Everything but the values; `InputError` if the raw data or the URDF cannot be read."""
         with self.raw.open("rb") as file:
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
         content: dict[str, object] = {

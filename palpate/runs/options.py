@@ -108,7 +108,7 @@ def takes(options: type[RunOptions]) -> Callable[[Callable[..., None]], Callable
         def call(**values: Any) -> None:  # noqa: ANN401
             command(options(**{name: values.pop(name) for name in names}), **values)
 
-        parameters = [*(p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own), *shared]
+        parameters = [*shared, *(p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own)]
         call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         call.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
         return call

@@ -233,7 +233,7 @@ def test_as_a_process_json_is_all_that_stdout_holds(tmp_path):
 
 PLANS = {
     "targets_world_m: [[4, 0, 0.05]]": "out of reach",
-    "search_depth_m: 1.0e-6": "search_depth_m 1e-06 m",
+    "search_depth_m: 1.0e-6": "search_depth_m 1e-06 m is too short",
     "force_limit_n: 60": "(limits.force_n); at most 54.5 N",
     "hold_s: 1.0e+7": "plan fewer runs",
     "speeds_m_s: [1.0e-9]": "plan fewer runs",
