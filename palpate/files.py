@@ -32,7 +32,7 @@ def existing_file(path: Path, what: str) -> Path:
     if not path.is_file():
         raise InputError(f"{what} {path}: is a device or a pipe, not a file")
     if not os.access(path, os.R_OK):
-        raise InputError(f"{what} {path}: no right to read it")
+        raise InputError(f"{what} {path}: permission denied")
     return path
 
 

@@ -89,7 +89,7 @@ def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
     """Fit the model to a motion.
 
     Raises:
-        InputError: a joint hardly moved, or its load does not change, so that its gain cannot be told.
+        InputError: a joint hardly moved, or its load does not change, so that its gain is not determined.
     """
     inertial, gravity = bodies.parts(motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2)
     moving = _means(_well_moving(motion.velocity_rad_s).astype(np.float64)) == 1.0
@@ -225,7 +225,7 @@ def _well_moving(velocity_rad_s: FloatArray) -> BoolArray:
 
 
 def _felt(gravity: FloatArray) -> BoolArray:
-    """Which of pitch and roll change the torques of a level arm enough to be told."""
+    """Which of pitch and roll change the torques of a level arm enough to be identified."""
     size = np.linalg.norm((gravity @ fall_slopes(np.zeros(2))).reshape(-1, 2), axis=0)
     return np.asarray(size > _UNFELT * max(float(size.max()), _FEWEST_LOADED))
 
@@ -241,7 +241,7 @@ def _check(moving: BoolArray, torque_nm: FloatArray) -> None:
             )
         if spread < _FEWEST_LOADED:
             raise InputError(
-                f"joint {joint} carries the same load everywhere: its torque gain cannot be told"
+                f"joint {joint} carries the same load everywhere: its torque gain cannot be identified"
             )
 
 

@@ -68,8 +68,8 @@ class LoopResult:
             PalpateError: a device or the task failed; chained to what was raised there.
         """
         if self.deactivation_error:
-            told = not self.cause or self.deactivation_error in self.cause
-            why = "" if told else f"; the arm was stopped: {self.cause}"
+            said = not self.cause or self.deactivation_error in self.cause
+            why = "" if said else f"; the arm was stopped: {self.cause}"
             raise SafetyTripError(
                 f"the torque may still be on, cut the power: {self.deactivation_error}{why}"
             ) from self.error

@@ -168,7 +168,7 @@ def _latch(name: str, limits: Limits, tick_s: float) -> Finding:
     value = f"{1e3 * limit_s:g} ms"
     too_short = limit_s < tick_s * (1.0 - 1e-9)
     if too_short:
-        value += f", less than a tick of {1e3 * tick_s:g} ms, in which nothing can be told"
+        value += f", less than a tick of {1e3 * tick_s:g} ms, too short to detect anything"
     late = f"the guard would come too late: lower it to {usual_s:g} s, or leave it out"
     return graded(
         name,

@@ -114,7 +114,7 @@ def arm_fit_of(session: Session, urdf: str | Path, tip_frame: str) -> ArmFit:
     """Gains, offsets, friction and tilt from a session of `run_motion`.
 
     Raises:
-        InputError: it is no such session, or a joint's gain cannot be told from it.
+        InputError: it is no such session, or does not determine a joint's gain.
     """
     return fit_arm(motion_of(session.samples("tick")), GravityBodies.from_urdf(urdf, tip_frame))
 

@@ -82,7 +82,7 @@ def is_simulated(robot_file: RobotFile) -> bool:
     """Whether the robot's bus is a simulated world, without devices.
 
     Raises:
-        InputError: it is, but there is another bus too: devices would be told the time of a simulation.
+        InputError: it is, but there is another bus too: devices would run on the time of a simulation.
     """
     worlds = [name for name, bus in robot_file.buses.items() if bus.driver == PyBulletBus.name]
     others = [name for name in robot_file.buses if name not in worlds]

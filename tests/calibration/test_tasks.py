@@ -41,10 +41,9 @@ SLOW_RAD_S = (0.55, 0.6, 0.5)
 
 def phases(shown_rad, *, noise_rad_s, seconds):
     """What the task is in, tick by tick, with joint 1 at `shown_rad(k)` and noise on all speeds."""
-    home = np.array(FOLLOWER.home_rad)
-    body = RigidBody.from_urdf(FOLLOWER.urdf_path, FOLLOWER.tip_frame)
+    home, settings = HOME_RAD, StopSettings.within(FOLLOWER.limits)
     approach = StopApproach(0, float(home[0]), 1, home)
-    task = StopTask(body, gains_of(FOLLOWER).tracking, home, [approach], StopSettings.within(FOLLOWER.limits))
+    task = StopTask(BODY, gains_of(FOLLOWER).tracking, home, [approach], settings)
     rng = np.random.default_rng(0)
 
     def measured(k):
@@ -123,7 +122,7 @@ def test_somebody_must_be_there_to_put_weights_on(monkeypatch, capsys):
 
 @pytest.fixture
 def free():
-    motion = FreeMotion(RigidBody.from_urdf(FOLLOWER.urdf_path, FOLLOWER.tip_frame), TrackingGains())
+    motion = FreeMotion(BODY, TrackingGains())
     motion.start(REST)
     return motion
 
@@ -205,9 +204,7 @@ def test_the_guard_opens_for_each_joint_towards_its_stop_alone():
         towards = approach.side > 0
         assert after[not towards] == before[not towards]
         assert after[towards] == pytest.approx(approach.stop_rad + 0.2 * approach.side)
-    nearer = [
-        replace(approach, stop_rad=0.0) for approach in approaches
-    ]  # within the limits: no need for room
+    nearer = [replace(approach, stop_rad=0.0) for approach in approaches]  # inside: no need for room
     assert with_room_for_stops(limits, nearer, 0.2) == limits
 
 
