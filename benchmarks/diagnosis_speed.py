@@ -21,11 +21,11 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import diagnose
 from estimation.diagnosis.candidates import library
 from estimation.models import MODELS
-from palpate.arm.probing_run import ProbingJob, run_probing
-from palpate.arm.robots import DEFAULT, find_robot
 from palpate.findings.estimation_run import load_material
 from palpate.findings.story import diagnose_subjects
 from palpate.findings.subject import ALL_CHANNELS, channels_to_diagnose, subjects_of
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import DEFAULT, find_robot
 from sim_backend.imperfection import IMPERFECTIONS, Imperfection
 from sim_backend.scenario import Scenario
 
@@ -65,7 +65,7 @@ def probed(path: Path, hidden: list[Imperfection], repeats: int) -> Path:
     """A session of the simulated arm."""
     scenario = Scenario().with_hidden(hidden)
     plan = ProbingPlan(repeats=repeats)
-    run_probing(ProbingJob(find_robot(DEFAULT), plan, path, scenario=scenario, seed=7, online=None))
+    run_probing(ProbingJob(find_robot(DEFAULT), path, plan, scenario=scenario, seed=7, online=None))
     return path
 
 

@@ -32,16 +32,12 @@ def existing_file(path: Path, what: str) -> Path:
     if not path.is_file():
         raise InputError(f"{what} {path}: is a device or a pipe, not a file")
     if not os.access(path, os.R_OK):
-        raise InputError(f"{what} {path}: no right to read it")
+        raise InputError(f"{what} {path}: permission denied")
     return path
 
 
 def open_session(path: Path) -> Session:
-    """Read a session file.
-
-    Raises:
-        InputError: it is not there or is no session.
-    """
+    """Read a session file; `InputError` if it is not there or is no session."""
     return Session.open(existing_file(path, "session"))
 
 
@@ -105,11 +101,7 @@ def spare_files(folder: Path, names: Iterable[str], *, force: bool, keep: Iterab
 
 
 def different_files(*paths: Path | None) -> None:
-    """Refuse outputs that would replace each other.
-
-    Raises:
-        InputError: two of them are one file.
-    """
+    """Refuse outputs that would replace each other; `InputError` if two of them are one file."""
     places = [path for path in paths if path is not None]
     for number, path in enumerate(places):
         if any(path.resolve() == other.resolve() for other in places[:number]):
@@ -137,11 +129,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file of text, whole or not at all.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Write a file of text, whole or not at all; `InputError` if it cannot be written."""
     with whole_file(path) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis import ChannelDiagnosis, diagnose
-from palpate.arm.probing_run import ProbingJob, run_probing
-from palpate.arm.robots import DEFAULT, find_robot
 from palpate.findings.estimation_run import load_material
 from palpate.findings.subject import subjects_of
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import DEFAULT, find_robot
 from sim_backend.hidden import draw_hidden, noise_scale
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import Scenario
@@ -94,7 +94,7 @@ def probe(effect: str, seed: int, folder: Path) -> Probed:
     hidden: Sequence = draw_hidden(seed, effect=effect, scenario=world) if effect else []
     path = folder / f"{effect or 'nothing'}-{seed}.mcap"
     scenario = world.with_hidden(list(hidden))
-    job = ProbingJob(find_robot(DEFAULT), ProbingPlan(), path, scenario=scenario, seed=seed, online=None)
+    job = ProbingJob(find_robot(DEFAULT), path, ProbingPlan(), scenario=scenario, seed=seed, online=None)
     run_probing(job)
     material = load_material(path)
     subjects = subjects_of(material, None, material.arm)

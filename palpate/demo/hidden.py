@@ -7,8 +7,6 @@ import numpy as np
 
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis.apart import Progress
-from palpate.arm.hiding import open_answer
-from palpate.arm.probing_run import NOBODY, Watcher
 from palpate.demo.probe import probe_demo
 from palpate.files import output_folder
 from palpate.findings.effect_library import library_with
@@ -18,6 +16,8 @@ from palpate.findings.revisions import RevisionShelf
 from palpate.findings.story import Story, diagnose_subjects, tell_story
 from palpate.findings.subject import subjects_of
 from palpate.report.outcome import write_json, write_outcome
+from palpate.runs.hiding import open_answer
+from palpate.runs.probing import NOBODY, Watcher
 from palpate.words import typed as typed_path
 from robot_io.session import Session
 from sim_backend.contact_laws import KelvinVoigt

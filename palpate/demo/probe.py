@@ -5,8 +5,6 @@ from pathlib import Path
 
 from control.probing.plan import ProbingPlan
 from estimation.estimators import ESTIMATORS
-from palpate.arm.probing_run import NOBODY, ProbingJob, Watcher, run_probing
-from palpate.arm.robots import DEFAULT, find_robot
 from palpate.files import output_folder
 from palpate.findings.estimation_run import (
     DEFAULT_MODEL,
@@ -15,6 +13,8 @@ from palpate.findings.estimation_run import (
     estimate_with,
     load_material,
 )
+from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
+from palpate.runs.robots import DEFAULT, find_robot
 from palpate.views.inspection import RECORDING, look_into
 from robot_io.session import Session
 from sim_backend.scenario import Scenario
@@ -65,7 +65,7 @@ def probe_demo(
         PalpateError: the arm was stopped, nothing was touched, or the session cannot be written.
     """
     job = ProbingJob(
-        find_robot(DEFAULT), plan, session, scenario=scenario, seed=seed, command_line=command_line
+        find_robot(DEFAULT), session, plan, scenario=scenario, seed=seed, command_line=command_line
     )
     run_probing(job, watcher).raise_for_failure()
 

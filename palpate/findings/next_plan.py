@@ -8,9 +8,9 @@ import yaml
 
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis.result import NextExperiment
-from palpate.arm.hiding import SEALED
-from palpate.arm.probing_run import PLAN
 from palpate.files import write_text
+from palpate.runs.hiding import SEALED
+from palpate.runs.probing import PLAN
 from palpate.words import as_shell_word
 from robot_io.files.file_model import validate
 from robot_io.files.safe_yaml import parse_yaml

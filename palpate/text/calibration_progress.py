@@ -8,7 +8,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from control.loop.task import TaskOutput
 from palpate import console
-from palpate.arm.probing_run import NOBODY, Watcher
+from palpate.runs.probing import NOBODY, Watcher
 from robot_io.types import Measurement
 
 REFRESH_S = 0.1

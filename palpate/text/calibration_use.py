@@ -6,8 +6,7 @@ from pathlib import Path
 import yaml
 
 from palpate import console
-from palpate.arm.robots import shipped_robots
-from palpate.arm.wired import is_simulated
+from palpate.runs.robots import is_simulated, shipped_robots
 from palpate.words import FIRST_PROBE, as_shell_word, safe, shown, typed
 from robot_io.calibration import Calibration
 from robot_io.robot_file import RobotFile

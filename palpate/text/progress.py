@@ -10,7 +10,7 @@ from control.loop.phases import Phase
 from control.loop.task import TaskOutput
 from control.probing.plan import ProbingPlan
 from palpate import console
-from palpate.arm.probing_run import NOBODY, Watcher
+from palpate.runs.probing import NOBODY, Watcher
 from palpate.words import count
 from robot_io.types import Measurement
 

@@ -3,7 +3,7 @@ import shutil
 
 import pytest
 
-from palpate.arm.robots import find_robot
+from palpate.runs.robots import find_robot
 from robot_io.calibration import load_calibration
 from robot_io.session import Session
 from tests.palpate.cli import assert_refused, run
@@ -179,7 +179,7 @@ def test_a_refusal_leaves_the_users_own_empty_folders(tmp_path):
     ("kind", "options", "fit"),
     [
         ("force", ("--weights-kg", "0,1,2,3,2,1,0"), "palpate.commands.calibrate.fit_force"),
-        ("encoder", ("--pose", "home"), "palpate.calibrating.run.encoder_fit_of"),
+        ("encoder", ("--pose", "home"), "palpate.runs.calibration_file.encoder_fit_of"),
     ],
 )
 def test_after_ctrl_c_what_was_recorded_is_named_also_while_it_is_worked_out(
@@ -202,7 +202,7 @@ def test_after_ctrl_c_it_says_how_things_stand(tmp_path, monkeypatch):
         job.session.write_bytes(b"")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("palpate.calibrating.run.run_motion", interrupted)
+    monkeypatch.setattr("palpate.runs.calibration.run_motion", interrupted)
     session = tmp_path / "t.mcap"
     result = run("calibrate", "torque", "--session", session, "-o", tmp_path / "t.yaml")
     assert result.exit_code == 130

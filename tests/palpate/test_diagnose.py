@@ -26,11 +26,11 @@ from estimation.diagnosis.result import (
 from estimation.effects import EFFECTS
 from estimation.model import Model
 from estimation.signals.arm_signals import LEVER, TOUCH
-from palpate.arm.probing_run import PLAN
 from palpate.commands import diagnose as diagnose_command
 from palpate.findings.effect_library import library_with
 from palpate.findings.next_plan import plan_of, write_plan
 from palpate.findings.subject import Subject
+from palpate.runs.probing import PLAN
 from palpate.text.diagnosis import sentence, show
 from robot_io.session import Session
 from tests.estimation.contact_data import base_model

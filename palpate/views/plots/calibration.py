@@ -66,7 +66,7 @@ def encoder_figure(fit: EncoderFit) -> Figure:
 
 def arm_figure(fit: ArmFit) -> Figure:
     """Residual torque of each joint over its speed and over its position."""
-    joints = len(fit.gain)
+    joints = fit.residual_nm.shape[1]
     figure = style.new_figure(8.6, 1.4 + 1.75 * joints)
     grid = figure.subplots(joints, 2, sharey="row", squeeze=False)
     for joint in range(joints):

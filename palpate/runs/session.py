@@ -1,30 +1,29 @@
-"""From what a user asked for to an open robot with a session: the same for probing and for calibrating."""
+"""From what a user asked for to an open robot and a session file, for probing and for calibrating."""
 
+import secrets
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Protocol
 
-from control.arm.dh_check import check_dh_table
+from control.arm.dh import check_dh_table
 from control.arm.rigid_body import RigidBody
 from control.loop.result import LoopResult
 from control.loop.tick_record import tick_stream
-from palpate.arm.hiding import hide
-from palpate.arm.new_session import NewSession, new_session
-from palpate.arm.opened import opened
-from palpate.arm.permission import Permission
-from palpate.arm.wired import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
+from palpate.runs.hiding import SEAL, hide, seal_hidden
+from palpate.runs.permission import Permission, without_question
+from palpate.runs.robots import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
+from palpate.words import as_shell_word
 from robot_io.calibration import Calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import DeviceError, InputError
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
-from robot_io.session import SessionMetadata
+from robot_io.session import SessionMetadata, SessionWriter
 from sim_backend.drivers.pybullet_bus import PyBulletBus
 from sim_backend.scenario import Scenario, load_scenario
 from sim_backend.world import World
@@ -33,51 +32,37 @@ SIMULATED_DRIVERS = "sim_backend.drivers"
 SOURCE = "source"  # key of where the samples come from, in the session's metadata
 
 
-class ArmJob(Protocol):
-    """What every job with an arm says; see `palpate.arm.probing_run.ProbingJob`."""
+@dataclass(frozen=True)
+class ArmJob:
+    """What is common to every run of an arm."""
+
+    robot_file: RobotFile
+    session: Path  # the new session file
+    _: KW_ONLY
+    scenario: Scenario | None = None  # simulated world instead of the one that the robot file names
+    seed: int | None = None  # of all simulated noise instead of the scenario's
+    hidden: str | None = None  # what to hide in the simulated world, see `palpate.runs.hiding`
+    wired: bool = False  # emulate the devices of a robot of hardware drivers, and the world behind them
+    paced: bool = False  # let simulated time pass as fast as real time, not as fast as possible
+    drivers: tuple[str, ...] = ()  # packages or modules with drivers beside palpate's own
+    command_line: str = ""  # how the program was started
+    permission: Permission = without_question  # called before a real arm is opened; may refuse by raising
 
     @property
-    def robot_file(self) -> RobotFile: ...  # noqa: D102
-    @property
-    def session(self) -> Path: ...  # noqa: D102
-    @property
-    def scenario(self) -> Scenario | None: ...  # noqa: D102
-    @property
-    def seed(self) -> int | None: ...  # noqa: D102
-    @property
-    def hidden(self) -> str | None: ...  # noqa: D102
-    @property
-    def wired(self) -> bool: ...  # noqa: D102
-    @property
-    def paced(self) -> bool: ...  # noqa: D102
-    @property
-    def drivers(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def command_line(self) -> str: ...  # noqa: D102
-    @property
-    def permission(self) -> Permission: ...  # noqa: D102
+    def simulated(self) -> bool:
+        """Whether nothing but simulated or emulated devices stand behind it."""
+        return self.wired or is_simulated(self.robot_file)
 
 
 @dataclass(frozen=True)
 class ArmSession:
-    """A robot whose devices are open and without power, and the session that is being written.
-
-    Attributes:
-        robot: configured.
-        clock: the robot's.
-        new: the session file that is begun.
-        world: gives the simulated world, None with hardware.
-    """
+    """A robot whose devices are open and without power, and the session that is being written."""
 
     robot: Robot
     clock: Clock
-    new: NewSession
-    world: Callable[[], World] | None
-
-
-def without_hardware(job: ArmJob) -> bool:
-    """Whether nothing but simulated or emulated devices stand behind a job."""
-    return job.wired or is_simulated(job.robot_file)
+    log: SessionWriter
+    sealed: Path | None  # file with what is hidden in the simulated world, None if nothing is
+    world: Callable[[], World] | None  # gives the simulated world, None with hardware
 
 
 def checked_body(robot_file: RobotFile, calibrations: Calibrations) -> RigidBody:
@@ -101,34 +86,29 @@ def arm_session(
 ) -> Iterator[ArmSession]:
     """Open the robot and begin the session file, which is complete when the context ends.
 
-    Args:
-        job: what is wanted.
-        calibrations: what is applied.
-        extra: further texts for the session's metadata.
-        now_utc: wall clock; None asks the machine's.
+    `extra` are further texts for the session's metadata; `now_utc` stands for the machine's wall clock.
 
     Raises:
         InputError: robot file, drivers and scenario do not fit each other, a device could not be opened, or
             the session cannot be written; nothing has moved then, and no session is left.
     """
-    simulated = without_hardware(job)
-    clock = _clock(simulated, job.paced)
+    if job.simulated:
+        clock: Clock = SimulatedClock(MonotonicClock() if job.paced else None)
+    else:
+        clock = MonotonicClock()
     with ExitStack() as stack:
         robot, scenario, world = _set_up(job, clock, calibrations, stack)
-        if not simulated:
+        if not job.simulated:
             job.permission()
-        stack.enter_context(opened(robot, job.robot_file))
-        new = stack.enter_context(
-            new_session(
-                job.session,
-                [tick_stream(robot.joint_count)],
-                _metadata(job, scenario, calibrations, extra, now_utc or datetime.now(UTC)),
-                scenario,
-                job.hidden,
-                wait_for_room=simulated and not job.paced,
-            )
-        )
-        yield ArmSession(robot, clock, new, world)
+        try:
+            stack.enter_context(robot)
+        except DeviceError as error:
+            path = job.robot_file.path
+            remedy = f"palpate doctor --robot {as_shell_word(str(path))} says what is there"
+            raise InputError(f"{path}: {error}; {remedy}") from error
+        metadata = _metadata(job, scenario, calibrations, extra, now_utc or datetime.now(UTC))
+        log, sealed = stack.enter_context(begun_session(job, robot.joint_count, metadata, scenario))
+        yield ArmSession(robot, clock, log, sealed, world)
 
 
 def released(robot: Robot, result: LoopResult) -> LoopResult:
@@ -154,10 +134,35 @@ def released(robot: Robot, result: LoopResult) -> LoopResult:
     return replace(result, deactivation_error="")
 
 
-def _clock(simulated: bool, paced: bool) -> Clock:
-    if not simulated:
-        return MonotonicClock()
-    return SimulatedClock(MonotonicClock() if paced else None)
+@contextmanager
+def begun_session(
+    job: ArmJob, joint_count: int, metadata: SessionMetadata, scenario: Scenario | None
+) -> Iterator[tuple[SessionWriter, Path | None]]:
+    """Begin the session file of a job, complete when the context ends; gives its writer and sealed answer.
+
+    The session file is made before the answer is sealed, and neither replaces anything: of two programs that
+    want the same name, one is refused before it has written anything.
+
+    Raises:
+        InputError: from here, or from within the context, where it says that nothing has moved; neither of
+            the two files is left.
+        SessionError: the session file is there already, or cannot be written.
+    """
+    mark = {SEAL: secrets.token_hex(16)} if scenario is not None and scenario.hidden else {}
+    metadata = replace(metadata, extra={**metadata.extra, **mark})
+    waits = job.simulated and not job.paced
+    sealed = None
+    with SessionWriter(job.session, [tick_stream(joint_count)], metadata, wait_for_room=waits) as log:
+        try:
+            sealed = (
+                seal_hidden(job.session, scenario, job.hidden, metadata) if scenario is not None else None
+            )
+            yield log, sealed
+        except InputError:
+            log.close()
+            for file in filter(None, (job.session, sealed)):
+                file.unlink(missing_ok=True)
+            raise
 
 
 def _set_up(
@@ -173,21 +178,16 @@ def _set_up(
         return build_robot(arm.robot_file, drivers, clock, calibrations), scenario, lambda: arm.plant.world
     robot = build_robot(job.robot_file, drivers, clock, calibrations)
     bus = next((bus for bus in robot.buses.values() if isinstance(bus, PyBulletBus)), None)
-    return robot, _use_scenario(bus, job), (lambda: bus.world) if bus else None
-
-
-def _use_scenario(bus: PyBulletBus | None, job: ArmJob) -> Scenario | None:
-    """Hand the scenario to the simulated world; the one that will be simulated, or None with hardware."""
     if bus is None:
-        if any(wish is not None for wish in (job.scenario, job.seed, job.hidden)):
+        if any(option is not None for option in (job.scenario, job.seed, job.hidden)):
             raise InputError(
                 f"robot '{job.robot_file.name}' is not simulated: scenario, seed and hidden effects mean "
                 "nothing to it, unless its devices are emulated (--wire)"
             )
-        return None
+        return robot, None, None
     scenario = _altered(job.scenario or bus.scenario, job)
     bus.use_scenario(scenario)
-    return scenario
+    return robot, scenario, lambda: bus.world
 
 
 def _altered(scenario: Scenario, job: ArmJob) -> Scenario:

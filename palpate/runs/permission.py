@@ -17,12 +17,9 @@ def without_question() -> None:
 
 
 def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = time.sleep) -> None:
-    """Say what a real arm is going to do, ask for leave, and count down. It has no power meanwhile.
+    """Say what a real arm is going to do, ask for permission, and count down. It has no power meanwhile.
 
-    Args:
-        motion: what it is going to do, with the arm's name, speeds and forces; one line or several.
-        yes: the leave is given already (`--yes`): nothing is asked; the countdown still runs.
-        pause: lets so many seconds pass.
+    With `yes` nothing is asked; the countdown still runs.
 
     Raises:
         InputError: the answer was no, or nobody is there to be asked; nothing has moved.
@@ -36,7 +33,7 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
     talk.print(f"[bold]{safe(motion)}[/bold]")
     talk.print("Keep clear of it, also from below, with its switch in your hand.")
     if not yes and not _confirmed("Power the arm now?"):
-        raise InputError("no leave to power the arm: nothing has moved")
+        raise InputError("permission to power the arm denied: nothing has moved")
     for left_s in range(COUNTDOWN_S, 0, -1):
         talk.print(f"power in {left_s} s; Ctrl-C stops it")
         pause(1.0)
@@ -49,11 +46,7 @@ def _confirmed(question: str) -> bool:
 
 
 def ask_for_pose(pose_rad: Sequence[float], *, yes: bool) -> None:
-    """Wait until somebody holds a real arm in a pose; it gets no power.
-
-    Args:
-        pose_rad: where it must be held, shape (n,) [rad].
-        yes: it is held there already (`--yes`).
+    """Wait until somebody holds a real arm in a pose (n,) [rad], if not `yes`; it gets no power.
 
     Raises:
         InputError: nobody is there to bring it.

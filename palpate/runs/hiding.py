@@ -19,22 +19,16 @@ SEAL = "seal"  # key in a session's metadata of the mark that its sealed answer 
 
 
 class HiddenFile(FileModel):
-    """A YAML file that says what to hide.
-
-    Attributes:
-        hidden: the effects, as in a scenario.
-    """
+    """A YAML file that says what to hide, as in a scenario."""
 
     hidden: tuple[Hidden, ...]
 
 
 def hide(scenario: Scenario, what: str) -> Scenario:
-    """The same world with other hidden effects.
+    """The same world with other hidden effects; its seed decides what is drawn.
 
-    Args:
-        scenario: the world; its seed decides what is drawn.
-        what: "random"; the name of an effect, whose place and strength are then random; or a YAML file with a
-            list `hidden`.
+    They are "random"; the name of an effect, whose place and strength are then random; or a YAML file with a
+    list `hidden`.
 
     Raises:
         InputError: no such effect or file, or they do not fit the world.
@@ -51,16 +45,10 @@ def hide(scenario: Scenario, what: str) -> Scenario:
 def seal_hidden(
     session: Path, scenario: Scenario, what: str | None, metadata: SessionMetadata
 ) -> Path | None:
-    """Write what is hidden in the world of a session beside it.
+    """Write what is hidden in the world of a session beside it: a sealed file, or None where nothing is.
 
-    Args:
-        session: the session file.
-        scenario: its world.
-        what: how it was chosen, as for `hide`, or None if the scenario says so itself.
-        metadata: of the session, with the mark that binds the answer to it.
-
-    Returns:
-        the sealed file, or None where nothing is hidden.
+    `what` is how it was chosen, as for `hide`, or None if the scenario says so itself. The session's metadata
+    has the mark that binds the answer to it.
 
     Raises:
         InputError: such a file is there already, or it cannot be written.
