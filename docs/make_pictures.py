@@ -14,9 +14,9 @@ import numpy as np
 
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
+from estimation.study.estimates import BEST, estimate_with
 from palpate.demo.hidden import STRENGTH, probe_hidden, solve
 from palpate.demo.probe import Demo, probe_demo, show_demo
-from palpate.findings.estimation_run import BEST, estimate_with
 from palpate.views.plots import save_plots
 from palpate.views.viewer import take_picture
 from sim_backend.hidden import noise_scale

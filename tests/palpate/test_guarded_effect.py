@@ -5,8 +5,8 @@ import pytest
 
 from estimation.channel import ChannelKind
 from estimation.effect import AdditiveEffect, Parameter
-from palpate.findings.guarded_effect import guarded
-from palpate.findings.rehearsal import rehearse
+from palpate.user_effects.guard import guarded
+from palpate.user_effects.rehearsal import rehearse
 from robot_io.errors import InputError
 from tests.estimation.diagnosis.presses import session
 

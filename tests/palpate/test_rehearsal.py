@@ -6,7 +6,7 @@ import pytest
 
 from estimation.channel import ChannelKind
 from estimation.effects import EFFECTS
-from palpate.findings.rehearsal import rehearse
+from palpate.user_effects.rehearsal import rehearse
 from tests.estimation.diagnosis.presses import kelvin_voigt, session
 
 DATA = session(1, lambda t, x, v, run: kelvin_voigt(x, v))

@@ -5,10 +5,10 @@ import json
 import pytest
 
 from estimation.data import session_channels
+from estimation.study.estimates import estimate_with
 from palpate.arm.hiding import open_answer
 from palpate.arm.wired import EMULATED
-from palpate.findings.estimation_run import estimate_with
-from palpate.findings.truth import true_parameters
+from palpate.truth import true_parameters
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
 from sim_backend.secret import sealed_path

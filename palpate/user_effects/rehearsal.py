@@ -7,8 +7,8 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.effect import AdditiveEffect, Effect, Inner, MotionEffect, SensorEffect
 from estimation.effects import EFFECTS
-from palpate.findings.guarded_effect import wrong_array
 from palpate.foreign_code import foreign_code
+from palpate.user_effects.guard import wrong_array
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
