@@ -1,10 +1,7 @@
 """Makes a diagnosis state the study's own numbers, so that no other command can state others."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from math import isfinite
-from typing import Protocol
 
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.result import Accepted, ParameterValue, Ranked
@@ -12,16 +9,10 @@ from estimation.diagnosis.result import Fitted as FittedEntry
 from estimation.estimate import ParameterEstimate
 from estimation.study.channels import StudyChannel
 from estimation.study.engine import Fitted
+from estimation.study.fits import Fits
 from robot_io.errors import InputError
 
 MOST_RANKED = 5  # candidates that are shown, and so fitted as `add` would
-
-
-class Fits(Protocol):
-    """What fits models once."""
-
-    def fit(self, channel: StudyChannel | str, effects: Sequence[str] = ()) -> Fitted:
-        """The base model with these effects."""
 
 
 def reconcile(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
@@ -31,9 +22,16 @@ def reconcile(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> Ch
     names = [entry.effect for entry in found.accepted]
     fits = [study.fit(channel, names[:count]) for count in range(len(names) + 1)]
     accepted = [_accepted(*one) for one in zip(found.accepted, fits, fits[1:], strict=False)]
+    value, last = fits[0].noise_floor, fits[-1].rmse
+    left = {"rmse": last, "times_floor": last / value if value > 0.0 else float("inf")}
+    stated = {"floor": {"value": value}, "remaining": left}
+    parts = {name: getattr(found, name, None) for name in stated}
     return found.model_copy(
         update={
-            "noise_floor": fits[0].noise_floor,
+            **{
+                name: part.model_copy(update=stated[name]) for name, part in parts.items() if part is not None
+            },
+            "noise_floor": value,
             "baseline": _entry(fits[0]),
             "final": _entry(fits[-1]),
             "accepted": accepted,

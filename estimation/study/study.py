@@ -5,29 +5,16 @@ from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from threading import RLock
 from typing import Any
 
-from estimation.channel import ChannelData, ChannelKind
+from estimation.channel import ChannelKind
 from estimation.data.import_options import ImportOptions
 from estimation.diagnosis import ChannelDiagnosis
-from estimation.diagnosis.search.library import library
 from estimation.effect import Effect
-from estimation.effects import EFFECTS
 from estimation.study import engine
-from estimation.study.channels import (
-    ALL_CHANNELS,
-    StudyChannel,
-    channel_of,
-    described_by,
-    model_to_estimate,
-    unapplicable,
-    usual_model,
-)
-from estimation.study.comparison import Comparison, Comparisons, compare
-from estimation.study.engine import Fitted
+from estimation.study.channels import StudyChannel, model_to_estimate, unapplicable
 from estimation.study.estimates import ALL, ChannelEstimates, choose_estimators, estimate_with, only_runs
-from estimation.study.html import html_table
+from estimation.study.fits import About, Fits, about
 from estimation.study.kept_diagnosis import diagnosis_data, read_diagnosis
 from estimation.study.reconcile import reconcile
 from estimation.study.results import Change, ChannelResult, RevisionTable, Stage, StudyDiagnosis
@@ -35,10 +22,8 @@ from estimation.study.revisions import KeptParameter, Revision, Revisions
 from estimation.study.source import NO_OPTIONS, Arm, open_source
 from robot_io.errors import InputError
 
-_Key = tuple[str, str, str, tuple[str, ...]]  # channel, base model, SHA-256 of the data, effects added
 
-
-class Study:
+class Study(Fits):
     """Models of one measurement, compared, diagnosed, extended and gone back to.
 
     A model is fitted once for each combination of data, base model and added effects. What `compare` shows of
@@ -69,25 +54,13 @@ class Study:
         folder: Path | None = None,
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
-        self.source = open_source(data, options, arm)
+        own = effects or {}
+        super().__init__(open_source(data, options, arm), model, list(own.values()))
         self.folder = folder
-        self._model = model
-        self._own = {effect.name: place for place, effect in (effects or {}).items()}
-        self._library = {effect.name: effect for effect in (*library(), *(effects or {}).values())}
+        self._own = {effect.name: place for place, effect in own.items()}
         self._revisions = Revisions(folder)
         self._now = now
-        self._lock = RLock()
-        self._channels: dict[tuple[str, str], StudyChannel] = {}
-        self._fits: dict[_Key, Fitted] = {}
-        self._comparisons: dict[_Key, Comparison] = {}
-        self._diagnoses: dict[tuple[str, str, str], ChannelDiagnosis] = {}
-        measured = self.source.channels if model is None else described_by(self.source, model)
-        self.channels = tuple(self._channel(one, model) for one in measured)
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        """All effects that are tried: palpate's and the user's own."""
-        return tuple(self._library.values())
+        self._diagnoses: dict[About, ChannelDiagnosis] = {}
 
     @property
     def revisions(self) -> RevisionTable:
@@ -97,77 +70,6 @@ class Study:
             InputError: a file in the folder is not a revision.
         """
         return RevisionTable(self._revisions.all())
-
-    def channel(self, name: str | None = None) -> StudyChannel:
-        """A channel by its name; the only one without.
-
-        Raises:
-            InputError: there is none, or there are several.
-        """
-        chosen = self.chosen(name)
-        if len(chosen) > 1:
-            there = ", ".join(one.name for one in chosen)
-            raise InputError(f"several channels: {there}; choose one with --channel")
-        return chosen[0]
-
-    def chosen(self, name: str | None) -> tuple[StudyChannel, ...]:
-        """The channel of this name; all of them without one, or for "all".
-
-        Raises:
-            InputError: there is none.
-        """
-        chosen = tuple(one for one in self.channels if name in {None, ALL_CHANNELS, one.name})
-        if not chosen:
-            there = ", ".join(one.name for one in self.channels)
-            raise InputError(f"--channel {name}: no such channel. There are: {there}")
-        return chosen
-
-    def fit(self, channel: StudyChannel | str, effects: Sequence[str] = ()) -> Fitted:
-        """The base model of a channel with effects added in this order; fitted once.
-
-        Raises:
-            InputError: the channel cannot be judged, or an effect is unknown, there, or does not apply.
-        """
-        one = self.channel(channel) if isinstance(channel, str) else channel
-        key = _key(one, effects)
-        with self._lock:
-            if key not in self._fits:
-                self._fits[key] = self._fit(one, list(effects))
-            return self._fits[key]
-
-    def noise_floor(self, channel: StudyChannel | str) -> float:
-        """The error that a complete model would leave, in the unit of the effort: one number for a channel.
-
-        Raises:
-            InputError: the channel cannot be judged.
-        """
-        return self.fit(channel).noise_floor
-
-    def compare(self, channel: str | None = None) -> Comparisons:
-        """Put the base models beside the measurement.
-
-        Raises:
-            InputError: there is no such channel, or none can be judged.
-        """
-        found, failures = [], {}
-        for one in self.chosen(channel):
-            try:
-                found.append(self.comparison(one))
-            except InputError as error:
-                failures[one.name] = str(error)
-        if not found:
-            raise InputError(next(iter(failures.values())))
-        return Comparisons(tuple(found), failures)
-
-    def comparison(self, channel: StudyChannel, effects: Sequence[str] = ()) -> Comparison:
-        """One model beside the measurement; see `fit`."""
-        key = _key(channel, effects)
-        with self._lock:
-            if key not in self._comparisons:
-                name = " + ".join([channel.model.name, *effects])
-                fitted = self.fit(channel, effects)
-                self._comparisons[key] = compare(fitted, name, self.noise_floor(channel))
-            return self._comparisons[key]
 
     def diagnose(
         self,
@@ -187,14 +89,14 @@ class Study:
             InputError: there is no such channel.
         """
         chosen = self.chosen(channel)
-        unknown = [one for one in chosen if _about(one) not in self._diagnoses]
+        unknown = [one for one in chosen if about(one) not in self._diagnoses]
         if unknown:
             data, models = [one.data for one in chosen], [one.model for one in chosen]
             judged = engine.diagnose(data, models, self.effects, progress, self._file)
             found = [reconcile(self, *pair) for pair in zip(chosen, judged.channels, strict=True)]
             with self._lock:
-                self._diagnoses |= dict(zip(map(_about, chosen), found, strict=True))
-        answers = [self._diagnoses[_about(one)] for one in chosen]
+                self._diagnoses |= dict(zip(map(about, chosen), found, strict=True))
+        answers = [self._diagnoses[about(one)] for one in chosen]
         for one, answer in zip(chosen, answers, strict=True):
             if apply and answer.accepted:
                 self._keep(one, [entry.effect for entry in answer.accepted], None)
@@ -211,8 +113,8 @@ class Study:
         Raises:
             InputError: the file in the folder is damaged.
         """
-        about = _about(channel)
-        return self._diagnoses.get(about) or read_diagnosis(self.folder).get(about)
+        key = about(channel)
+        return self._diagnoses.get(key) or read_diagnosis(self.folder).get(key)
 
     def add(
         self, *effects: str, channel: str | None = None, start: int | None = None, fresh: bool = False
@@ -323,7 +225,7 @@ class Study:
             base = self.comparison(channel)
         except InputError as error:
             return ChannelResult(channel, diagnosis, reason=str(error))
-        same = [kept for kept in self.revisions if _about_revision(kept) == _about(channel)]
+        same = [kept for kept in self.revisions if _about_revision(kept) == about(channel)]
         numbers = {tuple(kept.effects): kept.number for kept in same}
         chains = [tuple(effects[:count]) for count in range(len(effects) + 1)]
         stages = [Stage(self.fit(channel, one), "".join(one[-1:]), numbers.get(one)) for one in chains]
@@ -334,8 +236,8 @@ class Study:
 
     def latest(self, channel: StudyChannel) -> Revision | None:
         """The newest revision of this channel, data and base model."""
-        about = _about(channel)
-        return next((kept for kept in reversed(self.revisions) if _about_revision(kept) == about), None)
+        same = (one for one in reversed(self.revisions) if _about_revision(one) == about(channel))
+        return next(same, None)
 
     def newest(self, channel: StudyChannel) -> Revision | None:
         """The newest revision of a channel's data, whatever its base model unless one was asked for."""
@@ -361,18 +263,7 @@ class Study:
         Raises:
             InputError: it is not there.
         """
-        data = next((one for one in self.source.channels if one.name == revision.channel), None)
-        if data is None:
-            raise InputError(
-                f"revision {revision.number} is of channel '{revision.channel}', which is not there"
-            )
-        return self._channel(data, revision.model)
-
-    def is_of_this_data(self, revision: Revision) -> bool:
-        """Whether a revision was fitted to the very data of this study."""
-        return any(
-            one.sha256 == revision.data_sha256 for one in self.channels if one.name == revision.channel
-        )
+        return self.with_model(revision.channel, revision.model)
 
     def check(self, revision: Revision) -> None:
         """Refuse a revision of other data.
@@ -386,44 +277,6 @@ class Study:
                 "the options that it was made with (--where, --unit, --urdf), add to this data first "
                 "(palpate diagnose --apply, palpate add --fresh), or name another folder"
             )
-
-    def with_model(self, channel: StudyChannel, model: str) -> StudyChannel:
-        """The same channel with another base model.
-
-        Raises:
-            InputError: the model is unknown, or lacks something.
-        """
-        return self._channel(next(one for one in self.source.channels if one.name == channel.name), model)
-
-    def _repr_html_(self) -> str:
-        rows = [
-            (one.name, one.model.name, len(one.data.runs), len(one.data), one.sha256[:12])
-            for one in self.channels
-        ]
-        return html_table(self.source.name, ("channel", "base model", "runs", "samples", "SHA-256"), rows)
-
-    @property
-    def _file(self) -> str:
-        return str(self.source.path or self.source.name)
-
-    def _channel(self, data: ChannelData, model: str | None) -> StudyChannel:
-        name = model or usual_model(data, self.source.arm)
-        if (data.name, name) not in self._channels:
-            self._channels[data.name, name] = channel_of(data, name, self.source.arm)
-        return self._channels[data.name, name]
-
-    def _fit(self, one: StudyChannel, effects: list[str]) -> Fitted:
-        if not effects:
-            return engine.fit(one.data, one.model)
-        parent, effect = self.fit(one, effects[:-1]), self._effect(effects[-1])
-        if why := unapplicable(effect, parent.data):
-            raise InputError(why)
-        return engine.fit(one.data, parent.model.with_effect(effect.suited_to(parent.data)), parent)
-
-    def _effect(self, name: str) -> Effect:
-        if name not in self._library:
-            raise InputError(EFFECTS.unknown(name))
-        return self._library[name]
 
     def _check_own(self, revision: Revision) -> None:
         """A revision names the user's effects, but their code is run only when the user says so now."""
@@ -463,18 +316,11 @@ class Study:
             raise InputError(f"{names} can be in {there}: choose one with --channel")
         return (contacts or fitting)[0]
 
-    def _loaded(self, one: StudyChannel) -> ChannelData:
-        """The channel with the signals that a fit derives, such as the load of a joint."""
-        try:
-            return self.fit(one).data
-        except InputError:  # it cannot be judged, which the user is told where it is chosen
-            return one.data
-
     def _keep(
         self, one: StudyChannel, effects: Sequence[str], parent: Revision | None
     ) -> tuple[Revision, ...]:
         """Keep each stage after the parent, or after the base model that is kept already."""
-        bases = (r for r in self.revisions if _about_revision(r) == _about(one) and not r.effects)
+        bases = (r for r in self.revisions if _about_revision(r) == about(one) and not r.effects)
         before = parent or next(bases, None)
         self.fit(one, effects)  # nothing is kept of what cannot be added
         kept: list[Revision] = []
@@ -513,13 +359,5 @@ class Study:
         )
 
 
-def _about(channel: StudyChannel) -> tuple[str, str, str]:
-    return channel.name, channel.model.name, channel.sha256
-
-
-def _about_revision(revision: Revision) -> tuple[str, str, str]:
+def _about_revision(revision: Revision) -> About:
     return revision.channel, revision.model, revision.data_sha256
-
-
-def _key(channel: StudyChannel, effects: Sequence[str]) -> _Key:
-    return *_about(channel), tuple(effects)

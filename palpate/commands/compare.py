@@ -121,7 +121,7 @@ def _of_revisions(study: Study, kept: Sequence[Revision]) -> tuple[list[ChannelR
 
 def _of_other_data(study: Study, kept: Sequence[Revision]) -> Iterator[str]:
     for one in kept:
-        if not study.is_of_this_data(one):
+        if study.channel_of(one).sha256 != one.data_sha256:
             error = f"{one.rmse:.3g} {one.effort_unit}"
             yield f"revision {one.number} was kept with an error of {error}: of other rows, or read otherwise"
 

@@ -64,7 +64,8 @@ def test_what_a_diagnosis_ranks_is_what_add_does(pressed):
 def test_a_channel_has_one_noise_floor(pressed):
     study, diagnosis = pressed
     change = study.add("bias", fresh=True)
-    floors = {study.compare()["contact"].noise_floor, diagnosis.channels[0].noise_floor}
+    found = diagnosis.channels[0]
+    floors = {study.compare()["contact"].noise_floor, found.noise_floor, found.floor.value}
     floors |= {change.result.noise_floor, change.result.grown.noise_floor, study.noise_floor("contact")}
     floors |= {revision.noise_floor for revision in study.revisions}
     assert len(floors) == 1
