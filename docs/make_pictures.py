@@ -60,7 +60,6 @@ def draw_hidden(folder: Path) -> None:
     hidden = effect.at_strength(STRENGTH, CONTACT, noise_scale(world), rng)
     probe_hidden(session, world.with_hidden([hidden]), seed=1)
     demo = solve(session, lambda what, share: None)
-    shutil.copyfile(demo.files["waterfall"], PICTURES / "waterfall.png")
     take_picture(demo.files["recording"], PICTURES / "revisions.png", 0.0, SCREEN, revision=1)
     browser = shutil.which("chromium")
     if browser is not None:

@@ -18,7 +18,7 @@ from palpate.files import existing_file, write_text
 from palpate.study_view import view_of
 from palpate.truth import scenario_of, true_parameters
 from palpate.user_effects import load_user_effects
-from palpate.user_effects.rehearsal import rehearse
+from palpate.user_effects.guard import rehearse, watched
 from robot_io.errors import InputError
 from robot_io.files.text_file import read_text
 from sim_backend.scenario import Scenario
@@ -92,7 +92,7 @@ class Study(StudyBase):
         keep: bool = True,
     ) -> None:
         own = load_user_effects([one for one in effects if isinstance(one, str)])
-        own |= {_place(one): one for one in effects if isinstance(one, Effect)}
+        own |= {_place(one): watched(one) for one in effects if isinstance(one, Effect)}
         place = None if folder is None else Path(folder)
         if isinstance(data, str | Path):
             data = existing_file(Path(data), "session or data file")

@@ -74,16 +74,6 @@ class Comparison:
         return self.fitted.parameters
 
     @property
-    def predicted(self) -> FloatArray:
-        """Effort that the model expects, shape (n,)."""
-        return self.fitted.predicted
-
-    @property
-    def residual(self) -> FloatArray:
-        """Effort less prediction in held-out runs, shape (n,); NaN where not judged."""
-        return self.fitted.residual
-
-    @property
     def judged(self) -> BoolArray:
         """Samples that count in the error, shape (n,)."""
         return self.fitted.judged

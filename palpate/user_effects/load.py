@@ -12,7 +12,7 @@ from estimation.effect import Effect
 from estimation.effects import EFFECTS
 from palpate.files import existing_file
 from palpate.foreign_code import foreign_code
-from palpate.user_effects.guard import guarded
+from palpate.user_effects.guard import watched
 from palpate.user_effects.statement import flaw
 from robot_io.errors import InputError
 
@@ -84,5 +84,4 @@ def _checked(text: str, found: type[Effect]) -> Effect:
     if wrong:
         raise InputError(f"--effect {text}: {wrong}")
     with foreign_code(f"--effect {text}: cannot be made"):
-        found()
-        return guarded(found)()
+        return watched(found())

@@ -24,13 +24,13 @@ def test_comparison_of_a_complete_model_is_noise():
     found = compare(session(4), MODEL)
     assert found.lack_of_fit == pytest.approx(1.0, abs=0.05)
     assert "noise" in found.words[0]
-    assert np.nanstd(found.residual) == pytest.approx(0.05, rel=0.1)
+    assert np.nanstd(found.fitted.residual) == pytest.approx(0.05, rel=0.1)
 
 
 def test_what_is_not_judged_is_said_and_counts_nowhere():
     found = compare(session(4, cubic), MODEL)
     left_out = np.count_nonzero(~found.judged)
-    assert np.array_equal(found.judged, np.isfinite(found.residual))
+    assert np.array_equal(found.judged, np.isfinite(found.fitted.residual))
     assert 0 < left_out < 0.1 * len(found.judged)
     assert found.not_judged.startswith(f"{left_out:,} of {len(found.judged):,} samples (")
     assert sum(part.samples for part in found.parts["run"]) == np.count_nonzero(found.judged)
