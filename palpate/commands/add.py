@@ -1,6 +1,7 @@
 """`palpate add`: add effects to the model, and watch the error fall."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -59,7 +60,7 @@ def command(
         kept = [revision.model_dump(mode="json") for revision in change.revisions]
         console.print_json({"file": str(data.file), "channel": name, "revisions": kept})
         return
-    print_stages(console.stdout(), result_view(change.result))
+    print_stages(console.stdout(), result_view(replace(change.result, diagnosis=None)))
     print_files(console.stdout(), written)
     console.next_steps(*_next(data, change, out, written))
 
