@@ -21,11 +21,10 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import diagnose
 from estimation.diagnosis.candidates import library
 from estimation.models import MODELS
-from palpate.findings.estimation_run import load_material
-from palpate.findings.story import diagnose_subjects
-from palpate.findings.subject import ALL_CHANNELS, channels_to_diagnose, subjects_of
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
+from estimation.study import Study
+from estimation.study.channels import ALL_CHANNELS
 from sim_backend.imperfection import IMPERFECTIONS, Imperfection
 from sim_backend.scenario import Scenario
 
@@ -71,10 +70,9 @@ def probed(path: Path, hidden: list[Imperfection], repeats: int) -> Path:
 
 def diagnosed(path: Path, channel: str) -> str:
     """Read a session, diagnose it over the whole library, and say in short what came out."""
-    material = load_material(path)
-    subjects = channels_to_diagnose(subjects_of(material, None, material.arm), channel)
-    found = diagnose_subjects(subjects, library(), lambda what, share: None, str(path)).channels
-    span_s = max(float(np.ptp(subject.channel.time_s)) for subject in subjects)
+    study = Study(path)
+    found = study.diagnose(channel).channels
+    span_s = max(float(np.ptp(one.data.time_s)) for one in study.channels)
     told = (
         f"{entry.channel} {' + '.join(a.effect for a in entry.accepted) or entry.verdict}" for entry in found
     )

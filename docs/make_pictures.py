@@ -14,9 +14,9 @@ import numpy as np
 
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
+from estimation.study.estimates import BEST, estimate_with
 from palpate.demo.hidden import STRENGTH, probe_hidden, solve
 from palpate.demo.probe import Demo, probe_demo, show_demo
-from palpate.findings.estimation_run import BEST, estimate_with
 from palpate.views.plots import save_plots
 from palpate.views.viewer import take_picture
 from sim_backend.hidden import noise_scale
@@ -60,7 +60,6 @@ def draw_hidden(folder: Path) -> None:
     hidden = effect.at_strength(STRENGTH, CONTACT, noise_scale(world), rng)
     probe_hidden(session, world.with_hidden([hidden]), seed=1)
     demo = solve(session, lambda what, share: None)
-    shutil.copyfile(demo.files["waterfall"], PICTURES / "waterfall.png")
     take_picture(demo.files["recording"], PICTURES / "revisions.png", 0.0, SCREEN, revision=1)
     browser = shutil.which("chromium")
     if browser is not None:

@@ -8,8 +8,7 @@ import numpy as np
 
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis import ChannelDiagnosis, diagnose
-from palpate.findings.estimation_run import load_material
-from palpate.findings.subject import subjects_of
+from estimation.study import Study
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
 from sim_backend.hidden import draw_hidden, noise_scale
@@ -96,9 +95,8 @@ def probe(effect: str, seed: int, folder: Path) -> Probed:
     scenario = world.with_hidden(list(hidden))
     job = ProbingJob(find_robot(DEFAULT), path, ProbingPlan(), scenario=scenario, seed=seed, online=None)
     run_probing(job)
-    material = load_material(path)
-    subjects = subjects_of(material, None, material.arm)
+    channels = Study(path).channels
     rng = np.random.default_rng(seed)
-    found = diagnose([s.channel for s in subjects], [s.model for s in subjects], rng=rng).channels
+    found = diagnose([one.data for one in channels], [one.model for one in channels], rng=rng).channels
     told = "; ".join(f"{entry.name} {entry.model_dump(exclude={'effect'})}" for entry in hidden)
     return Probed(told, seed, found)

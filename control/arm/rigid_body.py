@@ -24,6 +24,7 @@ from robot_io.files.text_file import read_text
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, frozen_array
 
+PARAMETERS_PER_LINK = 10
 LEVEL = (0.0, 0.0, -9.81)
 _WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 

@@ -4,17 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from control.probing.plan import ProbingPlan
-from estimation.estimators import ESTIMATORS
-from palpate.files import output_folder
-from palpate.findings.estimation_run import (
-    DEFAULT_MODEL,
-    ChannelEstimates,
-    Material,
-    estimate_with,
-    load_material,
-)
+from estimation.study import ChannelEstimates
+from estimation.study.channels import CONTACT_MODEL
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
+from palpate.files import output_folder
+from palpate.study import Study
 from palpate.views.inspection import RECORDING, look_into
 from robot_io.session import Session
 from sim_backend.scenario import Scenario
@@ -28,14 +23,14 @@ class Demo:
 
     Attributes:
         session: the session file.
-        material: the session with channels and truth.
+        study: the session with channels and truth.
         found: estimates of the probed place, by every estimator.
         recording: for Rerun.
         plots: PNG files.
     """
 
     session: Path
-    material: Material
+    study: Study
     found: ChannelEstimates
     recording: Path
     plots: tuple[Path, ...]
@@ -76,10 +71,10 @@ def show_demo(session: Path) -> Demo:
     Raises:
         InputError: something cannot be written.
     """
-    material = load_material(session, tared=True)
-    found = estimate_with(material.described_by(DEFAULT_MODEL)[0], DEFAULT_MODEL, list(ESTIMATORS))
+    study = Study(session, CONTACT_MODEL)
+    found = study.estimate()[0]
     opened = Session.open(session)
     folder = output_folder(opened.derived_dir)
     inspection = look_into(opened, found)
     inspection.record(folder / RECORDING)
-    return Demo(session, material, found, folder / RECORDING, tuple(inspection.plot(folder)))
+    return Demo(session, study, found, folder / RECORDING, tuple(inspection.plot(folder)))

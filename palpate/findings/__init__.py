@@ -1,1 +1,1 @@
-"""What is worked out from a session: estimates, comparison, diagnosis, stages of a model."""
+"""Names under which palpate.text and palpate.views still look for things; goes with them."""

@@ -13,11 +13,12 @@ from calibration.force.fit import fit_force
 from calibration.force.weighing import read_weighing
 from control.probing.plan import ProbingPlan
 from palpate.files import write_text
-from palpate.findings.estimation_run import arm_of, estimate_with, load_material
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits
 from palpate.runs.calibration_file import open_recorded
 from palpate.runs.probing import ProbingJob, run_probing
+from estimation.study.estimates import estimate_with
+from estimation.study.source import arm_of, open_source
 from robot_io.calibration import load_calibrations, parse_calibration
 from robot_io.errors import InputError, PalpateError
 from robot_io.robot_file import load_robot_file, parse_robot_file
@@ -170,7 +171,7 @@ def probed(folder, robot, hidden, name):
     scenario = load_scenario({"seed": 5, "hidden": hidden})
     plan = ProbingPlan(speeds_m_s=[0.1], hold_s=0.3)
     run_probing(ProbingJob(robot, folder / name, plan, scenario=scenario, online=None)).raise_for_failure()
-    found = estimate_with(load_material(folder / name, tared=True).channels[0], "kelvin_voigt", ["lsq"])
+    found = estimate_with(open_source(folder / name).tared()[0], "kelvin_voigt", ["lsq"])
     return next(
         parameter.value for parameter in found.estimates[0].parameters if parameter.name == "stiffness.k"
     )

@@ -152,7 +152,7 @@ def test_the_demo_finds_what_it_hid_and_tells_a_person(tmp_path):
     folder = tmp_path / "d-hidden"
     found = json.loads((folder / "diagnosis.json").read_text())["channels"][0]
     assert found["final"]["rmse"] < 1.05 * found["noise_floor"]
-    for file in ("report.html", "waterfall.png", "revisions.rrd", "revisions/0001.json"):
+    for file in ("report.html", "revisions.rrd", "revisions/0001.json"):
         assert (folder / file).is_file()
 
 

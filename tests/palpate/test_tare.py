@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from control.probing.plan import ProbingPlan
-from palpate.findings.estimation_run import load_material
+from estimation.study.source import open_source
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from sim_backend.imperfection import IMPERFECTIONS
@@ -43,6 +43,6 @@ def test_the_table_says_so(session):
 
 
 def test_who_looks_for_a_bias_gets_the_force_as_it_was_measured(session):
-    channel = load_material(session).channels[0]
+    channel = open_source(session).channels[0]
     assert channel.tare is None
     assert np.mean(channel.effort[:100]) == pytest.approx(BIAS_N, abs=0.01)

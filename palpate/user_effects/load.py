@@ -1,20 +1,45 @@
-"""Loads an effect from a file of the user's own."""
+"""Loads effects from files of the user's own."""
 
 import importlib.util
 import inspect
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from estimation.effect import Effect
+from estimation.effects import EFFECTS
 from palpate.files import existing_file
-from palpate.findings.guarded_effect import guarded
-from palpate.findings.stated_effect import flaw
 from palpate.foreign_code import foreign_code
+from palpate.user_effects.guard import watched
+from palpate.user_effects.statement import flaw
 from robot_io.errors import InputError
 
 FORM = "FILE.py:Class"
+
+
+def load_user_effects(texts: Sequence[str]) -> dict[str, Effect]:
+    """The effects that the user names, by how they were named.
+
+    Args:
+        texts: each of the form FILE.py:Class.
+
+    Raises:
+        InputError: a file or class is not there, cannot be run, states no effect, or one whose name is taken.
+    """
+    loaded: dict[str, Effect] = {}
+    for text in dict.fromkeys(texts):
+        effect = load_user_effect(text)
+        taken = "palpate" if effect.name in EFFECTS else ""
+        taken = next((place for place, other in loaded.items() if other.name == effect.name), taken)
+        if taken:
+            raise InputError(
+                f"--effect {text}: the name '{effect.name}' is taken by an effect of {taken}; "
+                "give the class another name"
+            )
+        loaded[text] = effect
+    return loaded
 
 
 def load_user_effect(text: str) -> Effect:
@@ -59,5 +84,4 @@ def _checked(text: str, found: type[Effect]) -> Effect:
     if wrong:
         raise InputError(f"--effect {text}: {wrong}")
     with foreign_code(f"--effect {text}: cannot be made"):
-        found()
-        return guarded(found)()
+        return watched(found())

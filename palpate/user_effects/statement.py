@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from estimation.channel import ChannelKind
-from estimation.effect import Effect, Parameter
+from estimation.effect import AdditiveEffect, Effect, MotionEffect, Parameter, SensorEffect
 
 STATED = ("name", "physics", "equation", "source", "signature", "channels")
 _TEXTS = STATED[1:-1]
@@ -33,12 +33,21 @@ def _flaws(found: Any) -> Iterator[str]:  # noqa: ANN401, it may state anything
         if not (isinstance(made := getattr(found, what), tuple | list) and _all(made, kind)):
             yield f"its {what} are {made!r}, wanted is a tuple of {kind.__name__}"
             return
-    for name in (parameter.name for parameter in (*found.gains, *found.inner)):
-        if not (isinstance(name, str) and name.isidentifier()):
-            yield f"a parameter's name is {name!r}, wanted are letters, digits and _"
+    if not issubclass(found, AdditiveEffect | MotionEffect | SensorEffect):
+        yield "derive it from AdditiveEffect, MotionEffect or SensorEffect"
+    for one in (*found.gains, *found.inner):
+        yield from _flaws_of_parameter(one)
     rivals = found.confused_with
     if not (isinstance(rivals, Mapping) and all(isinstance(n, str) and n.isidentifier() for n in rivals)):
         yield f"its confused_with is {rivals!r}, wanted is a dict of experiments by effect"
+
+
+def _flaws_of_parameter(one: Parameter) -> Iterator[str]:
+    if not (one.lower < one.upper and one.typical[0] <= one.typical[1]):
+        bounds = f"bounds {one.lower:g} and {one.upper:g} and typical range {one.typical}"
+        yield f"{bounds} of parameter '{one.name}' are not in ascending order"
+    if not (isinstance(one.name, str) and one.name.isidentifier()):
+        yield f"a parameter's name is {one.name!r}, wanted are letters, digits and _"
 
 
 def _all(made: Any, kind: type) -> bool:  # noqa: ANN401

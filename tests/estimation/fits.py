@@ -1,0 +1,20 @@
+"""Models fitted to a channel as a study fits them, where a test has made the model itself."""
+
+from estimation.diagnosis.search.library import library
+from estimation.study import comparison, engine
+
+
+def fits(data, model, names=(), effects=None):
+    """The base model, and one fit more for each effect that is added."""
+    known = {effect.name: effect for effect in (library() if effects is None else effects)}
+    found = [engine.fit(data, model)]
+    for name in names:
+        effect = known[name].suited_to(found[-1].data)
+        found.append(engine.fit(data, found[-1].model.with_effect(effect), found[-1]))
+    return found
+
+
+def compare(data, model):
+    """The model beside the measurement."""
+    fitted = engine.fit(data, model)
+    return comparison.compare(fitted, model.name, fitted.noise_floor)
