@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from matplotlib.figure import Figure
+from plotly.graph_objects import Figure
 
 from calibration.force.fit import ForceFit
 from palpate import console
@@ -17,13 +17,11 @@ from palpate.arm.permission import Permission, ask_for_pose, ask_for_power, with
 from palpate.arm.robots import find_robot
 from palpate.calibrating import run as calibrating
 from palpate.calibrating.bench import Bench, CalibrationJob, Stamp, open_recorded
+from palpate.calibrating.next_steps import NamedRobot, say_how_to_use_it
 from palpate.calibrating.options import numbers
-from palpate.files import different_files, output_file, whole_file
-from palpate.text.calibration import print_calibration
-from palpate.text.calibration_progress import motion_progress
-from palpate.text.calibration_use import NamedRobot, say_how_to_use_it
-from palpate.views import style
-from palpate.views.plots.calibration import arm_figure
+from palpate.files import different_files, output_file
+from palpate.render.calibration import arm_figure, print_calibration, write_figure
+from palpate.render.progress import motion_progress
 from palpate.words import AT_REST, shown
 from robot_io.calibration import Calibration
 from robot_io.errors import InputError, PalpateError
@@ -130,7 +128,7 @@ def output_for(out: Path | None, robot_file: RobotFile, kind: str, session: Path
         InputError: something is there, or nothing can be written there.
     """
     path = output_file(out or CALIBRATIONS / f"{stamped_name(robot_file, kind)}.yaml")
-    plot = output_file(path.with_suffix(".png"))
+    plot = output_file(path.with_suffix(".html"))
     different_files(path, plot, session)
     return Output(path, plot)
 
@@ -228,15 +226,14 @@ def finish(  # noqa: PLR0917, what was found and where it goes
     remarks: list[str] | None = None,
 ) -> None:
     """Write file and plot, say what was found, and what to do with it."""
-    with whole_file(output.plot) as unfinished, style.house_style():
-        draw().savefig(unfinished)
+    write_figure(draw(), output.plot)
     calibrating.write_calibration(calibration, output.calibration)
     if as_json:
         written = {"file": str(output.calibration), "plot": str(output.plot), "raw": str(raw)}
         console.print_json(written | calibration.model_dump(mode="json"))
         return
-    print_calibration(calibration, remarks or [])
     out = console.stdout()
+    print_calibration(out, calibration, remarks or [])
     files = f"[bold]{shown(output.calibration)}[/bold], residuals: [bold]{shown(output.plot)}[/bold]"
     out.print(f"written: {files}", soft_wrap=True)
     out.print(f"from:    {shown(raw)}", soft_wrap=True)

@@ -1,6 +1,7 @@
 """`palpate add`: add effects to the model, and watch the error fall."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -32,10 +33,10 @@ from palpate.findings.retold import retold
 from palpate.findings.revisions import RevisionShelf
 from palpate.findings.story import Story
 from palpate.findings.subject import ALL_CHANNELS
-from palpate.report.outcome import NAMES as OUTCOME
-from palpate.report.outcome import write_outcome
+from palpate.render.stories import NAMES as OUTCOME
+from palpate.render.stories import story_view, write_outcome
+from palpate.render.terminal import print_files, print_stages
 from palpate.text.rerun_step import rerun_step
-from palpate.text.stages import fall_sentence, parameter_table, print_files, stage_table
 from palpate.words import safe
 
 
@@ -115,12 +116,9 @@ def _commands(stories: Sequence[Story], typed: Callable[..., str]) -> Iterator[s
 
 
 def _print(back: str, kept: str, beside: str, growth: Growth, written: dict[str, Path]) -> None:
-    story, out = growth.story, console.stdout()
-    unit = story.subject.channel.kind.effort_unit
-    out.print(fall_sentence(story))
-    out.print(stage_table(story.stages, unit, growth.numbers))
-    out.print(parameter_table(story.stages[-1]))
-    print_files(written)
+    out = console.stdout()
+    print_stages(out, story_view(replace(growth.story, diagnosis=None), growth.numbers))
+    print_files(out, written)
     steps = [
         rerun_step(written["recording"]),
         (f"palpate revisions {kept}", "all stages, to go back to"),

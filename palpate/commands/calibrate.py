@@ -26,6 +26,7 @@ from palpate.calibrating.common import (
     stamp_of,
     told_of_the_end,
 )
+from palpate.calibrating.next_steps import NamedRobot
 from palpate.calibrating.options import (
     DriversOption,
     FromOption,
@@ -44,9 +45,8 @@ from palpate.calibrating.options import (
     stops_of,
 )
 from palpate.files import existing_file
-from palpate.text.calibration_progress import motion_progress, weighing_progress
-from palpate.text.calibration_use import NamedRobot
-from palpate.views.plots.calibration import encoder_figure, force_figure
+from palpate.render.calibration import encoder_figure, force_figure
+from palpate.render.progress import motion_progress, weighing_progress
 from robot_io.errors import InputError
 
 YEAR = 365.0

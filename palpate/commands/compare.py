@@ -38,11 +38,11 @@ from palpate.findings.subject import (
     only_channel,
     subjects_of,
 )
-from palpate.report.outcome import NAMES as OUTCOME
-from palpate.report.outcome import write_json, write_outcome
+from palpate.render.stories import NAMES as OUTCOME
+from palpate.render.stories import as_data, comparison_view, write_json, write_outcome
+from palpate.render.terminal import print_comparison
+from palpate.render.view import StudyView
 from palpate.text.after_comparison import Ways, after_comparison
-from palpate.text.comparison import ALIKE, as_data, headline, parts_table
-from palpate.text.diagnosis import force_remark
 from palpate.words import safe, shown
 from robot_io.errors import InputError
 
@@ -174,16 +174,12 @@ def _compare(
 
 def _print(compared: Sequence[tuple[Wanted, Comparison]], failures: Mapping[str, str]) -> None:
     out = console.stdout()
-    for number, (one, comparison) in enumerate(compared):
-        out.print(("\n" if number else "") + headline(comparison))
-        if one.revision is not None and not is_same(one.revision.rmse, comparison.rmse):
-            out.print(f"  [yellow]{safe(_other_then(one.revision))}[/yellow]")
-        if told := force_remark(one.subject.force_ahead_of):
-            out.print(f"  {told}")
-        for words in comparison.words[1:] if comparison.lack_of_fit > ALIKE else ():
-            out.print(f"  {words}")
-        if comparison.lack_of_fit > ALIKE or len(compared) == 1:
-            out.print(parts_table(comparison))
+    views = []
+    for one, comparison in compared:
+        other = one.revision is not None and not is_same(one.revision.rmse, comparison.rmse)
+        notes = (_other_then(one.revision),) if one.revision is not None and other else ()
+        views.append(comparison_view(one.subject.channel, comparison, notes))
+    print_comparison(out, StudyView("", tuple(views)))
     for reason in failures.values():
         out.print(f"[yellow]{safe(reason)}[/yellow]")
 

@@ -12,14 +12,11 @@ from palpate.demo.hidden import PLAN as HIDDEN_PLAN
 from palpate.demo.hidden import HiddenDemo, can_hide, drawn_seed, hide_one, probe_hidden, solve
 from palpate.demo.probe import PLAN, Demo, probe_demo, show_demo
 from palpate.files import output_file
-from palpate.text.diagnosis import headline
-from palpate.text.diagnosis import remarks as reasons
-from palpate.text.diagnosis_progress import diagnosis_progress
-from palpate.text.estimate_report import as_data, remarks
-from palpate.text.estimate_table import estimate_table
-from palpate.text.progress import probing_progress
+from palpate.render.estimates import as_data, print_estimates
+from palpate.render.progress import diagnosis_progress, probing_progress
+from palpate.render.stories import story_view
+from palpate.render.terminal import print_files, print_stages
 from palpate.text.rerun_step import rerun_step
-from palpate.text.stages import parameter_table, print_files, stage_table
 from palpate.words import as_shell_word, shown, significant, typed
 from sim_backend.imperfection import Imperfection
 from sim_backend.scenario import Scenario, load_scenario, shipped_scenarios
@@ -42,7 +39,7 @@ def command(
 ) -> None:
     """Probe a simulated object, estimate how stiff it is; then find what is hidden in another one.
 
-    Writes two session files, and beside each a folder with recordings, plots and a report. Takes less than a
+    Writes two session files, and beside each a folder with recordings and a report. Takes less than a
     minute.
     """
     world = load_scenario(scenario)
@@ -56,7 +53,7 @@ def command(
     talk.print(f"A simulated arm probes [bold]{world.description or scenario}[/bold] at three speeds{by}.")
     with probing_progress(PLAN, live=True) as watcher:
         probe_demo(session, world, seed, watcher, command_line=again)
-    with talk.status("estimating, recording and plotting"):
+    with talk.status("estimating, recording, reporting"):
         demo = show_demo(session)
     if not as_json:
         _print(demo)
@@ -113,29 +110,18 @@ def _hidden_data(hidden: HiddenDemo) -> dict[str, Any]:
 
 def _print(demo: Demo) -> None:
     out = console.stdout()
-    out.print(estimate_table(demo.found, demo.material.truth, out.width))
-    for remark in remarks(demo.found, demo.material.truth):
-        out.print(f"  {remark}")
-    out.print(f"\nsession    [bold]{shown(demo.session)}[/bold]", soft_wrap=True)
-    out.print(f"recording  [bold]{shown(demo.recording)}[/bold]", soft_wrap=True)
-    for number, plot in enumerate(demo.plots):
-        out.print(f"{'' if number else 'plots':<10} [bold]{shown(plot)}[/bold]", soft_wrap=True)
+    print_estimates(out, demo.found, demo.material.truth)
+    out.print()
+    print_files(out, {"session": demo.session, "recording": demo.recording, "plots": demo.plots[0]})
 
 
 def _print_hidden(hidden: HiddenDemo) -> None:
     out, story = console.stdout(), hidden.story
-    if story.diagnosis is not None:
-        out.print(headline(story.diagnosis))
-        for reason in reasons(story.diagnosis):
-            out.print(f"  {reason}", markup=False)
-    if len(story.stages) > 1:
-        unit = story.subject.channel.kind.effort_unit
-        out.print(stage_table(story.stages, unit, list(range(len(story.stages)))))
-        out.print(parameter_table(story.stages[-1]))
+    print_stages(out, story_view(story, list(range(len(story.stages)))))
     answer = "; ".join(_described(entry) for entry in hidden.answer.hidden)
     mark = "[bold green]found[/bold green]" if hidden.found else "[bold yellow]not found[/bold yellow]"
     out.print(f"{mark}  the sealed answer was: {answer}\n")
-    print_files({"session": hidden.session, **hidden.files})
+    print_files(out, {"session": hidden.session, **hidden.files})
 
 
 def _described(entry: Imperfection) -> str:

@@ -39,12 +39,12 @@ from palpate.findings.other_models import better_explanation
 from palpate.findings.revisions import RevisionShelf
 from palpate.findings.story import Story, diagnosis_of, judge_subjects, tell_story
 from palpate.findings.subject import ALL_CHANNELS, Subject, channels_to_diagnose, subjects_of
-from palpate.report.outcome import NAMES as OUTCOME
-from palpate.report.outcome import write_json, write_outcome
+from palpate.render.progress import diagnosis_progress
+from palpate.render.stories import NAMES as OUTCOME
+from palpate.render.stories import diagnosis_view, write_json, write_outcome
+from palpate.render.terminal import print_diagnosis, print_files
+from palpate.render.view import StudyView
 from palpate.text.after_diagnosis import Ways, after_diagnosis
-from palpate.text.diagnosis import show
-from palpate.text.diagnosis_progress import diagnosis_progress
-from palpate.text.stages import print_files
 from palpate.words import typed as path_typed
 
 PLAN = "next-experiment.yaml"
@@ -116,7 +116,7 @@ def command(  # noqa: PLR0917, one parameter an option
     if as_json:
         console.print_json(diagnosis.model_dump(mode="json"))
     else:
-        _print(diagnosis)
+        _print(subjects, diagnosis)
     afresh = not as_json and material.session is None and met_afresh(subjects, diagnosis)
     ways = replace(ways, applied=apply, why_all=why_all, afresh=afresh)
     if folder is None:
@@ -132,7 +132,7 @@ def command(  # noqa: PLR0917, one parameter an option
     written = write_outcome(folder, material, stories, [repeated])
     if not as_json:
         console.stdout().print()
-        print_files({"result": folder / RESULT, **written})
+        print_files(console.stdout(), {"result": folder / RESULT, **written})
         ways = replace(ways, again=_again(material, plan))
         console.next_steps(*after_diagnosis(material, diagnosis, ways))
 
@@ -163,13 +163,10 @@ def why_all_channels(judged: Sequence[Judged], effects: Sequence[Effect], *, cho
     return f"the other joints may tell {entry.effect} from {' or '.join(entry.confused_with)}"
 
 
-def _print(diagnosis: Diagnosis) -> None:
-    out = console.stdout()
-    for number, found in enumerate(diagnosis.channels):
-        if number:
-            out.print()
-        for part in show(found):
-            out.print(part)
+def _print(subjects: Sequence[Subject], diagnosis: Diagnosis) -> None:
+    pairs = zip(subjects, diagnosis.channels, strict=True)
+    views = tuple(diagnosis_view(subject.channel, found) for subject, found in pairs)
+    print_diagnosis(console.stdout(), StudyView(diagnosis.file, views))
 
 
 def _other_models(judged: Sequence[Judged], arm: Arm, typed: str) -> Iterator[tuple[str, str]]:

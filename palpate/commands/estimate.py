@@ -30,8 +30,7 @@ from palpate.findings.estimation_run import (
     load_material,
 )
 from palpate.findings.subject import to_estimate
-from palpate.text.estimate_report import as_data, calibration_remark, remarks
-from palpate.text.estimate_table import estimate_table
+from palpate.render.estimates import as_data, calibration_remark, print_estimates
 from palpate.words import count, safe, shown, typed
 from robot_io.errors import InputError
 
@@ -103,10 +102,7 @@ def _print(material: Material, found: list[ChannelEstimates]) -> None:
             "  [yellow]the session is cut off: what follows is from what was written until then[/yellow]"
         )
     for each in found:
-        truth = material.truth_of(each.channel)
-        out.print(estimate_table(each, truth, out.width))
-        for remark in remarks(each, truth):
-            out.print(f"  {safe(remark)}")
+        print_estimates(out, each, material.truth_of(each.channel))
     for remark in calibration_remark(material.session):
         out.print(f"  {safe(remark)}")
     if material.session is not None:

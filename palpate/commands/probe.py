@@ -18,7 +18,7 @@ from palpate.arm.probing_run import ProbingJob, ProbingOutcome, online_estimator
 from palpate.arm.robots import DEFAULT, find_robot, shipped_robots
 from palpate.arm.wired import is_simulated, wires_in_words
 from palpate.files import existing_file, output_file
-from palpate.text.progress import probing_progress
+from palpate.render.progress import probing_progress
 from palpate.words import count, duration, safe, shown, typed
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate

@@ -20,7 +20,8 @@ from palpate.files import existing_file
 from palpate.findings.derived import kept_revisions
 from palpate.findings.estimation_run import NO_ARM, Material
 from palpate.findings.kept_revision import own_effects
-from palpate.text.stages import revision_table
+from palpate.render.build import revision_rows
+from palpate.render.terminal import print_revisions
 from robot_io.session import Session
 
 
@@ -53,8 +54,7 @@ def command(  # noqa: PLR0917, one parameter an option
             (f"palpate diagnose {retyped(file, **data)} --apply", "find what is missing, and add it")
         )
         return
-    out = console.stdout()
-    out.print(revision_table(revisions, out.width))
+    print_revisions(console.stdout(), revision_rows(revisions))
     first, newest = revisions[0], {revision.channel: revision for revision in revisions}
     added = retyped(file, out=folder, effect=own_effects([first]), **data)
     last = {"revision": [str(revision.number) for revision in newest.values()], "folder": folder}

@@ -17,7 +17,7 @@ from palpate.findings.kept_diagnosis import RESULT
 from palpate.findings.revisions import RevisionShelf
 from palpate.findings.story import Story, diagnose_subjects, tell_story
 from palpate.findings.subject import subjects_of
-from palpate.report.outcome import write_json, write_outcome
+from palpate.render.stories import write_json, write_outcome
 from palpate.words import typed as typed_path
 from robot_io.session import Session
 from sim_backend.contact_laws import KelvinVoigt

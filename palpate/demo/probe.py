@@ -15,7 +15,7 @@ from palpate.findings.estimation_run import (
     estimate_with,
     load_material,
 )
-from palpate.views.inspection import RECORDING, look_into
+from palpate.render.inspection import RECORDING, look_into
 from robot_io.session import Session
 from sim_backend.scenario import Scenario
 
@@ -31,7 +31,7 @@ class Demo:
         material: the session with channels and truth.
         found: estimates of the probed place, by every estimator.
         recording: for Rerun.
-        plots: PNG files.
+        plots: pages of figures.
     """
 
     session: Path

@@ -217,7 +217,7 @@ def equation_of(model: Model) -> str:
 def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosis | None) -> VerdictView:
     """What was diagnosed, or how the last stage compares; and what was added since."""
     if diagnosis is None and not view.stages:
-        return VerdictView("insufficient", f"{view.name}: was not judged.")
+        return VerdictView("", f"{view.name}: nothing was fitted.")
     labels, errors = [stage.label for stage in view.stages], [stage.rmse for stage in view.stages]
     unit, changes = view.axes.effort_unit, [label.removeprefix("+ ") for label in labels[1:]]
     fall = (sentences.falling(view.name, errors, changes, view.floor, unit),) if changes else ()
@@ -226,7 +226,8 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
         return replace(verdict, remarks=(*fall, *(words if verdict.word == "misses" else ())))
     verdict = sentences.diagnosed(diagnosis)
     as_found = changes == [entry.effect for entry in diagnosis.accepted]
-    return verdict if as_found else replace(verdict, remarks=(*fall, *verdict.remarks))
+    since = tuple(f"Added since: {sentence}" for sentence in fall if not as_found)
+    return replace(verdict, remarks=(*since, *verdict.remarks))
 
 
 def _fall(stages: Sequence[StageView], found: ChannelDiagnosis | None) -> tuple[tuple[str, float], ...]:

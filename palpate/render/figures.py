@@ -9,13 +9,15 @@ from plotly.subplots import make_subplots
 
 from palpate.render import palette
 from palpate.render.thinning import joined, rows_by_run, run_curves
-from palpate.render.view import ChannelView, StudyView, residual_map
+from palpate.render.view import ChannelView, StageView, StudyView, residual_map
 from robot_io.types import FloatArray
 
+PLOT_CONFIG = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}
 _RULE, _ZERO = "rgba(128,140,155,0.22)", "rgba(128,140,155,0.6)"
 _FONT = "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif"
 _SHADE_CELLS = 300  # of the time axis, each shaded or not
 _BAR_PX = 40
+_TIME = "time, runs one after the other [s]"
 Place = tuple[int, int]  # row and column of a subplot
 Curve = tuple[FloatArray, FloatArray]
 _BRIGHT = 0.98  # share of the cells of a map within its colours; the others are as bright as the brightest
@@ -41,22 +43,28 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
     )
     _draw_fall(made, channel, 1, 1)
     _draw_state(made, channel, (1, 2), channel.position, channel.axes.position, named=False)
-    _draw_time(made, channel, (2, 1), (3, 1))
-    return _styled(made, 760)
+    _draw_time(made, channel, (2, 1))
+    _draw_rest(made, channel, (3, 1))
+    return styled(made, 760)
 
 
 def fall_figure(channel: ChannelView) -> go.Figure:
     """The error in held-out runs, stage by stage down to the noise floor."""
     made = make_subplots(1, 1)
     _draw_fall(made, channel, 1, 1)
-    return _styled(made, 96 + _BAR_PX * (len(channel.fall) + 1))
+    return styled(made, 96 + _BAR_PX * (len(channel.fall) + 1))
 
 
 def time_figure(channel: ChannelView) -> go.Figure:
-    """Measured effort and models over time, and below what each leaves; not judged samples are shaded."""
+    """Measured effort and models over time, and below what each leaves; grey where it is not judged."""
+    if not channel.stages:
+        made = make_subplots(1, 1)
+        _draw_time(made, channel, (1, 1))
+        return styled(made, 340)
     made = make_subplots(2, 1, shared_xaxes=True, row_heights=[0.6, 0.4], vertical_spacing=0.06)
-    _draw_time(made, channel, (1, 1), (2, 1))
-    return _styled(made, 520)
+    _draw_time(made, channel, (1, 1))
+    _draw_rest(made, channel, (2, 1))
+    return styled(made, 520)
 
 
 def state_figure(channel: ChannelView) -> go.Figure:
@@ -65,7 +73,7 @@ def state_figure(channel: ChannelView) -> go.Figure:
     _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
     _draw_state(made, channel, (1, 2), channel.velocity, channel.axes.velocity, named=False)
     made.update_yaxes(title_text="", row=1, col=2)
-    return _styled(made, 400)
+    return styled(made, 400)
 
 
 def map_figure(channel: ChannelView) -> go.Figure:
@@ -102,7 +110,7 @@ def map_figure(channel: ChannelView) -> go.Figure:
         made.update_xaxes(title_text=axes.position, row=1, col=column)
     made.update_yaxes(title_text=axes.velocity, row=1, col=1)
     made.update_annotations(yshift=6)
-    _styled(made, 360).update_xaxes(showgrid=False, zeroline=False)
+    styled(made, 360).update_xaxes(showgrid=False, zeroline=False)
     return made.update_yaxes(showgrid=False, zeroline=False)
 
 
@@ -141,23 +149,35 @@ def _draw_fall(made: go.Figure, channel: ChannelView, row: int, col: int) -> Non
     made.update_xaxes(title_text=f"error in held-out runs [{unit}]", range=[0.0, reach], row=row, col=col)
 
 
-def _draw_time(made: go.Figure, channel: ChannelView, above: Place, below: Place) -> None:
-    unit, stages = channel.axes.effort_unit, channel.shown_stages
-    runs = list(rows_by_run(channel.run).values())
-    measured = _Look("measured", palette.MEASURED, width=2.4)
-    _draw(made, run_curves(channel.time_s, channel.effort, runs), above, unit, measured)
-    for stage in stages:
-        look = _Look(stage.name, palette.MODEL if stage is stages[-1] else palette.BASE)
-        _draw(made, run_curves(channel.time_s, stage.predicted, runs), above, unit, look)
+def _draw_time(made: go.Figure, channel: ChannelView, place: Place) -> None:
+    """Measured effort, what was wanted, and the first and the last model."""
+    unit, runs = channel.axes.effort_unit, list(rows_by_run(channel.run).values())
+    curves = [(channel.effort, _Look("measured", palette.MEASURED, width=2.4))]
+    if channel.wanted is not None:
+        curves.append((channel.wanted[1], _Look(channel.wanted[0], palette.TRUTH, "2px,2px")))
+    curves += [(stage.predicted, _look_of(channel, stage)) for stage in channel.shown_stages]
+    for values, look in curves:
+        _draw(made, run_curves(channel.time_s, values, runs), place, unit, look)
+    _shade(made, channel, place)
+    _title(made, place, "" if channel.stages else _TIME, channel.axes.effort)
+
+
+def _draw_rest(made: go.Figure, channel: ChannelView, place: Place) -> None:
+    """What the first and the last model leave, between two noise floors above and below zero."""
+    unit, runs = channel.axes.effort_unit, list(rows_by_run(channel.run).values())
+    for stage in channel.shown_stages:
+        look = replace(_look_of(channel, stage), named=False)
         left = np.where(channel.judged, stage.residual, np.nan)
-        _draw(made, run_curves(channel.time_s, left, runs), below, unit, replace(look, named=False))
-    _shade(made, channel, above)
-    _shade(made, channel, below)
+        _draw(made, run_curves(channel.time_s, left, runs), place, unit, look)
+    _shade(made, channel, place)
     for level in (-2 * channel.floor, 2 * channel.floor):
         line = {"color": palette.FLOOR, "width": 1, "dash": "dot"}
-        made.add_hline(y=level, line=line, row=below[0], col=below[1])
-    _title(made, above, "", channel.axes.effort)
-    _title(made, below, "time, runs one after the other [s]", f"measured − model [{unit}]")
+        made.add_hline(y=level, line=line, row=place[0], col=place[1])
+    _title(made, place, _TIME, f"measured − model [{unit}]")
+
+
+def _look_of(channel: ChannelView, stage: StageView) -> _Look:
+    return _Look(stage.name, palette.MODEL if stage is channel.stages[-1] else palette.BASE)
 
 
 def _draw_state(
@@ -214,7 +234,8 @@ def _title(made: go.Figure, place: Place, x: str, y: str) -> None:
     made.update_yaxes(title_text=y, row=place[0], col=place[1])
 
 
-def _styled(made: go.Figure, height: int) -> go.Figure:
+def styled(made: go.Figure, height: int) -> go.Figure:
+    """The house style: thin rules, transparent ground, one font; middle greys that read on light and dark."""
     made.update_layout(
         template="none",
         paper_bgcolor="rgba(0,0,0,0)",

@@ -19,7 +19,6 @@ from palpate.render.view import ChannelView, StudyView
 from palpate.words import chance
 
 _HERE = Path(__file__).parent
-_CONFIG = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}
 _GREEK = {"tau": "τ", "mu": "μ", "pi": "π", "alpha": "α", "beta": "β", "omega": "ω"}
 
 
@@ -56,15 +55,20 @@ def document(view: StudyView) -> str:
 
 
 def _plots(channel: ChannelView) -> dict[str, Markup]:
-    """The channel's figures as HTML, by name; only those for which there is something to draw."""
-    found = {"fall": figures.fall_figure} if channel.fall else {}
-    if channel.stages:
-        found |= {"time": figures.time_figure, "state": figures.state_figure, "map": figures.map_figure}
-    return {name: _html(draw(channel)) for name, draw in found.items()}
+    """The channel's figures as HTML, by name; empty where there is nothing to draw."""
+    curves = {
+        "fall": figures.fall_figure,
+        "map": figures.map_figure,
+        "time": figures.time_figure,
+        "state": figures.state_figure,
+    }
+    wanted = dict.fromkeys(curves, bool(channel.stages)) | {"fall": bool(channel.fall)}
+    wanted["time"] |= channel.wanted is not None
+    return {name: _html(draw(channel)) if wanted[name] else Markup() for name, draw in curves.items()}
 
 
 def _html(figure: go.Figure) -> Markup:
-    return Markup(figure.to_html(full_html=False, include_plotlyjs=False, config=_CONFIG))  # noqa: S704, ours
+    return Markup(figure.to_html(full_html=False, include_plotlyjs=False, config=figures.PLOT_CONFIG))  # noqa: S704, ours
 
 
 def bold(sentence: str, names: Iterable[str]) -> Markup:

@@ -27,8 +27,8 @@ def _sentence(found: ChannelDiagnosis) -> str:
         return f"{found.channel}: nothing is missing that this data can show. {_error(found)}"
     if not found.accepted:
         return (
-            f"{found.channel}: something is missing, and no known effect is established; what is left "
-            f"depends on {enumerated(found.depends_on) or 'no single signal'}. {_error(found)}"
+            f"{found.channel}: something is missing that no known effect explains; it depends on "
+            f"{enumerated(found.depends_on) or 'no single signal'}. {_error(found)}"
         )
     names = enumerated([_with_rivals(entry) for entry in found.accepted])
     verb = "is" if len(found.accepted) == 1 else "are"
@@ -91,9 +91,10 @@ def compared(channel: str, model: str, error: float, floor: float, unit: str) ->
     """Whether a model fits: its error in held-out runs beside that of a complete model, in the same unit."""
     times = error / floor if floor > 0.0 else float("inf")
     fits = times < NOISE
-    told = f"{channel}, {model}: {error:.3g} {unit} in held-out runs, noise floor {floor:.3g} {unit}"
+    word = "fits" if fits else "misses"
+    told = f"{model} {word} {channel}: {error:.3g} {unit} in held-out runs, noise floor {floor:.3g} {unit}"
     told += "." if fits else f", {times:.1f} times the floor."
-    return VerdictView("fits" if fits else "misses", told, (), (channel, model))
+    return VerdictView(word, told, (), (channel, model))
 
 
 def falling(channel: str, errors: Sequence[float], added: Sequence[str], floor: float, unit: str) -> str:

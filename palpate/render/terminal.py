@@ -31,7 +31,7 @@ COLORS = {
     "unexplained": "red",
     "insufficient": "magenta",
 }
-_ROOMY = 100  # columns of a terminal
+_ROOMY, _NARROW = 100, 80  # columns of a terminal
 _MOST_RANKED = 5
 _LOPSIDED = 0.1  # of half an interval, by which its middle is off the value
 
@@ -62,17 +62,14 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
 def print_comparison(console: Console, view: StudyView) -> None:
     """Each channel's error beside the noise floor, and where it is largest; tables where a model misses."""
     for channel in view.channels:
-        console.print(headline(channel.verdict))
-        remarks = [Text(safe_text(remark)) for remark in channel.verdict.remarks]
-        if remarks:
-            console.print(Padding(Group(*remarks), (0, 0, 0, 2)))
+        _print_verdict(console, channel.verdict)
         if channel.parts and (channel.verdict.word != "fits" or len(view.channels) == 1):
             console.print(parts_table(channel, console.width))
 
 
 def print_stages(console: Console, channel: ChannelView) -> None:
     """How the error falls with what was added, and the parameters of the last stage."""
-    console.print(headline(channel.verdict))
+    _print_verdict(console, channel.verdict)
     console.print(fall_table(channel, console.width))
     console.print(parameter_table(channel.parameters))
 
@@ -82,14 +79,16 @@ def print_revisions(console: Console, rows: Sequence[RevisionRow]) -> None:
     roomy = console.width >= _ROOMY
     numbers = ("revision", "from") if roomy else ("no.",)
     errors, when = ("held-out\nerror", "× floor"), ("made",) if roomy else ()
-    made = table("", *numbers, "channel", "model", *errors, *when, right=(*numbers, *errors))
+    words = ("channel", "model") if roomy else ("model",)
+    made = table("", *numbers, *words, *errors, *when, right=(*numbers, *errors))
     for row in rows:
         before = "" if row.parent is None else str(row.parent)
         number = [str(row.number), before] if roomy else [f"{before} → {row.number}".removeprefix(" → ")]
         model = safe((" + " if roomy else "\n+ ").join(row.terms))
         last = [f"[dim]{safe(row.made)}[/dim]"] if roomy else []
         times = f"[{grade(row.times)}]{row.times:.2f}[/]"
-        made.add_row(*number, safe(row.channel), model, safe(row.error), times, *last)
+        words = (safe(row.channel), model) if roomy else (f"[bold]{safe(row.channel)}[/bold]\n{model}",)
+        made.add_row(*number, *words, safe(row.error), times, *last)
     console.print(made)
 
 
@@ -99,10 +98,20 @@ def print_files(console: Console, written: Mapping[str, Path]) -> None:
         console.print(f"{what:<10} [bold]{shown(path)}[/bold]", soft_wrap=True)
 
 
+def _print_verdict(console: Console, verdict: VerdictView) -> None:
+    console.print(headline(verdict))
+    for remark in verdict.remarks:
+        console.print(Padding(Text(safe_text(remark)), (0, 0, 0, 2)))
+
+
 def headline(verdict: VerdictView) -> Text:
     """The verdict as a coloured word, and its sentence with the effects in bold."""
-    word = Text(f"{verdict.word.upper()}  ", style=f"bold {COLORS.get(verdict.word, '')}")
-    return word + emphasised(verdict.sentence, (*verdict.names, verdict.sentence.partition(":")[0]))
+    color = f"bold {COLORS.get(verdict.word, '')}"
+    text = emphasised(verdict.sentence, (*verdict.names, verdict.sentence.partition(":")[0]))
+    if verdict.tag:
+        return Text(f"{verdict.tag}  ", style=color) + text
+    text.highlight_words([f" {verdict.word} "], color)
+    return text
 
 
 def emphasised(sentence: str, names: Iterable[str]) -> Text:
@@ -125,21 +134,27 @@ def grade(times: float) -> str:
 
 def fall_table(channel: ChannelView, width: int) -> Table:
     """The error in held-out runs, one row a stage, down to the noise floor."""
-    error, numbers = f"held-out\nerror [{channel.axes.effort_unit}]", [s.number for s in channel.stages]
-    evidence = {f"+ {entry.effect}": entry for entry in channel.accepted}
-    extra = ("p",) if evidence else ()
-    made = table("", "", "model", safe(error), "× floor", "", *extra, right=(safe(error), "× floor", "p"))
+    error = safe(f"held-out\nerror [{channel.axes.effort_unit}]")
+    kept = ["" if stage.number is None else str(stage.number) for stage in channel.stages]
+    number = ("revision",) if any(kept) else ()
+    evidence = {f"+ {entry.effect}": chance(entry.p_value) for entry in channel.accepted}
+    last = ("p",) if evidence else ()
+    right = ("revision", error, "× floor", "p")
+    made = table("", *number, "model", error, "× floor", "", *last, right=right)
     worst = max(value for _, value in channel.fall)
     for row, (label, value) in enumerate(channel.fall):
-        times, entry = channel.times_floor(value), evidence.get(label)
-        number = numbers[row] if row < len(numbers) else None
-        more = (chance(entry.p_value) if entry else "",) if evidence else ()
-        bar = _bar(value / worst, grade(times), width)
-        name = safe(label) if not row else f"+ [bold]{safe(label[2:])}[/bold]"
-        cells = "" if number is None else str(number), name, f"{value:.4g}", f"{times:.2f}", bar
-        made.add_row(*cells, *more)
-    floor = f"[dim]{channel.floor:.4g}[/dim]"
-    made.add_row("", "[dim]noise floor[/dim]", floor, "", _bar(channel.floor / worst, "bright_black", width))
+        times = channel.times_floor(value)
+        name = f"{safe(label[:2])}[bold]{safe(label[2:])}[/bold]" if row else safe(label)
+        made.add_row(
+            *kept[row : row + len(number)],
+            name,
+            f"{value:.4g}",
+            f"{times:.2f}",
+            _bar(value / worst, grade(times), width),
+            *[evidence.get(label, "")] * len(last),
+        )
+    floor, bar = f"[dim]{channel.floor:.4g}[/dim]", _bar(channel.floor / worst, "bright_black", width)
+    made.add_row(*[""] * len(number), "[dim]noise floor[/dim]", floor, "", bar)
     return made
 
 
@@ -202,4 +217,10 @@ def _ranking(channel: ChannelView, width: int) -> Table:
 
 
 def _bar(share: float, color: str, width: int) -> Bar:
-    return Bar(1.0, 0.0, min(max(share, 0.0), 1.0), width=18 if width >= _ROOMY else 8, color=color)
+    return Bar(
+        1.0,
+        0.0,
+        min(max(share, 0.0), 1.0),
+        width=18 if width >= _ROOMY else 8 if width >= _NARROW else 3,
+        color=color,
+    )

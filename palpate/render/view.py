@@ -133,6 +133,11 @@ class VerdictView:
     remarks: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
 
+    @property
+    def tag(self) -> str:
+        """The word that is set before the sentence; empty where the sentence says it."""
+        return "" if self.word in {"fits", "misses"} else self.word.upper()
+
 
 @dataclass(frozen=True)
 class NextView:
@@ -167,6 +172,7 @@ class ChannelView:
         accepted: established effects.
         ranking: candidates beside the base model, best first.
         next_experiment: what to record next; None for nothing.
+        wanted: what was commanded or aimed at, with its name, shape (n,); None where nothing is known.
     """
 
     name: str
@@ -188,6 +194,7 @@ class ChannelView:
     accepted: tuple[AcceptedView, ...] = ()
     ranking: tuple[RankedView, ...] = ()
     next_experiment: NextView | None = None
+    wanted: tuple[str, FloatArray] | None = None
 
     def times_floor(self, error: float) -> float:
         """An error over the noise floor."""

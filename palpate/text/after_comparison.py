@@ -8,7 +8,7 @@ from palpate.findings.compared import Wanted
 from palpate.findings.estimation_run import Arm
 from palpate.findings.other_models import better_model
 from palpate.findings.subject import ALL_CHANNELS, Subject, channels_to_diagnose
-from palpate.text.comparison import ALIKE
+from palpate.render.view import NOISE
 
 FAR = 3.0  # times the noise floor
 Compared = Sequence[tuple[Wanted, Comparison]]
@@ -63,7 +63,7 @@ def _other_models(compared: Compared, arm: Arm, typed: str) -> Iterator[tuple[st
 def _where(subjects: tuple[Subject, ...], compared: Compared, channel: str | None) -> str:
     """The option without which `diagnose` would not judge a channel that the model misses."""
     judged = {subject.channel.name for subject in channels_to_diagnose(subjects, None)}
-    missed = [found.channel for _, found in compared if found.lack_of_fit >= ALIKE]
+    missed = [found.channel for _, found in compared if found.lack_of_fit >= NOISE]
     if channel is not None or judged.issuperset(missed):
         return ""
     return f" --channel {missed[0] if len(missed) == 1 else ALL_CHANNELS}"

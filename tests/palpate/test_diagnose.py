@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from rich.console import Console
 
 from control.probing.plan import ProbingPlan, load_probing_plan
 from estimation.channel import ChannelKind
@@ -14,12 +13,10 @@ from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.judgement.gate import refuse
 from estimation.diagnosis.judgement.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.result import (
-    Accepted,
     ChannelDiagnosis,
     Diagnosis,
     Fitted,
     NextExperiment,
-    ParameterValue,
     Suspect,
     Verdict,
 )
@@ -31,7 +28,6 @@ from palpate.commands import diagnose as diagnose_command
 from palpate.findings.effect_library import library_with
 from palpate.findings.next_plan import plan_of, write_plan
 from palpate.findings.subject import Subject
-from palpate.text.diagnosis import sentence, show
 from robot_io.session import Session
 from tests.estimation.contact_data import base_model
 from tests.estimation.diagnosis.presses import channel, kelvin_voigt, maxwell, motion, session
@@ -96,7 +92,7 @@ def test_applying_keeps_each_step_and_draws_the_fall(applied):
         (1, 0, "cubic_stiffness"),
     ]
     assert kept[1]["rmse"] < kept[0]["rmse"] / 5
-    for file in ("report.html", "waterfall.png", "revisions.rrd"):
+    for file in ("report.html", "revisions.rrd"):
         assert (folder / file).stat().st_size > 1000
 
 
@@ -108,20 +104,6 @@ def test_json_alone_is_on_stdout_and_writes_nothing(tmp_path, monkeypatch):
     (channel,) = json.loads(result.stdout)["channels"]
     assert channel["verdict"] == "adequate"
     assert [path.name for path in tmp_path.iterdir()] == ["plain.csv"]
-
-
-@pytest.mark.parametrize(
-    "parameters", [{}, {"bias.offset": ParameterValue(value=0.4, std_err=None, unit="N")}]
-)
-def test_parameters_are_shown_where_there_are_any_with_a_word_on_what_is_not_determined(parameters):
-    fitted = Fitted(rmse=0.1, parameters=parameters)
-    verdict = {"verdict": Verdict.ADEQUATE, "reason": "", "effort_unit": "N", "noise_floor": 0.1}
-    found = ChannelDiagnosis(channel="joint_1", **verdict, baseline=fitted, final=fitted)
-    out = Console(width=100, record=True)
-    for part in show(found):
-        out.print(part)
-    told = out.export_text()
-    assert ("parameter" in told) == ("not determined" in told) == bool(parameters)
 
 
 def test_data_that_cannot_say_gets_the_reason(tmp_path):
@@ -158,9 +140,7 @@ def test_what_is_suspected_can_be_added_by_the_next_command(tmp_path):
     assert result.stdout.startswith("UNEXPLAINED  contact")
     (line,) = [line for line in result.stderr.splitlines() if "palpate add" in line]
     assert "wavy.csv cubic_stiffness" in line
-    told = " ".join(result.stdout.split())
-    assert "Why: the error would fall from" in told
-    assert "Suspected, one on top of the other: cubic_stiffness (to " in told
+    assert "Why: the error would fall from" in " ".join(result.stdout.split())
 
 
 def test_a_next_command_for_each_joint_says_which_it_is_for(tmp_path):
@@ -418,43 +398,6 @@ def test_what_an_arm_cannot_do_by_itself_is_no_plan():
     assert plan_of(words, None) is None
 
 
-def test_a_verdict_of_something_unknown_says_what_it_depends_on_and_what_was_found():
-    rest = {"channel": "contact", "reason": "r", "effort_unit": "N", "noise_floor": 0.1}
-    model = {"rmse": 0.5, "parameters": {}}
-    found = ChannelDiagnosis(
-        verdict="unexplained", baseline=model, final=model, depends_on=["a", "b"], **rest
-    )
-    assert "something is missing that no known effect explains; it depends on a and b" in sentence(found)
-    step = {"effect": "bias", "parameters": {}, "rmse_before": 0.5, "rmse_after": 0.3, "p_value": 0.005}
-    about = {"confused_with": [], "physics": "p", "equation": "e", "signature": "s"}
-    more = found.model_copy(update={"accepted": [Accepted(**step, **about)]})
-    assert "[bold]bias[/bold] and something more is missing" in sentence(more)
-    unsure = found.model_copy(
-        update={"accepted": [Accepted(**step, **{**about, "confused_with": ["drift", "lag"]})]}
-    )
-    assert "[bold]bias[/bold] (or drift or lag) and something more is missing" in sentence(unsure)
-
-
-def test_an_error_hardly_above_the_floor_is_not_called_something_more():
-    """Blocks show a shape that single samples hardly do: numbers and words must not contradict."""
-    found = ChannelDiagnosis(
-        channel="contact",
-        verdict="unexplained",
-        reason="r",
-        effort_unit="N",
-        noise_floor=0.1,
-        baseline={"rmse": 0.5, "parameters": {}},
-        final={"rmse": 0.102, "parameters": {}},
-    )
-    step = {"effect": "bias", "parameters": {}, "rmse_before": 0.5, "rmse_after": 0.102, "p_value": 0.005}
-    about = {"confused_with": [], "physics": "p", "equation": "e", "signature": "s"}
-    named = sentence(found.model_copy(update={"accepted": [Accepted(**step, **about)]}))
-    assert "[bold]bias[/bold] explains nearly all. " in named
-    assert "falls from 0.5 to 0.102 N, 1.02 times the noise floor. A small rest has a shape" in named
-    assert "something more" not in named
-    assert "the model explains nearly all. The error in held-out runs is 0.102 N, 1.02" in sentence(found)
-
-
 def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):
     """Another specimen, with a scale of its own: the reason is the runs, and no user would guess it.
 
@@ -483,9 +426,6 @@ def test_a_probing_session_is_judged_at_its_contact_unless_joints_are_asked_for(
     assert contact["channel"] == "contact"
     assert contact["verdict"] == "adequate"
     assert contact["not_judged"] == ["joint_1", "joint_2", "joint_3"]
-    told = sentence(ChannelDiagnosis(**contact))
-    assert "that this data can show in the contact; the joints were not judged. The error" in told
-    assert "joints" not in sentence(ChannelDiagnosis(**contact | {"not_judged": []}))
     assert_refused(
         run("diagnose", path, "--channel", "joint_9"), "joint_9", "contact, joint_1, joint_2, joint_3"
     )

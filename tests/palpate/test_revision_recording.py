@@ -8,9 +8,10 @@ from palpate.findings.effect_library import library_with
 from palpate.findings.estimation_run import load_material
 from palpate.findings.story import tell_story
 from palpate.findings.subject import subjects_of
-from palpate.views.recording.chart import HEIGHT, WIDTH, Chart
-from palpate.views.recording.revisions import write_revisions
-from palpate.views.residual_grid import residual_grid
+from palpate.render.recording.chart import HEIGHT, WIDTH, Chart, ticks
+from palpate.render.recording.revisions import record_rerun
+from palpate.render.stories import story_view
+from palpate.render.view import StudyView
 from tests.palpate.presses import write_presses
 
 
@@ -24,7 +25,7 @@ def story(tmp_path_factory):
 @pytest.fixture(scope="module")
 def chunks(story, tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "grown.rrd"
-    write_revisions("grown", [story], path)
+    record_rerun(StudyView("grown", (story_view(story),)), path)
     return [
         chunk for chunk in RrdReader(path).stream().to_chunks() if chunk.entity_path.startswith("/contact")
     ]
@@ -73,7 +74,7 @@ def test_the_bar_falls_beside_the_first_which_stays(story, chunks):
 def test_words_say_what_was_added(chunks):
     texts = dict(rows_of(chunks, "/contact/words", "TextDocument:text"))
     assert "base model" in texts[0][0]
-    assert "added **cubic_stiffness**" in texts[2][0]
+    assert "**+ cubic_stiffness**" in texts[2][0]
 
 
 def test_a_chart_puts_its_corners_into_the_corners():
@@ -82,12 +83,22 @@ def test_a_chart_puts_its_corners_into_the_corners():
     np.testing.assert_allclose(placed, [[0, HEIGHT], [WIDTH, 0]])
 
 
-def test_a_residual_map_averages_what_is_in_a_cell(story):
-    data = story.subject.channel
-    grid = residual_grid(data, np.full(len(data), 0.3), 8)
-    seen = grid.mean[np.isfinite(grid.mean)]
-    assert len(seen) > 8
-    np.testing.assert_allclose(seen, 0.3)
-    signs = residual_grid(data, np.sign(data.velocity), 9).mean
-    assert np.nanmin(signs[-2:]) == 1
-    assert np.nanmax(signs[:2]) == -1
+@pytest.mark.parametrize(
+    ("span", "expected"),
+    [
+        ((0.0, 10.0), [0, 2, 4, 6, 8, 10]),
+        ((-0.3, 0.72), [-0.25, 0.0, 0.25, 0.5]),
+        ((1234.0, 1239.0), [1234, 1235, 1236, 1237, 1238, 1239]),
+    ],
+)
+def test_rules_stand_at_round_values_within_the_frame(span, expected):
+    np.testing.assert_allclose(ticks(*span), expected)
+
+
+def test_every_sample_is_there_over_time_with_both_models_and_what_they_leave(story, chunks):
+    effort = np.array([row for _, row in rows_of(chunks, "/contact/time/effort", "Scalars:scalars")])
+    assert effort.shape == (len(story.subject.channel), 3)
+    np.testing.assert_allclose(effort[:, 0], story.subject.channel.effort)
+    np.testing.assert_allclose(effort[:, 2], story.stages[-1].predicted)
+    left = np.array([row for _, row in rows_of(chunks, "/contact/time/residual", "Scalars:scalars")])
+    np.testing.assert_allclose(left[:, 1], story.stages[-1].residual)
