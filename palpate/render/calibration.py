@@ -131,7 +131,7 @@ def encoder_figure(fit: EncoderFit) -> go.Figure:
 def arm_figure(fit: ArmFit) -> go.Figure:
     """Residual torque of each joint over its speed and over its position."""
     joints = len(fit.gain)
-    made = make_subplots(joints, 2, shared_yaxes=True, vertical_spacing=0.04, horizontal_spacing=0.03)
+    made = make_subplots(joints, 2, shared_yaxes=True, vertical_spacing=0.07, horizontal_spacing=0.03)
     for joint in range(joints):
         residual, color = _MILLI * fit.residual_nm[:, joint], palette.JOINTS[joint % len(palette.JOINTS)]
         look = {"marker": {"size": 3, "opacity": 0.6, "color": color}, "showlegend": False}

@@ -121,7 +121,7 @@ def _draw_fall(made: go.Figure, channel: ChannelView, row: int, col: int) -> Non
     taken = np.maximum(np.concatenate([[0.0], errors[:-1] - errors[1:]]), 0.0)
     before = np.concatenate([errors[:1], errors[:-1]])
     words = [
-        f"{error:.3g} {unit}" + (f"  −{100 * (1 - error / old):.0f} %" if old > error else "")
+        f" {error:.3g} {unit}" + (f"  −{100 * (1 - error / old):.0f} %" if old > error else "")
         for error, old in zip(errors, before, strict=True)
     ]
     colors = [palette.BASE, *[palette.MEASURED] * (len(errors) - 1)]

@@ -39,9 +39,9 @@ def rows_by_run(run: IntArray, most: int = MOST_RUNS) -> dict[int, IntArray]:
 def run_curves(
     x: FloatArray, y: FloatArray, runs: Sequence[IntArray], most: int = MOST_POINTS
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Each run's curve (x, y), with few enough points for all of them together."""
-    share = max(most // max(len(runs), 1), _FEWEST)
-    kept = (rows[peaks(y[rows], share)] for rows in runs)
+    """Each run's curve (x, y), with few enough points for all of them together and the peaks of both."""
+    share = max(most // (2 * max(len(runs), 1)), _FEWEST)
+    kept = (rows[np.union1d(peaks(x[rows], share), peaks(y[rows], share))] for rows in runs)
     return [(x[rows], y[rows]) for rows in kept]
 
 

@@ -73,7 +73,7 @@ def test_a_hidden_cubic_is_found_and_named_with_its_value(applied):
 def test_the_verdict_comes_first_and_the_next_commands_last(applied):
     result, _ = applied
     assert result.stdout.startswith("MISSING  contact: cubic_stiffness is missing")
-    for words in ("noise floor", "k3", "± 95 %", "equation F = k3 x^3"):
+    for words in ("noise floor", "k3", "95 % interval", "equation F = k3 x^3"):
         assert words in result.stdout
     assert "Next" in result.stderr
     assert "palpate export" in result.stderr
