@@ -183,7 +183,11 @@ def run_speeds(data: ChannelData) -> dict[int, str]:
     """Words for the speed of each run, the slowest first; empty where all runs have the same."""
     if data.kind is not ChannelKind.CONTACT:
         return {}
-    speeds = {run: _MILLI * _approach_speed(data, data.run == run) for run in data.runs.tolist() if run >= 0}
+    speeds = {
+        int(data.run[first]): _MILLI * _approach_speed(data.velocity[first:past], data.phase[first:past])
+        for first, past in stretches(data.run)
+        if data.run[first] >= 0
+    }
     words = {
         run: f"{speed:.0f} mm/s" if speed >= 10 else f"{speed:.2g} mm/s"
         for run, speed in sorted(speeds.items(), key=lambda pair: pair[1])
@@ -191,12 +195,12 @@ def run_speeds(data: ChannelData) -> dict[int, str]:
     return words if len(set(words.values())) > 1 else {}
 
 
-def _approach_speed(data: ChannelData, rows: BoolArray) -> float:
+def _approach_speed(velocity: FloatArray, phase: IntArray) -> float:
     """Inward speed of a run before the touch, or the quick part of it where phases are unknown [m/s]."""
-    approaching = data.velocity[rows & (data.phase == Phase.APPROACH)]
+    approaching = velocity[phase == Phase.APPROACH]
     if len(approaching):
         return float(np.median(approaching))
-    inward = data.velocity[rows & (data.velocity > 0)]
+    inward = velocity[velocity > 0.0]
     return float(np.quantile(inward, _QUICK)) if len(inward) else 0.0
 
 
