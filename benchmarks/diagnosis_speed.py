@@ -19,12 +19,11 @@ from control.probing.plan import ProbingPlan
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import diagnose
-from estimation.diagnosis.candidates import library
 from estimation.models import MODELS
-from palpate.runs.probing import ProbingJob, run_probing
-from palpate.runs.robots import DEFAULT, find_robot
 from estimation.study import Study
 from estimation.study.channels import ALL_CHANNELS
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import DEFAULT, find_robot
 from sim_backend.imperfection import IMPERFECTIONS, Imperfection
 from sim_backend.scenario import Scenario
 

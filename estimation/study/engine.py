@@ -5,19 +5,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
+from estimation import diagnosis
 from estimation.channel import ChannelData
 from estimation.diagnosis import Diagnosis
-from estimation.diagnosis.apart import Job, diagnose_apart
-from estimation.diagnosis.bench.held_out import held_out_residual, rmse
-from estimation.diagnosis.bench.standing import Standing, stand
-from estimation.diagnosis.judgement.gate import refuse, usable
-from estimation.diagnosis.judgement.intervals import final, values
-from estimation.diagnosis.judgement.noise_floor import noise_floor
-from estimation.diagnosis.judgement.objection import floor_unseen
-from estimation.diagnosis.search.extend import extend
+from estimation.diagnosis.candidates import try_all
 from estimation.effect import Effect
 from estimation.estimate import ParameterEstimate
+from estimation.fit.held_out import held_out_residual
+from estimation.fit.intervals import final, values
+from estimation.fit.standing import Standing, stand
+from estimation.gate import refuse, usable
 from estimation.model import Model
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
@@ -39,7 +38,6 @@ class Fitted:
         residual: effort less prediction from gains fitted to the other runs, (n,); NaN where not judged.
         judged: samples that count in the error, shape (n,).
         rmse: root mean square of that residual.
-        noise_floor: error that a complete model would leave, as estimated beside this model.
     """
 
     data: ChannelData
@@ -49,8 +47,13 @@ class Fitted:
     residual: FloatArray
     judged: BoolArray
     rmse: float
-    noise_floor: float
     standing: Standing = field(repr=False)
+
+    @property
+    def noise_floor(self) -> float:
+        """Error that a complete model would leave, as a flexible regression beside this model has it."""
+        with threadpool_limits(1):
+            return self.standing.floor()
 
 
 def fit(data: ChannelData, model: Model, parent: Fitted | None = None) -> Fitted:
@@ -65,11 +68,21 @@ def fit(data: ChannelData, model: Model, parent: Fitted | None = None) -> Fitted
         InputError: the channel cannot be judged; the message says why.
     """
     good = usable(data)
-    if parent is None:
+    with threadpool_limits(1):  # small matrices: more threads take longer
+        if parent is not None:
+            return _fitted(_extended(data, parent.standing, model.effects[-1], good))
         if reason := refuse(data.select(good), model):
             raise InputError(f"channel '{data.name}': {reason}")
         return _fitted(stand(data, model, {}, good))
-    return _fitted(extend(data, parent.standing, model.effects[-1], good))
+
+
+def _extended(data: ChannelData, standing: Standing, effect: Effect, good: BoolArray) -> Standing:
+    """The model of `standing` with one more effect, fitted from where that did best, possible or not.
+
+    At inner parameters of zero, a speed or a time that effort is divided by, nothing could be fitted.
+    """
+    best = try_all(standing, [effect])[0].search.best
+    return stand(data, best.model, best.parameters, good)
 
 
 def diagnose(
@@ -80,18 +93,27 @@ def diagnose(
     file: str,
 ) -> Diagnosis:
     """What is missing in the models of these channels of one robot."""
-    jobs = [Job(data, model, tuple(effects), SEED) for data, model in zip(channels, models, strict=True)]
-    judged = diagnose_apart(jobs, os.cpu_count() or 1, progress)
-    names = "+".join(dict.fromkeys(model.name for model in models))
-    return Diagnosis(file=file, model=names, channels=[one.found for one in judged])
+    with threadpool_limits(1):
+        return diagnosis.diagnose(
+            channels,
+            models,
+            effects,
+            rng=np.random.default_rng(SEED),
+            progress=progress,
+            file=file,
+            processes=os.cpu_count() or 1 if _importable(effects) else 1,
+        )
+
+
+def _importable(effects: Sequence[Effect]) -> bool:
+    """Whether another process knows these effects; it does not know those of a user's file."""
+    return all(type(effect).__module__.startswith("estimation.") for effect in effects)
 
 
 def _fitted(standing: Standing) -> Fitted:
     bench, trial = final(standing)
     found = {name: (one.value, one.std_err, one.unit) for name, one in values(bench, trial).items()}
     residual = held_out_residual(standing.plain.frame, standing.trial)
-    floor = noise_floor(standing)
-    lowest = min(floor.value, floor.repeats or np.inf, floor_unseen(standing, floor.value))
     return Fitted(
         data=standing.data,
         model=trial.model,
@@ -99,8 +121,7 @@ def _fitted(standing: Standing) -> Fitted:
         predicted=trial.model.predict(standing.data, trial.parameters),
         residual=residual,
         judged=np.isfinite(residual),
-        rmse=rmse(residual),
-        noise_floor=lowest,
+        rmse=standing.rmse,
         standing=standing,
     )
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from threading import RLock
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.search.library import library
+from estimation.diagnosis.candidates import library
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
 from estimation.study import engine
@@ -45,7 +45,7 @@ class Fits:
         self._lock = RLock()
         self._channels: dict[tuple[str, str], StudyChannel] = {}
         self._fits: dict[_Key, Fitted] = {}
-        self._comparisons: dict[_Key, Comparison] = {}
+        self._comparisons: dict[tuple[_Key, float], Comparison] = {}
         measured = source.channels if model is None else described_by(source, model)
         self.channels = tuple(self._channel(one, model) for one in measured)
 
@@ -104,7 +104,7 @@ class Fits:
             return self._fits[key]
 
     def noise_floor(self, channel: StudyChannel | str) -> float:
-        """The error that a complete model would leave, in the unit of the effort: one number for a channel.
+        """The error that a complete model would leave, in the unit of the effort.
 
         Raises:
             InputError: the channel cannot be judged.
@@ -129,12 +129,12 @@ class Fits:
 
     def comparison(self, channel: StudyChannel, effects: Sequence[str] = ()) -> Comparison:
         """One model beside the measurement; see `fit`."""
-        key = _key(channel, effects)
         with self._lock:
+            fitted, floor = self.fit(channel, effects), self.noise_floor(channel)
+            key = _key(channel, effects), floor
             if key not in self._comparisons:
                 name = " + ".join([channel.model.name, *effects])
-                fitted = self.fit(channel, effects)
-                self._comparisons[key] = compare(fitted, name, self.noise_floor(channel))
+                self._comparisons[key] = compare(fitted, name, floor)
             return self._comparisons[key]
 
     def _loaded(self, one: StudyChannel) -> ChannelData:

@@ -39,7 +39,7 @@ def better_explanation(
     base, final = found.baseline, found.final
     if base is None or final is None or found.verdict is Verdict.ADEQUATE:
         return None
-    if found.verdict is Verdict.UNEXPLAINED or getattr(found, "complete", None) is False:
+    if found.verdict is Verdict.UNEXPLAINED or found.complete is False:
         return better_model(study, channel, FAR_BETTER * final.rmse)
     most = min(FAR_BETTER * base.rmse, _NO_WORSE * final.rmse)
     return better_model(study, channel, most, len(final.parameters))

@@ -17,20 +17,19 @@ MOST_RANKED = 5  # candidates that are shown, and so fitted as `add` would
 
 def reconcile(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
     """The answer with errors, parameters and floor from the fits that all other commands show."""
-    if found.baseline is None or getattr(found, "force_ahead_of", None):  # of another force than measured
+    if found.baseline is None or found.noise_floor is None:
         return found
     names = [entry.effect for entry in found.accepted]
     fits = [study.fit(channel, names[:count]) for count in range(len(names) + 1)]
     accepted = [_accepted(*one) for one in zip(found.accepted, fits, fits[1:], strict=False)]
-    value, last = fits[0].noise_floor, fits[-1].rmse
-    left = {"rmse": last, "times_floor": last / value if value > 0.0 else float("inf")}
-    stated = {"floor": {"value": value}, "remaining": left}
-    parts = {name: getattr(found, name, None) for name in stated}
+    last = fits[-1].rmse
+    value = last if found.complete else found.noise_floor
+    times = last / value if value > 0.0 else 1.0
+    floor, left = found.floor, found.remaining
     return found.model_copy(
         update={
-            **{
-                name: part.model_copy(update=stated[name]) for name, part in parts.items() if part is not None
-            },
+            "floor": floor and floor.model_copy(update={"value": value}),
+            "remaining": left and left.model_copy(update={"rmse": last, "times_floor": times}),
             "noise_floor": value,
             "baseline": _entry(fits[0]),
             "final": _entry(fits[-1]),

@@ -28,7 +28,7 @@ class Study(Fits):
 
     A model is fitted once for each combination of data, base model and added effects. What `compare` shows of
     the base model, revision 0, and the baseline of a diagnosis are that one fit. The noise floor of a channel
-    is one number too: the one that is estimated beside its base model. It may be used from several threads.
+    is one number too, see `noise_floor`. It may be used from several threads.
 
     Args:
         data: see `estimation.study.source.open_source`.
@@ -102,6 +102,21 @@ class Study(Fits):
                 self._keep(one, [entry.effect for entry in answer.accepted], None)
         names = "+".join(dict.fromkeys(one.model.name for one in chosen))
         return StudyDiagnosis(file=self._file, model=names, channels=answers)
+
+    def noise_floor(self, channel: StudyChannel | str) -> float:
+        """The error that a complete model would leave: one number for a channel, in the unit of the effort.
+
+        What a diagnosis found, which is the error of the final model where that is complete; before there is
+        one, an estimate beside the base model.
+
+        Raises:
+            InputError: the channel cannot be judged.
+        """
+        one = self.channel(channel) if isinstance(channel, str) else channel
+        found = self.known_diagnosis(one)
+        if found is not None and found.noise_floor is not None:
+            return found.noise_floor
+        return super().noise_floor(one)
 
     def diagnosis_data(self, diagnosis: StudyDiagnosis) -> dict[str, Any]:
         """A diagnosis as plain data, with what it is about; the keys are stable."""

@@ -12,11 +12,11 @@ from estimation.study.channels import ALL_CHANNELS
 from palpate import console
 from palpate.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
 from palpate.derived import folder_to_fill
+from palpate.doctor.viewer import rerun_step
 from palpate.files import output_folder
 from palpate.outcome import NAMES, write_outcome
 from palpate.render.terminal import print_files, print_stages
 from palpate.study_view import result_view
-from palpate.text.rerun_step import rerun_step
 from palpate.words import safe
 
 

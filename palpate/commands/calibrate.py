@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import typer
-from matplotlib.figure import Figure
+from plotly.graph_objects import Figure
 
 from calibration.arm.fit import ArmFit
 from calibration.force.fit import ForceFit, fit_force
@@ -15,9 +15,18 @@ from calibration.force.plateaus import STANDARD_GRAVITY_M_S2, read_reference_fil
 from calibration.force.weighing import read_weighing
 from estimation.data.import_options import parse_pairs
 from palpate import console
-from palpate.files import different_files, existing_file, output_file, whole_file, write_text
+from palpate.files import different_files, existing_file, output_file, write_text
+from palpate.render.calibration import (
+    arm_figure,
+    encoder_figure,
+    force_figure,
+    print_calibration,
+    write_figure,
+)
+from palpate.render.progress import motion_progress, weighing_progress
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits
+from palpate.runs.calibration_use import NamedRobot, say_how_to_use_it
 from palpate.runs.options import (
     SESSIONS,
     CalibrateOptions,
@@ -28,11 +37,6 @@ from palpate.runs.options import (
     takes,
 )
 from palpate.runs.permission import Permission, ask_for_pose, ask_for_power, without_question
-from palpate.text.calibration import print_calibration
-from palpate.text.calibration_progress import motion_progress, weighing_progress
-from palpate.text.calibration_use import NamedRobot, say_how_to_use_it
-from palpate.views import style
-from palpate.views.plots.calibration import arm_figure, encoder_figure, force_figure
 from palpate.words import AT_REST, shown
 from robot_io.calibration import Calibration
 from robot_io.errors import InputError, PalpateError
@@ -237,7 +241,7 @@ def _calibrate(
     """Record, unless there is a file to work from; fit, write file and picture, and say what was found."""
     robot_file = options.robot_file
     path = output_file(options.out or CALIBRATIONS / f"{options.stamped_name(kind)}.yaml")
-    plot = output_file(path.with_suffix(".png"))
+    plot = output_file(path.with_suffix(".html"))
     different_files(path, plot, options.session)
     with ExitStack() as ending:
         raw = options.from_
@@ -249,15 +253,14 @@ def _calibrate(
             raw = session
         found = work_out(raw)
         calibration = found.calibration(fits.Stamp.of(robot_file, raw, options.valid_days))
-        with whole_file(plot) as unfinished, style.house_style():
-            found.draw().savefig(unfinished)
+        write_figure(found.draw(), plot)
         write_text(path, calibration.to_yaml())
     if options.as_json:
         written = {"file": str(path), "plot": str(plot), "raw": str(raw)}
         console.print_json(written | calibration.model_dump(mode="json"))
         return
-    print_calibration(calibration, list(found.remarks))
     out = console.stdout()
+    print_calibration(out, calibration, found.remarks)
     files = f"[bold]{shown(path)}[/bold], residuals: [bold]{shown(plot)}[/bold]"
     out.print(f"written: {files}", soft_wrap=True)
     out.print(f"from:    {shown(raw)}", soft_wrap=True)

@@ -11,12 +11,12 @@ from palpate import console
 from palpate.demo.hidden import PLAN as HIDDEN_PLAN
 from palpate.demo.hidden import HiddenDemo, can_hide, drawn_seed, hide_one, probe_hidden, solve
 from palpate.demo.probe import PLAN, Demo, probe_demo, show_demo
+from palpate.doctor.viewer import rerun_step
 from palpate.files import output_file
 from palpate.render.estimates import as_data, print_estimates
 from palpate.render.progress import diagnosis_progress, probing_progress
 from palpate.render.terminal import print_files, print_stages
 from palpate.study_view import result_view
-from palpate.text.rerun_step import rerun_step
 from palpate.words import as_shell_word, shown, significant, typed
 from sim_backend.imperfection import Imperfection
 from sim_backend.scenario import Scenario, load_scenario, shipped_scenarios

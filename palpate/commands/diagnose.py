@@ -122,7 +122,7 @@ def _next(  # noqa: PLR0917, what was typed and found
             yield experiment, "the experiment that would tell more"
     if study.source.session is None and any(_met_afresh(study, one) for one in diagnosis.channels):
         yield f"palpate diagnose {again} --fresh-runs", "if each run met a fresh spot: that explains more"
-    if any(one.verdict is Verdict.UNEXPLAINED or is_incomplete(one) for one in diagnosis.channels):
+    if any(one.verdict is Verdict.UNEXPLAINED or one.complete is False for one in diagnosis.channels):
         for name in study.source.unused[:MOST_ASKED]:
             yield f"palpate diagnose {again} --context {as_shell_word(name)}", f"whether it depends on {name}"
         yield f"palpate diagnose {again} --effect my_effects.py:MyEffect", "try a hypothesis of your own"
@@ -139,16 +139,11 @@ def _other_models(data: DataArguments, study: Study, diagnosis: StudyDiagnosis, 
             yield f"palpate diagnose {typed}", f"from a base model that leaves {left}"
 
 
-def is_incomplete(found: ChannelDiagnosis) -> bool:
-    """Whether structure is left beside the effects that were found."""
-    return getattr(found, "complete", None) is False
-
-
 def _met_afresh(study: Study, found: ChannelDiagnosis) -> bool:
     """Whether something relaxes and is not explained in full, and would be if no run remembered another."""
     helped = [entry.effect for entry in found.accepted]
     if StressRelaxation.name not in helped or not (
-        found.verdict is Verdict.UNEXPLAINED or is_incomplete(found)
+        found.verdict is Verdict.UNEXPLAINED or found.complete is False
     ):
         return False
     channel = study.channel(found.channel)

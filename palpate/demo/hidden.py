@@ -10,11 +10,11 @@ from estimation.study import ChannelResult
 from estimation.study.channels import CONTACT_MODEL
 from estimation.study.engine import Progress
 from estimation.study.kept_diagnosis import RESULT
-from palpate.runs.hiding import open_answer
-from palpate.runs.probing import NOBODY, Watcher
 from palpate.demo.probe import probe_demo
 from palpate.files import output_folder
 from palpate.outcome import write_json, write_outcome
+from palpate.runs.hiding import open_answer
+from palpate.runs.probing import NOBODY, Watcher
 from palpate.study import Study
 from palpate.words import typed as typed_path
 from robot_io.session import Session

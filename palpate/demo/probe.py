@@ -6,11 +6,11 @@ from pathlib import Path
 from control.probing.plan import ProbingPlan
 from estimation.study import ChannelEstimates
 from estimation.study.channels import CONTACT_MODEL
+from palpate.files import output_folder
+from palpate.render.inspection import RECORDING, look_into
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
-from palpate.files import output_folder
 from palpate.study import Study
-from palpate.views.inspection import RECORDING, look_into
 from robot_io.session import Session
 from sim_backend.scenario import Scenario
 
@@ -26,7 +26,7 @@ class Demo:
         study: the session with channels and truth.
         found: estimates of the probed place, by every estimator.
         recording: for Rerun.
-        plots: PNG files.
+        plots: pages of figures.
     """
 
     session: Path

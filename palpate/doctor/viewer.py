@@ -8,6 +8,7 @@ from importlib import metadata
 from pathlib import Path
 
 from palpate.doctor.finding import Finding, Level, graded
+from palpate.words import typed
 
 PORT = 9876  # Rerun's default
 VULKAN_DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d")
@@ -46,3 +47,9 @@ def has_display() -> bool:
 def has_vulkan_driver() -> bool:
     """Whether Vulkan can draw, if only in software."""
     return any(Path(folder).is_dir() and any(Path(folder).glob("*.json")) for folder in VULKAN_DRIVERS)
+
+
+def rerun_step(recording: Path) -> tuple[str, str]:
+    """The command that opens a recording of revisions, with what it does and what it needs."""
+    where = "" if has_display() else " (needs a display)"
+    return f"rerun {typed(recording)}", f"see the model grow, revision by revision{where}"

@@ -12,13 +12,13 @@ from calibration.encoder.stop_task import StopSettings
 from calibration.force.fit import fit_force
 from calibration.force.weighing import read_weighing
 from control.probing.plan import ProbingPlan
+from estimation.study.estimates import estimate_with
+from estimation.study.source import arm_of, open_source
 from palpate.files import write_text
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits
 from palpate.runs.calibration_file import open_recorded
 from palpate.runs.probing import ProbingJob, run_probing
-from estimation.study.estimates import estimate_with
-from estimation.study.source import arm_of, open_source
 from robot_io.calibration import load_calibrations, parse_calibration
 from robot_io.errors import InputError, PalpateError
 from robot_io.robot_file import load_robot_file, parse_robot_file

@@ -1,6 +1,6 @@
 """Models fitted to a channel as a study fits them, where a test has made the model itself."""
 
-from estimation.diagnosis.search.library import library
+from estimation.diagnosis.candidates import library
 from estimation.study import comparison, engine
 
 

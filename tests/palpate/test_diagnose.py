@@ -8,12 +8,12 @@ import yaml
 
 from control.probing.plan import ProbingPlan, load_probing_plan
 from estimation.channel import ChannelKind
-from estimation.diagnosis.judgement.gate import refuse
-from estimation.diagnosis.judgement.next_experiment import exploring, separating, sufficient
+from estimation.diagnosis.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.result import NextExperiment
 from estimation.effects import EFFECTS
-from palpate.runs.probing import PLAN
+from estimation.gate.gate import refuse
 from palpate.next_plan import plan_of, write_plan
+from palpate.runs.probing import PLAN
 from robot_io.session import Session
 from tests.estimation.diagnosis.presses import channel, kelvin_voigt, motion
 from tests.palpate.cli import assert_refused, next_commands, run

@@ -6,13 +6,13 @@ import re
 import pytest
 
 from estimation.data import session_channels
+from estimation.study.estimates import estimate_with
 from palpate.runs.hiding import open_answer
 from palpate.runs.robots import EMULATED, is_simulated
+from palpate.truth import true_parameters
 from palpate.words import FIRST_PROBE
 from robot_io.calibration import load_calibration
 from robot_io.errors import InputError
-from estimation.study.estimates import estimate_with
-from palpate.truth import true_parameters
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
 from sim_backend.secret import sealed_path

@@ -1,5 +1,0 @@
-"""As `palpate.findings`."""
-
-from palpate.truth import SURFACE, true_parameters
-
-__all__ = ["SURFACE", "true_parameters"]
