@@ -24,8 +24,8 @@ from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHan
 
 from robot_io.clock import MonotonicClock
 from robot_io.driver import DriverCatalogue
-from robot_io.dynamixel import instructions
-from robot_io.dynamixel.feedback import FEEDBACK_SIZE, PADDING
+from robot_io.drivers.dynamixel import protocol
+from robot_io.drivers.dynamixel.feedback import FEEDBACK_SIZE, PADDING
 from robot_io.robot import build_robot
 from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
 from robot_io.types import Command, Status
@@ -37,7 +37,7 @@ IDS = (1, 2, 3)
 ADDRESS, GOAL = 224 + PADDING, 102  # first byte of the feedback block; goal current
 TICK_S = 1e-3
 ANSWER = {"plain": 3 * (11 + FEEDBACK_SIZE), "fast": 8 + 3 * (4 + FEEDBACK_SIZE)}  # bytes, nothing stuffed
-ZEROS = instructions.sync_write(GOAL, dict.fromkeys(IDS, b"\0\0"))
+ZEROS = protocol.sync_write(GOAL, dict.fromkeys(IDS, b"\0\0"))
 
 
 def emulate(pipe: Connection) -> None:
@@ -69,7 +69,7 @@ def measure(ticks: int, tick: Callable[[], bool]) -> Times:
 def bare(port: PortHandler, way: str) -> Callable[[], bool]:
     """The same bytes with nothing around them."""
     fd, size = port.ser.fileno(), ANSWER[way]
-    ask = instructions.fast_sync_read if way == "fast" else instructions.sync_read
+    ask = protocol.fast_sync_read if way == "fast" else protocol.sync_read
     request = ask(ADDRESS, FEEDBACK_SIZE, IDS)
 
     def tick() -> bool:

@@ -4,8 +4,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 
-from robot_io.errors import InputError
-from robot_io.raised import in_words
+from robot_io.errors import InputError, in_words
 
 
 @contextmanager

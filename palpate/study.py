@@ -20,7 +20,7 @@ from palpate.truth import scenario_of, true_parameters
 from palpate.user_effects import load_user_effects
 from palpate.user_effects.guard import rehearse, watched
 from robot_io.errors import InputError
-from robot_io.files.text_file import read_text
+from robot_io.files.safe_yaml import read_text
 from sim_backend.scenario import Scenario
 
 if TYPE_CHECKING:

@@ -7,11 +7,10 @@ from typing import Any, TypeVar, cast
 from pydantic import BaseModel
 
 from robot_io.clock import Clock
-from robot_io.errors import PalpateError
+from robot_io.errors import PalpateError, in_words
 from robot_io.files.file_model import input_error, validate
 from robot_io.files.safe_yaml import KeyPath
 from robot_io.interfaces import Bus, Component, ForceSensor, JointEncoder, JointTorque
-from robot_io.raised import in_words
 from robot_io.registry import Registry
 from robot_io.robot_file import RobotFile
 
@@ -24,33 +23,24 @@ ComponentType = TypeVar("ComponentType", bound=Component)
 
 @dataclass(frozen=True, slots=True)
 class DriverContext:
-    """What a driver is given beside its settings.
+    """What a driver is given beside its settings."""
 
-    Attributes:
-        clock: the robot's clock; samples are stamped with it.
-        robot_file: the whole robot file, for joint count, limits and paths.
-        bus: the bus that the device hangs on, or None.
-        section: where in the robot file the driver's settings stand, for errors.
-    """
-
-    clock: Clock
-    robot_file: RobotFile
-    bus: Bus | None = None
-    section: KeyPath = ()
+    clock: Clock  # the robot's clock; samples are stamped with it
+    robot_file: RobotFile  # the whole robot file, for joint count, limits and paths
+    bus: Bus | None = None  # the bus that the device hangs on, or None
+    section: KeyPath = ()  # where in the robot file the driver's settings stand, for errors
 
     def settings_as(self, model: type[SettingsModel], settings: Mapping[str, object]) -> SettingsModel:
         """The driver's settings as its own pydantic model.
 
-        Raises:
-            InputError: with file, line, key, value and the valid choices.
+        InputError: with file, line, key, value and the valid choices.
         """
         return validate(model, settings, self.robot_file.document, self.section)
 
     def bus_as(self, bus_type: type[BusType]) -> BusType:
         """The device's bus, which must be a `bus_type`.
 
-        Raises:
-            InputError: there is none, or it is of another kind.
+        InputError: there is none, or it is of another kind.
         """
         if isinstance(self.bus, bus_type):
             return self.bus
@@ -85,8 +75,7 @@ class DriverCatalogue:
     def check_names(self, robot_file: RobotFile) -> None:
         """Refuse a robot file that names a driver which is not here.
 
-        Raises:
-            InputError: with file, line, key, value and the valid choices.
+        InputError: with file, line, key, value and the valid choices.
         """
         named: list[tuple[KeyPath, Registry[Any], str]] = [
             *((("buses", name), self.bus, bus.driver) for name, bus in robot_file.buses.items()),
@@ -103,8 +92,7 @@ def make_driver(
 ) -> ComponentType:
     """Make the driver that the robot file names in `context.section`.
 
-    Raises:
-        InputError: no driver has this name, its settings are not valid, or its own code fails.
+    InputError: no driver has this name, its settings are not valid, or its own code fails.
     """
     _check_name(registry, driver, context.robot_file, context.section)
     make = cast("Callable[[Mapping[str, object], DriverContext], ComponentType]", registry[driver])

@@ -1,5 +1,8 @@
 """The one family of errors: each says the value, the place and the valid choices in one line."""
 
+import traceback
+from pathlib import Path
+
 
 class PalpateError(Exception):
     """Base of every error that palpate raises on purpose; its text is one line that a user can act on."""
@@ -24,7 +27,7 @@ class DeviceTimeoutError(DeviceError, TimeoutError):
 
 
 class ProtocolError(DeviceError):
-    """What came over a wire is not what its protocol allows; nothing of it was believed."""
+    """What came over a wire is not what its protocol allows; all of it was ignored."""
 
 
 class LifecycleError(PalpateError):
@@ -37,3 +40,18 @@ class SafetyTripError(PalpateError):
 
 class SessionError(InputError):
     """A session file cannot be written, or what was read is not a whole session."""
+
+
+def in_words(error: BaseException) -> str:
+    """Kind, message and place of an error, such as "ZeroDivisionError: division by zero (my.py, line 2)".
+
+    Args:
+        error: as it was caught; what the interpreter itself adds to its traceback is left out.
+    """
+    text = f"{type(error).__name__}: {error}"
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]
+    if isinstance(error, SyntaxError) or not frames:
+        return text  # a SyntaxError says where it is
+    file = Path(frames[-1].filename)
+    name = f"{file.parent.name}/{file.name}" if file.stem == "__init__" else file.name
+    return f"{text} ({name}, line {frames[-1].lineno})"

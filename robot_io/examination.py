@@ -15,19 +15,12 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """One thing that was looked at.
+    """One thing that was looked at."""
 
-    Attributes:
-        subject: the device, such as "servo 2 (joint 2)".
-        value: what was found, with units.
-        verdict: whether that is as it should be.
-        remedy: what to do, empty where all is well.
-    """
-
-    subject: str
-    value: str
-    verdict: Verdict = Verdict.OK
-    remedy: str = ""
+    subject: str  # the device, such as "servo 2 (joint 2)"
+    value: str  # what was found, with units
+    verdict: Verdict = Verdict.OK  # whether that is as it should be
+    remedy: str = ""  # what to do, empty where all is well
 
 
 class Examinable(ABC):
@@ -40,8 +33,7 @@ class Examinable(ABC):
         Called after `configure`, also after one that failed, and never while the torque is on. May take
         seconds. It changes no setting, and it never switches a torque on.
 
-        Raises:
-            DeviceError: nothing can be asked, such as on a port that is not open.
+        DeviceError: nothing can be asked, such as on a port that is not open.
         """
 
     def tick_wire_s(self) -> float | None:

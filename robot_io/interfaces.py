@@ -19,15 +19,13 @@ class Component:
     def configure(self) -> None:
         """Open what is needed and check that the device is the one expected.
 
-        Raises:
-            DeviceError: it is absent or is another model.
+        DeviceError: it is absent or is another model.
         """
 
     def activate(self) -> None:
         """Make ready for commands; program the device's own watchdog and read it back.
 
-        Raises:
-            DeviceError: the device refused.
+        DeviceError: the device refused.
         """
 
     def deactivate(self) -> None:
@@ -56,11 +54,7 @@ class Bus(Component, ABC):
 
     @abstractmethod
     def flush(self, deadline_s: float) -> None:
-        """Send the commands staged by the devices on this bus.
-
-        Raises:
-            DeviceError: the bus itself failed.
-        """
+        """Send the commands staged by the devices on this bus. DeviceError: the bus itself failed."""
 
 
 class JointEncoder(Component, ABC):

@@ -20,8 +20,7 @@ def start_all(
 
     The failing component is undone too: a drive may have powered two of three motors before it failed.
 
-    Raises:
-        DeviceError: a component failed; or, as it is, whatever else interrupted (such as Ctrl-C).
+    DeviceError: a component failed; or, as it is, whatever else interrupted (such as Ctrl-C).
     """
     for index, (label, component) in enumerate(components):
         try:
@@ -44,8 +43,7 @@ def undo_all(components: Sequence[Labelled], step: Literal["close", "deactivate"
     A Ctrl-C in the middle does not leave a motor on: the step is taken again, the rest follows, and only then
     is it passed on.
 
-    Raises:
-        DeviceError: some components failed, all named.
+    DeviceError: some components failed, all named.
     """
     failures: list[tuple[str, Exception]] = []
     interrupts: list[BaseException] = []

@@ -20,7 +20,8 @@ class Registry(Mapping[str, type[T]], Generic[T]):
     Args:
         kind: what to call a member in errors, such as "driver".
         base: the class that members derive from; each states a `name`.
-        packages: dotted names of the packages (or single modules) that are searched, on first use.
+        packages: dotted names of the packages (or single modules) that are searched with their
+            subpackages, on first use.
     """
 
     def __init__(self, kind: str, base: type[T], *packages: str) -> None:
@@ -42,7 +43,7 @@ class Registry(Mapping[str, type[T]], Generic[T]):
         for name in self._packages:
             package = importlib.import_module(name)
             yield from self._defined_in(package)
-            for module_info in pkgutil.iter_modules(getattr(package, "__path__", ()), name + "."):
+            for module_info in pkgutil.walk_packages(getattr(package, "__path__", ()), name + "."):
                 yield from self._defined_in(importlib.import_module(module_info.name))
 
     def _defined_in(self, module: ModuleType) -> Iterator[type[T]]:

@@ -93,9 +93,8 @@ class Robot:
     def configure(self) -> None:
         """Open every device and check it; what was opened is closed again if one fails.
 
-        Raises:
-            DeviceError: a device is absent or is another one.
-            LifecycleError: it is configured already, or closed.
+        DeviceError: a device is absent or is another one; LifecycleError: it is configured already, or
+        closed.
         """
         self._expect("configure", RobotState.NEW)
         start_all(self._components, "configure", undo="close")
@@ -104,9 +103,7 @@ class Robot:
     def activate(self) -> None:
         """Make ready for commands; everything is off again if one device fails.
 
-        Raises:
-            DeviceError: a device refused.
-            LifecycleError: it is not configured, or active already.
+        DeviceError: a device refused; LifecycleError: it is not configured, or active already.
         """
         self._expect("activate", RobotState.CONFIGURED)
         start_all(self._components, "activate", undo="deactivate")
@@ -115,8 +112,7 @@ class Robot:
     def deactivate(self) -> None:
         """Torque off, in any state and as often as you like.
 
-        Raises:
-            DeviceError: some devices failed; every one of them was tried before. Calling again tries again.
+        DeviceError: some devices failed; every one of them was tried before. Calling again tries again.
         """
         if self._state in (RobotState.CONFIGURED, RobotState.ACTIVE):
             self._state = RobotState.CONFIGURED
@@ -125,8 +121,7 @@ class Robot:
     def close(self) -> None:
         """Torque off, then release all devices; can be called again.
 
-        Raises:
-            DeviceError: some devices failed; every one of them was tried before.
+        DeviceError: some devices failed; every one of them was tried before.
         """
         if self._state is RobotState.CLOSED:
             return
@@ -141,10 +136,7 @@ class Robot:
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         try:
             self.close()
@@ -260,10 +252,7 @@ class Robot:
 
 
 def build_robot(
-    robot_file: RobotFile,
-    drivers: DriverCatalogue,
-    clock: Clock,
-    calibrations: Calibrations | None = None,
+    robot_file: RobotFile, drivers: DriverCatalogue, clock: Clock, calibrations: Calibrations | None = None
 ) -> Robot:
     """Put together the robot that a robot file describes; opens nothing yet.
 

@@ -9,8 +9,7 @@ from typing import Annotated, Any
 from pydantic import ConfigDict, Field, PrivateAttr, field_validator
 
 from robot_io.files.file_model import FileModel, Number, Positive, input_error, matching, validate
-from robot_io.files.safe_yaml import YamlDocument, load_yaml, parse_yaml
-from robot_io.files.text_file import MOST_BYTES
+from robot_io.files.safe_yaml import MOST_BYTES, YamlDocument, load_yaml, parse_yaml
 from robot_io.guard import Limits, SafeState
 
 Name = Annotated[
@@ -42,57 +41,34 @@ class DeviceSection(BusSection):
 
 
 class CalibrationSection(FileModel):
-    """Files of calibrations, relative to the robot file; None: the device is taken as it is.
+    """Files of calibrations, relative to the robot file; None: the device is taken as it is."""
 
-    Attributes:
-        force: scale and zero of the force sensor.
-        encoder: zeros of the joints.
-        torque: gains and offsets of the drives.
-        gravity: how the base stands.
-    """
-
-    force: Text | None = None
-    encoder: Text | None = None
-    torque: Text | None = None
-    gravity: Text | None = None
+    force: Text | None = None  # scale and zero of the force sensor
+    encoder: Text | None = None  # zeros of the joints
+    torque: Text | None = None  # gains and offsets of the drives
+    gravity: Text | None = None  # how the base stands
 
 
 class RobotFile(FileModel):
-    """What a robot file says. Lists hold one value per joint, from base to tip.
+    """What a robot file says. Lists hold one value per joint, from base to tip."""
 
-    Attributes:
-        name: short name of the arm.
-        urdf: URDF file, relative to the robot file.
-        dh: DH table, relative to the robot file, or None.
-        tip_frame: URDF frame at the force sensor's contact point.
-        sensor_axis_tip: unit vector in the tip frame along which the tool pushes; force is positive in
-            compression along it.
-        control_rate_hz: ticks per second [Hz].
-        buses: buses by name.
-        encoder: joint encoders.
-        torque: torque-controlled drives.
-        force: force sensor.
-        home_rad: pose in which the arm can rest, tool down; nothing drives it there. Shape (n,) [rad].
-        limits: what the guard holds the arm to.
-        safe_state: how the guard brings it to rest.
-        gains: controller gains; the controllers check them.
-        calibration: files of calibrations; see `robot_io.calibration`.
-    """
-
-    name: Name
-    urdf: Text
-    dh: Text | None = None
-    tip_frame: Text
+    name: Name  # short name of the arm
+    urdf: Text  # URDF file, relative to the robot file
+    dh: Text | None = None  # DH table, relative to the robot file, or None
+    tip_frame: Text  # URDF frame at the force sensor's contact point
+    # Unit vector in the tip frame along which the tool pushes; force is positive in compression along it.
     sensor_axis_tip: tuple[Number, Number, Number]
-    control_rate_hz: Annotated[Positive, Field(le=20_000)]
-    buses: dict[str, BusSection] = Field(default_factory=dict)
-    encoder: DeviceSection
-    torque: DeviceSection
-    force: DeviceSection
+    control_rate_hz: Annotated[Positive, Field(le=20_000)]  # ticks per second [Hz]
+    buses: dict[str, BusSection] = Field(default_factory=dict)  # buses by name
+    encoder: DeviceSection  # joint encoders
+    torque: DeviceSection  # torque-controlled drives
+    force: DeviceSection  # force sensor
+    # Pose in which the arm can rest, tool down; nothing drives it there. Shape (n,) [rad].
     home_rad: Annotated[tuple[Number, ...], Field(min_length=1)]
-    limits: Limits
-    safe_state: SafeState
-    gains: dict[str, Any] = Field(default_factory=dict)
+    limits: Limits  # what the guard holds the arm to
+    safe_state: SafeState  # how the guard brings it to rest
+    gains: dict[str, Any] = Field(default_factory=dict)  # controller gains; the controllers check them
+    # Files of calibrations; see `robot_io.calibration`.
     calibration: CalibrationSection = CalibrationSection()
 
     _document: YamlDocument = PrivateAttr()
@@ -138,8 +114,7 @@ class RobotFile(FileModel):
 def load_robot_file(path: str | Path) -> RobotFile:
     """Read and check the robot file at `path`: the files it names are there, and no port is named twice.
 
-    Raises:
-        InputError: the first thing that is wrong, with file, line, key, value and the valid choices.
+    InputError: the first thing that is wrong, with file, line, key, value and the valid choices.
     """
     robot_file = _from_document(load_yaml(path))
     for key in ("urdf", "dh"):
@@ -155,8 +130,7 @@ def load_robot_file(path: str | Path) -> RobotFile:
 def parse_robot_file(text: str, origin: str | Path) -> RobotFile:
     """Read a robot file from its text, for instance the copy in a session; other files are not looked for.
 
-    Raises:
-        InputError: as `load_robot_file`.
+    InputError: as `load_robot_file`.
     """
     return _from_document(parse_yaml(text, str(origin)))
 

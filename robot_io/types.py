@@ -28,47 +28,27 @@ class Status(IntEnum):
 
 
 class Reading(NamedTuple):
-    """One device's newest sample.
+    """One device's newest sample."""
 
-    Attributes:
-        value: shape (n,), n joints, or (1,) for the force sensor; unit of the device's interface.
-        sampled_at_s: when the device itself sampled, on the robot's clock [s].
-        status: how far to trust it.
-    """
-
-    value: FloatArray
-    sampled_at_s: float
-    status: Status = Status.OK
+    value: FloatArray  # shape (n,), n joints, or (1,) for the force sensor; unit of the device's interface
+    sampled_at_s: float  # when the device itself sampled, on the robot's clock [s]
+    status: Status = Status.OK  # how far to trust it
 
 
 class Measurement(NamedTuple):
-    """Everything the robot measured in one tick.
+    """Everything the robot measured in one tick."""
 
-    Attributes:
-        time_s: start of the tick on the robot's clock [s].
-        joint_position_rad: shape (n,) [rad]; [m] for a prismatic joint.
-        joint_velocity_rad_s: shape (n,) [rad/s].
-        joint_torque_nm: shape (n,), as measured by the drives, positive along the joint axis [N m].
-        force_n: contact force along the sensor axis, positive in compression [N].
-        encoder_at_s: when the encoders were sampled [s].
-        torque_at_s: when the torques were sampled [s].
-        force_at_s: when the force was sampled [s].
-        encoder_status: trust in position and velocity.
-        torque_status: trust in torque.
-        force_status: trust in force.
-    """
-
-    time_s: float
-    joint_position_rad: FloatArray
-    joint_velocity_rad_s: FloatArray
-    joint_torque_nm: FloatArray
-    force_n: float
-    encoder_at_s: float
-    torque_at_s: float
-    force_at_s: float
-    encoder_status: Status = Status.OK
-    torque_status: Status = Status.OK
-    force_status: Status = Status.OK
+    time_s: float  # start of the tick on the robot's clock [s]
+    joint_position_rad: FloatArray  # shape (n,) [rad]; [m] for a prismatic joint
+    joint_velocity_rad_s: FloatArray  # shape (n,) [rad/s]
+    joint_torque_nm: FloatArray  # shape (n,), as measured by the drives, positive along the joint axis [N m]
+    force_n: float  # contact force along the sensor axis, positive in compression [N]
+    encoder_at_s: float  # when the encoders were sampled [s]
+    torque_at_s: float  # when the torques were sampled [s]
+    force_at_s: float  # when the force was sampled [s]
+    encoder_status: Status = Status.OK  # trust in position and velocity
+    torque_status: Status = Status.OK  # trust in torque
+    force_status: Status = Status.OK  # trust in force
 
     @property
     def joint_count(self) -> int:
@@ -78,13 +58,9 @@ class Measurement(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What the robot is told in one tick.
+    """What the robot is told in one tick."""
 
-    Attributes:
-        joint_torque_nm: shape (n,), positive along the joint axis [N m].
-    """
-
-    joint_torque_nm: FloatArray
+    joint_torque_nm: FloatArray  # shape (n,), positive along the joint axis [N m]
 
 
 def frozen_array(

@@ -99,8 +99,7 @@ class SimulatedArm:
     def place(self, position_rad: ArrayLike, velocity_rad_s: ArrayLike | None = None) -> None:
         """Put the joints at `position_rad` (n) with `velocity_rad_s` (n), at rest if None.
 
-        Raises:
-            InputError: wrong number of joints.
+        InputError: wrong number of joints.
         """
         shape = (self.joint_count,)
         position = frozen_array(position_rad, shape, what="joint position")

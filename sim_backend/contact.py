@@ -34,12 +34,7 @@ class Contact:
     """
 
     def __init__(
-        self,
-        client: int,
-        arm: SimulatedArm,
-        target: ComplianceObject,
-        step_s: float,
-        effects: Effects,
+        self, client: int, arm: SimulatedArm, target: ComplianceObject, step_s: float, effects: Effects
     ) -> None:
         self._client = client
         self._arm = arm

@@ -13,12 +13,9 @@ class ContactLaw(FileModel, ABC):
     """A memoryless law F(depth, rate); its fields are its parameters, checked when it is made.
 
     Memory (relaxation, plastic set ...) comes on top of a law, as a `ContactEffect`.
-
-    Attributes:
-        name: what a scenario calls it.
     """
 
-    name: ClassVar[str]
+    name: ClassVar[str]  # what a scenario calls it
 
     @abstractmethod
     def force_n(self, depth_m: float, rate_m_s: float) -> float:
@@ -45,8 +42,7 @@ CONTACT_LAWS: Registry[ContactLaw] = Registry("contact law", ContactLaw, "sim_ba
 def parse_contact_law(value: object) -> ContactLaw:
     """Make a law from a scenario's `{name: ..., parameter: ...}`.
 
-    Raises:
-        InputError: no such law, no name given, or a parameter is unknown, missing or outside its range.
+    InputError: no such law, no name given, or a parameter is unknown, missing or outside its range.
     """
     if isinstance(value, ContactLaw):
         return value

@@ -58,7 +58,7 @@ def draw_hidden(
     if isinstance(scenario.object.law, EngineContact):
         names = [name for name in names if not IMPERFECTIONS[name].needs_force_law]
     shows = {
-        place: [name for name in names if IMPERFECTIONS[name].can_show_in(place)] for place in scale.channels
+        place: [name for name in names if place in IMPERFECTIONS[name].shows_in] for place in scale.channels
     }
     place = _draw_channel(shows, generator) if channel is None else channel
     if effect is not None and not any(shows.values()):

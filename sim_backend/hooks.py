@@ -12,39 +12,23 @@ from robot_io.types import FloatArray
 
 
 class ContactState(NamedTuple):
-    """What happens at the tip at one physics step.
+    """What happens at the tip at one physics step."""
 
-    Attributes:
-        time_s: time of the state [s].
-        step_s: length of a physics step [s].
-        depth_m: how far the tip is below the surface [m]; negative above it.
-        rate_m_s: d(depth)/dt [m/s].
-    """
-
-    time_s: float
-    step_s: float
-    depth_m: float
-    rate_m_s: float
+    time_s: float  # time of the state [s]
+    step_s: float  # length of a physics step [s]
+    depth_m: float  # how far the tip is below the surface [m]; negative above it
+    rate_m_s: float  # d(depth)/dt [m/s]
 
 
 class JointState(NamedTuple):
-    """What happens at the joints at one physics step.
+    """What happens at the joints at one physics step."""
 
-    Attributes:
-        time_s: time of the state [s].
-        step_s: length of a physics step [s].
-        position_rad: n positions [rad].
-        velocity_rad_s: n velocities [rad/s].
-        drive_torque_nm: n torques that the drives were told to exert [N m].
-        mass_matrix: gives the joint-space inertia (n, n) [kg m^2] at these positions.
-    """
-
-    time_s: float
-    step_s: float
-    position_rad: Sequence[float]
-    velocity_rad_s: Sequence[float]
-    drive_torque_nm: Sequence[float]
-    mass_matrix: Callable[[], FloatArray]
+    time_s: float  # time of the state [s]
+    step_s: float  # length of a physics step [s]
+    position_rad: Sequence[float]  # n positions [rad]
+    velocity_rad_s: Sequence[float]  # n velocities [rad/s]
+    drive_torque_nm: Sequence[float]  # n torques that the drives were told to exert [N m]
+    mass_matrix: Callable[[], FloatArray]  # gives the joint-space inertia (n, n) [kg m^2] at these positions
 
 
 class ContactEffect(ABC):
@@ -119,13 +103,10 @@ class FrictionEffect(ABC):
 
 
 class SensorEffect(ABC):
-    """Changes what a sensor makes of a sample.
+    """Changes what a sensor makes of a sample."""
 
-    Attributes:
-        ahead_of_noise: whether it acts on the clean signal, as what is mechanical does; otherwise it acts on
-            the noisy one, as what is electrical does.
-    """
-
+    # Whether it acts on the clean signal, as what is mechanical does; otherwise it acts on the noisy one, as
+    # what is electrical does.
     ahead_of_noise: bool = False
 
     @abstractmethod
@@ -154,27 +135,16 @@ class PlantEffect(ABC):  # noqa: B024, one of the two is enough
 
 @dataclass(frozen=True)
 class Effects:
-    """All that is hidden in one world; the sum of two holds both, in this order.
+    """All that is hidden in one world; the sum of two holds both, in this order."""
 
-    Attributes:
-        contact: at the contact, applied in this order.
-        tool: between tip and object, from the object to the tip.
-        joint: at the joints, from the drives to the links.
-        friction: at the joints.
-        plant: in masses and gravity.
-        force: in the force sensor.
-        torque: in the torque sensors.
-        encoder: in the encoders, before the velocity is derived.
-    """
-
-    contact: tuple[ContactEffect, ...] = ()
-    tool: tuple[ToolEffect, ...] = ()
-    joint: tuple[JointEffect, ...] = ()
-    friction: tuple[FrictionEffect, ...] = ()
-    plant: tuple[PlantEffect, ...] = ()
-    force: tuple[SensorEffect, ...] = ()
-    torque: tuple[SensorEffect, ...] = ()
-    encoder: tuple[SensorEffect, ...] = ()
+    contact: tuple[ContactEffect, ...] = ()  # at the contact, applied in this order
+    tool: tuple[ToolEffect, ...] = ()  # between tip and object, from the object to the tip
+    joint: tuple[JointEffect, ...] = ()  # at the joints, from the drives to the links
+    friction: tuple[FrictionEffect, ...] = ()  # at the joints
+    plant: tuple[PlantEffect, ...] = ()  # in masses and gravity
+    force: tuple[SensorEffect, ...] = ()  # in the force sensor
+    torque: tuple[SensorEffect, ...] = ()  # in the torque sensors
+    encoder: tuple[SensorEffect, ...] = ()  # in the encoders, before the velocity is derived
 
     def __add__(self, other: "Effects") -> "Effects":
         return Effects(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))

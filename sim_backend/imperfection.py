@@ -1,11 +1,11 @@
 """What a hidden effect is: a name, a place, parameters with unit and range, and what it does to a world."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 from pydantic import Field
 
 from robot_io.errors import InputError
@@ -16,23 +16,17 @@ from sim_backend.hooks import Effects
 from sim_backend.noise_scale import CONTACT, NoiseScale, channel_of
 
 CHANNEL_UNIT = "channel"
+_JOINTS = tuple(channel_of(joint) for joint in (1, 2, 3))
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter of a hidden effect.
+    """One parameter of a hidden effect."""
 
-    Attributes:
-        name: key in a scenario.
-        unit: `CHANNEL_UNIT` stands for that of the sensor's signal.
-        low: least typical value.
-        high: largest typical value.
-    """
-
-    name: str
-    unit: str
-    low: float
-    high: float
+    name: str  # key in a scenario
+    unit: str  # `CHANNEL_UNIT` stands for that of the sensor's signal
+    low: float  # least typical value
+    high: float  # largest typical value
 
 
 def parameter(unit: str, low: float, high: float, **limits: Any) -> Any:  # noqa: ANN401, as pydantic's Field
@@ -52,14 +46,11 @@ class Imperfection(FileModel, ABC):
 
     The class docstring states physics, equation and source. It is described in words and numbers here; what
     happens in the simulation is made afresh by `effects`, with its own memory, for each world.
-
-    Attributes:
-        name: what a scenario calls it.
-        needs_force_law: whether it makes no sense with the engine's own contact.
     """
 
-    name: ClassVar[str]
-    needs_force_law: ClassVar[bool] = False
+    name: ClassVar[str]  # what a scenario calls it
+    shows_in: ClassVar[Sequence[str]]  # channels in which a probing run of the shipped follower shows it
+    needs_force_law: ClassVar[bool] = False  # whether it makes no sense with the engine's own contact
 
     @property
     @abstractmethod
@@ -70,20 +61,12 @@ class Imperfection(FileModel, ABC):
     def effects(self, joint_count: int) -> Effects:
         """What it does to a world whose arm has `joint_count` joints.
 
-        Raises:
-            InputError: the arm has no such joint.
+        InputError: the arm has no such joint.
         """
 
     @classmethod
     @abstractmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """Whether a probing run of the shipped follower shows it in this channel."""
-
-    @classmethod
-    @abstractmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         """One that changes the channel's signal by about `strength` times its noise floor (rms).
 
         Of a change that stiffness, damping and surface could take over, the part counts that they cannot.
@@ -110,42 +93,26 @@ class Imperfection(FileModel, ABC):
 class ContactImperfection(Imperfection, ABC):
     """A hidden effect between tip and object."""
 
+    shows_in: ClassVar[Sequence[str]] = (CONTACT,)
+
     @property
     def channels(self) -> tuple[str, ...]:
-        """See `Imperfection.channels`."""
         return (CONTACT,)
-
-    @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`."""
-        return channel == CONTACT
 
 
 class JointImperfection(Imperfection, ABC):
-    """A hidden effect in one joint or its drive.
+    """A hidden effect in one joint or its drive."""
 
-    Attributes:
-        joint: which joint, from 1 at the base.
-    """
+    shows_in: ClassVar[Sequence[str]] = _JOINTS
 
-    joint: int = Field(ge=1, le=100, strict=True)
+    joint: int = Field(ge=1, le=100, strict=True)  # which joint, from 1 at the base
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """See `Imperfection.channels`."""
         return (channel_of(self.joint),)
 
-    @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`."""
-        return channel != CONTACT
-
     def index_in(self, joint_count: int) -> int:
-        """The joint's index from 0.
-
-        Raises:
-            InputError: the arm has no such joint.
-        """
+        """The joint's index from 0. InputError: the arm has no such joint."""
         if self.joint > joint_count:
             raise InputError(
                 f"hidden effect '{self.name}': joint {self.joint} of an arm with {joint_count} joints"
@@ -154,16 +121,13 @@ class JointImperfection(Imperfection, ABC):
 
 
 class SensorImperfection(Imperfection, ABC):
-    """A hidden effect in a sensor.
+    """A hidden effect in a sensor."""
 
-    Attributes:
-        channel: "contact" for the force sensor, "joint_2" for the torque sensor of the second joint,
-            "encoder_2" for its encoder (whose velocity, if it is a tachometer's, is not affected).
-        ahead_of_noise: see `SensorEffect`.
-    """
+    shows_in: ClassVar[Sequence[str]] = (CONTACT, *_JOINTS)
+    ahead_of_noise: ClassVar[bool] = False  # see `SensorEffect`
 
-    ahead_of_noise: ClassVar[bool] = False
-
+    # "contact" for the force sensor, "joint_2" for the torque sensor of the second joint, "encoder_2" for its
+    # encoder (whose velocity, if it is a tachometer's, is not affected).
     channel: Annotated[
         str,
         matching(
@@ -187,13 +151,7 @@ class SensorImperfection(Imperfection, ABC):
         found = super().values().items()
         return {name: (value, text.replace(CHANNEL_UNIT, unit)) for name, (value, text) in found}
 
-    @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`."""
-        return True
-
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         slot, _, number = self.channel.partition("_")
         index = int(number or 1) - 1
         if number and index >= joint_count:
@@ -216,8 +174,7 @@ IMPERFECTIONS: Registry[Imperfection] = Registry(
 def parse_imperfection(value: object) -> Imperfection:
     """Make a hidden effect from a scenario's `{effect: ..., parameter: ...}`.
 
-    Raises:
-        InputError: no such effect, none named, or a parameter is unknown, missing or outside its range.
+    InputError: no such effect, none named, or a parameter is unknown, missing or outside its range.
     """
     if isinstance(value, Imperfection):
         return value

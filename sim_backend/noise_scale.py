@@ -19,11 +19,7 @@ def channel_of(joint: int) -> str:
 
 
 def joint_of(channel: str) -> int:
-    """The inverse of `channel_of`.
-
-    Raises:
-        InputError: it is not the channel of a joint.
-    """
+    """The inverse of `channel_of`. InputError: it is not the channel of a joint."""
     number = channel.removeprefix(_JOINT)
     if number == channel or not number.isdecimal() or not int(number):
         raise InputError(f"channel '{channel}': not that of a joint, such as joint_2")
@@ -32,31 +28,18 @@ def joint_of(channel: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class JointScale:
-    """How one joint moves in a probing run; root mean squares, but for the load.
+    """How one joint moves in a probing run; root mean squares, but for the load."""
 
-    Attributes:
-        speed_rad_s: while it moves [rad/s].
-        acceleration_rad_s2: over the run [rad/s^2].
-        middle_rad: mean position [rad].
-        swing_rad: about it [rad].
-        inertia_kg_m2: least inertia that the joint feels, the others being free [kg m^2].
-        load_nm: mean of the absolute torque [N m].
-        peak_nm: largest torque [N m].
-        load_rate_nm_s: change of the torque [N m/s].
-        weight_nm_kg: torque for a mass at the tip [N m/kg].
-        tilt_nm_rad: torque for a tilt of the base in the arm's plane [N m/rad].
-    """
-
-    speed_rad_s: float
-    acceleration_rad_s2: float
-    middle_rad: float
-    swing_rad: float
-    inertia_kg_m2: float
-    load_nm: float
-    peak_nm: float
-    load_rate_nm_s: float
-    weight_nm_kg: float
-    tilt_nm_rad: float
+    speed_rad_s: float  # while it moves [rad/s]
+    acceleration_rad_s2: float  # over the run [rad/s^2]
+    middle_rad: float  # mean position [rad]
+    swing_rad: float  # about it [rad]
+    inertia_kg_m2: float  # least inertia that the joint feels, the others being free [kg m^2]
+    load_nm: float  # mean of the absolute torque [N m]
+    peak_nm: float  # largest torque [N m]
+    load_rate_nm_s: float  # change of the torque [N m/s]
+    weight_nm_kg: float  # torque for a mass at the tip [N m/kg]
+    tilt_nm_rad: float  # torque for a tilt of the base in the arm's plane [N m/rad]
 
     @property
     def mastered_nm(self) -> float:
@@ -74,25 +57,15 @@ FOLLOWER_JOINTS = (
 
 @dataclass(frozen=True, slots=True)
 class NoiseScale:
-    """Noise floors, and the motion that effects come on top of.
+    """Noise floors, and the motion that effects come on top of."""
 
-    Attributes:
-        contact_noise_n: of a force sample [N].
-        joint_noise_nm: of a torque sample [N m].
-        depth_m: at the largest force [m].
-        force_n: largest force [N].
-        speed_m_s: of the tip in contact, root mean square [m/s].
-        session_s: how long the whole probing takes [s].
-        joints: of each joint.
-    """
-
-    contact_noise_n: float
-    joint_noise_nm: float
-    depth_m: float
-    force_n: float = 10.0
-    speed_m_s: float = 0.046
-    session_s: float = 8.6
-    joints: tuple[JointScale, ...] = FOLLOWER_JOINTS
+    contact_noise_n: float  # of a force sample [N]
+    joint_noise_nm: float  # of a torque sample [N m]
+    depth_m: float  # at the largest force [m]
+    force_n: float = 10.0  # largest force [N]
+    speed_m_s: float = 0.046  # of the tip in contact, root mean square [m/s]
+    session_s: float = 8.6  # how long the whole probing takes [s]
+    joints: tuple[JointScale, ...] = FOLLOWER_JOINTS  # of each joint
 
     @classmethod
     def of(cls, law: ContactLaw, sensors: SensorSettings) -> "NoiseScale":
@@ -110,11 +83,7 @@ class NoiseScale:
         return (CONTACT, *(channel_of(joint) for joint in range(1, len(self.joints) + 1)))
 
     def joint(self, channel: str) -> JointScale:
-        """How the joint of a channel moves.
-
-        Raises:
-            InputError: there is no such joint.
-        """
+        """How the joint of a channel moves. InputError: there is no such joint."""
         joint = joint_of(channel)
         if joint > len(self.joints):
             raise InputError(f"channel '{channel}': valid are {', '.join(self.channels)}")

@@ -23,60 +23,39 @@ Hidden = Annotated[Imperfection, BeforeValidator(parse_imperfection), PlainSeria
 
 
 class ObjectSettings(FileModel):
-    """The compliance object: a flat surface, as wide as the arm reaches, pressed downwards.
+    """The compliance object: a flat surface, as wide as the arm reaches, pressed downwards."""
 
-    Attributes:
-        surface_height_m: world height of the undeformed surface [m].
-        law: contact law with its parameters.
-    """
-
-    surface_height_m: Number = 0.05
-    law: Law = KelvinVoigt(stiffness_n_m=500.0, damping_n_s_m=20.0)
+    surface_height_m: Number = 0.05  # world height of the undeformed surface [m]
+    law: Law = KelvinVoigt(stiffness_n_m=500.0, damping_n_s_m=20.0)  # contact law with its parameters
 
 
 class ArmSettings(FileModel):
-    """How the arm differs from its URDF, and what the URDF does not say.
+    """How the arm differs from its URDF, and what the URDF does not say."""
 
-    Attributes:
-        mass_scale: factor on all masses and inertias [-].
-        tip_radius_m: radius of the sphere that touches the engine's own contact [m].
-    """
-
-    mass_scale: Number = Field(default=1.0, gt=0, le=100)
+    mass_scale: Number = Field(default=1.0, gt=0, le=100)  # factor on all masses and inertias [-]
+    # Radius of the sphere that touches the engine's own contact [m].
     tip_radius_m: Number = Field(default=0.008, gt=0, le=0.5)
 
 
 class PhysicsSettings(FileModel):
-    """How the physics is integrated.
+    """How the physics is integrated."""
 
-    Attributes:
-        rate_hz: steps per second [Hz]; four in a tick of 1 kHz by default.
-        gravity_m_s2: fall acceleration, downwards [m/s^2].
-    """
-
+    # Steps per second [Hz]; four in a tick of 1 kHz by default.
     rate_hz: Number = Field(default=4000.0, ge=100, le=1e6)
-    gravity_m_s2: Number = 9.81
+    gravity_m_s2: Number = 9.81  # fall acceleration, downwards [m/s^2]
 
 
 class Scenario(FileModel):
-    """One simulated world; what a file leaves out is as in `scenarios/default.yaml`.
+    """One simulated world; what a file leaves out is as in `scenarios/default.yaml`."""
 
-    Attributes:
-        description: one line for people.
-        seed: of all noise; equal seeds give equal measurements.
-        object: what is probed.
-        arm: the arm's deviations.
-        sensors: how the robot perceives it.
-        physics: how it is integrated.
-        hidden: effects that the robot's models do not know, from drives to links and from object to tip.
-    """
-
-    description: str = ""
+    description: str = ""  # one line for people
+    # Of all noise; equal seeds give equal measurements.
     seed: int = Field(default=1, ge=0, le=MOST_SEED, strict=True)
-    object: ObjectSettings = ObjectSettings()
-    arm: ArmSettings = ArmSettings()
-    sensors: SensorSettings = SensorSettings()
-    physics: PhysicsSettings = PhysicsSettings()
+    object: ObjectSettings = ObjectSettings()  # what is probed
+    arm: ArmSettings = ArmSettings()  # the arm's deviations
+    sensors: SensorSettings = SensorSettings()  # how the robot perceives it
+    physics: PhysicsSettings = PhysicsSettings()  # how it is integrated
+    # Effects that the robot's models do not know, from drives to links and from object to tip.
     hidden: Annotated[tuple[Hidden, ...], Field(max_length=100)] = ()
 
     @model_validator(mode="after")
@@ -96,17 +75,12 @@ class Scenario(FileModel):
     def with_hidden(self, hidden: Sequence[Imperfection]) -> Self:
         """The same world with these effects in place of those that were hidden.
 
-        Raises:
-            InputError: they do not fit the scenario.
+        InputError: they do not fit the scenario.
         """
         return validate(type(self), self.model_dump() | {"hidden": tuple(hidden)})
 
     def with_seed(self, seed: int) -> Self:
-        """The same world with other noise.
-
-        Raises:
-            InputError: it is no seed.
-        """
+        """The same world with other noise. InputError: it is no seed."""
         return validate(type(self), self.model_dump() | {"hidden": self.hidden, "seed": seed})
 
     def to_yaml(self) -> str:
@@ -147,8 +121,7 @@ def load_scenario(source: object, base_dir: str | Path = ".") -> Scenario:
 def parse_scenario(text: str, origin: str) -> Scenario:
     """Make a scenario from its text, for instance the copy in a session; `origin` names it in errors.
 
-    Raises:
-        InputError: as `load_scenario`.
+    InputError: as `load_scenario`.
     """
     document = parse_yaml(text, origin)
     return validate(Scenario, document.data, document)

@@ -20,19 +20,12 @@ _LINE = 76
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What was hidden in one session.
+    """What was hidden in one session."""
 
-    Attributes:
-        hidden: the effects.
-        seed: that they were drawn from; None where a scenario named them.
-        made_utc: when the session was made, as it says itself.
-        mark: random text that the session holds as well; tells answers of equal name apart.
-    """
-
-    hidden: tuple[Imperfection, ...]
-    seed: int | None
-    made_utc: str
-    mark: str = ""
+    hidden: tuple[Imperfection, ...]  # the effects
+    seed: int | None  # that they were drawn from; None where a scenario named them
+    made_utc: str  # when the session was made, as it says itself
+    mark: str = ""  # random text that the session holds as well; tells answers of equal name apart
 
 
 def sealed_path(session: str | Path) -> Path:
@@ -79,11 +72,7 @@ def _write(file: TextIO, text: str) -> None:
 
 
 def unseal(path: str | Path) -> Answer:
-    """Open a sealed answer.
-
-    Raises:
-        InputError: there is none, or it is damaged or of another version.
-    """
+    """Open a sealed answer. InputError: there is none, or it is damaged or of another version."""
     path = Path(path)
     try:
         with path.open("rb") as file:

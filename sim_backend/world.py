@@ -25,44 +25,27 @@ from sim_backend.sensors import SimulatedEncoder, SimulatedForceSensor, Simulate
 
 @dataclass(frozen=True)
 class ArmDescription:
-    """What the world must know of a robot.
+    """What the world must know of a robot."""
 
-    Attributes:
-        urdf_text: the robot's URDF.
-        tip_frame: URDF link whose origin is the contact point.
-        sensor_axis_tip: unit vector in the tip frame along which the force sensor measures compression.
-        home_rad: where the joints are at the start (n) [rad].
-    """
-
-    urdf_text: str
-    tip_frame: str
+    urdf_text: str  # the robot's URDF
+    tip_frame: str  # URDF link whose origin is the contact point
+    # Unit vector in the tip frame along which the force sensor measures compression.
     sensor_axis_tip: Sequence[float]
-    home_rad: Sequence[float]
+    home_rad: Sequence[float]  # where the joints are at the start (n) [rad]
 
 
 @dataclass(frozen=True)
 class Truth:
-    """The state of a world, free of sensors; for tests and for tables that compare with the truth.
+    """The state of a world, free of sensors; for tests and for tables that compare with the truth."""
 
-    Attributes:
-        time_s: time of the state [s].
-        joint_position_rad: shape (n,) [rad].
-        joint_velocity_rad_s: shape (n,), of the middle of the last step [rad/s].
-        drive_torque_nm: what the drives exerted during the last step, shape (n,) [N m].
-        tip_position_world_m: shape (3,) [m].
-        depth_m: how far the tip is below the undeformed surface [m]; negative above it.
-        rate_m_s: d(depth)/dt [m/s].
-        force_n: force of the object on the tip, upwards [N].
-    """
-
-    time_s: float
-    joint_position_rad: FloatArray
-    joint_velocity_rad_s: FloatArray
-    drive_torque_nm: FloatArray
-    tip_position_world_m: FloatArray
-    depth_m: float
-    rate_m_s: float
-    force_n: float
+    time_s: float  # time of the state [s]
+    joint_position_rad: FloatArray  # shape (n,) [rad]
+    joint_velocity_rad_s: FloatArray  # shape (n,), of the middle of the last step [rad/s]
+    drive_torque_nm: FloatArray  # what the drives exerted during the last step, shape (n,) [N m]
+    tip_position_world_m: FloatArray  # shape (3,) [m]
+    depth_m: float  # how far the tip is below the undeformed surface [m]; negative above it
+    rate_m_s: float  # d(depth)/dt [m/s]
+    force_n: float  # force of the object on the tip, upwards [N]
 
 
 class World:
@@ -168,8 +151,7 @@ class World:
     def place(self, position_rad: ArrayLike, velocity_rad_s: ArrayLike | None = None) -> None:
         """Put the joints elsewhere (n) [rad], moving at `velocity_rad_s` (n) [rad/s] or at rest.
 
-        Raises:
-            InputError: wrong number of joints.
+        InputError: wrong number of joints.
         """
         self._arm.place(position_rad, velocity_rad_s)
         for effect in self._effects.joint:
@@ -180,8 +162,7 @@ class World:
     def set_torque(self, torque_nm: ArrayLike) -> None:
         """What the drives exert from now on (n) [N m], cut at their limits.
 
-        Raises:
-            InputError: wrong number of joints, or a torque that is not finite.
+        InputError: wrong number of joints, or a torque that is not finite.
         """
         torque = frozen_array(torque_nm, (self.joint_count,), what="joint torque").tolist()
         limits = self._arm.torque_limit_nm

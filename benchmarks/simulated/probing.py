@@ -75,9 +75,7 @@ def drawable() -> list[str]:
     """Effects that some channel of a probing run shows."""
     channels = noise_scale(Scenario()).channels
     return [
-        name
-        for name in IMPERFECTIONS
-        if any(IMPERFECTIONS[name].can_show_in(channel) for channel in channels)
+        name for name in IMPERFECTIONS if any(channel in IMPERFECTIONS[name].shows_in for channel in channels)
     ]
 
 

@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from robot_io.calibration import Calibrations, load_calibrations
 from robot_io.errors import InputError
-from robot_io.files.text_file import read_text
+from robot_io.files.safe_yaml import read_text
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, frozen_array
 

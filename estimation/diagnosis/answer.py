@@ -1,4 +1,4 @@
-"""What a search comes to: the verdict, the effects with their evidence, and what is left, in words and numbers."""
+"""What a search comes to: the verdict, the effects with their evidence, and what is left."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,6 +22,7 @@ from estimation.diagnosis.result import (
 )
 from estimation.diagnosis.search import Search
 from estimation.fit.intervals import final, values
+from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
 from estimation.fit.unexplained import depends_on
 
@@ -32,6 +33,7 @@ class Judgement:
 
     Attributes:
         search: the channel, the base model and all that was tried.
+        readings: how the motion was read.
         end: the base model with the effects that are established.
         complete: whether it leaves no more than noise.
         helping: effects that helped to lower the error and are not established.
@@ -39,6 +41,7 @@ class Judgement:
     """
 
     search: Search
+    readings: Readings
     end: Standing
     complete: bool
     helping: Sequence[str]
@@ -127,7 +130,7 @@ def _accepted(found: Judgement, path: Sequence[Standing]) -> list[Accepted]:
                 rmse_before=before.rmse,
                 rmse_after=after.rmse,
                 p_value=search.p_value(less, found.end),
-                confused_with=rivals(search, found.end, name),
+                confused_with=rivals(search, found.end, name, found.readings),
                 physics=by_name[name].physics,
                 equation=by_name[name].equation,
                 signature=by_name[name].signature,

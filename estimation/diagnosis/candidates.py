@@ -1,4 +1,4 @@
-"""Effects tried beside a model: which of the library, how well each does, whether its parameters make sense."""
+"""Effects tried beside a model: which are, how well each does, whether its parameters make sense."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import Effect, SensorEffect
+from estimation.effect import Effect, Inner, SensorEffect
 from estimation.effects import EFFECTS
 from estimation.fit.inner_search import Attempts, look, refine
 from estimation.fit.load import HEAVY
@@ -81,24 +81,35 @@ def try_all(
     standing: Fit,
     effects: Sequence[Effect],
     progress: Callable[[float, str], None] = lambda share, what: None,
+    *,
+    starts: Callable[[Effect], Sequence[Inner]] | None = None,
+    refined: int = REFINED,
 ) -> list[Candidate]:
     """Try each effect beside a model, the best in held-out runs first.
 
     All are tried at their starts, those that do well there also in between. What would be impossible beside
     the other parameters as they were may be possible once all are fitted together.
+
+    Args:
+        standing: the model.
+        effects: what to try.
+        progress: told the share that is done, and what is being tried.
+        starts: inner parameters at which to try an effect; by default those that it proposes.
+        refined: effects that are tried in between in any case; 0 for none at all.
     """
     looked, places = [], _places(standing.trial)
     for number, effect in enumerate(effects):
         progress(number / len(effects), effect.name)
-        starts = effect.starts(standing.data)
+        places_of = starts(effect) if starts else effect.starts(standing.data)
         tried = [
-            look(standing.plain, model, effect, parameters, starts)
+            look(standing.plain, model, effect, parameters, places_of)
             for model in extended(standing.trial.model, effect)
             for parameters in places
         ]
         looked.append(min(tried, key=lambda one: one.best.sse))
     gains = np.array([standing.trial.sse - tried.best.sse for tried in looked])
-    least = min(PROMISING * gains.max(initial=0.0), np.sort(gains)[-REFINED:].min(initial=np.inf))
+    worst = np.sort(gains)[-refined:].min(initial=np.inf) if refined else np.inf
+    least = min(PROMISING * gains.max(initial=0.0), worst) if refined else np.inf
     found = []
     for effect, first, gain in zip(effects, looked, gains, strict=True):
         best = refine(standing.plain, first.best.model, effect, first) if gain >= least else first

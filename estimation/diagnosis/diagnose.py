@@ -10,12 +10,12 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.diagnosis.answer import Judgement, answer, insufficient
 from estimation.diagnosis.candidates import library
-from estimation.diagnosis.doubt import still_explained
-from estimation.diagnosis.established import established
+from estimation.diagnosis.doubt import SMALL, still_explained
+from estimation.diagnosis.established import established, standards
 from estimation.diagnosis.next_experiment import FEW_READINGS
 from estimation.diagnosis.objections import objection_to
 from estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
-from estimation.diagnosis.search import SMALL, Progress, Search, search
+from estimation.diagnosis.search import Progress, Search, search, search_of
 from estimation.effect import Effect
 from estimation.fit.exact import is_exact
 from estimation.fit.readings import readings_of
@@ -92,7 +92,7 @@ def diagnose_channel(
     good = usable(data)
     if reason := refuse(data.select(good), model):
         return insufficient(data, reason)
-    tried = Search(data, model, good, effects, rng, progress)
+    tried = search_of(data, model, good, effects, rng, progress)
     is_complete = _Completeness(tried)
     found = search(tried, is_complete)
     end = established(tried, found, is_complete.readings, complete=is_complete(found))
@@ -101,7 +101,7 @@ def diagnose_channel(
     if not complete and end is tried.start and (reason := _below_a_step(end)):
         return insufficient(data, reason)
     helping = [name for name in tried.added(found) if name not in tried.added(end)]
-    return answer(Judgement(tried, end, complete, helping, objection))
+    return answer(Judgement(tried, is_complete.readings, end, complete, helping, objection))
 
 
 class _Completeness:
@@ -117,7 +117,11 @@ class _Completeness:
         return self._known[id(standing)][1]
 
     def _judge(self, standing: Standing) -> bool:
-        if is_exact(standing) or standing.rmse <= (1.0 + SMALL) * standing.floor():
+        if is_exact(standing):
+            return True
+        if standards(self._search.start, standing).is_outdone:
+            return False
+        if standing.rmse <= (1.0 + SMALL) * standing.floor():
             return True
         return not still_explained(standing, self.readings, self._search.rng).is_unusual
 

@@ -12,23 +12,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.fit.chance import surrogates
 from estimation.fit.flexible import flexible
-from estimation.fit.held_out import held_out_blocks
 from estimation.fit.inner_search import look
 from estimation.fit.memory import Memory
 from estimation.fit.readings import Readings, shuffled
-from estimation.fit.standing import Fit, Standing
+from estimation.fit.standing import Standing
 from estimation.fit.trial import Bench, Trial, attempt
 from robot_io.types import FloatArray
 
+SMALL = 0.05  # of an error: a smaller change is told, and changes no verdict
 DRAWS = 19  # at most: of 20 data sets, one is the largest by chance once in twenty
 _USUAL = 2  # draws as large as the data, after which these are nothing unusual
 _FEW, _FAR = 4, 3.0  # draws, and times the largest of them: data beyond need no more draws
 _STARTS = 6  # of an effect's inner parameters, that are tried on a draw beside those found
 _LEAST_NOISE = 0.05  # share of the noise that is the effort's own, however much the readings may make
-_RIVAL_LEVEL = 0.01  # of refusing a rival that is right
-_ROUNDING = 0.02  # of the squared error: models closer than this are equally good
 
 
 @dataclass(frozen=True)
@@ -40,8 +37,8 @@ class Placed:
 
     @property
     def is_unusual(self) -> bool:
-        """Whether the data are beyond all draws."""
-        return bool(self.observed > np.max(self.drawn, initial=0.0))
+        """Whether the data are beyond all draws, and by more than a small share of the error."""
+        return bool(self.observed > np.max(self.drawn, initial=0.0) + SMALL)
 
 
 def place(observed: float, draws: Iterator[float]) -> Placed:
@@ -57,34 +54,41 @@ def place(observed: float, draws: Iterator[float]) -> Placed:
 
 
 def still_explained(standing: Standing, readings: Readings, rng: np.random.Generator) -> Placed:
-    """Share of the held-out error that a smooth law explains beside a model, in the data and in draws from it."""
+    """Share of the held-out error that a smooth law explains beside a model, in data and in draws from it."""
     return place(standing.left_of_blocks(), (_share(*one) for one in draws(standing, readings, rng)))
 
 
-def still_gained(
-    before: Standing, after: Standing, name: str, readings: Readings, rng: np.random.Generator
+def gained(
+    before: Standing, after: Standing, readings: Readings, rng: np.random.Generator, effect: str = ""
 ) -> Placed:
-    """Share of the held-out error that an effect takes away, in the data and in draws from the model without it.
+    """Share of the held-out error by which a model beats another, in data and in draws from the other.
+
+    It says whether an effect is needed, the model without it being `before`, and whether one model is better
+    than a rival, the rival being `before` (D. R. Cox, JRSS B 24 (1962)).
 
     Args:
-        before: the model without the effect.
-        after: the model with it; what it leaves is the noise of the draws.
-        name: of the effect.
+        before: the model that draws are made from.
+        after: the other; what a smooth law leaves beside it is the noise of the draws.
         readings: how the motion was read.
         rng: for the draws.
+        effect: name of the one effect that `after` has beyond `before`, whose inner parameters are then
+            looked for in each draw.
     """
-    model = after.trial.model
-    effect = next(one for one in model.effects if one.name == name)
-    found = {one.name: after.trial.parameters[f"{name}.{one.name}"] for one in effect.inner}
-    starts = effect.starts(before.data)
-    tried = [found, *starts[:: max(len(starts) // _STARTS, 1)]]
+    model, known = after.trial.model, after.trial.parameters
+    observed = 1.0 - float(np.sqrt(after.trial.held_out / max(before.trial.held_out, 1e-300)))
 
-    def gain(bench: Bench, trial: Trial) -> float:
-        looked = look(bench, model, effect, {**after.trial.parameters, **trial.parameters}, tried)
-        return 1.0 - float(np.sqrt(looked.held_out.sum() / max(trial.held_out, 1e-300)))
+    def left(bench: Bench, trial: Trial) -> float:
+        parameters = {**known, **{n: v for n, v in trial.parameters.items() if n in model.gains}}
+        if not effect:
+            return attempt(bench, model, parameters, rounds=2).held_out
+        added = next(one for one in model.effects if one.name == effect)
+        starts = added.starts(before.data)
+        found = {one.name: known[f"{effect}.{one.name}"] for one in added.inner}
+        tried = [found, *starts[:: max(len(starts) // _STARTS, 1)]]
+        return float(look(bench, model, added, parameters, tried).held_out.sum())
 
-    observed = 1.0 - float(np.sqrt(after.trial.held_out / before.trial.held_out))
-    return place(observed, (gain(*one) for one in draws(before, readings, rng, after.flexible.residual)))
+    drawn = draws(before, readings, rng, after.flexible.residual)
+    return place(observed, (1.0 - float(np.sqrt(left(b, t) / max(t.held_out, 1e-300))) for b, t in drawn))
 
 
 def draws(
@@ -99,7 +103,7 @@ def draws(
         left: noise on blocks, shape (m,); by default what a smooth law leaves of the model's error.
     """
     frame, model, known = standing.plain.frame, standing.trial.model, standing.trial.parameters
-    expected = model.predict(_with_derived(readings.true_motion(rng), standing.data), known)
+    expected = model.predict(_with_derived(readings.true_motion, standing.data), known)
     left = standing.flexible.residual if left is None else left
     noise = _own_noise(standing, readings, expected, left, rng)
     while True:
@@ -113,7 +117,7 @@ def draws(
 def _own_noise(
     standing: Standing, readings: Readings, expected: FloatArray, left: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """The effort's noise on blocks, (m,): what is left, less what another reading of the motion makes of it."""
+    """The effort's noise on blocks, (m,): what is left, less what reading the motion again makes of it."""
     frame = standing.plain.frame
     read = _with_derived(readings.draw(rng), standing.data)
     apart = frame.reduce(standing.trial.model.predict(read, standing.trial.parameters) - expected)
@@ -130,26 +134,3 @@ def _with_derived(moved: ChannelData, fitted: ChannelData) -> ChannelData:
 def _share(bench: Bench, trial: Trial) -> float:
     after = float(flexible(bench, trial).held_out.sum())
     return float(1.0 - np.sqrt(after / trial.held_out)) if trial.held_out > 0.0 else 0.0
-
-
-def is_as_good(ours: Standing, theirs: Fit, rng: np.random.Generator) -> bool:
-    """Whether the data do not refuse another model beside one that fits at least as well.
-
-    If theirs were right, our error would be smaller by chance alone: with d the difference of the two
-    predictions and noise n, by 2 n d - d d. Theirs is refused if the data's difference is beyond what draws
-    of the noise make of it.
-
-    Args:
-        ours: a model.
-        theirs: another, of the same base model.
-        rng: for the draws.
-    """
-    kept = ours.plain.kept & theirs.plain.kept  # where a contact begins may differ
-    left = held_out_blocks(ours.plain.frame, ours.trial)[kept]
-    apart = held_out_blocks(theirs.plain.frame, theirs.trial)[kept] - left
-    observed = float(np.sum((left + apart) ** 2) - np.sum(left**2))
-    if observed <= _ROUNDING * float(left @ left):
-        return True
-    drawn = surrogates(ours.flexible.residual[kept], ours.plain.frame.run[kept], rng)
-    chance = 2.0 * (apart @ drawn) - float(apart @ apart)
-    return observed <= float(np.quantile(chance, 1.0 - _RIVAL_LEVEL))

@@ -13,8 +13,8 @@ import numpy as np
 
 from estimation.data.derivatives import grid_step
 from estimation.diagnosis.candidates import Candidate
-from estimation.diagnosis.doubt import is_as_good, still_gained
-from estimation.diagnosis.search import SMALL, Search
+from estimation.diagnosis.doubt import SMALL, gained
+from estimation.diagnosis.search import Search
 from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
 from estimation.fit.trial import Trial
@@ -41,6 +41,11 @@ class Standards:
     named: float
     nameless: float
     both: float
+
+    @property
+    def is_outdone(self) -> bool:
+        """Whether a law without a name does better beside the base model than beside the names."""
+        return self.nameless < AS_GOOD * self.both
 
     @property
     def is_met(self) -> bool:
@@ -72,10 +77,18 @@ def established(search: Search, end: Standing, readings: Readings, *, complete: 
     """
     if not (complete or standards(search.start, end).is_met):
         return search.start
+    for part in [
+        search.start,
+        *in_order(search, end)[:-1],
+    ]:  # some may need each other, and be nothing together
+        if not gained(part, end, readings, search.rng).is_unusual:
+            return (
+                established(search, part, readings, complete=complete) if part is not search.start else part
+            )
     for name in reversed(names_in_order(search, end)):  # the least telling first
         before = search.without(end, name)
         needed = not _is_below_a_step(search, end, name) and search.is_needed(before, end)
-        if not (needed and still_gained(before, end, name, readings, search.rng).is_unusual):
+        if not (needed and gained(before, end, readings, search.rng, name).is_unusual):
             end = before
     return end
 
@@ -99,7 +112,7 @@ def in_order(search: Search, end: Standing) -> list[Standing]:
     return path[1:]
 
 
-def rivals(search: Search, end: Standing, name: str) -> list[str]:
+def rivals(search: Search, end: Standing, name: str, readings: Readings) -> list[str]:
     """Effects that the data do not refuse in the place of one, best first.
 
     An effect that merely contains this one (a law with one more term) is no rival: the data say that the term
@@ -117,7 +130,8 @@ def rivals(search: Search, end: Standing, name: str) -> list[str]:
             continue
         if taken is not None and _contains(candidate, taken):
             continue
-        if is_as_good(end, search.with_candidate(candidate), search.rng):
+        theirs = search.with_candidate(candidate)
+        if not gained(theirs, end, readings, search.rng).is_unusual:
             found.append(candidate.effect.name)
     return found
 

@@ -1,4 +1,4 @@
-"""What a smooth law of the signals cannot show: runs with laws of their own, and a rest unlike noise in free air.
+"""What a smooth law of the signals cannot show: runs with laws of their own, and a rest unlike noise.
 
 What would explain why one run differs (another specimen, another zero, a sensor that died) is no signal of
 the data, so other runs teach nothing about it. Nor does a rest that swings or breathes follow any signal.
@@ -25,6 +25,7 @@ _ABOVE_AIR = 3.0  # the noise to be expected
 _LIKE_NEIGHBOUR = 0.5  # correlation of neighbouring blocks, which noise as in free air does not have
 _MORE_ALIKE = 0.2  # than in free air: that of 40 blocks is uncertain by 0.16
 _BLOCKS = 40  # in contact and in free air, with fewer of which nothing is said
+_PROMINENT = 40.0  # times the median around it, that a line rises to in a spectrum; noise reaches 10
 _PEAK = 0.2  # share of the variance in one frequency that makes it worth naming
 
 
@@ -49,15 +50,15 @@ def objection_to(end: Standing) -> Objection | None:
     apart = disagreement(end)
     if apart:
         return Objection(
-            f"the runs do not follow one law: run {apart.run} is off by {apart.run_predicted:.3g} {unit} when "
-            f"predicted from the others, by {apart.run_alone:.3g} {unit} when fitted by itself; was something "
-            "else probed, or a sensor changed?",
+            f"the runs do not follow one law: run {apart.run} is off by {apart.run_predicted:.3g} {unit} "
+            f"when predicted from the others, by {apart.run_alone:.3g} {unit} when fitted alone; was "
+            "something else probed, or a sensor changed?",
             "run",
             apart.alone,
         )
     excess = unlike_noise(end)
     if not excess:
-        return None
+        return _swinging(end)
     swings = f" and swings at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
     return Objection(
         f"what is left in contact, {excess.contact:.3g} {unit}, is {excess.contact / excess.expected:.0f} "
@@ -84,6 +85,22 @@ class Disagreement:
     alone: float
     run_predicted: float
     run_alone: float
+
+
+def _swinging(end: Standing) -> Objection | None:
+    """An error that swings at one frequency, with another phase in each run."""
+    frame, unit = end.plain.frame, end.data.kind.effort_unit
+    residual = frame.reduce(held_out_residual(frame, end.trial))
+    step_s = sample_time(frame.data.time_s, frame.data.run) * frame.rows.shape[1]
+    found = strongest_swing(frame.reduce(frame.data.time_s), frame.run, residual, step_s)
+    if found is None or found[1] < _PEAK or found[2] < _PROMINENT:
+        return None
+    size, floor = np.sqrt(found[1]) * end.rmse, np.sqrt(1.0 - found[1]) * end.rmse
+    return Objection(
+        f"the error swings at {found[0]:.3g} Hz with {size:.3g} {unit}, and no signal of the data does",
+        "time",
+        float(floor),
+    )
 
 
 def disagreement(standing: Standing) -> Disagreement | None:

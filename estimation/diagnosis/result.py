@@ -134,7 +134,7 @@ class ChannelDiagnosis(_Entry):
         accepted: effects found missing, in order.
         ranking: all candidates beside the base model, best first.
         final: the model with all that was accepted.
-        complete: whether no more is left than noise, as far as this data shows; None where nothing was judged.
+        complete: whether no more is left than noise, as far as this data shows; None if insufficient.
         remaining: what is left.
         depends_on: the same as in `remaining`.
         next_experiment: what would tell more; None if nothing would.

@@ -1,34 +1,41 @@
-"""The search for effects: stepwise, looking back at each step, from several first effects where one leads astray.
+"""The search for effects: stepwise, looking back at each step, from several first effects if one misleads.
 
 Pairs are sketched on a copy of the channel that has one sample for each block; what comes out is fitted again
 to all of it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.diagnosis.candidates import Candidate, candidates, is_misnamed, is_possible, size, try_all
-from estimation.effect import Effect, SensorEffect
+from estimation.diagnosis.doubt import SMALL
+from estimation.effect import Effect, Inner, SensorEffect
 from estimation.fit.chance import chance_gains
 from estimation.fit.frame import Frame
 from estimation.fit.memory import Memory
 from estimation.fit.standing import Standing, stand
 from estimation.model import Model
+from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray
 
-SMALL = 0.05  # of an error: a smaller change is told, and changes no verdict
 TIE = 0.02  # of the squared error in held-out runs, that equally good models may differ by
 LEVEL = 0.01  # of false alarms, over all candidates of a step
 MOST_EFFECTS = 4  # with more, almost anything can be imitated
 FITTED = 4  # candidates of a step of which all parameters are fitted together
 FIRSTS = 5  # first effects that are tried where the best one leads to no complete model
+BESIDE, PAIRS = 3, 4  # second effects looked at beside each first, and pairs that are fitted together
 _FOLDS = 0.6  # share of the folds in which an effect must help
 _CLEAR = 0.5  # of the energy that is left: noise of a thousand blocks and more gives no effect that much
 _MANY = 1000
+SHORTLIST, _FINE = (
+    8,
+    4,
+)  # effects tried on all samples; blocks within which a copy of blocks hardly tells times
+FEW_STARTS = 4  # places where a second effect is tried
 Progress = Callable[[str, float], None]
 _Key = tuple[frozenset[str], tuple[str, ...]]
 
@@ -44,6 +51,7 @@ class Search:
         effects: the library.
         rng: for surrogates.
         progress: told what is being done, and the share of it that is done.
+        sketch: the same on a coarse copy of the channel, which says what is worth trying; None for a sketch.
     """
 
     data: ChannelData
@@ -52,6 +60,7 @@ class Search:
     effects: tuple[Effect, ...]
     rng: np.random.Generator
     progress: Progress = lambda what, share: None
+    sketch: "Search | None" = None
     _memory: Memory = field(default_factory=Memory)
     _fits: dict[_Key, Standing] = field(default_factory=dict)
     _screened: dict[_Key, list[Candidate]] = field(default_factory=dict)
@@ -93,11 +102,46 @@ class Search:
         if key not in self._screened:
             beside = ", ".join(effect.name for effect in standing.trial.model.effects)
             what = f"{self.data.name}: beside {beside}"
+            starts = self._shortlist(standing)
             tried = candidates(standing.data, standing.trial.model, self.effects)
             self._screened[key] = try_all(
-                standing, tried, lambda share, name: self.progress(f"{what}: {name}", share)
+                standing,
+                [effect for effect in tried if starts is None or effect.name in starts],
+                lambda share, name: self.progress(f"{what}: {name}", share),
+                starts=None if starts is None else lambda effect: starts[effect.name],
             )
         return self._screened[key]
+
+    def _shortlist(self, standing: Standing) -> dict[str, list[Inner]] | None:
+        """Where to try which effects, by what a coarse copy showed; None for all.
+
+        Times within a few blocks hardly show there: a sensor's are tried as it proposes.
+        """
+        if self.sketch is None:
+            return None
+        frame = standing.plain.frame
+        fine_s = _FINE * frame.rows.shape[1] * sample_time(self.data.time_s, self.data.run)
+        rough = self.sketch.screened(self.sketch.fitted(standing.trial.model, standing.trial.parameters))
+        starts = {}
+        for number, candidate in enumerate(rough):
+            effect, best = candidate.effect, candidate.search.best.parameters
+            fine: list[Inner] = []
+            if isinstance(effect, SensorEffect) and any(one.unit == "s" for one in effect.inner):
+                fine = [one for one in effect.starts(self.data) if max(map(abs, one.values())) < fine_s]
+            if fine or number < SHORTLIST:
+                starts[effect.name] = [{p.name: best[f"{effect.name}.{p.name}"] for p in effect.inner}, *fine]
+        return starts
+
+    def second_effects(self, first: Candidate) -> list[Candidate]:
+        """Candidates beside the base model and a first one, tried in few places."""
+        beside = self.with_candidate(first)
+        tried = candidates(beside.data, beside.trial.model, self.effects)
+
+        def few(effect: Effect) -> Sequence[Inner]:
+            starts = effect.starts(beside.data)
+            return starts[:: max(len(starts) // FEW_STARTS, 1)]
+
+        return [one for one in try_all(beside, tried, starts=few, refined=0) if one.possible]
 
     def with_candidate(self, candidate: Candidate) -> Standing:
         """The model that a candidate was tried in, with all parameters fitted together."""
@@ -125,7 +169,7 @@ class Search:
         return self.ordered(made)
 
     def ordered(self, made: Sequence[Standing]) -> list[Standing]:
-        """By the error in held-out runs; of those as good as the best, the one with fewest parameters first."""
+        """By the error in held-out runs; of those as good as the best, those with fewest parameters first."""
         limit = (1.0 + TIE) * min((one.trial.held_out for one in made), default=0.0)
 
         def rank(one: Standing) -> tuple[bool, int, float]:
@@ -143,7 +187,7 @@ class Search:
         return self.p_value(before, after) <= LEVEL
 
     def p_value(self, before: Standing, after: Standing) -> float:
-        """How often the best of all candidates takes as much from noise alone; 0 where that is out of question."""
+        """How often the best of all candidates takes as much from noise; 0 where that is out of question."""
         kept = after.plain.kept
         noise = after.flexible.residual[kept]
         observed = (before.trial.sse - after.trial.sse) / max(float(noise @ noise), 1e-300)
@@ -157,15 +201,30 @@ class Search:
         return float((1 + np.sum(chance >= observed)) / (1 + len(chance)))
 
 
+def search_of(  # noqa: PLR0917
+    data: ChannelData,
+    model: Model,
+    good: BoolArray,
+    effects: tuple[Effect, ...],
+    rng: np.random.Generator,
+    progress: Progress = lambda what, share: None,
+) -> Search:
+    """A search of a channel, with a sketch of it where blocks are longer than samples."""
+    whole = Search(data, model, good, effects, rng, progress)
+    frame = whole.start.plain.frame
+    if frame.rows.shape[1] == 1:
+        return whole
+    return replace(whole, sketch=Search(coarse_copy(frame), model, frame.trusted, effects, rng, progress))
+
+
 def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
     """The model that explains most, each of its effects needed beside the others."""
-    frame = whole.start.plain.frame
-    sketch = Search(coarse_copy(frame), whole.model, frame.trusted, whole.effects, whole.rng, whole.progress)
+    sketch = whole.sketch or whole
     on_all = partial(_refined, whole)
     best = on_all(_climb(sketch, sketch.start))
     if is_complete(best):
         return best
-    for first in sketch.extensions(sketch.start, FIRSTS):
+    for first in (*sketch.extensions(sketch.start, FIRSTS), *_pairs(sketch)):
         if set(sketch.added(first)) <= set(whole.added(best)):
             continue
         rough = _climb(sketch, first)
@@ -175,6 +234,19 @@ def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
             if is_complete(best):
                 break
     return best
+
+
+def _pairs(sketch: Search) -> Iterator[Standing]:
+    """Two effects at once, the best pairs first: beside the wrong first, the right second does little."""
+    beside = [
+        (first, second)
+        for first in sketch.screened(sketch.start)
+        if first.possible
+        for second in sketch.second_effects(first)[:BESIDE]
+    ]
+    beside.sort(key=lambda pair: pair[1].held_out)
+    for _, second in beside[:PAIRS]:
+        yield sketch.with_candidate(second)
 
 
 def _refined(whole: Search, rough: Standing) -> Standing:

@@ -9,6 +9,7 @@ S. S. Young, Resampling-Based Multiple Testing (1993)).
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_io.types import FloatArray, IntArray
 
@@ -50,7 +51,7 @@ def surrogates(noise: FloatArray, run: IntArray, rng: np.random.Generator, count
     return made
 
 
-def _explained(noise: FloatArray, columns: FloatArray) -> FloatArray:
+def _explained(noise: NDArray[np.float32], columns: FloatArray) -> FloatArray:
     """Energy of each surrogate (w, s) within the span of columns (w, q), shape (s,)."""
     if columns.shape[1] == 0:
         return np.zeros(noise.shape[1])

@@ -167,7 +167,7 @@ def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Blocks at the start of a run, shape (m,): what a sensor or an object remembers there was not recorded."""
+    """Blocks at the start of a run, shape (m,): what is remembered there was not recorded."""
     found = np.zeros(len(data), dtype=np.bool_)
     for of_run in rows_of_runs(data.run):
         since_s = data.time_s[of_run] - data.time_s[of_run[0]]

@@ -11,7 +11,6 @@ from estimation.fit.acceleration_doubt import doubted
 from estimation.fit.polish import polish
 from estimation.fit.standing import Standing
 from estimation.fit.trial import Bench, Trial, attempt
-from estimation.fit.unexplained import is_explained
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import FloatArray, IntArray
 
@@ -138,7 +137,7 @@ def _errors(slopes: FloatArray, residual: FloatArray, run: IntArray) -> FloatArr
     return np.where(free, np.nan, errors)
 
 
-def final(standing: Standing, *, complete: bool | None = None) -> tuple[Bench, Trial]:
+def final(standing: Standing, *, complete: bool) -> tuple[Bench, Trial]:
     """The last word on a model's parameters, and where it was said.
 
     With the noise's colour taken out they are most exact; but only once nothing is missing, since what is
@@ -146,9 +145,9 @@ def final(standing: Standing, *, complete: bool | None = None) -> tuple[Bench, T
 
     Args:
         standing: the model.
-        complete: whether it is; None to judge that by itself.
+        complete: whether it is.
     """
-    if not (is_explained(standing) if complete is None else complete):
+    if not complete:
         return standing.plain, standing.trial
     judge = standing.judge
     return judge, polish(judge, attempt(judge, standing.trial.model, standing.trial.parameters))

@@ -10,13 +10,14 @@ Application (1997), ch. 4).
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from estimation.channel import ChannelData
 from estimation.data.derivatives import HALF_WINDOWS, grid_step, position_error
 from estimation.data.local_fit import local_fit
 from estimation.signals.blocks import blocks
 from estimation.signals.moved import moved
-from robot_io.types import FloatArray
+from robot_io.types import FloatArray, IntArray
 
 _TRIED = 4000  # samples by which the operator that derived a velocity is recognised
 _ALIKE = 1e-3  # of a derivative's mean square, that one derived in another way may differ by
@@ -39,41 +40,25 @@ class Readings:
     step: float
     windows: tuple[int | None, int | None]
 
-    def true_motion(self, rng: np.random.Generator) -> ChannelData:
-        """The channel with the smooth motion, as far as it is known.
-
-        A window bends what it derives. How much it does is the difference to the derivative of half the
-        window, less the share of that which is noise.
-        """
-        bent = [np.zeros(len(self.error))]
-        noise = self._another_error(rng)
-        for order, half in enumerate(self.windows, start=1):
-            bent.append(self._bent(noise, half, order) if half else np.zeros(len(noise)))
-        return moved(self._moved(-self.error), *bent)
-
-    def _bent(self, noise: FloatArray, half: int, order: int) -> FloatArray:
-        """What a window takes from a derivative (n,)."""
-        narrow = half // 2
-        if narrow < HALF_WINDOWS[0]:
-            return np.zeros(len(noise))
-        apart, by_noise = (
-            derived(self.data, signal, narrow, order) - derived(self.data, signal, half, order)
-            for signal in (self.data.position, noise)
-        )
-        whole = float(np.mean(apart**2))
-        share = max(1.0 - float(np.mean(by_noise**2)) / whole, 0.0) if whole > 0.0 else 0.0
-        return share * apart
+    @property
+    def true_motion(self) -> ChannelData:
+        """A channel that moves like the one recorded: its derivatives are exact, its position smooth."""
+        still = np.zeros(len(self.error))
+        return moved(self.data, -self.error, still, still)
 
     def draw(self, rng: np.random.Generator) -> ChannelData:
-        """The smooth motion read once more."""
-        return self._moved(self._another_error(rng) - self.error)
-
-    def _moved(self, change: FloatArray) -> ChannelData:
-        changes = [change, np.zeros(len(change)), np.zeros(len(change))]
+        """That motion read once more: other errors of the position, derived by the same windows."""
+        error = self._another_error(rng)
+        changes = [error - self.error]
         for order, half in enumerate(self.windows, start=1):
-            if half is not None:
-                changes[order] = derived(self.data, change, half, order)
+            changes.append(np.zeros(len(error)) if half is None else self._misread(error, half, order))
         return moved(self.data, *changes)
+
+    def _misread(self, error: FloatArray, half: int, order: int) -> FloatArray:
+        """What a window makes of noise, and how it bends what it derives, shape (n,)."""
+        exact = (self.data.velocity, self.data.acceleration)[order - 1]
+        bent = derived(self.data, _integrated(exact, self.data, order), half, order) - exact
+        return bent + derived(self.data, error, half, order)
 
     def _another_error(self, rng: np.random.Generator) -> FloatArray:
         if self.step > 0.0:
@@ -81,7 +66,8 @@ class Readings:
             extra = max(float(np.mean(self.error**2)) - self.step**2 / 12.0, 0.0)
             noisy = smooth + np.sqrt(extra) * rng.standard_normal(len(smooth))
             shift = self.step * rng.random()
-            return np.round((noisy + shift) / self.step) * self.step - shift - smooth
+            read: FloatArray = np.round((noisy + shift) / self.step) * self.step - shift
+            return read - smooth
         return shuffled(self.error, self.data.run, rng)
 
 
@@ -94,8 +80,8 @@ def readings_of(data: ChannelData) -> Readings:
     return Readings(data, error, step, (windows[0], windows[1]))
 
 
-def shuffled(noise: FloatArray, run: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Noise (n,) like the one given, without its tie to the motion: shifted in time, of either sign, by run."""
+def shuffled(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
+    """Noise (n,) like the one given, without its tie to the motion: shifted in time, of either sign."""
     made = np.empty_like(noise)
     for rows in blocks(run):
         made[rows] = np.roll(noise[rows], rng.integers(rows.stop - rows.start)) * rng.choice([-1.0, 1.0])
@@ -109,6 +95,16 @@ def derived(data: ChannelData, signal: FloatArray, half: int, order: int) -> Flo
         centres = np.arange(rows.stop - rows.start)
         found[rows] = local_fit(data.time_s[rows], signal[rows], centres, half).fitted[:, order]
     return found
+
+
+def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray:
+    """A signal (n,) integrated so many times from the start of each run."""
+    whole = signal
+    for _ in range(times):
+        whole = whole.copy()
+        for rows in blocks(data.run):
+            whole[rows] = cumulative_trapezoid(whole[rows], data.time_s[rows], initial=0.0)
+    return whole
 
 
 def _window(data: ChannelData, error: FloatArray, order: int) -> int | None:

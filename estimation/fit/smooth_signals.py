@@ -53,15 +53,19 @@ def features(frame: Frame, effort: FloatArray) -> dict[str, FloatArray]:
     return found
 
 
-def _ageing(time_s: FloatArray, run: IntArray, *signals: FloatArray) -> FloatArray:
-    """A trend, and how signals (m,) may grow or fade with the time of the session, and of each run."""
-    clocks = (_unit_clock(time_s), _unit_clock(since_their_start(time_s, run)))
-    fading = [clock * signal for clock in clocks for signal in signals]
+def _ageing(
+    time_s: FloatArray, run: IntArray, v: FloatArray, effort: FloatArray, turn: FloatArray
+) -> FloatArray:
+    """A trend, and how velocity, effort and direction (m,) may grow or fade with time and with work done."""
+    work = np.cumsum(np.abs(effort * v))
+    clocks = [_unit(c) for c in (time_s, since_their_start(time_s, run), work, since_their_start(work, run))]
+    fading = [clock * signal for clock in clocks for signal in (v, effort, turn)]
     return np.column_stack([clocks[0], clocks[0] ** 2, clocks[1], *fading])
 
 
-def _unit_clock(time_s: FloatArray) -> FloatArray:
-    return (time_s - time_s[0]) / (float(np.ptp(time_s)) or 1.0)
+def _unit(clock: FloatArray) -> FloatArray:
+    run_down: FloatArray = (clock - clock[0]) / (float(np.ptp(clock)) or 1.0)
+    return run_down
 
 
 def _position(frame: Frame) -> FloatArray:

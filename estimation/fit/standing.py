@@ -9,14 +9,13 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.fit.colour import WHITE, colour_of
 from estimation.fit.flexible import Flexible, flexible
-from estimation.fit.frame import block_length, frame_of, off_borders
-from estimation.fit.held_out import held_out_blocks, held_out_residual, rmse
+from estimation.fit.frame import frame_of, off_borders
+from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
 from estimation.fit.polish import polish
 from estimation.fit.trial import Bench, Trial, attempt
 from estimation.model import Model
-from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray
 
 
@@ -84,25 +83,9 @@ class Standing(Fit):
         count = max(int(self.plain.frame.trusted.sum()), 1)
         return float(np.sqrt(max(self.rmse**2 - max(explainable, 0.0) / count, 0.0)))
 
-    def left_of_samples(self, energy: float = np.inf) -> float:
-        """Share of the error in held-out runs, sample by sample, that can be explained; see `floor`."""
-        return 1.0 - self.floor(energy) / self.rmse if self.rmse > 0.0 else 0.0
-
     def left_of_blocks(self, energy: float = np.inf) -> float:
         """Share of the error in held-out runs, on blocks, that can be explained; see `floor`."""
         after, before = min(energy, float(self.flexible.held_out.sum())), self.trial.held_out
-        return float(1.0 - np.sqrt(after / before)) if before > 0.0 else 0.0
-
-    def left_of_means(self, over_s: float) -> float:
-        """Share of the error in held-out runs, of its means over a time [s], that can be explained."""
-        frame, kept = self.plain.frame, self.plain.kept
-        block_s = block_length(frame.data) * sample_time(frame.data.time_s, frame.data.run)
-        count = min(max(round(over_s / block_s), 1), len(kept))
-        whole = np.convolve(kept, np.ones(count), "valid") > count - 0.5
-        whole &= frame.run[count - 1 :] == frame.run[: len(kept) - count + 1]
-        left = (held_out_blocks(frame, self.trial), self.flexible.residual)
-        sums = (np.convolve(np.where(kept, one, 0.0), np.ones(count), "valid")[whole] for one in left)
-        before, after = (float(np.sum(one**2)) for one in sums)
         return float(1.0 - np.sqrt(after / before)) if before > 0.0 else 0.0
 
 

@@ -11,12 +11,13 @@ _FASTEST = 0.4  # periods in a step
 _FINENESS = 10  # frequencies for each that the longest piece tells apart
 _SHORTEST, _LONGEST = 10, 16384  # steps in a piece; longer ones are cut, so that memory is bounded
 _SHORT = 0.1  # of the longest piece: what is shorter adds work and tells little
+_AROUND = 20 * _FINENESS  # frequencies to either side of a peak that it is held against
 _Piece = tuple[FloatArray, FloatArray]  # how many samples there are at each step, and their sum
 
 
 def strongest_swing(
     time_s: FloatArray, run: IntArray, signal: FloatArray, step_s: float
-) -> tuple[float, float] | None:
+) -> tuple[float, float, float] | None:
     """The peak of a Lomb-Scargle periodogram, in each piece with a phase of its own.
 
     One phase for all would make side peaks, as close as the pieces are far apart. In each piece the samples
@@ -30,7 +31,8 @@ def strongest_swing(
         step_s: between neighbours [s].
 
     Returns:
-        The frequency [Hz] and its share of the variance within pieces; None where all are too short.
+        The frequency [Hz], its share of the variance within pieces, and how many times the median of the
+        frequencies around it that is; None where all are too short.
     """
     pieces = _pieces(time_s, run, signal, step_s)
     longest = max((len(there) for there, _ in pieces), default=0)
@@ -46,7 +48,9 @@ def strongest_swing(
     for piece in pieces:
         explained += _explained(piece, number, size)
     best = int(np.argmax(explained))
-    return float(number[best] / (size * step_s)), float(explained[best] / power)
+    around = explained[max(best - _AROUND, 0) : best + _AROUND + 1]
+    share, usual = float(explained[best] / power), float(np.median(around) / power)
+    return float(number[best] / (size * step_s)), share, share / max(usual, 1e-300)
 
 
 def _pieces(time_s: FloatArray, run: IntArray, signal: FloatArray, step_s: float) -> list[_Piece]:

@@ -20,11 +20,10 @@ from palpate.runs.session import SIMULATED_DRIVERS
 from robot_io.calibration import doubtful, load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
-from robot_io.errors import DeviceError, InputError, PalpateError
+from robot_io.errors import DeviceError, InputError, PalpateError, in_words
 from robot_io.examination import Examinable, Observation, Verdict
 from robot_io.interfaces import Component
 from robot_io.lifecycle import undo_all
-from robot_io.raised import in_words
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
 from sim_backend.emulators.faults import Faults

@@ -28,21 +28,13 @@ _CLOCK_MAY_DIFFER = timedelta(days=1)
 
 @dataclass(frozen=True)
 class Calibrations:
-    """What is applied to one robot; None where a device is taken as it is.
+    """What is applied to one robot; None where a device is taken as it is."""
 
-    Attributes:
-        force: of the force sensor.
-        encoder: of the joints' zeros.
-        torque: of the drives.
-        gravity: of the base.
-        text: all of them in one YAML text, as a session keeps it; empty if there are none.
-    """
-
-    force: ForceCalibration | None = None
-    encoder: EncoderCalibration | None = None
-    torque: TorqueCalibration | None = None
-    gravity: GravityCalibration | None = None
-    text: str = ""
+    force: ForceCalibration | None = None  # of the force sensor
+    encoder: EncoderCalibration | None = None  # of the joints' zeros
+    torque: TorqueCalibration | None = None  # of the drives
+    gravity: GravityCalibration | None = None  # of the base
+    text: str = ""  # all of them in one YAML text, as a session keeps it; empty if there are none
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -112,8 +104,7 @@ def _load(robot_file: RobotFile, kind: str, name: str) -> YamlDocument:
 def parse_calibrations(text: str, origin: str = "calibration") -> Calibrations:
     """Those that a session was made with, from `Calibrations.text`; neither robot nor date are checked.
 
-    Raises:
-        InputError: the text is not valid.
+    InputError: the text is not valid.
     """
     document = parse_yaml(text, origin, len(CALIBRATION_KINDS) * MAX_BYTES * 2)
     strangers = [key for key in document.data if key not in CALIBRATION_KINDS]

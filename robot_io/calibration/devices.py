@@ -1,4 +1,4 @@
-"""Devices that say what is true: each stands before the driver and corrects its readings and commands.
+"""Calibrated devices: each wraps a driver and corrects its readings and commands.
 
 The only place where a calibration touches a number on its way between driver and `Measurement` or `Command`.
 Samples keep their time and status; what is not a number stays none.
@@ -13,7 +13,7 @@ from robot_io.interfaces import Component, ForceSensor, JointEncoder, JointTorqu
 from robot_io.types import FloatArray, Reading, frozen_array
 
 
-class _Before(Component, Examinable):
+class _Calibrated(Component, Examinable):
     """Passes on to the driver the lifecycle, and the question what is connected."""
 
     def __init__(self, driver: Component) -> None:
@@ -40,7 +40,7 @@ class _Before(Component, Examinable):
         return self._driver.tick_wire_s() if isinstance(self._driver, Examinable) else None
 
 
-class CalibratedForceSensor(_Before, ForceSensor):
+class CalibratedForceSensor(_Calibrated, ForceSensor):
     """force = scale (reading - zero) + curvature (reading - zero)^2.
 
     Args:
@@ -62,7 +62,7 @@ class CalibratedForceSensor(_Before, ForceSensor):
         return reading._replace(value=above * (self._scale + self._curvature * above))
 
 
-class CalibratedEncoder(_Before, JointEncoder):
+class CalibratedEncoder(_Calibrated, JointEncoder):
     """position = reading + offset; the velocity has no zero.
 
     Args:
@@ -90,7 +90,7 @@ class CalibratedEncoder(_Before, JointEncoder):
         return self._encoder.read_velocity()
 
 
-class CalibratedTorque(_Before, JointTorque):
+class CalibratedTorque(_Calibrated, JointTorque):
     """torque = gain reading + offset; the drive is told (torque - command offset) / gain.
 
     A drive is never told more than the limit, whatever the calibration makes of a torque within it. Where no

@@ -29,8 +29,7 @@ _SCALES = (0.5, 2.0)  # of readings in N
 _Text = Annotated[str, Field(min_length=1, max_length=200)]
 _Sha256 = Annotated[str, matching(r"[0-9a-f]{64}", "64 hexadecimal digits, in small letters")]
 _Unit = Annotated[
-    str,
-    matching(r"[A-Za-z%][A-Za-z0-9_/%]{0,19}", "1 to 20 letters, digits, _ / or %, a letter or % first"),
+    str, matching(r"[A-Za-z%][A-Za-z0-9_/%]{0,19}", "1 to 20 letters, digits, _ / or %, a letter or % first")
 ]
 
 
@@ -45,31 +44,20 @@ _Date = Annotated[AwareDatetime, BeforeValidator(_date_as_text)]
 
 
 class Quantity(FileModel):
-    """One value.
+    """One value."""
 
-    Attributes:
-        value: in `unit`.
-        std_err: standard uncertainty, in `unit`; twice as much covers about 95 %.
-        unit: of both.
-    """
-
-    value: Number
-    std_err: NotNegative
-    unit: Annotated[str, Field(max_length=40)]
+    value: Number  # in `unit`
+    std_err: NotNegative  # standard uncertainty, in `unit`; twice as much covers about 95 %
+    unit: Annotated[str, Field(max_length=40)]  # of both
 
 
 class Quantities(FileModel):
-    """A value for each joint, from base to tip.
+    """A value for each joint, from base to tip."""
 
-    Attributes:
-        value: shape (n,), in `unit`.
-        std_err: standard uncertainties, shape (n,).
-        unit: of all.
-    """
-
-    value: Annotated[tuple[Number, ...], Field(min_length=1, max_length=MOST_JOINTS)]
+    value: Annotated[tuple[Number, ...], Field(min_length=1, max_length=MOST_JOINTS)]  # shape (n,), in `unit`
+    # Standard uncertainties, shape (n,).
     std_err: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=MOST_JOINTS)]
-    unit: Annotated[str, Field(max_length=40)]
+    unit: Annotated[str, Field(max_length=40)]  # of all
 
     @model_validator(mode="after")
     def _agree(self) -> "Quantities":
@@ -82,50 +70,32 @@ Findings = Annotated[dict[str, Quantity | Quantities], Field(max_length=40)]
 
 
 class RawData(FileModel):
-    """What a calibration was worked out from.
+    """What a calibration was worked out from."""
 
-    Attributes:
-        file: name of the session or data file, without its folder.
-        sha256: of its bytes.
-    """
-
-    file: _Text
-    sha256: _Sha256
+    file: _Text  # name of the session or data file, without its folder
+    sha256: _Sha256  # of its bytes
 
 
 class Calibration(FileModel):
-    """What every calibration says about itself.
-
-    Attributes:
-        palpate_calibration: version of this format.
-        kind: which of the four.
-        robot: name of the robot in its robot file.
-        device: driver and settings of what was calibrated, see `device_identity`.
-        source: what was read: real devices, a simulated robot's, or emulated ones behind real drivers. None:
-            it is not said, and no robot may use the calibration.
-        urdf_sha256: of the URDF whose masses were taken as known; None where none were.
-        made_utc: when.
-        valid_until_utc: refused from then on.
-        software_version: version of palpate.
-        raw_data: what it was worked out from.
-        made_with: other calibrations that were applied meanwhile.
-        findings: what else was found; not applied.
-    """
+    """What every calibration says about itself."""
 
     units: ClassVar[Mapping[str, str]] = {}
 
-    palpate_calibration: Literal[1]
-    kind: str
-    robot: _Text
-    device: dict[str, object]
+    palpate_calibration: Literal[1]  # version of this format
+    kind: str  # which of the four
+    robot: _Text  # name of the robot in its robot file
+    device: dict[str, object]  # driver and settings of what was calibrated, see `device_identity`
+    # What was read: real devices, a simulated robot's, or emulated ones behind real drivers. None: it is not
+    # said, and no robot may use the calibration.
     source: Literal["measured", "simulated", "emulated"] | None = None
-    urdf_sha256: _Sha256 | None = None
-    made_utc: _Date
-    valid_until_utc: _Date
-    software_version: _Text
-    raw_data: RawData
+    urdf_sha256: _Sha256 | None = None  # of the URDF whose masses were taken as known; None where none were
+    made_utc: _Date  # when
+    valid_until_utc: _Date  # refused from then on
+    software_version: _Text  # version of palpate
+    raw_data: RawData  # what it was worked out from
+    # Other calibrations that were applied meanwhile.
     made_with: Annotated[tuple[_Text, ...], Field(max_length=8)] = ()
-    findings: Findings = Field(default_factory=dict)
+    findings: Findings = Field(default_factory=dict)  # what else was found; not applied
 
     @property
     def joint_count(self) -> int | None:
@@ -207,14 +177,10 @@ class EncoderValues(FileModel):
 
 
 class EncoderCalibration(Calibration):
-    """Of the joints' zeros.
-
-    Attributes:
-        values: see `EncoderValues`.
-    """
+    """Of the joints' zeros."""
 
     kind: Literal["encoder"]
-    values: EncoderValues
+    values: EncoderValues  # see `EncoderValues`
 
     @property
     def joint_count(self) -> int:
@@ -237,15 +203,11 @@ class TorqueValues(FileModel):
 
 
 class TorqueCalibration(Calibration):
-    """Of the drives' torques.
-
-    Attributes:
-        values: see `TorqueValues`.
-    """
+    """Of the drives' torques."""
 
     kind: Literal["torque"]
     urdf_sha256: _Sha256
-    values: TorqueValues
+    values: TorqueValues  # see `TorqueValues`
 
     @property
     def joint_count(self) -> int:
@@ -270,15 +232,11 @@ class GravityValues(FileModel):
 
 
 class GravityCalibration(Calibration):
-    """Of the base's tilt.
-
-    Attributes:
-        values: see `GravityValues`; an angle that the arm cannot feel is left out and taken as 0.
-    """
+    """Of the base's tilt."""
 
     kind: Literal["gravity"]
     urdf_sha256: _Sha256
-    values: GravityValues
+    values: GravityValues  # see `GravityValues`; an angle that the arm cannot feel is left out and taken as 0
 
     @model_validator(mode="after")
     def _plausible(self) -> "GravityCalibration":
@@ -303,26 +261,20 @@ CALIBRATION_KINDS = tuple(_MODELS)
 def load_calibration(path: str | Path) -> Calibration:
     """Read and check a calibration file.
 
-    Raises:
-        InputError: the first thing that is wrong, with file, line, key and the valid choices.
+    InputError: the first thing that is wrong, with file, line, key and the valid choices.
     """
     return calibration_from(load_yaml(path, MAX_BYTES))
 
 
 def parse_calibration(text: str, origin: str) -> Calibration:
-    """Read a calibration from its text; `origin` names it in errors.
-
-    Raises:
-        InputError: as `load_calibration`.
-    """
+    """Read a calibration from its text; `origin` names it in errors. InputError: as `load_calibration`."""
     return calibration_from(parse_yaml(text, origin, MAX_BYTES))
 
 
 def calibration_from(document: YamlDocument, kind: str | None = None) -> Calibration:
     """The calibration that is all of `document`, or that stands under the key `kind`.
 
-    Raises:
-        InputError: as `load_calibration`.
+    InputError: as `load_calibration`.
     """
     at = () if kind is None else (kind,)
     data = document.data if kind is None else document.data.get(kind)

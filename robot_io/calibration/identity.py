@@ -49,11 +49,7 @@ def first_difference(wanted: Mapping[str, object], found: Mapping[str, object], 
 
 
 def urdf_sha256(robot_file: RobotFile) -> str:
-    """Of the robot's URDF.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """Of the robot's URDF. InputError: it cannot be read."""
     try:
         return hashlib.sha256(robot_file.urdf_path.read_bytes()).hexdigest()
     except OSError as error:

@@ -5,6 +5,7 @@ booleans, `1e3` is a number, dates stay text). Duplicate keys, anchors, aliases 
 a file says what it seems to say and cannot grow when it is read.
 """
 
+import errno
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,7 +15,6 @@ from typing import cast
 import yaml
 
 from robot_io.errors import InputError
-from robot_io.files.text_file import read_text
 
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 20
@@ -24,18 +24,12 @@ KeyPath = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class YamlDocument:
-    """One YAML file.
+    """One YAML file."""
 
-    Attributes:
-        origin: name of the file, for errors.
-        text: the file as it was written.
-        data: the top-level mapping; keys are strings.
-        lines: line (from 1) of every key and list entry, by its path such as `("limits", "force_n")`.
-    """
-
-    origin: str
-    text: str
-    data: dict[str, object]
+    origin: str  # name of the file, for errors
+    text: str  # the file as it was written
+    data: dict[str, object]  # the top-level mapping; keys are strings
+    # Line (from 1) of every key and list entry, by its path such as `("limits", "force_n")`.
     lines: Mapping[KeyPath, int]
 
     def line_of(self, key_path: KeyPath) -> int:
@@ -48,9 +42,8 @@ class YamlDocument:
 def load_yaml(path: str | Path, max_bytes: int = MAX_BYTES) -> YamlDocument:
     """Read the YAML file at `path`.
 
-    Raises:
-        InputError: it cannot be read, is larger than `max_bytes`, is not UTF-8, or is not the strict YAML
-            of this module.
+    InputError: it cannot be read, is larger than `max_bytes`, is not UTF-8, or is not the strict YAML of this
+    module.
     """
     try:
         text = read_text(Path(path), max_bytes)
@@ -64,8 +57,7 @@ def load_yaml(path: str | Path, max_bytes: int = MAX_BYTES) -> YamlDocument:
 def parse_yaml(text: str, origin: str, max_bytes: int = MAX_BYTES) -> YamlDocument:
     """Read YAML from `text`; `origin` names it in errors.
 
-    Raises:
-        InputError: it is larger than `max_bytes` or not the strict YAML of this module.
+    InputError: it is larger than `max_bytes` or not the strict YAML of this module.
     """
     if len(text) > max_bytes:
         raise InputError(f"{origin}: larger than {max_bytes} bytes, which no such file needs to be")
@@ -153,3 +145,26 @@ def _scalar(node: yaml.ScalarNode) -> object:
 def one_line(text: object) -> str:
     """Text from a stranger's file for a message: one line, nothing that a terminal would obey."""
     return "".join(char if char.isprintable() else "?" for char in " ".join(str(text).split()))
+
+
+MOST_BYTES = 16 * 1024 * 1024
+
+
+def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
+    """The text of a file.
+
+    OSError: it cannot be read; ValueError: it is a device or a pipe, is larger than `most_bytes`, or is no
+    UTF-8 text.
+    """
+    if "\0" in str(path):
+        raise OSError(errno.EINVAL, "no file has such a name")
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise ValueError("a device or a pipe, not a file")
+    with path.open("rb") as file:
+        content = file.read(most_bytes + 1)
+    if len(content) > most_bytes:
+        raise ValueError(f"larger than {most_bytes} bytes, which no such file needs to be")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"not UTF-8 text (byte {error.start})") from error

@@ -1,4 +1,4 @@
-"""Stands between the controller and the drives: limits, witnesses of what is wrong, and the safe stop."""
+"""Stands between the controller and the drives: limits, plausibility checks, and the safe stop."""
 
 from robot_io.guard.guard import Guard, Trip
 from robot_io.guard.limits import Limits, SafeState

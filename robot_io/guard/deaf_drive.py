@@ -13,8 +13,7 @@ has never shown so small a torque on that side.
 
 from math import inf, nan
 
-from robot_io.guard.limits import Limits
-from robot_io.guard.problem import Problem
+from robot_io.guard.limits import Limits, Problem
 from robot_io.types import Measurement, Status
 
 _MISSING_SHARE = 0.5  # of the torque sent that may always be missing, and

@@ -9,8 +9,7 @@ from robot_io.clip import clip
 from robot_io.errors import InputError, SafetyTripError
 from robot_io.guard.deaf_drive import DeafDrives
 from robot_io.guard.limit_checks import LimitChecks
-from robot_io.guard.limits import Limits, SafeState
-from robot_io.guard.problem import Problem
+from robot_io.guard.limits import Limits, Problem, SafeState
 from robot_io.guard.safe_stop import GravityModel, SafeStop
 from robot_io.guard.stuck_encoder import StuckEncoders
 from robot_io.guard.stuck_force import StuckForce
@@ -28,19 +27,13 @@ _STUCK_ENCODER = (
 
 @dataclass(frozen=True, slots=True)
 class Trip:
-    """Why the guard took over.
+    """Why the guard took over."""
 
-    Attributes:
-        cause: one sentence.
-        time_s: time of the measurement at which it happened, on the robot's clock [s]; NaN before the first.
-        tick: number of that measurement, from 0; -1 before the first.
-        remedy: what its user can do about it; empty if nothing is known.
-    """
-
-    cause: str
+    cause: str  # one sentence
+    # Time of the measurement at which it happened, on the robot's clock [s]; NaN before the first.
     time_s: float
-    tick: int
-    remedy: str = ""
+    tick: int  # number of that measurement, from 0; -1 before the first
+    remedy: str = ""  # what its user can do about it; empty if nothing is known
 
 
 class Guard:
@@ -66,11 +59,7 @@ class Guard:
     """
 
     def __init__(
-        self,
-        limits: Limits,
-        safe_state: SafeState,
-        joint_count: int,
-        gravity_nm: GravityModel | None = None,
+        self, limits: Limits, safe_state: SafeState, joint_count: int, gravity_nm: GravityModel | None = None
     ) -> None:
         if limits.joint_count != joint_count or len(safe_state.damping_nms_rad) != joint_count:
             raise InputError(
@@ -130,7 +119,7 @@ class Guard:
             self._tick += 1
         if self._trip is not None:
             return
-        problem = problem or self._checks.violation(measurement) or self._witnessed(measurement)
+        problem = problem or self._checks.violation(measurement) or self._plausibility_problem(measurement)
         if problem is None and reference_position_rad is not None:
             problem = self._following_problem(measurement, reference_position_rad)
         if problem is not None:
@@ -178,8 +167,7 @@ class Guard:
 
         The rate limit starts from the measured torque.
 
-        Raises:
-            SafetyTripError: the stop is not over, or something is still wrong; the trip stays.
+        SafetyTripError: the stop is not over, or something is still wrong; the trip stays.
         """
         if self._trip is not None and not self._finished and self._clock_says_stopping(measurement):
             raise SafetyTripError(f"not re-armed: the arm is still being stopped ({self._trip.cause})")
@@ -194,7 +182,7 @@ class Guard:
         self._watched = measurement
         self._previous_nm = None
 
-    def _witnessed(self, measurement: Measurement) -> Problem | None:
+    def _plausibility_problem(self, measurement: Measurement) -> Problem | None:
         """What samples that look sound say against each other."""
         return self._deaf_drives.problem(measurement) or self._stuck_force.problem(measurement)
 
@@ -259,8 +247,8 @@ class Guard:
             self._finished = True
         if self._finished or not self._checks.motion_is_known(measurement):
             return _command([0.0] * self._shape[0])
-        believed = self._stuck_encoders.believed(measurement)
-        return _command(self._safe_stop.torque_nm(measurement, believed, self._stopping_s, dt_s))
+        trusted = self._stuck_encoders.trusted(measurement)
+        return _command(self._safe_stop.torque_nm(measurement, trusted, self._stopping_s, dt_s))
 
     def _clock_says_stopping(self, measurement: Measurement) -> bool:
         return self._trip is not None and measurement.time_s - self._trip.time_s < self._safe_stop.duration_s

@@ -5,8 +5,7 @@ Plain floats instead of arrays: for a few joints that is several times faster, a
 
 from math import inf, isfinite
 
-from robot_io.guard.limits import Limits
-from robot_io.guard.problem import Problem
+from robot_io.guard.limits import Limits, Problem
 from robot_io.types import FloatArray, Measurement, Status
 
 _EXAMINE = "check its cable and its supply; palpate doctor examines it"

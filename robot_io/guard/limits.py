@@ -1,6 +1,6 @@
 """What the guard holds an arm to, and how it brings it to rest."""
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from pydantic import Field, model_validator
 
@@ -18,38 +18,24 @@ Patience = Annotated[Positive, Field(le=10.0)]
 
 
 class Limits(FileModel):
-    """Limits of one arm; a list holds one value per joint.
+    """Limits of one arm; a list holds one value per joint."""
 
-    Attributes:
-        torque_nm: largest torque that is sent; commands are clipped to it [N m].
-        torque_rate_nm_s: largest change of torque; commands are clipped to it [N m/s].
-        position_min_rad: lowest position before a trip [rad].
-        position_max_rad: highest position before a trip [rad].
-        velocity_rad_s: largest speed before a trip, either way [rad/s].
-        force_n: largest contact force before a trip, push or pull [N].
-        tracking_rad: largest distance from the reference before a trip [rad].
-        encoder_age_s: oldest position and velocity that are still acted on [s].
-        torque_age_s: oldest measured torque that is still acted on [s].
-        force_age_s: oldest force that is still acted on [s].
-        deaf_drive_s: how long a drive may show less than half of any torque that it was sent of late [s].
-        stuck_encoder_s: how long an encoder may stand still while its reference and its drive's torque move
-            on [s].
-        stuck_force_s: how long a force sensor that has never done so may repeat one number while the arm
-            moves [s].
-    """
-
+    # Largest torque that is sent; commands are clipped to it [N m].
     torque_nm: Annotated[tuple[Torque, ...], Field(min_length=1)]
-    torque_rate_nm_s: tuple[TorqueRate, ...]
-    position_min_rad: tuple[Position, ...]
-    position_max_rad: tuple[Position, ...]
-    velocity_rad_s: tuple[Speed, ...]
-    force_n: Force
-    tracking_rad: tuple[Distance, ...]
-    encoder_age_s: Age
-    torque_age_s: Age
-    force_age_s: Age
+    torque_rate_nm_s: tuple[TorqueRate, ...]  # largest change of torque; commands are clipped to it [N m/s]
+    position_min_rad: tuple[Position, ...]  # lowest position before a trip [rad]
+    position_max_rad: tuple[Position, ...]  # highest position before a trip [rad]
+    velocity_rad_s: tuple[Speed, ...]  # largest speed before a trip, either way [rad/s]
+    force_n: Force  # largest contact force before a trip, push or pull [N]
+    tracking_rad: tuple[Distance, ...]  # largest distance from the reference before a trip [rad]
+    encoder_age_s: Age  # oldest position and velocity that are still acted on [s]
+    torque_age_s: Age  # oldest measured torque that is still acted on [s]
+    force_age_s: Age  # oldest force that is still acted on [s]
+    # How long a drive may show less than half of any torque that it was sent of late [s].
     deaf_drive_s: Patience = 0.01
+    # How long an encoder may stand still while its reference and its drive's torque move on [s].
     stuck_encoder_s: Patience = 0.02
+    # How long a force sensor that has never done so may repeat one number while the arm moves [s].
     stuck_force_s: Patience = 0.02
 
     @property
@@ -87,15 +73,19 @@ class SafeState(FileModel):
     Braking is torque = -damping * velocity, with the arm's weight held up. Keep damping * (tick + age of the
     velocity) below the smallest inertia that the joint moves; from twice that on, the brake itself would
     shake the arm. For an arm with brakes of its own `lower_time_s` can be 0.
-
-    Attributes:
-        damping_nms_rad: one value per joint [N m s/rad]; 0 lets a joint go at once.
-        stop_time_s: time from the trip for braking [s].
-        lower_time_s: time after it in which the arm sinks, until the torque goes off [s].
-        lower_speed_rad_s: how fast it sinks meanwhile [rad/s].
     """
 
+    # One value per joint [N m s/rad]; 0 lets a joint go at once.
     damping_nms_rad: Annotated[tuple[NotNegative, ...], Field(min_length=1)]
-    stop_time_s: Annotated[NotNegative, Field(le=10)]
+    stop_time_s: Annotated[NotNegative, Field(le=10)]  # time from the trip for braking [s]
+    # Time after it in which the arm sinks, until the torque goes off [s].
     lower_time_s: Annotated[NotNegative, Field(le=10)] = 3.0
-    lower_speed_rad_s: Annotated[Positive, Field(le=2.0)] = 0.3
+    lower_speed_rad_s: Annotated[Positive, Field(le=2.0)] = 0.3  # how fast it sinks meanwhile [rad/s]
+
+
+class Problem(NamedTuple):
+    """One reason to stop."""
+
+    text: str  # one sentence without its full stop: what is wrong, where, and by how much
+    # What to do, for the end of the line that the user reads; empty where nobody can do anything.
+    remedy: str = ""

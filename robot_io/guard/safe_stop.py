@@ -23,7 +23,7 @@ class SafeStop:
     half of the lowering time. In the last quarter of that time what is left fades, wherever the arm is.
     Without a gravity model, or from a value on that is none, s is 0.
 
-    Braking is at most as strong as at the velocity limit, so that a mad encoder cannot kick, and it is not
+    Braking is at most as strong as at the velocity limit, so that a wrong velocity cannot kick, and it is not
     rate-limited, so that a bad torque ends at once.
 
     Args:
@@ -53,19 +53,19 @@ class SafeStop:
         self._support = 1.0
 
     def torque_nm(
-        self, measurement: Measurement, believed: Sequence[bool], stopping_s: float, dt_s: float
+        self, measurement: Measurement, trusted: Sequence[bool], stopping_s: float, dt_s: float
     ) -> list[float]:
         """Torques (n) [N m], within the limits.
 
         Args:
             measurement: its joint positions and velocities are used, and must be known.
-            believed: for each joint whether its velocity can be braked against; else it counts as zero (n).
+            trusted: for each joint whether its velocity can be braked against; else it counts as zero (n).
             stopping_s: time since the trip [s].
             dt_s: time since the last tick [s].
         """
         velocities = [
             velocity if known else 0.0
-            for velocity, known in zip(measurement.joint_velocity_rad_s.tolist(), believed, strict=True)
+            for velocity, known in zip(measurement.joint_velocity_rad_s.tolist(), trusted, strict=True)
         ]
         weights_nm = self._weights_nm(measurement.joint_position_rad)
         if stopping_s > self._brake_time_s:

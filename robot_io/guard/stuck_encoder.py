@@ -119,8 +119,8 @@ class StuckEncoders:
         for joint in self._joints:
             joint.samples, joint.suspect = 0, False
 
-    def believed(self, measurement: Measurement) -> list[bool]:
-        """Of which joints the velocity can be believed: all but those suspect that still show no step."""
+    def trusted(self, measurement: Measurement) -> list[bool]:
+        """Of which joints the velocity can be trusted: all but those suspect that still show no step."""
         positions_rad = measurement.joint_position_rad.tolist()
         for joint, position_rad in zip(self._joints, positions_rad, strict=True):
             joint.suspect = joint.suspect and position_rad == joint.position_rad

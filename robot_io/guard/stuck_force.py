@@ -12,11 +12,11 @@ came to life again, is one that does so, and is not accused any more.
 
 from math import inf, log, nan
 
-from robot_io.guard.problem import Problem
+from robot_io.guard.limits import Problem
 from robot_io.types import Measurement
 
 _LEAST_KNOWN = 100  # samples, before anything is said
-_LEAST_SHARE = 0.05  # less is not believed of any sensor
+_LEAST_SHARE = 0.05  # the least share assumed of any sensor
 _IMPROBABLE = -log(1e-9)
 _LONGER = 3  # times the longest row so far
 # Times a step, over what a sample goes up and down beyond one: no less than p in the middle of a step, for

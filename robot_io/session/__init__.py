@@ -5,8 +5,7 @@ from robot_io.session.metadata import SessionMetadata
 from robot_io.session.reader import Session
 from robot_io.session.samples import Samples
 from robot_io.session.stream import Column, Record, RecordArray, Stream
-from robot_io.session.write import write_session
-from robot_io.session.writer import SessionWriter
+from robot_io.session.writer import SessionWriter, write_session
 
 __all__ = [
     "Column",

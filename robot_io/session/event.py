@@ -22,18 +22,12 @@ _LOG, _UNCLOSED = "log", "the program ended without closing the session"
 
 @dataclass(frozen=True)
 class Event:
-    """One event of a session.
+    """One event of a session."""
 
-    Attributes:
-        time_s: when, on the clock of the session's streams [s].
-        kind: a short word to filter by, such as "trip".
-        text: one line for people.
-        data: values for programs, as JSON can hold them; None if there are none.
-    """
-
-    time_s: float
-    kind: str
-    text: str
+    time_s: float  # when, on the clock of the session's streams [s]
+    kind: str  # a short word to filter by, such as "trip"
+    text: str  # one line for people
+    # Values for programs, as JSON can hold them; None if there are none.
     data: Mapping[str, Any] | None = None
 
 
@@ -98,11 +92,7 @@ def _plain(value: object) -> object:
 
 
 def decode_event(data: bytes) -> Event:
-    """Read back what `encode_event` made.
-
-    Raises:
-        SessionError: the bytes are no event.
-    """
+    """Read back what `encode_event` made. SessionError: the bytes are no event."""
     try:
         message = _EventMessage.FromString(data)
         values = json.loads(message.data_json) if message.data_json else None

@@ -11,30 +11,19 @@ from robot_io.errors import InputError, SessionError
 class SessionMetadata:
     """Where a session comes from. Texts are whole files, not paths; what there is none of stays empty.
 
-    Attributes:
-        robot_file: text of the robot file.
-        urdf: text of the arm's URDF.
-        calibration: text of the calibration that was applied.
-        scenario: text of the simulated scenario.
-        software_version: version of palpate.
-        seed: of every random number in the run; None if nothing was drawn.
-        created_utc: start of the session on the wall clock, ISO 8601.
-        command_line: how the program was started.
-        extra: whatever else is worth keeping.
-
     Raises:
         InputError: a value of the wrong type, or a date that is none.
     """
 
-    robot_file: str = ""
-    urdf: str = ""
-    calibration: str = ""
-    scenario: str = ""
-    software_version: str = ""
-    seed: int | None = None
-    created_utc: str = ""
-    command_line: str = ""
-    extra: Mapping[str, str] = field(default_factory=dict)
+    robot_file: str = ""  # text of the robot file
+    urdf: str = ""  # text of the arm's URDF
+    calibration: str = ""  # text of the calibration that was applied
+    scenario: str = ""  # text of the simulated scenario
+    software_version: str = ""  # version of palpate
+    seed: int | None = None  # of every random number in the run; None if nothing was drawn
+    created_utc: str = ""  # start of the session on the wall clock, ISO 8601
+    command_line: str = ""  # how the program was started
+    extra: Mapping[str, str] = field(default_factory=dict)  # whatever else is worth keeping
 
     def __post_init__(self) -> None:
         texts = {name: getattr(self, name) for name in _TEXTS} | dict(self.extra)
@@ -59,11 +48,7 @@ class SessionMetadata:
 
     @classmethod
     def from_strings(cls, strings: Mapping[str, str], extra: Mapping[str, str]) -> "SessionMetadata":
-        """Read back what `to_strings` made.
-
-        Raises:
-            SessionError: a value is not valid.
-        """
+        """Read back what `to_strings` made. SessionError: a value is not valid."""
         seed = strings.get("seed", "")
         try:
             texts = {name: strings.get(name, "") for name in _TEXTS}

@@ -20,22 +20,15 @@ MAX_FILE_BYTES = 4 * 1024**3
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """What happened in one session.
+    """What happened in one session."""
 
-    Attributes:
-        path: the session file.
-        metadata: where the session comes from.
-        events: in the order in which they were logged.
-        truncated: True if the file was never finished, or still is being written; what is here is all that
-            reached the disk in whole chunks.
-        dropped: records and events that are missing because the disk was too slow.
-    """
-
-    path: Path
-    metadata: SessionMetadata
-    events: tuple[Event, ...]
+    path: Path  # the session file
+    metadata: SessionMetadata  # where the session comes from
+    events: tuple[Event, ...]  # in the order in which they were logged
+    # True if the file was never finished, or still is being written; what is here is all that reached the
+    # disk in whole chunks.
     truncated: bool
-    dropped: int
+    dropped: int  # records and events that are missing because the disk was too slow
     _samples: Mapping[str, Samples]
 
     @property
@@ -47,8 +40,7 @@ class Session:
     def open(cls, path: str | os.PathLike[str]) -> "Session":
         """Read a session file.
 
-        Raises:
-            SessionError: the file cannot be read, is no session, or was damaged after it was finished.
+        SessionError: the file cannot be read, is no session, or was damaged after it was finished.
         """
         place = Path(path)
         try:
@@ -80,11 +72,7 @@ class Session:
         return tuple(self._samples)
 
     def samples(self, stream_name: str) -> Samples:
-        """One stream's samples.
-
-        Raises:
-            InputError: the session has no such stream.
-        """
+        """One stream's samples. InputError: the session has no such stream."""
         if stream_name not in self._samples:
             valid = ", ".join(self._samples) or "none"
             raise UnknownNameError(f"{self.path} has no stream '{stream_name}'. Valid: {valid}")

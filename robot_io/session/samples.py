@@ -15,15 +15,10 @@ from robot_io.session.stream import RecordArray, Stream
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """The records of one stream as columns; all arrays are read-only.
+    """The records of one stream as columns; all arrays are read-only."""
 
-    Attributes:
-        stream: name, units and meaning of the columns.
-        columns: each column, shape (n,) for a scalar or (n, width), in its unit.
-    """
-
-    stream: Stream
-    columns: Mapping[str, NDArray[Any]]
+    stream: Stream  # name, units and meaning of the columns
+    columns: Mapping[str, NDArray[Any]]  # each column, shape (n,) for a scalar or (n, width), in its unit
 
     @classmethod
     def from_records(cls, stream: Stream, records: RecordArray) -> "Samples":

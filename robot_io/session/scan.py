@@ -29,26 +29,20 @@ _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence number, two times
 
 @dataclass
 class Scan:
-    """What the pass found.
+    """What the pass found."""
 
-    Attributes:
-        metadata: the metadata records by their names.
-        messages: the messages of each topic, one after the other.
-        last_sequence: the sequence number of each topic's last message.
-        complete: whether the file was finished; else it was read up to the last whole chunk.
-    """
-
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)  # the metadata records by their names
+    # The messages of each topic, one after the other.
     messages: dict[str, list[bytes]] = field(default_factory=lambda: defaultdict(list))
+    # The sequence number of each topic's last message.
     last_sequence: dict[str, int] = field(default_factory=dict)
-    complete: bool = False
+    complete: bool = False  # whether the file was finished; else it was read up to the last whole chunk
 
 
 def scan(data: bytes) -> Scan:
     """Read an MCAP file's metadata and messages.
 
-    Raises:
-        SessionError: it is no MCAP file, or one that was finished and then damaged.
+    SessionError: it is no MCAP file, or one that was finished and then damaged.
     """
     if not data.startswith(MCAP0_MAGIC):
         raise SessionError("no session: it does not begin as an MCAP file does")

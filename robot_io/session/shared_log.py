@@ -1,9 +1,15 @@
-"""The memory that a program shares with its writer process: a ring per stream and a few words of state."""
+"""What a program shares with its writer process: a ring per stream, a few words of state, and the job."""
 
+import json
 import mmap
 import os
+import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from typing import IO
 
 import numpy as np
 
@@ -80,8 +86,7 @@ class SharedLog:
 def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
     """File descriptor of nameless memory for a `SharedLog`: it is gone with the last process that uses it.
 
-    Raises:
-        SessionError: the system does not give so much.
+    SessionError: the system does not give so much.
     """
     size = _size_bytes(_layout(streams, ring_slots))
     memory = os.memfd_create("palpate-log") if hasattr(os, "memfd_create") else _unlinked_file()
@@ -107,8 +112,7 @@ def _unlinked_file() -> int:
 def check_streams(streams: Sequence[Stream]) -> None:
     """Refuse streams that cannot live in one session.
 
-    Raises:
-        InputError: a name is there twice, or is the one of the events.
+    InputError: a name is there twice, or is the one of the events.
     """
     names = [stream.name for stream in streams]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -124,3 +128,41 @@ def _layout(streams: Sequence[Stream], ring_slots: int) -> list[tuple[str, np.dt
 
 def _size_bytes(layout: Sequence[tuple[str, np.dtype[np.void], int]]) -> int:
     return _BLOCK + sum(RingBuffer.size_bytes(dtype, slots) for _, dtype, slots in layout)
+
+
+MODULE = "robot_io.session.writer_process"
+
+
+@dataclass(frozen=True)
+class Job:
+    """One line of JSON on the writer process's standard input."""
+
+    path: str  # the new session file
+    memory: int  # file descriptor of the memory for `SharedLog`
+    streams: str  # the streams as JSON text
+    ring_slots: int  # records that each ring holds
+    parent_pid: int  # process whose end also ends the session
+    metadata: dict[str, str]  # the session's metadata
+    extra: dict[str, str]  # the metadata's extra part
+
+    def start(self) -> subprocess.Popen[str]:
+        """Start the writer process: a fresh interpreter, out of reach of the terminal's Ctrl-C."""
+        search_path = os.pathsep.join(filter(None, sys.path))
+        process = subprocess.Popen(  # noqa: S603 - nothing in it comes from outside
+            [sys.executable, "-P", "-m", MODULE],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            pass_fds=[self.memory],
+            env=os.environ | {"PYTHONPATH": search_path, "OPENBLAS_NUM_THREADS": "1"},
+            start_new_session=True,
+            text=True,
+        )
+        if process.stdin:
+            with suppress(BrokenPipeError), process.stdin as pipe:  # a process that died is seen by its exit
+                pipe.write(json.dumps(asdict(self)) + "\n")
+        return process
+
+    @classmethod
+    def receive(cls, pipe: IO[str]) -> "Job":
+        """Read the job at the other end."""
+        return cls(**json.loads(pipe.readline()))

@@ -25,21 +25,15 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 
 @dataclass(frozen=True)
 class Column:
-    """One named quantity of a stream.
+    """One named quantity of a stream."""
 
-    Attributes:
-        name: letters, digits and underscores; by custom with the unit and the frame ("tip_position_world_m").
-        unit: such as "m", "N m", "rad/s"; "1" for a number without unit.
-        width: 1 for a scalar, which is read back as shape (n,); more for a vector, read back as (n, width).
-        doc: one line that says what it is, with its sign convention.
-        dtype: one of `DTYPES`, or what numpy takes for one of them.
-    """
-
+    # Letters, digits and underscores; by custom with the unit and the frame ("tip_position_world_m").
     name: str
-    unit: str
+    unit: str  # such as "m", "N m", "rad/s"; "1" for a number without unit
+    # 1 for a scalar, which is read back as shape (n,); more for a vector, read back as (n, width).
     width: int = 1
-    doc: str = ""
-    dtype: DTypeLike = "float64"
+    doc: str = ""  # one line that says what it is, with its sign convention
+    dtype: DTypeLike = "float64"  # one of `DTYPES`, or what numpy takes for one of them
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
@@ -69,15 +63,12 @@ class Column:
 class Stream:
     """A named sequence of records that all have the same columns.
 
-    Attributes:
-        name: letters, digits and underscores.
-        columns: in the order of a record's values; one of them is the scalar float64 `time_s` [s].
-
     Raises:
         InputError: a name twice, no time, or a record of more than `MAX_RECORD_BYTES`.
     """
 
-    name: str
+    name: str  # letters, digits and underscores
+    # In the order of a record's values; one of them is the scalar float64 `time_s` [s].
     columns: tuple[Column, ...]
 
     def __post_init__(self) -> None:
@@ -144,11 +135,7 @@ def streams_to_json(streams: tuple[Stream, ...]) -> str:
 
 
 def streams_from_json(text: str) -> tuple[Stream, ...]:
-    """Read back what `streams_to_json` wrote.
-
-    Raises:
-        SessionError: the text describes no valid streams.
-    """
+    """Read back what `streams_to_json` wrote. SessionError: the text describes no valid streams."""
     try:
         return tuple(
             Stream(entry["name"], tuple(Column(**column) for column in entry["columns"]))

@@ -86,8 +86,7 @@ class WireFormat:
     def decode(self, messages: bytes) -> RecordArray:
         """Records, shape (n,), from n messages one after the other; a view with the gaps of `dtype`.
 
-        Raises:
-            SessionError: the bytes are not messages of this form.
+        SessionError: the bytes are not messages of this form.
         """
         where, size, tags = f"stream '{self.stream.name}'", self.dtype.itemsize, self._is_tag
         if len(messages) % size:

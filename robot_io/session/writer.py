@@ -2,18 +2,22 @@
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from robot_io.errors import InputError, SessionError, UnknownNameError
 from robot_io.session.event import EVENT_STREAM, Event, encode_event
-from robot_io.session.job import Job
+from robot_io.session.mcap_file import McapFile
 from robot_io.session.metadata import SessionMetadata
 from robot_io.session.ring import RingBuffer
-from robot_io.session.shared_log import FINISHED, STARTING, SharedLog, check_streams, open_memory
-from robot_io.session.stream import Record, Stream, streams_to_json
+from robot_io.session.shared_log import FINISHED, STARTING, Job, SharedLog, check_streams, open_memory
+from robot_io.session.stream import Record, RecordArray, Stream, streams_to_json
 
 START_LIMIT_S = 60.0
 STALL_LIMIT_S = 30.0  # at close, without a single record reaching the disk
@@ -131,8 +135,7 @@ class SessionWriter:
     def close(self) -> None:
         """Empty the rings, finish the file and wait for it. A second call does nothing.
 
-        Raises:
-            SessionError: not all of it reached the disk.
+        SessionError: not all of it reached the disk.
         """
         if self._closed:
             return
@@ -190,8 +193,7 @@ class SessionWriter:
 def new_session_path(path: str | os.PathLike[str]) -> Path:
     """The path, with its folder made, if no file is there yet.
 
-    Raises:
-        SessionError: a file is there, or the folder cannot be made.
+    SessionError: a file is there, or the folder cannot be made.
     """
     new = Path(path)
     try:
@@ -201,3 +203,49 @@ def new_session_path(path: str | os.PathLike[str]) -> Path:
     except OSError as error:
         raise SessionError(f"{new} cannot be written: {error.strerror}") from error
     return new
+
+
+def write_session(
+    path: str | os.PathLike[str],
+    streams: Sequence[tuple[Stream, Mapping[str, ArrayLike]]],
+    metadata: SessionMetadata,
+    events: Iterable[Event] = (),
+) -> Path:
+    """Write a whole session at once; the file appears under its name only when it is complete.
+
+    Args:
+        path: the new session file; folders above it are made.
+        streams: each stream with its columns, shape (n,) or (n, width).
+        metadata: where the session comes from.
+        events: in the order in which they happened.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: the arrays do not fit their streams.
+        SessionError: the file exists already or cannot be written.
+    """
+    check_streams([stream for stream, _ in streams])
+    records = {stream.name: stream.records(columns) for stream, columns in streams}
+    new = new_session_path(path)
+    unfinished = new.with_name(f".{new.name}.{os.getpid()}.unfinished")
+    try:
+        with unfinished.open("wb") as file:
+            _write_all(McapFile(file, [stream for stream, _ in streams], metadata), records, tuple(events))
+            os.fsync(file.fileno())
+        unfinished.replace(new)
+    except OSError as error:
+        raise SessionError(f"{new} cannot be written: {error.strerror}") from error
+    finally:
+        with suppress(OSError):
+            unfinished.unlink()
+    return new
+
+
+def _write_all(mcap: McapFile, records: Mapping[str, RecordArray], events: Sequence[Event]) -> None:
+    messages = [encode_event(event) for event in events]
+    mcap.write_events(range(len(events)), [event.time_s for event in events], messages)
+    for name, array in records.items():
+        mcap.write_records(name, np.arange(len(array), dtype=np.uint64), array)
+    mcap.finish({EVENT_STREAM: len(events)} | {name: len(array) for name, array in records.items()})

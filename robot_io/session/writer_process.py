@@ -10,10 +10,9 @@ import time
 from contextlib import suppress
 
 from robot_io.session.event import EVENT_STREAM, encode_event, unclosed
-from robot_io.session.job import Job
 from robot_io.session.mcap_file import McapFile
 from robot_io.session.metadata import SessionMetadata
-from robot_io.session.shared_log import FINISHED, READY, SharedLog
+from robot_io.session.shared_log import FINISHED, READY, Job, SharedLog
 from robot_io.session.stream import TIME_COLUMN, Stream, streams_from_json
 
 IDLE_S = 0.01

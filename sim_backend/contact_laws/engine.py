@@ -14,16 +14,12 @@ class EngineContact(ContactLaw):
     The engine turns both into a softened velocity constraint and integrates it implicitly, so that
     the force follows k x + c dx/dt closely at rest and only roughly while moving. The touching sphere rolls:
     with a tilted tool, the deepest point is not the tip frame any more.
-
-    Attributes:
-        stiffness_n_m: contactStiffness [N/m].
-        damping_n_s_m: contactDamping [N s/m].
     """
 
     name: ClassVar[str] = "engine"
 
-    stiffness_n_m: Number = Field(gt=0, le=1e6)
-    damping_n_s_m: Number = Field(ge=0, le=1e4)
+    stiffness_n_m: Number = Field(gt=0, le=1e6)  # contactStiffness [N/m]
+    damping_n_s_m: Number = Field(ge=0, le=1e4)  # contactDamping [N s/m]
 
     def force_n(self, depth_m: float, rate_m_s: float) -> float:
         """The force that the engine aims at [N]; see `ContactLaw.force_n`."""

@@ -12,28 +12,21 @@ class HuntCrossley(ContactLaw):
     """F = (k + b dx/dt) x^n, x the depth (Hunt and Crossley, J. Appl. Mech. 42, 1975, eq. 2).
 
     The force starts at zero whatever the speed, unlike Kelvin-Voigt's, and is cut at zero on fast retraction.
-
-    Attributes:
-        stiffness: k [N/m^n].
-        damping: b [N s/m^(n+1)].
-        exponent: n [-]; 1.5 for a sphere on an elastic half space.
     """
 
     name: ClassVar[str] = "hunt_crossley"
 
-    stiffness: Number = Field(ge=0, le=1e9)
-    damping: Number = Field(ge=0, le=1e9)
-    exponent: Number = Field(ge=1.0, le=4.0)
+    stiffness: Number = Field(ge=0, le=1e9)  # k [N/m^n]
+    damping: Number = Field(ge=0, le=1e9)  # b [N s/m^(n+1)]
+    exponent: Number = Field(ge=1.0, le=4.0)  # n [-]; 1.5 for a sphere on an elastic half space
 
     def force_n(self, depth_m: float, rate_m_s: float) -> float:
-        """See `ContactLaw.force_n`."""
         if depth_m <= 0.0:
             return 0.0
         force_n = (self.stiffness + self.damping * rate_m_s) * depth_m**self.exponent
         return force_n if force_n > 0.0 else 0.0
 
     def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
-        """See `ContactLaw.material_force_n`."""
         if depth_m <= 0.0:
             return 0.0
         force_n: float = (self.stiffness + self.damping * rate_m_s) * depth_m**self.exponent

@@ -13,33 +13,25 @@ class KelvinVoigt(ContactLaw):
 
     The dashpot makes the force jump to c * v at touch, and would pull on retraction; a dry surface cannot
     pull, so the force is cut at zero unless the object is sticky.
-
-    Attributes:
-        stiffness_n_m: spring constant k [N/m].
-        damping_n_s_m: viscous damping c [N s/m].
-        sticky: whether the object may pull while the tip is below its surface.
     """
 
     name: ClassVar[str] = "kelvin_voigt"
 
-    stiffness_n_m: Number = Field(ge=0, le=1e6)
-    damping_n_s_m: Number = Field(ge=0, le=1e4)
-    sticky: bool = False
+    stiffness_n_m: Number = Field(ge=0, le=1e6)  # spring constant k [N/m]
+    damping_n_s_m: Number = Field(ge=0, le=1e4)  # viscous damping c [N s/m]
+    sticky: bool = False  # whether the object may pull while the tip is below its surface
 
     def force_n(self, depth_m: float, rate_m_s: float) -> float:
-        """See `ContactLaw.force_n`."""
         if depth_m <= 0.0:
             return 0.0
         force_n = self.stiffness_n_m * depth_m + self.damping_n_s_m * rate_m_s
         return force_n if self.sticky or force_n > 0.0 else 0.0
 
     def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
-        """See `ContactLaw.material_force_n`."""
         if depth_m <= 0.0:
             return 0.0
         return self.stiffness_n_m * depth_m + self.damping_n_s_m * rate_m_s
 
     @property
     def can_pull(self) -> bool:
-        """See `ContactLaw.can_pull`."""
         return self.sticky

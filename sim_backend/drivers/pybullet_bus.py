@@ -19,12 +19,9 @@ _REST_RAD, _REST_RAD_S = 0.01, 0.1  # nearer and slower than this the arm is on 
 
 
 class PyBulletSettings(FileModel):
-    """What the robot file says about the world.
+    """What the robot file says about the world."""
 
-    Attributes:
-        scenario: name of a shipped scenario, path of a scenario file, or the scenario itself.
-    """
-
+    # Name of a shipped scenario, path of a scenario file, or the scenario itself.
     scenario: str | dict[str, object] = "default"
 
 
@@ -69,22 +66,14 @@ class PyBulletBus(Bus):
             self._clock.subscribe(self._advance_to)
 
     def use_scenario(self, scenario: Scenario) -> None:
-        """Take this scenario instead of the robot file's.
-
-        Raises:
-            LifecycleError: the world exists already.
-        """
+        """Take this scenario instead of the robot file's. LifecycleError: the world exists already."""
         if self._world is not None:
             raise LifecycleError("a scenario can only be chosen before the robot is configured")
         self.scenario = scenario
 
     @property
     def world(self) -> World:
-        """The world, for its object and its truth.
-
-        Raises:
-            LifecycleError: the robot is not configured, or closed.
-        """
+        """The world, for its object and its truth. LifecycleError: the robot is not configured, or closed."""
         if self._world is None:
             raise LifecycleError("the simulated world exists from configure to close")
         return self._world
@@ -92,8 +81,7 @@ class PyBulletBus(Bus):
     def configure(self) -> None:
         """Build the world, with the arm at home and at rest.
 
-        Raises:
-            InputError: PyBullet cannot load the URDF, or it does not fit the robot file.
+        InputError: PyBullet cannot load the URDF, or it does not fit the robot file.
         """
         robot = self._robot_file
         try:
@@ -148,7 +136,6 @@ class PyBulletBus(Bus):
             self._world.set_torque(np.zeros(self._world.joint_count))
 
     def flush(self, deadline_s: float) -> None:
-        """See `Bus.flush`."""
         if self._staged_torque_nm is not None:
             self.world.advance_to(self._clock.now_s())
             self.world.set_torque(self._staged_torque_nm)

@@ -1,6 +1,7 @@
 """Runs emulated devices and the world behind them, in lock-step with a simulated clock or in real time."""
 
 import select
+import termios
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -104,3 +105,14 @@ class Bench:
             for wire in self._wires:
                 wire.close()
             self.plant.close()
+
+
+def heard_at(master: int, baud_rate: int | None) -> bool:
+    """Whether what the host sends makes sense to a device at `baud_rate` [bit/s]; any does for None.
+
+    Args:
+        master: file of the device's end; the host has set the speed at the other one.
+        baud_rate: of the device. One that has no number in termios cannot be told from others.
+    """
+    wanted = getattr(termios, f"B{baud_rate}", None)
+    return wanted is None or termios.tcgetattr(master)[4] == wanted

@@ -30,25 +30,18 @@ class FaultKind(StrEnum):
 
 
 class Fault(FileModel):
-    """One fault; a scenario for a test bench is a list of them.
+    """One fault; a scenario for a test bench is a list of them."""
 
-    Attributes:
-        kind: what goes wrong.
-        device: which device, by the name or number that its emulator has for it; None is every device.
-        from_s: when it begins, after the start of the emulator [s].
-        for_s: how long it lasts [s]; None is for ever.
-        times: how often it strikes at most; None is at every opportunity.
-        probability: how likely it strikes at an opportunity, from 0 to 1.
-        delay_s: how late, or how long away, for the kinds that need it [s].
-    """
-
-    kind: FaultKind
+    kind: FaultKind  # what goes wrong
+    # Which device, by the name or number that its emulator has for it; None is every device.
     device: str | int | None = None
-    from_s: NotNegative = 0.0
-    for_s: Positive | None = None
+    from_s: NotNegative = 0.0  # when it begins, after the start of the emulator [s]
+    for_s: Positive | None = None  # how long it lasts [s]; None is for ever
+    # How often it strikes at most; None is at every opportunity.
     times: Annotated[int, Field(gt=0, strict=True)] | None = None
+    # How likely it strikes at an opportunity, from 0 to 1.
     probability: Annotated[Number, Field(gt=0, le=1)] = 1.0
-    delay_s: NotNegative = 0.0
+    delay_s: NotNegative = 0.0  # how late, or how long away, for the kinds that need it [s]
 
     def lasts_at(self, elapsed_s: float) -> bool:
         """Whether it can strike `elapsed_s` after the start of the emulator [s]."""

@@ -11,17 +11,11 @@ from sim_backend.world import ArmDescription, World
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """What a motor's own sensors show of its joint.
+    """What a motor's own sensors show of its joint."""
 
-    Attributes:
-        position_rad: joint angle [rad].
-        velocity_rad_s: its rate [rad/s].
-        torque_nm: torque at the joint [N m].
-    """
-
-    position_rad: float
-    velocity_rad_s: float
-    torque_nm: float
+    position_rad: float  # joint angle [rad]
+    velocity_rad_s: float  # its rate [rad/s]
+    torque_nm: float  # torque at the joint [N m]
 
 
 class Plant:

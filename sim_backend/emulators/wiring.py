@@ -21,23 +21,14 @@ from sim_backend.scenario import Scenario
 
 @dataclass(frozen=True)
 class WireRequest:
-    """What an emulated wire is to stand in for.
+    """What an emulated wire is to stand in for."""
 
-    Attributes:
-        section: the bus in the robot file.
-        force: the force sensor in the robot file if it hangs on this bus, else None.
-        plant: the arm.
-        faults: what goes wrong on this wire.
-        start_s: time on the bench's clock [s].
-        in_lock_step: whether the clock is a simulated one.
-    """
-
-    section: BusSection
-    force: DeviceSection | None
-    plant: Plant
-    faults: Faults
-    start_s: float
-    in_lock_step: bool
+    section: BusSection  # the bus in the robot file
+    force: DeviceSection | None  # the force sensor in the robot file if it hangs on this bus, else None
+    plant: Plant  # the arm
+    faults: Faults  # what goes wrong on this wire
+    start_s: float  # time on the bench's clock [s]
+    in_lock_step: bool  # whether the clock is a simulated one
 
 
 class WireMaker(ABC):
@@ -49,31 +40,23 @@ class WireMaker(ABC):
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         """The wire, and the settings of the bus that let its driver find it.
 
-        Raises:
-            InputError: the settings are not valid.
+        InputError: the settings are not valid.
         """
 
 
 @dataclass(frozen=True)
 class WiredArm:
-    """A robot file whose buses lead to emulated devices.
+    """A robot file whose buses lead to emulated devices."""
 
-    Attributes:
-        robot_file: the same arm, with the ports of the emulators.
-        plant: the world behind them.
-        bench: what lets time pass; `start` it on a real clock, `close` it at the end.
-        wires: the emulated wires by bus name.
-    """
-
-    robot_file: RobotFile
-    plant: Plant
-    bench: Bench
-    wires: Mapping[str, EmulatedWire]
+    robot_file: RobotFile  # the same arm, with the ports of the emulators
+    plant: Plant  # the world behind them
+    bench: Bench  # what lets time pass; `start` it on a real clock, `close` it at the end
+    wires: Mapping[str, EmulatedWire]  # the emulated wires by bus name
 
 
 def wire_makers() -> Registry[WireMaker]:
     """All wires that can be emulated, by the name of the bus driver."""
-    return Registry("emulated bus", WireMaker, "sim_backend.emulators.wires")  # type: ignore[type-abstract]
+    return Registry("emulated bus", WireMaker, "sim_backend.emulators")  # type: ignore[type-abstract]
 
 
 def wire_up(

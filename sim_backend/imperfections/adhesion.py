@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative, Positive
 from sim_backend.hooks import ContactEffect, ContactState, Effects
@@ -16,26 +16,18 @@ class Adhesion(ContactImperfection):
     Above the surface the pull falls linearly from A to nothing at the neck's length. On approach nothing
     pulls before touch. A is the pull-off force of Derjaguin, Muller and Toporov, J. Colloid Interface Sci. 53
     (1975): a constant attraction on top of the elastic contact.
-
-    Attributes:
-        pull_off_n: A [N].
-        neck_m: height at which the bond tears [m].
     """
 
     name: ClassVar[str] = "adhesion"
-
-    pull_off_n: NotNegative = parameter("N", 0.05, 3.0, le=50.0)
+    pull_off_n: NotNegative = parameter("N", 0.05, 3.0, le=50.0)  # A [N]
+    # Height at which the bond tears [m].
     neck_m: Positive = parameter("m", 1e-4, 5e-3, ge=1e-5, le=0.1, default=1e-3)
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         return Effects(contact=(_Bond(self.pull_off_n, self.neck_m),))
 
     @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         return cls(pull_off_n=strength * scale.contact_noise_n, neck_m=0.1 * scale.depth_m)
 
 

@@ -5,6 +5,7 @@ from math import inf
 from typing import ClassVar, Self
 
 import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative
 from sim_backend.hooks import Effects, JointEffect, JointState
@@ -20,30 +21,18 @@ class Armature(JointImperfection):
     J is the rotor's own inertia times the square of the gear ratio. With a high ratio the rotor turns so much
     faster than the links that it feels the own joint's acceleration only: J stands on the diagonal of the
     joint-space inertia, as in Featherstone, "Rigid Body Dynamics Algorithms", 2008, ch. 9.
-
-    Attributes:
-        joint: which joint, from 1 at the base.
-        inertia_kg_m2: J [kg m^2].
     """
 
     name: ClassVar[str] = "armature"
-
-    inertia_kg_m2: NotNegative = parameter("kg m^2", 0.001, 0.5, le=10.0)
+    shows_in: ClassVar[Sequence[str]] = LOADED  # the last joint's controller masters none that shows
+    inertia_kg_m2: NotNegative = parameter("kg m^2", 0.001, 0.5, le=10.0)  # J [kg m^2]
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         index = self.index_in(joint_count)
         return Effects(joint=(_Rotor(index, self.inertia_kg_m2),)) if self.inertia_kg_m2 else Effects()
 
     @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`; the last joint's controller masters none that shows."""
-        return channel in LOADED
-
-    @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         """See `Imperfection.at_strength`; at most what a controller that knows the arm alone can master."""
         joint = scale.joint(channel)
         inertia_kg_m2 = strength * scale.joint_noise_nm / joint.acceleration_rad_s2

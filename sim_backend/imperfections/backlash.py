@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative, Positive
 from sim_backend.hooks import Effects, JointEffect, JointState, SensorEffect
@@ -17,16 +17,12 @@ class Backlash(JointImperfection):
     A drive without inertia of its own lets the whole torque through. It crosses the gap when the torque
     changes sign, du/dt = tau / d, held up by the grease: the physical model of Nordin and Gutman, Automatica
     38 (2002), with a shaft that only damps. The rotor's inertia is counted to the link, as the URDF does.
-
-    Attributes:
-        joint: which joint, from 1 at the base.
-        gap_rad: from one flank to the other [rad].
-        film_nms_rad: d, of the grease in the gap [N m s/rad].
     """
 
     name: ClassVar[str] = "backlash"
-
-    gap_rad: NotNegative = parameter("rad", 2e-4, 0.01, le=0.2)
+    shows_in: ClassVar[Sequence[str]] = ()  # in probing, weight keeps the play on one side
+    gap_rad: NotNegative = parameter("rad", 2e-4, 0.01, le=0.2)  # from one flank to the other [rad]
+    # d, of the grease in the gap [N m s/rad].
     film_nms_rad: Positive = parameter("N m s/rad", 1.0, 100.0, ge=0.1, le=1e4, default=10.0)
 
     @property
@@ -35,19 +31,11 @@ class Backlash(JointImperfection):
         return (channel_of(self.joint), CONTACT)
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         play = _Play(self.index_in(joint_count), self.gap_rad, self.film_nms_rad)
         return Effects(joint=(play,), encoder=(play,))
 
     @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`; in probing, weight keeps the play on one side."""
-        return False
-
-    @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         """See `Imperfection.at_strength`; here of what a controller does about the gap that it sees."""
         stiffness_nm_rad = 3600.0 * scale.joint(channel).inertia_kg_m2
         gap_rad = strength * scale.joint_noise_nm / stiffness_nm_rad

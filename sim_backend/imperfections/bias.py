@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import Number
 from sim_backend.channel_effect import Transducer
@@ -11,25 +11,16 @@ from sim_backend.noise_scale import NoiseScale
 
 
 class Bias(SensorImperfection):
-    """y = u + b (ISO/IEC Guide 99 (VIM), 4.20: instrumental bias).
-
-    Attributes:
-        channel: see `SensorImperfection`.
-        bias: b [channel].
-    """
+    """y = u + b (ISO/IEC Guide 99 (VIM), 4.20: instrumental bias)."""
 
     name: ClassVar[str] = "bias"
-
-    bias: Number = parameter("channel", -2.0, 2.0)
+    bias: Number = parameter("channel", -2.0, 2.0)  # b [channel]
 
     def transducer(self) -> Transducer:
-        """See `SensorImperfection.transducer`."""
         bias = self.bias
         return lambda _time_s, value: value + bias
 
     @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         """See `Imperfection.at_strength`; a probing run takes the force in free air as zero."""
         return cls(channel=channel, bias=generator.choice([-1.0, 1.0]) * strength * scale.noise(channel))

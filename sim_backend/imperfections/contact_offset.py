@@ -1,8 +1,9 @@
 """A surface that is not where it is said to be."""
 
+from collections.abc import Sequence
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import Number
 from sim_backend.hooks import ContactState, Effects, MaterialEffect
@@ -14,29 +15,18 @@ class ContactOffset(ContactImperfection):
     """The object feels x + d: its surface is higher than the scenario says by d.
 
     Seen only by those who take the surface as given; a probing run that finds it by touch does not.
-
-    Attributes:
-        offset_m: d [m].
     """
 
     name: ClassVar[str] = "contact_offset"
+    shows_in: ClassVar[Sequence[str]] = ()
     needs_force_law: ClassVar[bool] = True
-
-    offset_m: Number = parameter("m", -0.005, 0.005, ge=-0.5, le=0.5)
+    offset_m: Number = parameter("m", -0.005, 0.005, ge=-0.5, le=0.5)  # d [m]
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         return Effects(contact=(_Higher(self.offset_m),))
 
     @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`."""
-        return False
-
-    @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         """See `Imperfection.at_strength`; here for a surface that is taken as given."""
         sign = generator.choice([-1.0, 1.0])
         return cls(offset_m=sign * strength * scale.contact_noise_n * scale.depth_m / scale.force_n)

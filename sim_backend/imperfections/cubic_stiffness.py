@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import Number
 from sim_backend.hooks import ContactState, Effects, MaterialEffect
@@ -11,25 +11,17 @@ from sim_backend.noise_scale import NoiseScale
 
 
 class CubicStiffness(ContactImperfection):
-    """F += k3 x^3 at depth x (Duffing's spring; Nayfeh and Mook, "Nonlinear Oscillations", 1979, ch. 4).
-
-    Attributes:
-        cubic_n_m3: k3, negative where the object softens [N/m^3].
-    """
+    """F += k3 x^3 at depth x (Duffing's spring; Nayfeh and Mook, "Nonlinear Oscillations", 1979, ch. 4)."""
 
     name: ClassVar[str] = "cubic_stiffness"
-
+    # k3, negative where the object softens [N/m^3].
     cubic_n_m3: Number = parameter("N/m^3", 1e4, 1e7, ge=-1e9, le=1e12)
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         return Effects(contact=(_Hardening(self.cubic_n_m3),))
 
     @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         left = scale.depth_left(strength, 0.09)
         return cls(cubic_n_m3=(1.0 - left) * scale.force_n / (left * scale.depth_m) ** 3)
 

@@ -1,9 +1,10 @@
 """A sensor that is late without saying so."""
 
 from collections import deque
+from collections.abc import Sequence
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative
 from sim_backend.channel_effect import Transducer
@@ -15,31 +16,19 @@ class Delay(SensorImperfection):
     """y(t) = u(t - d), under the time stamp t: a converter or bus that hides its own delay.
 
     Between two samples the signal is taken as straight.
-
-    Attributes:
-        channel: see `SensorImperfection`.
-        delay_s: d [s].
     """
 
     name: ClassVar[str] = "delay"
+    # The last joint has next to no torque to be wrong about.
+    shows_in: ClassVar[Sequence[str]] = (CONTACT, *LOADED)
     ahead_of_noise: ClassVar[bool] = True
-
-    delay_s: NotNegative = parameter("s", 0.0005, 0.02, le=1.0)
+    delay_s: NotNegative = parameter("s", 0.0005, 0.02, le=1.0)  # d [s]
 
     def transducer(self) -> Transducer:
-        """See `SensorImperfection.transducer`."""
         return _DelayLine(self.delay_s).read
 
     @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`; the last joint has next to no torque to be wrong about."""
-        return channel == CONTACT or channel in LOADED
-
-    @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         return cls(channel=channel, delay_s=min(strength * scale.noise(channel) / scale.rate(channel), 0.1))
 
 

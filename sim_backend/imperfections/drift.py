@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import Number
 from sim_backend.channel_effect import Transducer
@@ -11,26 +11,16 @@ from sim_backend.noise_scale import NoiseScale
 
 
 class Drift(SensorImperfection):
-    """y = u + r (t - t0), t0 the time of the first sample: a sensor that warms up (VIM 4.21).
-
-    Attributes:
-        channel: see `SensorImperfection`.
-        rate_1_s: r [channel/s].
-    """
+    """y = u + r (t - t0), t0 the time of the first sample: a sensor that warms up (VIM 4.21)."""
 
     name: ClassVar[str] = "drift"
-
-    rate_1_s: Number = parameter("channel/s", -0.5, 0.5)
+    rate_1_s: Number = parameter("channel/s", -0.5, 0.5)  # r [channel/s]
 
     def transducer(self) -> Transducer:
-        """See `SensorImperfection.transducer`."""
         return _Wandering(self.rate_1_s).read
 
     @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         sign = generator.choice([-1.0, 1.0])
         return cls(channel=channel, rate_1_s=sign * strength * scale.noise(channel) / (0.4 * scale.session_s))
 

@@ -3,7 +3,7 @@
 from math import exp
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative, Number
 from sim_backend.hooks import ContactState, Effects, MaterialEffect
@@ -16,26 +16,18 @@ class DryFriction(ContactImperfection):
 
     Dahl's model, "Solid friction damping of mechanical vibrations", AIAA J. 14 (1976): rate-independent
     hysteresis. It is integrated exactly over each step, so that no stiffness f / s can make it unstable.
-
-    Attributes:
-        friction_n: f [N].
-        slip_m: s, way in which the bristles give way [m].
     """
 
     name: ClassVar[str] = "dry_friction"
-
-    friction_n: NotNegative = parameter("N", 0.05, 3.0, le=50.0)
+    friction_n: NotNegative = parameter("N", 0.05, 3.0, le=50.0)  # f [N]
+    # s, way in which the bristles give way [m].
     slip_m: Number = parameter("m", 2e-5, 1e-3, ge=1e-6, le=0.1, default=2e-4)
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         return Effects(contact=(_Bristles(self.friction_n, self.slip_m),))
 
     @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         return cls(friction_n=strength * scale.contact_noise_n / 0.5, slip_m=0.01 * scale.depth_m)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import cos, sin
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import Number
 from sim_backend.hooks import Effects, PlantEffect
@@ -17,16 +17,12 @@ class GravityTilt(Imperfection):
 
     R turns the base by `pitch_rad` about its y axis, x dipping, after `roll_rad` about its x axis. The object
     is tilted with it. An arm that moves in the x-z plane feels pitch alone.
-
-    Attributes:
-        pitch_rad: about y [rad].
-        roll_rad: about x [rad].
     """
 
     name: ClassVar[str] = "gravity_tilt"
-
-    pitch_rad: Number = parameter("rad", -0.1, 0.1, ge=-1.6, le=1.6)
-    roll_rad: Number = parameter("rad", -0.1, 0.1, ge=-1.6, le=1.6, default=0.0)
+    shows_in: ClassVar[Sequence[str]] = LOADED
+    pitch_rad: Number = parameter("rad", -0.1, 0.1, ge=-1.6, le=1.6)  # about y [rad]
+    roll_rad: Number = parameter("rad", -0.1, 0.1, ge=-1.6, le=1.6, default=0.0)  # about x [rad]
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -34,19 +30,10 @@ class GravityTilt(Imperfection):
         return tuple(channel_of(joint) for joint in (1, 2, 3))
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         return Effects(plant=(_Slope(self.pitch_rad, self.roll_rad),))
 
     @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`."""
-        return channel in LOADED
-
-    @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         sign = generator.choice([-1.0, 1.0])
         return cls(pitch_rad=sign * strength * scale.joint_noise_nm / scale.joint(channel).tilt_nm_rad)
 

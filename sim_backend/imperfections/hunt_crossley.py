@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import Number
 from sim_backend.hooks import ContactState, Effects, MaterialEffect
@@ -14,28 +14,18 @@ class HuntCrossley(ContactImperfection):
     """F += (k + b dx/dt) x^n at depth x: nothing at touch, more and more on the way in.
 
     Hunt and Crossley, J. Appl. Mech. 42 (1975), eq. 2; on top of the object's own law.
-
-    Attributes:
-        damping: b [N s/m^(n+1)].
-        stiffness: k [N/m^n].
-        exponent: n [-].
     """
 
     name: ClassVar[str] = "hunt_crossley"
-
-    damping: Number = parameter("N s/m^(n+1)", 100.0, 1e4, ge=0, le=1e9, default=0.0)
-    stiffness: Number = parameter("N/m^n", 100.0, 1e4, ge=0, le=1e9, default=0.0)
-    exponent: Number = parameter("-", 1.0, 2.5, ge=1, le=4, default=1.5)
+    damping: Number = parameter("N s/m^(n+1)", 100.0, 1e4, ge=0, le=1e9, default=0.0)  # b [N s/m^(n+1)]
+    stiffness: Number = parameter("N/m^n", 100.0, 1e4, ge=0, le=1e9, default=0.0)  # k [N/m^n]
+    exponent: Number = parameter("-", 1.0, 2.5, ge=1, le=4, default=1.5)  # n [-]
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         return Effects(contact=(_Sphere(self),))
 
     @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         unit = scale.contact_noise_n / (0.2 * scale.depth_m**1.5 * scale.speed_m_s)
         return cls(damping=strength * unit, exponent=1.5)
 

@@ -1,8 +1,9 @@
 """A sensor that reads less on the way up than on the way down."""
 
+from collections.abc import Sequence
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative
 from sim_backend.channel_effect import Transducer
@@ -15,31 +16,19 @@ class Hysteresis(SensorImperfection):
 
     The play operator, of which Prandtl and Ishlinskii build all hysteresis; Brokate and Sprekels, "Hysteresis
     and Phase Transitions", 1996.
-
-    Attributes:
-        channel: see `SensorImperfection`.
-        half_width: w [channel].
     """
 
     name: ClassVar[str] = "hysteresis"
+    # The last joint has next to no torque to be wrong about.
+    shows_in: ClassVar[Sequence[str]] = (CONTACT, *LOADED)
     ahead_of_noise: ClassVar[bool] = True
-
-    half_width: NotNegative = parameter("channel", 0.02, 1.0)
+    half_width: NotNegative = parameter("channel", 0.02, 1.0)  # w [channel]
 
     def transducer(self) -> Transducer:
-        """See `SensorImperfection.transducer`."""
         return _Play(self.half_width).read
 
     @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`; the last joint has next to no torque to be wrong about."""
-        return channel == CONTACT or channel in LOADED
-
-    @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         return cls(channel=channel, half_width=strength * scale.noise(channel))
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import exp
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative
 from sim_backend.hooks import Effects, JointEffect, JointState, SensorEffect
@@ -18,16 +18,13 @@ class JointElasticity(JointImperfection):
     T du/dt = C tau - u: spring and dashpot in parallel, between the link and a drive without inertia of its
     own, which lets the whole torque through. It is the slow part of Spong's model (J. Dyn. Sys. Meas. Control
     109, 1987); the rotor's inertia is counted to the link, as the URDF does.
-
-    Attributes:
-        joint: which joint, from 1 at the base.
-        compliance_rad_nm: C, one over the stiffness; zero is rigid [rad/(N m)].
-        retardation_s: T, damping over stiffness [s].
     """
 
     name: ClassVar[str] = "joint_elasticity"
-
+    shows_in: ClassVar[Sequence[str]] = ()  # in probing, the twist is mostly that of the steady weight
+    # C, one over the stiffness; zero is rigid [rad/(N m)].
     compliance_rad_nm: NotNegative = parameter("rad/(N m)", 5e-5, 2e-3, le=0.05)
+    # T, damping over stiffness [s].
     retardation_s: NotNegative = parameter("s", 0.005, 0.1, le=10.0, default=0.02)
 
     @property
@@ -36,19 +33,11 @@ class JointElasticity(JointImperfection):
         return (channel_of(self.joint), CONTACT)
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         shaft = _Shaft(self.index_in(joint_count), self.compliance_rad_nm, self.retardation_s)
         return Effects(joint=(shaft,), encoder=(shaft,))
 
     @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`; in probing, the twist is mostly that of the steady weight."""
-        return False
-
-    @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         """See `Imperfection.at_strength`; as soft as can still be controlled by the encoder at most."""
         compliance_rad_nm = strength * scale.joint_noise_nm / (25.0 * scale.joint(channel).load_nm)
         return cls(joint=joint_of(channel), compliance_rad_nm=min(compliance_rad_nm, 2e-3))

@@ -1,9 +1,10 @@
 """A sensor that follows slowly."""
 
+from collections.abc import Sequence
 from math import exp
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative
 from sim_backend.channel_effect import Transducer
@@ -15,31 +16,19 @@ class Lag(SensorImperfection):
     """T dy/dt = u - y: a filter in the amplifier, a soft cell (first-order low-pass).
 
     Exact for a signal that changes at a constant rate between two samples.
-
-    Attributes:
-        channel: see `SensorImperfection`.
-        time_s: T [s].
     """
 
     name: ClassVar[str] = "lag"
+    # The last joint has next to no torque to be wrong about.
+    shows_in: ClassVar[Sequence[str]] = (CONTACT, *LOADED)
     ahead_of_noise: ClassVar[bool] = True
-
-    time_s: NotNegative = parameter("s", 0.001, 0.05, le=10.0)
+    time_s: NotNegative = parameter("s", 0.001, 0.05, le=10.0)  # T [s]
 
     def transducer(self) -> Transducer:
-        """See `SensorImperfection.transducer`."""
         return _Following(self.time_s).read
 
     @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`; the last joint has next to no torque to be wrong about."""
-        return channel == CONTACT or channel in LOADED
-
-    @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         return cls(channel=channel, time_s=min(strength * scale.noise(channel) / scale.rate(channel), 0.1))
 
 

@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative, Number
 from sim_backend.hooks import ContactState, Effects, MaterialEffect
@@ -14,26 +14,18 @@ class LayeredStiffness(ContactImperfection):
     """F += k2 (x - d) from depth d on: a second spring is reached there, as bone under tissue.
 
     Piecewise linear stiffness; Shaw and Holmes, J. Sound Vib. 90 (1983).
-
-    Attributes:
-        stiffness_n_m: k2, what the second layer adds [N/m].
-        depth_m: d, where it is reached [m].
     """
 
     name: ClassVar[str] = "layered_stiffness"
-
+    # k2, what the second layer adds [N/m].
     stiffness_n_m: Number = parameter("N/m", 50.0, 5000.0, ge=0, le=1e6)
-    depth_m: NotNegative = parameter("m", 0.001, 0.05, le=1.0)
+    depth_m: NotNegative = parameter("m", 0.001, 0.05, le=1.0)  # d, where it is reached [m]
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         return Effects(contact=(_SecondLayer(self.stiffness_n_m, self.depth_m),))
 
     @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         left, share = scale.depth_left(strength, 0.06), generator.uniform(0.35, 0.6)
         reached_m = left * scale.depth_m
         return cls(

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import Number
 from sim_backend.hooks import Effects, FrictionEffect, JointState
@@ -17,30 +17,17 @@ class LoadDependentFriction(JointImperfection):
     A gear's load-dependent loss; Hamon, Gautier and Garrec, IEEE/RSJ IROS 2010, "Dynamic identification of
     robots with a dry friction model depending on load and velocity". The load is what the gear passes on to
     the link, for its dynamics and for external forces: the drive's torque less the friction.
-
-    Attributes:
-        joint: which joint, from 1 at the base.
-        load_share: mu [-].
     """
 
     name: ClassVar[str] = "load_dependent_friction"
-
-    load_share: Number = parameter("-", 0.005, 0.3, ge=0, le=0.9)
+    shows_in: ClassVar[Sequence[str]] = LOADED  # a tool that hangs straight down does not load its joint
+    load_share: Number = parameter("-", 0.005, 0.3, ge=0, le=0.9)  # mu [-]
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         return Effects(friction=(_Gear(self.index_in(joint_count), self.load_share),))
 
     @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`; a tool that hangs straight down does not load its joint."""
-        return channel in LOADED
-
-    @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         share = strength * scale.joint_noise_nm / scale.joint(channel).load_nm
         return cls(joint=joint_of(channel), load_share=min(share, 0.9))
 

@@ -1,9 +1,10 @@
 """A mass that the arm's URDF does not know."""
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.errors import InputError
 from robot_io.files.file_model import NotNegative
@@ -18,35 +19,23 @@ class Payload(JointImperfection):
     """A small ball of mass m at the far end of a link: where the next joint begins, or at the tip.
 
     It has weight and inertia, and shows in the joint that moves the link and in those before it.
-
-    Attributes:
-        joint: which joint moves the link, from 1 at the base.
-        mass_kg: m [kg]; scaled by the arm's mass_scale as the rest of it.
     """
 
     name: ClassVar[str] = "payload"
-
+    shows_in: ClassVar[Sequence[str]] = LOADED  # a tool that hangs straight down gives its joint no lever
+    # M [kg]; scaled by the arm's mass_scale as the rest of it.
     mass_kg: NotNegative = parameter("kg", 0.005, 1.0, le=50.0)
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """See `Imperfection.channels`."""
         return tuple(channel_of(joint) for joint in range(1, self.joint + 1))
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         index = self.index_in(joint_count)
         return Effects(plant=(_Ball(index, self.mass_kg),)) if self.mass_kg else Effects()
 
     @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`; a tool that hangs straight down gives its joint no lever."""
-        return channel in LOADED
-
-    @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         """See `Imperfection.at_strength`; at the tip."""
         mass_kg = strength * scale.joint_noise_nm / scale.joint(channel).weight_nm_kg
         return cls(joint=max(len(scale.joints), joint_of(channel)), mass_kg=mass_kg)

@@ -3,7 +3,7 @@
 from math import exp
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative, Number
 from sim_backend.hooks import ContactState, Effects, MaterialEffect
@@ -17,27 +17,19 @@ class PlasticSet(ContactImperfection):
     Loading for the first time is softer by 1 - s than unloading and loading again, which begin at the dent.
     As unloading after plastic contact in Johnson, "Contact Mechanics", 1985, sec. 6.4. A foam
     recovers; with a recovery time the dent fades while nothing presses.
-
-    Attributes:
-        share: s, dent over indentation [-].
-        recovery_s: time in which a dent fades to 1/e; zero is never [s].
     """
 
     name: ClassVar[str] = "plastic_set"
     needs_force_law: ClassVar[bool] = True
-
-    share: Number = parameter("-", 0.01, 0.4, ge=0, le=0.9)
+    share: Number = parameter("-", 0.01, 0.4, ge=0, le=0.9)  # s, dent over indentation [-]
+    # Time in which a dent fades to 1/e; zero is never [s].
     recovery_s: NotNegative = parameter("s", 0.0, 60.0, default=0.0)
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         return Effects(contact=(_Dent(self.share, self.recovery_s),))
 
     @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         return cls(share=min(strength * scale.contact_noise_n / (0.15 * scale.force_n), 0.6))
 
 

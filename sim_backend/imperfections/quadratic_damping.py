@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import Number
 from sim_backend.hooks import ContactState, Effects, MaterialEffect
@@ -14,24 +14,16 @@ class QuadraticDamping(ContactImperfection):
     """F += c2 v |v| below the surface, v the rate of depth: a fluid that is pushed out through pores.
 
     Turbulent drag; Forchheimer's term in Bear, "Dynamics of Fluids in Porous Media", 1972, sec. 5.11.
-
-    Attributes:
-        damping_n_s2_m2: c2 [N s^2/m^2].
     """
 
     name: ClassVar[str] = "quadratic_damping"
-
-    damping_n_s2_m2: Number = parameter("N s^2/m^2", 10.0, 1000.0, ge=0, le=5000)
+    damping_n_s2_m2: Number = parameter("N s^2/m^2", 10.0, 1000.0, ge=0, le=5000)  # c2 [N s^2/m^2]
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         return Effects(contact=(_Drag(self.damping_n_s2_m2),))
 
     @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         return cls(damping_n_s2_m2=strength * scale.contact_noise_n / (0.7 * scale.speed_m_s**2))
 
 

@@ -4,6 +4,7 @@ from math import exp
 from typing import ClassVar, Self
 
 import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import Number
 from sim_backend.hooks import ContactState, Effects, MaterialEffect
@@ -16,33 +17,23 @@ class StressRelaxation(ContactImperfection):
 
     The generalised Maxwell (Wiechert) solid; Ferry, "Viscoelastic Properties of Polymers", 1980, ch. 1. The
     object's own spring is what is left in the end. The branches go on relaxing when the tip has left.
-
-    Attributes:
-        stiffness_n_m: k_1 [N/m].
-        time_s: tau_1 [s].
-        second_stiffness_n_m: k_2; zero for one branch only [N/m].
-        second_time_s: tau_2 [s].
     """
 
     name: ClassVar[str] = "stress_relaxation"
-
-    stiffness_n_m: Number = parameter("N/m", 20.0, 2000.0, ge=0, le=1e6)
-    time_s: Number = parameter("s", 0.02, 2.0, ge=1e-3, le=1e3)
+    stiffness_n_m: Number = parameter("N/m", 20.0, 2000.0, ge=0, le=1e6)  # k_1 [N/m]
+    time_s: Number = parameter("s", 0.02, 2.0, ge=1e-3, le=1e3)  # tau_1 [s]
+    # k_2; zero for one branch only [N/m].
     second_stiffness_n_m: Number = parameter("N/m", 0.0, 2000.0, ge=0, le=1e6, default=0.0)
-    second_time_s: Number = parameter("s", 0.02, 2.0, ge=1e-3, le=1e3, default=1.0)
+    second_time_s: Number = parameter("s", 0.02, 2.0, ge=1e-3, le=1e3, default=1.0)  # tau_2 [s]
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         branches = [_MaxwellBranch(self.stiffness_n_m, self.time_s)]
         if self.second_stiffness_n_m:
             branches.append(_MaxwellBranch(self.second_stiffness_n_m, self.second_time_s))
         return Effects(contact=tuple(branches))
 
     @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
-        """See `Imperfection.at_strength`."""
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         return cls(
             stiffness_n_m=strength * scale.contact_noise_n / (0.08 * scale.depth_m),
             time_s=float(np.exp(generator.uniform(np.log(0.08), np.log(0.5)))),

@@ -3,12 +3,12 @@
 from math import exp
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative, Positive
+from sim_backend.channel_effect import JointFriction
 from sim_backend.hooks import Effects
 from sim_backend.imperfection import JointImperfection, parameter
-from sim_backend.joint_effects import JointFriction
 from sim_backend.noise_scale import NoiseScale, joint_of
 
 
@@ -16,22 +16,16 @@ class StribeckFriction(JointImperfection):
     """tau = f + s exp(-(|dq/dt| / v_s)^2) against the motion: the film of grease carries from v_s on.
 
     Bo and Pavelescu, Wear 82 (1982), with the exponent 2; Armstrong-Helouvry et al., Automatica 30 (1994).
-
-    Attributes:
-        joint: which joint, from 1 at the base.
-        stiction_nm: s, how much more at rest than sliding [N m].
-        speed_rad_s: v_s [rad/s].
-        coulomb_nm: f, what is left at speed [N m].
     """
 
     name: ClassVar[str] = "stribeck_friction"
-
+    # s, how much more at rest than sliding [N m].
     stiction_nm: NotNegative = parameter("N m", 0.02, 2.0, le=100.0)
-    speed_rad_s: Positive = parameter("rad/s", 0.01, 0.5, ge=1e-4, le=10.0)
+    speed_rad_s: Positive = parameter("rad/s", 0.01, 0.5, ge=1e-4, le=10.0)  # v_s [rad/s]
+    # f, what is left at speed [N m].
     coulomb_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0, default=0.0)
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         return Effects(friction=(JointFriction(self.index_in(joint_count), self._resistance_nm),))
 
     def _resistance_nm(self, speed_rad_s: float, _load_nm: float) -> float:
@@ -39,9 +33,7 @@ class StribeckFriction(JointImperfection):
         return self.coulomb_nm + self.stiction_nm * exp(-slowness * slowness)
 
     @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         """See `Imperfection.at_strength`; at most what a controller masters that does not know it."""
         joint = scale.joint(channel)
         return cls(

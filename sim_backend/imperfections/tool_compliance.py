@@ -1,9 +1,9 @@
 """A tool that gives way."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar, Self
 
-import numpy as np
+from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative
 from sim_backend.hooks import ContactState, Effects, ToolEffect
@@ -20,30 +20,20 @@ class ToolCompliance(ContactImperfection):
     """A spring in series: the tool is compressed by u = C F, and the object feels x - u at the rate of x - u.
 
     Both springs carry the same force, which is solved for at each physics step.
-
-    Attributes:
-        compliance_m_n: C, one over the tool's stiffness; zero is rigid [m/N].
     """
 
     name: ClassVar[str] = "tool_compliance"
+    shows_in: ClassVar[Sequence[str]] = ()  # by itself it is a softer object
     needs_force_law: ClassVar[bool] = True
-
+    # C, one over the tool's stiffness; zero is rigid [m/N].
     compliance_m_n: NotNegative = parameter("m/N", 1e-5, 1e-3, le=0.01)
 
     def effects(self, joint_count: int) -> Effects:
-        """See `Imperfection.effects`."""
         gives_way = self.compliance_m_n > _RIGID_M_N
         return Effects(tool=(_SeriesSpring(self.compliance_m_n),)) if gives_way else Effects()
 
     @classmethod
-    def can_show_in(cls, channel: str) -> bool:
-        """See `Imperfection.can_show_in`; by itself it is a softer object."""
-        return False
-
-    @classmethod
-    def at_strength(
-        cls, strength: float, channel: str, scale: NoiseScale, generator: np.random.Generator
-    ) -> Self:
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         """See `Imperfection.at_strength`; here of what would pass for a softer object."""
         squeeze_m = strength * scale.contact_noise_n * scale.depth_m / scale.force_n
         return cls(compliance_m_n=squeeze_m / scale.force_n)

@@ -3,27 +3,44 @@
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
-from math import floor, inf
+from math import exp, floor, inf, pi
 from typing import NamedTuple
 
+import numpy as np
+
 from robot_io.types import Status
-from sim_backend.sensors.low_pass import LowPass
 
 _SAME_TIME_S = 1e-9  # physics times are multiples of the step; closer than this is the same instant
 
 
-class Sample(NamedTuple):
-    """One sample of a device.
+class LowPass:
+    """dy/dt = 2 pi f (u - y), for several signals at once.
 
-    Attributes:
-        value: in the unit of the sensor.
-        sampled_at_s: when the device sampled [s].
-        status: how far to trust it.
+    Args:
+        bandwidth_hz: corner frequency f [Hz], where the gain is 1/sqrt(2).
+        step_s: time between two calls [s].
     """
 
-    value: list[float]
-    sampled_at_s: float
-    status: Status = Status.OK
+    def __init__(self, bandwidth_hz: float, step_s: float) -> None:
+        self._gain = 1.0 - exp(-2.0 * pi * bandwidth_hz * step_s)
+        self._output: list[float] | None = None
+
+    def filter(self, signal: Sequence[float]) -> list[float]:
+        """The output after one more step; the first call starts settled at `signal`."""
+        if self._output is None:
+            self._output = list(signal)
+        else:
+            gain = self._gain
+            self._output = [y + gain * (u - y) for u, y in zip(signal, self._output, strict=True)]
+        return self._output
+
+
+class Sample(NamedTuple):
+    """One sample of a device."""
+
+    value: list[float]  # in the unit of the sensor
+    sampled_at_s: float  # when the device sampled [s]
+    status: Status = Status.OK  # how far to trust it
 
 
 class SampledSensor(ABC):
@@ -94,3 +111,34 @@ class SampledSensor(ABC):
             return sample._replace(status=Status.STALE)
         self._shown_at_s = sample.sampled_at_s
         return sample
+
+
+_BLOCK = 1024
+
+
+class GaussianNoise:
+    """An endless row of independent N(0, std^2) numbers.
+
+    Args:
+        std: standard deviation, in the unit of the signal; zero gives zeros.
+        generator: its own source of random numbers.
+    """
+
+    def __init__(self, std: float, generator: np.random.Generator) -> None:
+        self._std = std
+        self._generator = generator
+        self._block: list[float] = []
+
+    def added_to(self, signal: Sequence[float]) -> Sequence[float]:
+        """The signal with the next of these numbers on each of its values."""
+        if not self._std:
+            return signal
+        if len(self._block) < len(signal):
+            self._block = self._generator.normal(0.0, self._std, _BLOCK).tolist() + self._block
+        draw = self._block.pop
+        return [value + draw() for value in signal]
+
+
+def quantise(values: Sequence[float], step: float) -> list[float]:
+    """The multiples of `step` nearest to `values`, all in the same unit; a step of 0 changes nothing."""
+    return [round(value / step) * step for value in values] if step else list(values)

@@ -11,23 +11,14 @@ Delay = Annotated[NotNegative, Field(le=10.0)]  # [s]
 
 
 class ForceSettings(FileModel):
-    """A uniaxial load cell with its amplifier and converter.
+    """A uniaxial load cell with its amplifier and converter."""
 
-    Attributes:
-        noise_std_n: white noise of a sample [N].
-        resolution_n: one step of the converter [N]; 0 is none.
-        range_n: end of the range, push or pull [N]; a sample there is marked as saturated.
-        bandwidth_hz: first-order low-pass ahead of the converter [Hz]; None is none.
-        rate_hz: samples per second [Hz].
-        delay_s: from the sampling instant until a sample can be read [s].
-    """
-
-    noise_std_n: NotNegative = 0.02
-    resolution_n: NotNegative = 0.005
-    range_n: Positive = 100.0
-    bandwidth_hz: Positive | None = None
-    rate_hz: Positive = Rate
-    delay_s: Delay = 0.0
+    noise_std_n: NotNegative = 0.02  # white noise of a sample [N]
+    resolution_n: NotNegative = 0.005  # one step of the converter [N]; 0 is none
+    range_n: Positive = 100.0  # end of the range, push or pull [N]; a sample there is marked as saturated
+    bandwidth_hz: Positive | None = None  # first-order low-pass ahead of the converter [Hz]; None is none
+    rate_hz: Positive = Rate  # samples per second [Hz]
+    delay_s: Delay = 0.0  # from the sampling instant until a sample can be read [s]
 
 
 class TorqueSettings(FileModel):
@@ -52,34 +43,24 @@ class TorqueSettings(FileModel):
 
 
 class VelocitySettings(FileModel):
-    """Where the velocity comes from.
+    """Where the velocity comes from."""
 
-    Attributes:
-        source: "difference" is what a drive derives from its own encoder: the difference of two samples,
-            low-passed; it lags by half a sample and the filter's time. "tachometer" measures it, with noise.
-        bandwidth_hz: first-order low-pass of the difference [Hz].
-        noise_std_rad_s: white noise of the tachometer [rad/s].
-    """
-
+    # "difference" is what a drive derives from its own encoder: the difference of two samples, low-passed; it
+    # lags by half a sample and the filter's time. "tachometer" measures it, with noise.
     source: Literal["difference", "tachometer"] = "difference"
-    bandwidth_hz: Positive = 200.0
-    noise_std_rad_s: NotNegative = 0.002
+    bandwidth_hz: Positive = 200.0  # first-order low-pass of the difference [Hz]
+    noise_std_rad_s: NotNegative = 0.002  # white noise of the tachometer [rad/s]
 
 
 class EncoderSettings(FileModel):
-    """Encoders on the motor side of a gear, seen from the joint.
+    """Encoders on the motor side of a gear, seen from the joint."""
 
-    Attributes:
-        counts_per_revolution: steps in one revolution of the joint; 2^14 counts through a gear of 50:1.
-        velocity: where the velocity comes from.
-        rate_hz: samples per second inside the drive [Hz]; the robot reads the newest one.
-        delay_s: from the sampling instant until a sample can be read [s].
-    """
-
+    # Steps in one revolution of the joint; 2^14 counts through a gear of 50:1.
     counts_per_revolution: Number = Field(default=819_200.0, gt=0, le=1e12)
-    velocity: VelocitySettings = VelocitySettings()
+    velocity: VelocitySettings = VelocitySettings()  # where the velocity comes from
+    # Samples per second inside the drive [Hz]; the robot reads the newest one.
     rate_hz: Number = Field(default=2000.0, gt=0, le=1e6)
-    delay_s: Delay = 0.0
+    delay_s: Delay = 0.0  # from the sampling instant until a sample can be read [s]
 
 
 class SensorSettings(FileModel):

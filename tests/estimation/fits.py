@@ -1,7 +1,19 @@
 """Models fitted to a channel as a study fits them, where a test has made the model itself."""
 
+import numpy as np
+
+from estimation.base_model import ModelContext
 from estimation.diagnosis.candidates import library
+from estimation.models import MODELS
 from estimation.study import comparison, engine
+from tests.estimation.presses import kelvin_voigt
+
+MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
+
+
+def cubic(t, x, v, run):
+    """A spring that stiffens."""
+    return kelvin_voigt(x, v, 1.5e6 * np.maximum(x, 0) ** 3)
 
 
 def fits(data, model, names=(), effects=None):

@@ -6,7 +6,7 @@ import pytest
 from estimation.base_model import ModelContext
 from estimation.fresh_runs import on_clocks_of_their_own, relaxes_afresh
 from estimation.models import MODELS
-from tests.estimation.diagnosis.presses import RATE_HZ, kelvin_voigt, maxwell, session
+from tests.estimation.presses import RATE_HZ, kelvin_voigt, maxwell, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 TAU_S = 1.5

@@ -3,7 +3,7 @@
 import pytest
 
 from estimation.effects import EFFECTS
-from tests.estimation.diagnosis.presses import session
+from tests.estimation.presses import session
 from tests.estimation.test_effect_form import some_channel
 
 DEPTH_M, NOISE_N = 0.004, 0.05

@@ -15,7 +15,7 @@ from estimation.gate.gate import refuse
 from palpate.next_plan import plan_of, write_plan
 from palpate.runs.probing import PLAN
 from robot_io.session import Session
-from tests.estimation.diagnosis.presses import channel, kelvin_voigt, motion
+from tests.estimation.presses import channel, kelvin_voigt, motion
 from tests.palpate.cli import assert_refused, next_commands, run
 from tests.palpate.presses import CUBIC, write_presses
 from tests.palpate.sessions import synthetic_session

@@ -7,7 +7,7 @@ from estimation.channel import ChannelKind
 from estimation.effect import AdditiveEffect, Parameter
 from palpate.user_effects.guard import rehearse, watched
 from robot_io.errors import InputError
-from tests.estimation.diagnosis.presses import session
+from tests.estimation.presses import session
 
 DATA = session(1)
 

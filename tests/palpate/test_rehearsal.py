@@ -7,7 +7,7 @@ import pytest
 from estimation.channel import ChannelKind
 from estimation.effects import EFFECTS
 from palpate.user_effects.guard import rehearse, watched
-from tests.estimation.diagnosis.presses import kelvin_voigt, session
+from tests.estimation.presses import kelvin_voigt, session
 
 DATA = session(1, lambda t, x, v, run: kelvin_voigt(x, v))
 

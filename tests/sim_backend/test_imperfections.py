@@ -74,12 +74,10 @@ class TestEveryEffect:
     def test_is_a_file_of_its_name_and_says_what_it_is(self, name):
         kind = IMPERFECTIONS[name]
         assert kind.__module__ == f"sim_backend.imperfections.{name}"
-        text = inspect.getdoc(kind)
+        source = inspect.getsource(kind)
         for parameter in kind.parameters():
-            line = next(
-                entry for entry in re.split(r"\n(?=    \w+: )", text) if f"    {parameter.name}: " in entry
-            )
-            assert f"[{parameter.unit}]" in line
+            said = re.search(rf"(?:# (.*)\n)?    {parameter.name}: .*?(?:# (.*))?\n", source)
+            assert f"[{parameter.unit}]" in "".join(filter(None, said.groups()))
             assert parameter.low < parameter.high
         assert {parameter.name for parameter in kind.parameters()} == (
             kind.model_fields.keys() - {"joint", "channel"}
@@ -210,7 +208,7 @@ def test_effects_of_geometry_need_a_force_law(name):
 def test_equal_seeds_draw_the_same_and_different_ones_all_there_is():
     drawn = [draw_hidden(seed)[0] for seed in range(600)]
     assert drawn == [draw_hidden(seed)[0] for seed in range(600)]
-    shown = {n for n, kind in IMPERFECTIONS.items() if any(map(kind.can_show_in, SCALE.channels))}
+    shown = {n for n, kind in IMPERFECTIONS.items() if set(kind.shows_in) & set(SCALE.channels)}
     assert {entry.name for entry in drawn} == shown
     assert VOCABULARY - shown == {
         "contact_offset",

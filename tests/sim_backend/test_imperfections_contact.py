@@ -52,11 +52,7 @@ def test_relaxation_after_a_ramp_fades_as_the_closed_form_says():
 
 def test_two_branches_answer_a_vibration_with_their_complex_modulus():
     entry = hidden(
-        "stress_relaxation",
-        stiffness_n_m=300.0,
-        time_s=0.02,
-        second_stiffness_n_m=150.0,
-        second_time_s=0.2,
+        "stress_relaxation", stiffness_n_m=300.0, time_s=0.02, second_stiffness_n_m=150.0, second_time_s=0.2
     )
     t, omega = steps(4.0), 2.0 * np.pi * 5.0
     depth = 0.01 + 0.002 * np.sin(omega * t)

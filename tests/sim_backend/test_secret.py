@@ -32,7 +32,7 @@ def test_an_answer_comes_back_as_it_was(tmp_path_factory, seeds, seed):
 
 def test_a_reader_of_the_file_learns_what_it_is_but_not_what_is_in_it(tmp_path):
     for name, kind in IMPERFECTIONS.items():
-        channel = next((c for c in ("contact", "joint_1") if kind.can_show_in(c)), None)
+        channel = next((c for c in ("contact", "joint_1") if c in kind.shows_in), None)
         if channel is None:
             continue
         answer = Answer(tuple(draw_hidden(3, channel, effect=name)), 3, MADE)

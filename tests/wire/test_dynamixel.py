@@ -46,10 +46,7 @@ def direct(tmp_path_factory):
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        [],
-        [("velocity: servo", "velocity: difference"), ("fast_sync_read: true", "fast_sync_read: false")],
-    ],
+    [[], [("velocity: servo", "velocity: difference"), ("fast_sync_read: true", "fast_sync_read: false")]],
     ids=["fast, servo's velocity", "plain, difference"],
 )
 def test_the_object_is_the_same_over_the_wire(bench, direct, tmp_path, changes):
@@ -67,11 +64,15 @@ def test_the_object_is_the_same_over_the_wire(bench, direct, tmp_path, changes):
     ("kind", "details", "cause"),
     [
         (FaultKind.DROP, {"device": 2}, "servo 2 did not answer in time"),
-        (FaultKind.CORRUPT, {"device": 3}, "wrong checksum"),
+        (FaultKind.CORRUPT, {"device": 3}, "CRC mismatch"),
         (FaultKind.WRONG_ID, {"device": 1}, "servo 101 answered in place of servo 1"),
         (FaultKind.DELAY, {"delay_s": 5e-3}, "did not answer in time"),
         (FaultKind.ALERT, {"device": 2, "times": 1}, r"servo 2 (joint 2): has switched its torque off"),
-        (FaultKind.REBOOT, {"device": 3, "times": 1, "delay_s": 1e-3}, "servo 3 (joint 3): has forgotten"),
+        (
+            FaultKind.REBOOT,
+            {"device": 3, "times": 1, "delay_s": 1e-3},
+            "servo 3 (joint 3): has lost its settings",
+        ),
         (FaultKind.UNPLUG, {}, "unplugged?"),
         (FaultKind.STUCK, {"device": 1}, "encoder of joint 1: stuck at"),
     ],

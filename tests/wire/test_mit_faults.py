@@ -7,7 +7,7 @@ import pytest
 from robot_io.errors import DeviceError, InputError
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
-from tests.wire.parts import CUBEMARS
+from tests.wire.parts import CUBEMARS, ODRIVE
 
 PUSH_NM = (3.0, -2.0, 1.0)
 
@@ -75,7 +75,7 @@ def test_what_a_motor_does_not_confirm_is_an_error(bench):
 
 
 def test_a_motor_that_has_restarted_goes_on_answering_and_exerts_nothing(bench):
-    """As the firmware does that the protocol comes from; the guard's witness is for this."""
+    """As the firmware does that the protocol comes from; `deaf_drive_s` is for this."""
     arm = bench(CUBEMARS).start()
     arm.ticks(5, PUSH_NM)
     arm.strike("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
@@ -182,3 +182,18 @@ def test_a_wrong_robot_file_is_refused(old, new, problem):
         build_robot(
             parse_robot_file(text.replace(old, new, 1), CUBEMARS), DriverCatalogue(), SimulatedClock()
         )
+
+
+@pytest.mark.parametrize("path", [CUBEMARS, ODRIVE], ids=["mit", "odrive"])
+@pytest.mark.parametrize("late_ms", [0.0, 1.5, 4.2])
+def test_frames_that_are_constantly_late_are_as_old_as_they_are(bench, path, late_ms):
+    """CAN frames carry no time: those that came 4.2 ms late from the start on once passed as fresh."""
+    arm = bench(path)
+    if late_ms:
+        arm.strike("motors", FaultKind.DELAY, delay_s=late_ms * 1e-3)
+    arm.robot.configure()
+    arm.ticks(10, None)
+    for _ in range(30):
+        measurement = arm.tick(None)
+        for sampled_at_s in (measurement.encoder_at_s, measurement.torque_at_s):
+            assert late_ms - 1e-6 <= 1e3 * (measurement.time_s - sampled_at_s) <= late_ms + 2.6

@@ -261,10 +261,18 @@ def test_a_silent_axis_is_a_delay_and_an_axis_error_a_failure_of_the_bus(bench):
 def test_an_adapter_that_is_not_there_is_one_line(bench):
     arm = bench()
     settings = arm.arm.robot_file.buses["motors"]
-    from robot_io.can import CanLine, CanLineSettings
+    from robot_io.drivers.can.line import CanLine, CanLineSettings
 
     for interface in ("socketcan", "no_such_interface"):
         line = CanLine(CanLineSettings(interface=interface, channel="can9"), arm.clock)
         with pytest.raises(DeviceError, match="cannot be opened"):
             line.open()
     assert settings.driver == "odrive_bus"
+
+
+def test_the_doctor_warns_of_slcan(bench):
+    arm = bench()
+    arm.robot.configure()
+    bus = arm.robot.buses["motors"]
+    bus.line._settings = bus.line._settings.model_copy(update={"interface": "slcan"})
+    assert "slcand" in " ".join(seen.remedy for seen in bus.examine())

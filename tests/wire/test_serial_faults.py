@@ -10,9 +10,10 @@ import tty
 import pytest
 
 from robot_io.clock import MonotonicClock, SimulatedClock
+from robot_io.drivers.serial_force import lorenz_protocol as lorenz
+from robot_io.drivers.serial_force.line import SerialReader
+from robot_io.drivers.serial_force.loadstar import loadstar_stream
 from robot_io.errors import DeviceError, InputError
-from robot_io.serial_force import SerialReader, lorenz
-from robot_io.serial_force.loadstar import LoadstarStream
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
 from tests.wire.parts import CUBEMARS, ODRIVE
@@ -158,7 +159,7 @@ def test_another_sensor_than_stated_is_refused(bench, path, old, new, problem):
 def test_a_unit_that_is_no_force_is_refused(bench):
     arm = bench(ODRIVE)
     arm.arm.wires["load_cell"]._sensor._unit = "psi"
-    with pytest.raises(DeviceError, match="unit 'psi' is no force"):
+    with pytest.raises(DeviceError, match="unit 'psi' is not a known unit"):
         arm.robot.configure()
 
 
@@ -172,7 +173,7 @@ def test_a_port_where_nobody_answers_is_one_line(bench):
 @pytest.mark.parametrize(
     ("path", "old", "new", "problem"),
     [
-        (CUBEMARS, "unit: N", "unit: bar", "no force"),
+        (CUBEMARS, "unit: N", "unit: bar", "not a known unit"),
         (CUBEMARS, "load_code: 100", "load_code: 100, rate_hz: 999", "1000"),
         (ODRIVE, *(GAUGE[0], GAUGE[1].replace("?P<value>", "?P<force>")), "value"),
         (ODRIVE, *(GAUGE[0], GAUGE[1].replace("(?P<unit>\\w+)", "((a+)+)")), "for ever"),
@@ -217,7 +218,7 @@ def test_a_reader_that_fell_behind_shows_an_old_reading_as_old(terminal):
     """The sensor dies while nobody looks: its last line must not look fresh when it is found."""
     master, slave, _ = terminal
     clock = SimulatedClock()
-    reader = SerialReader(slave, LoadstarStream(1.0, 100.0), clock)
+    reader = SerialReader(slave, loadstar_stream(1.0, 100.0), clock, 1e4)
 
     def send(data):
         before = waiting(slave)
@@ -252,7 +253,7 @@ def test_a_reader_that_fell_behind_shows_an_old_reading_as_old(terminal):
 def test_a_thread_reads_and_ends_with_a_word_when_the_port_goes(terminal):
     master, slave, open_ends = terminal
     clock = MonotonicClock()
-    reader = SerialReader(slave, LoadstarStream(1.0, 100.0), clock)
+    reader = SerialReader(slave, loadstar_stream(1.0, 100.0), clock, 1e4)
     reader.start()
     try:
         os.write(master, b"\r\n")
@@ -284,7 +285,7 @@ def test_a_defect_in_a_decoder_does_not_end_the_thread_unseen(terminal):
         def feed(self, data):
             raise ZeroDivisionError("a defect")
 
-    reader = SerialReader(slave, Broken(), MonotonicClock())
+    reader = SerialReader(slave, Broken(), MonotonicClock(), 1.0)
     reader.start()
     os.write(master, b"x")
     for _ in range(1000):

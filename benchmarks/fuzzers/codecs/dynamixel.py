@@ -6,8 +6,7 @@ codec.
 
 import numpy as np
 
-from robot_io.dynamixel.fast_reply import FastReply
-from robot_io.dynamixel.packet import StatusPacket, StatusReader, decode_status
+from robot_io.drivers.dynamixel.protocol import FastReply, StatusPacket, StatusReader, decode_status
 from sim_backend.emulators.dynamixel import wire
 
 from ..fuzzer import Fuzzer

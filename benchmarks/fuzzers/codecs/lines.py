@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from robot_io.serial_force.loadstar import LoadstarStream
-from robot_io.serial_force.pattern import PatternStream, compile_pattern
+from robot_io.drivers.serial_force.force_lines import pattern_stream
+from robot_io.drivers.serial_force.loadstar import loadstar_stream
 
 from ..fuzzer import Fuzzer
 
@@ -40,7 +40,7 @@ class LoadstarFuzzer(_LinesFuzzer):
 
     def __init__(self) -> None:
         super().__init__()
-        self._stream = LoadstarStream(1.0, 100.0)
+        self._stream = loadstar_stream(1.0, 100.0)
 
     def frame(self, rng: np.random.Generator) -> bytes:
         """See `Fuzzer.frame`."""
@@ -59,8 +59,7 @@ class PatternFuzzer(_LinesFuzzer):
 
     def __init__(self) -> None:
         super().__init__()
-        pattern = compile_pattern(r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>N)")
-        self._stream = PatternStream(pattern, None, 1.0)
+        self._stream = pattern_stream(r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>N)", None, 1.0, 1e9)
 
     def frame(self, rng: np.random.Generator) -> bytes:
         """See `Fuzzer.frame`."""

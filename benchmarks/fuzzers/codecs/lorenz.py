@@ -4,8 +4,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from robot_io.serial_force.lorenz import Telegram, TelegramReader, encode_telegram
-from robot_io.serial_force.lorenz_stream import LorenzStream
+from robot_io.drivers.serial_force.lorenz_protocol import (
+    LorenzStream,
+    Telegram,
+    TelegramReader,
+    encode_telegram,
+)
 
 from ..fuzzer import Fuzzer
 

@@ -4,9 +4,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from robot_io.can import mit
-from robot_io.can.frame import CanFrame
-from robot_io.can.mit_models import MIT_MODELS
+from robot_io.drivers.can.line import CanFrame
+from robot_io.drivers.mit import protocol as mit
+from robot_io.drivers.mit.protocol import MIT_MODELS
 
 from ..fuzzer import Fuzzer
 

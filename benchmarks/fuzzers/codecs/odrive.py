@@ -5,9 +5,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from robot_io.can import odrive
-from robot_io.can.frame import CanFrame
-from robot_io.can.odrive_tables import Firmware
+from robot_io.drivers.can.line import CanFrame
+from robot_io.drivers.odrive import protocol as odrive
+from robot_io.drivers.odrive.protocol import Firmware
 
 from ..fuzzer import Fuzzer
 

@@ -6,12 +6,16 @@ frame to the axis feeds its watchdog, an expired watchdog disarms it, an axis wi
 
 import math
 import struct
+from typing import Any, ClassVar
 
 import can
 
-from sim_backend.emulators.can.wire import CanNode
+from robot_io.files.file_model import FileModel, Number, Positive, validate
+from sim_backend.emulators.bench import EmulatedWire
+from sim_backend.emulators.can.wire import CanNode, CanWire, open_virtual_bus
 from sim_backend.emulators.faults import Fault, FaultKind
 from sim_backend.emulators.plant import JointState, Plant
+from sim_backend.emulators.wiring import WireMaker, WireRequest
 
 IDLE, CLOSED_LOOP = 1, 8
 WATCHDOG_BIT = {"0.5": 1 << 11, "0.6": 1 << 24}
@@ -68,7 +72,6 @@ class EmulatedOdrive(CanNode):
         self._fed_s = -math.inf
 
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
-        """See `CanNode.hear`."""
         if (
             message.is_extended_id
             or message.arbitration_id >> 5 != self.number
@@ -128,7 +131,6 @@ class EmulatedOdrive(CanNode):
         return []
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """See `CanNode.tell`."""
         if now_s < self._silent_until_s:
             return []
         if (
@@ -147,7 +149,6 @@ class EmulatedOdrive(CanNode):
         return [message for message in messages if message is not None]
 
     def strike(self, fault: Fault, now_s: float) -> None:
-        """See `CanNode.strike`."""
         if fault.kind is FaultKind.ALERT:
             self._disarm(ALERT_BIT[self._firmware])
         elif fault.kind is FaultKind.STUCK:
@@ -185,3 +186,45 @@ class EmulatedOdrive(CanNode):
 
     def _message(self, command: int, data: bytes) -> can.Message:
         return can.Message(arbitration_id=self.number << 5 | command, is_extended_id=False, data=data)
+
+
+class _Axis(FileModel, extra="ignore"):
+    node_id: int
+    gear_ratio: Positive = 1.0
+    reversed: bool = False
+    zero_rad: Number = 0.0
+    max_torque_nm: Positive
+    torque_constant_nm_a: Positive = 1.0
+
+
+class _Settings(FileModel, extra="ignore"):
+    firmware: str
+    axes: tuple[_Axis, ...]
+    heartbeat_s: Positive = 0.1
+    watchdog_s: Positive = 0.1
+
+
+class OdriveWires(WireMaker):
+    """ODrive axes that are set up as the robot file says."""
+
+    name: ClassVar[str] = "odrive_bus"
+
+    def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
+        own = validate(_Settings, request.section.settings)
+        nodes = [
+            EmulatedOdrive(
+                axis.node_id,
+                joint,
+                request.plant,
+                firmware=own.firmware,
+                gear_ratio=-axis.gear_ratio if axis.reversed else axis.gear_ratio,
+                zero_rad=axis.zero_rad,
+                max_torque_nm=axis.max_torque_nm,
+                torque_constant_nm_a=axis.torque_constant_nm_a,
+                heartbeat_s=own.heartbeat_s,
+                watchdog_s=own.watchdog_s,
+            )
+            for joint, axis in enumerate(own.axes)
+        ]
+        bus, reach = open_virtual_bus(in_lock_step=request.in_lock_step)
+        return CanWire(bus, nodes, request.faults), reach

@@ -1,8 +1,11 @@
 """A CAN bus with emulated nodes on it, and what can go wrong with their frames."""
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import count
+from typing import Any
 
 import can
 
@@ -20,13 +23,9 @@ class _Late:
 
 
 class CanNode(ABC):
-    """One device on the bus.
+    """One device on the bus."""
 
-    Attributes:
-        number: its node or motor id, which faults name it by.
-    """
-
-    number: int
+    number: int  # its node or motor id, which faults name it by
 
     @abstractmethod
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
@@ -63,7 +62,6 @@ class CanWire(EmulatedWire):
         self._unplugged = False
 
     def receive(self, now_s: float) -> None:
-        """See `EmulatedWire.receive`."""
         while (message := self._bus.recv(timeout=0.0)) is not None:
             if self._unplugged or message.is_error_frame:
                 continue
@@ -71,7 +69,6 @@ class CanWire(EmulatedWire):
                 self._send(node, node.hear(message, now_s), now_s)
 
     def send(self, now_s: float) -> None:
-        """See `EmulatedWire.send`."""
         if self._is_unplugged(now_s):
             for node in self._nodes:
                 node.tell(now_s)  # to nobody; its watchdog runs all the same
@@ -84,7 +81,6 @@ class CanWire(EmulatedWire):
             self._send(node, node.tell(now_s), now_s)
 
     def close(self) -> None:
-        """See `EmulatedWire.close`."""
         self._bus.shutdown()
 
     def _is_unplugged(self, now_s: float) -> bool:
@@ -135,3 +131,18 @@ class CanWire(EmulatedWire):
     def _put(self, message: can.Message, now_s: float) -> None:
         message.timestamp = now_s
         self._bus.send(message)
+
+
+_numbers = count()
+
+
+def open_virtual_bus(*, in_lock_step: bool) -> tuple[can.BusABC, dict[str, Any]]:
+    """The devices' end, opened, and the driver's settings for the other.
+
+    In lock-step frames carry the time of the simulated clock; else the wall clock's, as on a real adapter.
+    """
+    channel = f"palpate-{os.getpid()}-{next(_numbers)}"
+    options: dict[str, Any] = {"preserve_timestamps": in_lock_step}
+    bus = can.Bus(interface="virtual", channel=channel, **options)
+    timestamps = "robot" if in_lock_step else "wall"
+    return bus, {"interface": "virtual", "channel": channel, "options": options, "timestamps": timestamps}

@@ -1,8 +1,9 @@
-"""The control table of an X-series servo: which bytes mean what, and what may be written.
+"""The control table of an X-series servo: which bytes mean what, what may be written, and its memory.
 
 From the ROBOTIS e-manual, "Control Table" of the models below.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -24,50 +25,29 @@ class Error(IntEnum):
 
 @dataclass(frozen=True)
 class Item:
-    """One row of the table.
+    """One row of the table."""
 
-    Attributes:
-        address: of the first byte.
-        size: bytes.
-        writable: RW, or else R.
-        initial: value after a factory reset or, in RAM, after power-up.
-        low: smallest value that may be written.
-        high: largest value that may be written.
-    """
-
-    address: int
-    size: int
-    writable: bool
-    initial: int = 0
-    low: int | None = None
-    high: int | None = None
+    address: int  # of the first byte
+    size: int  # bytes
+    writable: bool  # RW, or else R
+    initial: int = 0  # value after a factory reset or, in RAM, after power-up
+    low: int | None = None  # smallest value that may be written
+    high: int | None = None  # largest value that may be written
 
 
 @dataclass(frozen=True)
 class Model:
-    """What is particular to a model.
+    """What is particular to a model."""
 
-    Attributes:
-        number: model number.
-        current_unit_a: [A].
-        current_limit: initial and largest current limit.
-        torque_per_ampere_nm: stall torque over stall current at the recommended voltage [N m/A].
-        indirect_data: address of Indirect Data 1.
-        indirect_count: how many of them are in a row.
-        shutdown: initial value of Shutdown.
-        voltage: present input voltage [0.1 V].
-        voltage_limits: initial min and max voltage limit [0.1 V].
-    """
-
-    number: int
-    current_unit_a: float
-    current_limit: int
-    torque_per_ampere_nm: float
-    indirect_data: int
-    indirect_count: int
-    shutdown: int
-    voltage: int
-    voltage_limits: tuple[int, int]
+    number: int  # model number
+    current_unit_a: float  # [A]
+    current_limit: int  # initial and largest current limit
+    torque_per_ampere_nm: float  # stall torque over stall current at the recommended voltage [N m/A]
+    indirect_data: int  # address of Indirect Data 1
+    indirect_count: int  # how many of them are in a row
+    shutdown: int  # initial value of Shutdown
+    voltage: int  # present input voltage [0.1 V]
+    voltage_limits: tuple[int, int]  # initial min and max voltage limit [0.1 V]
 
 
 MODELS = {
@@ -132,3 +112,84 @@ def items_of(model: Model, servo_id: int, firmware: int) -> dict[int, Item]:
         rows.append(Item(INDIRECT_ADDRESS + 2 * k, 2, True, default, EEPROM_END, end - 1))
         rows.append(Item(default, 1, True, 0, 0, 255))
     return {row.address: row for row in rows}
+
+
+class Memory:
+    """One servo's memory.
+
+    Args:
+        items: rows of its control table by address.
+        model: where its indirect data is.
+    """
+
+    def __init__(self, items: dict[int, Item], model: Model) -> None:
+        self._items = items
+        self._indirect = range(model.indirect_data, model.indirect_data + model.indirect_count)
+        self._bytes = bytearray(self._indirect.stop)
+        for item in items.values():
+            self.put(item.address, item.initial)
+
+    def lose_power(self) -> None:
+        """Everything above the EEPROM is as at the start."""
+        for item in self._items.values():
+            if item.address >= EEPROM_END:
+                self.put(item.address, item.initial)
+
+    def get(self, address: int) -> int:
+        """The value of an item; negative ones by its range."""
+        item = self._items[address]
+        signed = item.low is not None and item.low < 0
+        data = self._bytes[address : address + item.size]
+        return int.from_bytes(data, "little", signed=signed)
+
+    def put(self, address: int, value: int) -> None:
+        """Set an item from inside the servo; nothing is checked."""
+        item = self._items[address]
+        data = (value % (1 << 8 * item.size)).to_bytes(item.size, "little")
+        self._bytes[address : address + item.size] = data
+
+    def read(self, address: int, size: int) -> bytes | Error:
+        """What an instruction reads, or why it cannot."""
+        if size < 1 or address + size > len(self._bytes):
+            return Error.ACCESS
+        return bytes(self._bytes[self._meant(place)] for place in range(address, address + size))
+
+    def write(self, address: int, data: bytes, allowed: Callable[[Item, int], Error]) -> Error:
+        """What an instruction writes: whole items in a row.
+
+        Args:
+            address: of the first byte.
+            data: bytes.
+            allowed: says for an item and its new value whether the servo takes it now.
+        """
+        place, end = address, address + len(data)
+        while place < end:
+            item = self._items.get(self._meant(place))
+            if item is None or not item.writable:
+                return Error.ACCESS
+            raw = data[place - address : place - address + item.size]
+            if len(raw) < item.size:
+                return Error.DATA_LENGTH
+            value = int.from_bytes(raw, "little", signed=item.low is not None and item.low < 0)
+            error = _outside(item, value) or allowed(item, value)
+            if error:
+                return error
+            place += item.size
+        for offset, byte in enumerate(data):
+            self._bytes[self._meant(address + offset)] = byte
+        return Error.NONE
+
+    def _meant(self, place: int) -> int:
+        """The byte that indirect data stands for; others stand for themselves."""
+        if place not in self._indirect:
+            return place
+        at = INDIRECT_ADDRESS + 2 * (place - self._indirect.start)
+        return self._bytes[at] + 256 * self._bytes[at + 1]
+
+
+def _outside(item: Item, value: int) -> Error:
+    if item.low is not None and value < item.low:
+        return Error.DATA_RANGE
+    if item.high is not None and value > item.high:
+        return Error.DATA_RANGE
+    return Error.NONE

@@ -7,15 +7,16 @@ import tty
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
+from typing import Any, ClassVar
 
-from sim_backend.emulators.bench import EmulatedWire
+from robot_io.files.file_model import FileModel, validate
+from sim_backend.emulators.bench import EmulatedWire, heard_at
 from sim_backend.emulators.dynamixel import wire
 from sim_backend.emulators.dynamixel.control_table import Error
-from sim_backend.emulators.dynamixel.mounting import Mounting
-from sim_backend.emulators.dynamixel.servo import EmulatedServo
+from sim_backend.emulators.dynamixel.servo import EmulatedServo, Mounting
 from sim_backend.emulators.faults import Fault, FaultKind, Faults
-from sim_backend.emulators.line_speed import heard_at
 from sim_backend.emulators.plant import Plant
+from sim_backend.emulators.wiring import WireMaker, WireRequest
 
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
 _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
@@ -87,11 +88,9 @@ class DynamixelLine(EmulatedWire):
         return self._master if self._in_use else -1
 
     def next_due_s(self) -> float:
-        """See `EmulatedWire.next_due_s`."""
         return min((frame.due_s for frame in self._outgoing), default=inf)
 
     def receive(self, now_s: float) -> None:
-        """See `EmulatedWire.receive`."""
         for servo in self.servos.values():
             self._befall(servo, now_s)
             servo.watch(now_s)
@@ -101,7 +100,6 @@ class DynamixelLine(EmulatedWire):
             self._obey(instruction, now_s)
 
     def send(self, now_s: float) -> None:
-        """See `EmulatedWire.send`."""
         due = [frame for frame in self._outgoing if frame.due_s <= now_s]
         if due and self._master >= 0:
             self._outgoing = [frame for frame in self._outgoing if frame.due_s > now_s]
@@ -261,3 +259,21 @@ class DynamixelLine(EmulatedWire):
 
 def _word(data: bytes) -> int:
     return data[0] + 256 * data[1]
+
+
+class _Settings(FileModel, extra="ignore"):
+    servos: tuple[Mounting, ...]
+    baud_rate: int = 4_000_000
+
+
+class DynamixelWires(WireMaker):
+    """Servos that are set up as the robot file says, on a pseudo terminal."""
+
+    name: ClassVar[str] = "dynamixel_bus"
+
+    def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
+        own = validate(_Settings, request.section.settings)
+        line = DynamixelLine(
+            own.servos, request.plant, request.faults, baud_rate=own.baud_rate, start_s=request.start_s
+        )
+        return line, {"port": line.path}

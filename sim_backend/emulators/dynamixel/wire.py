@@ -16,21 +16,13 @@ _TOO_LONG = 0x3FF  # no servo takes more
 
 @dataclass(frozen=True)
 class Instruction:
-    """An instruction packet as a servo has understood it.
+    """An instruction packet as a servo has understood it."""
 
-    Attributes:
-        target: id of the servo, or `BROADCAST`.
-        code: what to do.
-        parameters: with what, stuffing removed.
-        intact: whether the checksum was right.
-        wire_bytes: bytes that it took on the wire.
-    """
-
-    target: int
-    code: int
-    parameters: bytes
-    intact: bool
-    wire_bytes: int
+    target: int  # id of the servo, or `BROADCAST`
+    code: int  # what to do
+    parameters: bytes  # with what, stuffing removed
+    intact: bool  # whether the checksum was right
+    wire_bytes: int  # bytes that it took on the wire
 
 
 def checksum(data: bytes) -> int:

@@ -8,15 +8,50 @@ import termios
 import time
 import tty
 from abc import ABC, abstractmethod
+from math import inf
 
-from sim_backend.emulators.bench import EmulatedWire
+from sim_backend.emulators.bench import EmulatedWire, heard_at
 from sim_backend.emulators.faults import FaultKind, Faults
-from sim_backend.emulators.line_speed import heard_at
 from sim_backend.emulators.plant import Plant
 
 _HAND_ON_S = 0.02  # a full buffer never takes more
 _MOST_READABLE = 4095  # bytes that Linux keeps for a reader; what comes then waits until it reads
 _RANGE_N = 1e3  # what a reading of a saturated sensor shows, if it has no range of its own
+
+
+class StreamTimer:
+    """Counts the readings of a stream out at a steady rate; those that were missed are not made up for.
+
+    The first one comes a period after the start.
+
+    Args:
+        rate_hz: readings a second [Hz].
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_s = 1.0 / rate_hz
+        self._next_s = inf
+
+    @property
+    def running(self) -> bool:
+        """Whether the stream is on."""
+        return self._next_s < inf
+
+    def start(self, now_s: float) -> None:
+        """The stream is on from now on."""
+        self._next_s = now_s + self._period_s
+
+    def stop(self) -> None:
+        """The stream is off."""
+        self._next_s = inf
+
+    def due(self, now_s: float) -> bool:
+        """Whether one is due now."""
+        if now_s < self._next_s - 1e-9:
+            return False
+        missed = now_s - self._next_s >= self._period_s
+        self._next_s = (now_s if missed else self._next_s) + self._period_s
+        return True
 
 
 class SerialSensor(ABC):
@@ -29,22 +64,24 @@ class SerialSensor(ABC):
 
     name = "force"
     range_n: float = _RANGE_N
+    _timer: StreamTimer
+    _silent_until_s = -inf
 
     @abstractmethod
     def hear(self, data: bytes, now_s: float) -> bytes:
         """Act on bytes from the host; returns the answer."""
 
-    @abstractmethod
     def due(self, now_s: float) -> bool:
         """Whether a reading is to be sent now, of a stream that was asked for; each is due once."""
+        return now_s >= self._silent_until_s and self._timer.due(now_s)
 
     @abstractmethod
     def reading(self, force_n: float) -> bytes:
         """One reading of the stream; NaN where the sensor has none."""
 
-    @abstractmethod
     def restart(self, now_s: float, silent_s: float) -> None:
         """Power-up state, after a silence."""
+        self._silent_until_s = now_s + silent_s
 
 
 class PtyLine(EmulatedWire):
@@ -86,7 +123,6 @@ class PtyLine(EmulatedWire):
         self._stuck_n: float | None = None
 
     def receive(self, now_s: float) -> None:
-        """See `EmulatedWire.receive`."""
         if self._master is None:
             return
         try:
@@ -99,7 +135,6 @@ class PtyLine(EmulatedWire):
             self._put(self._sensor.hear(data, now_s))
 
     def send(self, now_s: float) -> None:
-        """See `EmulatedWire.send`."""
         strikes, name = self.faults.strikes, self._sensor.name
         if strikes(FaultKind.UNPLUG, name, now_s):
             self.close()

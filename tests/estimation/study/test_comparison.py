@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from robot_io.errors import InputError
-from tests.estimation.diagnosis.presses import session
-from tests.estimation.diagnosis.test_diagnose import MODEL, cubic
-from tests.estimation.fits import compare, fits
+from tests.estimation.fits import MODEL, compare, cubic, fits
+from tests.estimation.presses import session
 
 
 def test_comparison_says_where_a_stiffening_spring_is_missed():

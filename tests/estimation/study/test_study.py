@@ -14,8 +14,8 @@ from estimation.study import Study, engine
 from estimation.study.kept_diagnosis import RESULT
 from estimation.study.source import NO_ARM, Arm
 from robot_io.errors import InputError
-from tests.estimation.diagnosis.presses import session
-from tests.estimation.diagnosis.test_diagnose import cubic
+from tests.estimation.fits import cubic
+from tests.estimation.presses import session
 from tests.estimation.study.joints import joints
 from tests.palpate.presses import write_presses
 

@@ -143,16 +143,8 @@ def torque_values(**changes):
     ("kind", "values", "words"),
     [
         ("force", VALUES["force"] | {"zero": quantity(1e6, "N")}, "has a zero of 8e.05 N; .* at most 15 N"),
-        (
-            "force",
-            VALUES["force"] | {"curvature": quantity(-0.02, "N/N^2")},
-            "curvature .* 0.004 N/N",
-        ),
-        (
-            "torque",
-            torque_values(command_offset=[0.0, -500.0, 0.0]),
-            "command_offset of -500 N m",
-        ),
+        ("force", VALUES["force"] | {"curvature": quantity(-0.02, "N/N^2")}, "curvature .* 0.004 N/N"),
+        ("torque", torque_values(command_offset=[0.0, -500.0, 0.0]), "command_offset of -500 N m"),
         ("torque", torque_values(offset=[0.0, 0.0, 99.0]), "offset of 99 N m for joint 3; .* at most"),
     ],
 )

@@ -8,8 +8,8 @@ import can
 import pytest
 import serial
 
-from robot_io.can import CanFrame, CanLine, CanLineSettings
 from robot_io.clock import SimulatedClock
+from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
 from robot_io.errors import DeviceError
 
 

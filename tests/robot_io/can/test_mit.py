@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.can import mit
-from robot_io.can.frame import CanFrame
-from robot_io.can.mit_models import MIT_MODELS, mit_error_name
+from robot_io.drivers.can.line import CanFrame
+from robot_io.drivers.mit import protocol as mit
+from robot_io.drivers.mit.protocol import MIT_MODELS, mit_error_name
 from robot_io.errors import InputError, ProtocolError
 
 AK80_9 = MIT_MODELS["AK80-9"]

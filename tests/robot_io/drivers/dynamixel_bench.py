@@ -5,9 +5,8 @@ from pathlib import Path
 
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverContext
-from robot_io.drivers.dynamixel_bus import DynamixelBus
-from robot_io.drivers.dynamixel_encoder import DynamixelEncoder
-from robot_io.drivers.dynamixel_torque import DynamixelTorque
+from robot_io.drivers.dynamixel.bus import DynamixelBus
+from robot_io.drivers.dynamixel.devices import DynamixelEncoder, DynamixelTorque
 from robot_io.robot_file import load_robot_file
 from sim_backend.emulators.bench import Bench
 from sim_backend.emulators.dynamixel import DynamixelLine, Mounting

@@ -5,13 +5,13 @@ from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from robot_io.dynamixel import instructions
-from robot_io.dynamixel.crc import crc16
-from robot_io.dynamixel.fast_reply import FastReply
-from robot_io.dynamixel.packet import (
+from robot_io.drivers.dynamixel import protocol
+from robot_io.drivers.dynamixel.protocol import (
     BROADCAST_ID,
+    FastReply,
     StatusPacket,
     StatusReader,
+    crc16,
     decode_status,
     encode_packet,
 )
@@ -32,28 +32,25 @@ def packet(text):
 # ROBOTIS e-manual, "DYNAMIXEL Protocol 2.0": examples of Ping, Read, Write, Reboot, Sync Read, Sync Write,
 # Fast Sync Read (and one more of the last from the manual of the JA40).
 REQUESTS = {
-    "ping 1": (instructions.ping(1), "ff ff fd 00 01 03 00 01 19 4e"),
-    "ping all": (instructions.ping(BROADCAST_ID), "ff ff fd 00 fe 03 00 01 31 42"),
-    "read position": (instructions.read(1, 132, 4), "ff ff fd 00 01 07 00 02 84 00 04 00 1d 15"),
+    "ping 1": (protocol.ping(1), "ff ff fd 00 01 03 00 01 19 4e"),
+    "ping all": (protocol.ping(BROADCAST_ID), "ff ff fd 00 fe 03 00 01 31 42"),
+    "read position": (protocol.read(1, 132, 4), "ff ff fd 00 01 07 00 02 84 00 04 00 1d 15"),
     "write position": (
-        instructions.write(1, 116, packet("00 02 00 00")),
+        protocol.write(1, 116, packet("00 02 00 00")),
         "ff ff fd 00 01 09 00 03 74 00 00 02 00 00 ca 89",
     ),
-    "reboot": (instructions.reboot(1), "ff ff fd 00 01 03 00 08 2f 4e"),
-    "sync read": (
-        instructions.sync_read(132, 4, (1, 2)),
-        "ff ff fd 00 fe 09 00 82 84 00 04 00 01 02 ce fa",
-    ),
+    "reboot": (protocol.reboot(1), "ff ff fd 00 01 03 00 08 2f 4e"),
+    "sync read": (protocol.sync_read(132, 4, (1, 2)), "ff ff fd 00 fe 09 00 82 84 00 04 00 01 02 ce fa"),
     "sync write": (
-        instructions.sync_write(116, {1: packet("96 00 00 00"), 2: packet("aa 00 00 00")}),
+        protocol.sync_write(116, {1: packet("96 00 00 00"), 2: packet("aa 00 00 00")}),
         "ff ff fd 00 fe 11 00 83 74 00 04 00 01 96 00 00 00 02 aa 00 00 00 82 87",
     ),
     "fast sync read": (
-        instructions.fast_sync_read(132, 4, (3, 7, 4)),
+        protocol.fast_sync_read(132, 4, (3, 7, 4)),
         "ff ff fd 00 fe 0a 00 8a 84 00 04 00 03 07 04 20 f2",
     ),
     "fast sync read, JA40": (
-        instructions.fast_sync_read(580, 4, (1, 2)),
+        protocol.fast_sync_read(580, 4, (1, 2)),
         "ff ff fd 00 fe 09 00 8a 44 02 04 00 01 02 72 f2",
     ),
 }
@@ -184,7 +181,7 @@ def test_a_damaged_length_does_not_swallow_what_follows():
 def test_an_echo_of_the_request_is_no_answer():
     """Some adapters hear themselves."""
     answer = wire.status(1, 0, packet("a6 00 00 00"))
-    assert StatusReader().feed(instructions.read(1, 132, 4) + answer) == [decode_status(answer)]
+    assert StatusReader().feed(protocol.read(1, 132, 4) + answer) == [decode_status(answer)]
 
 
 @pytest.mark.parametrize("place", range(3))
@@ -219,4 +216,4 @@ def test_requests_that_no_servo_could_understand_are_not_made():
     with pytest.raises(ProtocolError, match="too long"):
         encode_packet(1, 3, bytes(2000))
     with pytest.raises(ProtocolError, match="equally many"):
-        instructions.sync_write(102, {1: b"ab", 2: b"c"})
+        protocol.sync_write(102, {1: b"ab", 2: b"c"})

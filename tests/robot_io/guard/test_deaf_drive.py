@@ -62,17 +62,17 @@ class Sound:
         return round(value / self._step) * self._step if self._step else value
 
 
-def ticks_until_named(witness, show, sent=gravity, *, first=0, count=6000, every=OFTEN):
+def ticks_until_named(check, show, sent=gravity, *, first=0, count=6000, every=OFTEN):
     """The tick at which joint 1 is named and what is said, or None; joint 2 is sent nothing and shows it."""
     shown, at_s = 0.0, 0.0
     for k in range(first, first + count):
         now = show(k, sent(k))
         if k % every == 0:
             shown, at_s = now, k * DT
-        said = witness.problem(measured(k * DT, [shown, 0.0], at_s=at_s))
+        said = check.problem(measured(k * DT, [shown, 0.0], at_s=at_s))
         if said:
             return k, said.text
-        witness.sent(k * DT, [sent(k), 0.0])
+        check.sent(k * DT, [sent(k), 0.0])
     return None
 
 
@@ -227,35 +227,35 @@ def test_single_bad_samples_do_not_add_up():
 
 
 def test_the_same_old_sample_proves_nothing():
-    witness, drive = DeafDrives(LIMITS), Sound(noise=0.01)
-    assert ticks_until_named(witness, drive.show, lambda k: 3.0, count=300) is None
+    check, drive = DeafDrives(LIMITS), Sound(noise=0.01)
+    assert ticks_until_named(check, drive.show, lambda k: 3.0, count=300) is None
     for k in range(300, 400):
-        assert witness.problem(measured(k * DT, [0.0, 0.0], at_s=0.3)) is None
-        witness.sent(k * DT, [3.0, 0.0])
+        assert check.problem(measured(k * DT, [0.0, 0.0], at_s=0.3)) is None
+        check.sent(k * DT, [3.0, 0.0])
 
 
 def test_a_drive_at_the_end_of_its_range_is_not_accused():
-    witness, drive = DeafDrives(LIMITS), Sound(noise=0.01)
-    assert ticks_until_named(witness, drive.show, lambda k: 3.0, count=300) is None
+    check, drive = DeafDrives(LIMITS), Sound(noise=0.01)
+    assert ticks_until_named(check, drive.show, lambda k: 3.0, count=300) is None
     for k in range(300, 400):
         shown = measured(k * DT, [1.0 + 0.01 * (k % 2), 0.0], status=Status.SATURATED)
-        assert witness.problem(shown) is None
-        witness.sent(k * DT, [3.0, 0.0])
+        assert check.problem(shown) is None
+        check.sent(k * DT, [3.0, 0.0])
 
 
 def test_after_a_pause_it_begins_anew():
     """The drive's own watchdog has let go meanwhile, and it takes some time to come back."""
-    witness, drive = DeafDrives(LIMITS), Sound(noise=0.01)
-    assert ticks_until_named(witness, drive.show, lambda k: 3.0, count=300) is None
+    check, drive = DeafDrives(LIMITS), Sound(noise=0.01)
+    assert ticks_until_named(check, drive.show, lambda k: 3.0, count=300) is None
     again = Sound(noise=0.01)
     shows = lambda k, sent: again.show(k, sent if k > 530 else 0.0)  # noqa: E731
-    assert ticks_until_named(witness, shows, lambda k: 3.0, first=500, count=600) is None
+    assert ticks_until_named(check, shows, lambda k: 3.0, first=500, count=600) is None
 
 
 def test_without_commands_nothing_is_expected():
-    witness = DeafDrives(LIMITS)
+    check = DeafDrives(LIMITS)
     for k in range(500):
-        assert witness.problem(measured(k * DT, [0.01 * (k % 3), 0.0])) is None
+        assert check.problem(measured(k * DT, [0.01 * (k % 3), 0.0])) is None
 
 
 class TestInTheGuard:

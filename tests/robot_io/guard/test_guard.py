@@ -351,9 +351,7 @@ class TestWeight:
         guard.trip("test")
         sent = [
             limited(
-                guard,
-                torque(7, 7),
-                measured(0.001 * tick, joint_velocity_rad_s=velocity(tick), **changes),
+                guard, torque(7, 7), measured(0.001 * tick, joint_velocity_rad_s=velocity(tick), **changes)
             )
             for tick in range(1, ticks + 1)
         ]
@@ -615,11 +613,7 @@ def test_an_encoder_that_freezes_is_named_before_the_joint_is_far_off(guard, see
     # Its velocity is nothing to brake against; that of the other joint is.
     frozen = guard.limit(
         torque(1, 1),
-        measured(
-            tick * DT + DT,
-            joint_position_rad=[reading(tick), 0],
-            joint_velocity_rad_s=[1.0, 1.0],
-        ),
+        measured(tick * DT + DT, joint_position_rad=[reading(tick), 0], joint_velocity_rad_s=[1.0, 1.0]),
         DT,
     )
     assert frozen.joint_torque_nm.tolist() == [0.0, -1.0]

@@ -1,4 +1,4 @@
-"""What the witnesses may take is the robot file's, and documented as it is."""
+"""The times of the plausibility checks are in the robot file, and documented as they are."""
 
 import re
 from pathlib import Path

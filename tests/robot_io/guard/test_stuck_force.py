@@ -23,13 +23,13 @@ def felt(k, force_n, *, at_s=None, position_rad=None):
     )
 
 
-def ticks_until_named(witness, forces_n, *, every=1, first=0, speeds_rad_s=None):
+def ticks_until_named(check, forces_n, *, every=1, first=0, speeds_rad_s=None):
     """The tick at which it is named and what is said, or None; a sample comes every so many ticks."""
     positions_rad = None if speeds_rad_s is None else 1e-3 * np.cumsum(speeds_rad_s)
     for k, force_n in enumerate(forces_n, first):
         at_s = (k - k % every) * 1e-3
         position_rad = None if positions_rad is None else positions_rad[k - first]
-        said = witness.problem(felt(k, force_n, at_s=at_s, position_rad=position_rad))
+        said = check.problem(felt(k, force_n, at_s=at_s, position_rad=position_rad))
         if said:
             return k, said.text
     return None
@@ -145,10 +145,10 @@ def test_the_first_few_equal_samples_may_be_chance():
 
 
 def test_old_samples_are_old_and_not_stuck():
-    witness = StuckForce(LIMIT_S)
-    assert ticks_until_named(witness, noise(1000)) is None
+    check = StuckForce(LIMIT_S)
+    assert ticks_until_named(check, noise(1000)) is None
     old = measured(1.0, [0.0, 0.0])._replace(force_n=0.1, force_at_s=1.0)
-    assert all(witness.problem(old._replace(time_s=1.0 + 1e-3 * k)) is None for k in range(200))
+    assert all(check.problem(old._replace(time_s=1.0 + 1e-3 * k)) is None for k in range(200))
 
 
 def test_nobody_knows_a_sensor_by_its_first_samples():

@@ -4,9 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robot_io.drivers.serial_force import loadstar
+from robot_io.drivers.serial_force.loadstar import loadstar_stream
+from robot_io.drivers.serial_force.text import newtons_per
 from robot_io.errors import ProtocolError
-from robot_io.serial_force import loadstar, newtons_per
-from robot_io.serial_force.loadstar import LoadstarStream
 
 POUND_N = 4.4482216152605  # NIST SP 811, lbf
 
@@ -31,7 +32,7 @@ def test_answers_of_the_manual():
     assert loadstar.unit_of("lbf") == pytest.approx(POUND_N)
     assert loadstar.unit_of("UNITS kgf") == pytest.approx(9.80665)
     for unit in ("lbf-ft", "in", "psi", "", "UNITS", "MN"):
-        with pytest.raises(ProtocolError, match="no force"):
+        with pytest.raises(ProtocolError, match="not a known unit"):
             loadstar.unit_of(unit)
     with pytest.raises(ProtocolError, match="iLoad"):
         loadstar.model_of("iLoad Pro")
@@ -47,7 +48,7 @@ def test_units(unit, newtons):
 @given(st.lists(st.floats(-150, 150), max_size=20), st.data())
 def test_any_portions_give_the_same_readings(values, data):
     text = "\r\n" + "".join(f"{value:12.4f}\r\n" for value in values)
-    stream, samples, rest = LoadstarStream(1.0, 100.0), [], text.encode()
+    stream, samples, rest = loadstar_stream(1.0, 100.0), [], text.encode()
     while rest:
         cut = data.draw(st.integers(1, len(rest)))
         samples += stream.feed(rest[:cut])
@@ -58,17 +59,17 @@ def test_any_portions_give_the_same_readings(values, data):
 
 def test_what_was_not_seen_from_its_beginning_is_no_reading():
     """The last digits of 123.4567 would be a fine number."""
-    assert LoadstarStream(1.0, 100.0).feed(b"4567\r\n   1.0000\r\n") == [1.0]
+    assert loadstar_stream(1.0, 100.0).feed(b"4567\r\n   1.0000\r\n") == [1.0]
 
 
 def test_more_than_the_sensor_can_feel_is_no_reading():
-    stream = LoadstarStream(1.0, 100.0)
+    stream = loadstar_stream(1.0, 100.0)
     assert stream.feed(b"\r\n  201.0000\r\n  199.0000\r\n") == [199.0]
     assert stream.rejected == 1
 
 
 def test_an_endless_line_takes_no_memory():
-    stream = LoadstarStream(1.0, 100.0)
+    stream = loadstar_stream(1.0, 100.0)
     for _ in range(1000):
         assert stream.feed(b"1" * 100) == []
     assert stream.feed(b"\r\n   2.0000\r\n") == [2.0]

@@ -2,37 +2,41 @@
 
 import pytest
 
-from robot_io.errors import InputError, ProtocolError
-from robot_io.serial_force.pattern import PatternStream, compile_pattern
+from robot_io.drivers.serial_force.force_lines import compile_pattern, pattern_stream
+from robot_io.errors import InputError
 
 MARK_10 = r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)"
+LBF_N = 4.4482216152605  # NIST SP 811
 OPEN_SCALE = r"\d+,(?P<value>[-\d.]+),lbs,.*"
 
 
 def stream(pattern, unit=None, scale=1.0):
-    return PatternStream(compile_pattern(pattern), unit, scale)
+    return pattern_stream(pattern, unit, scale, 1e9)
 
 
-def test_the_unit_in_the_line_counts():
-    assert stream(MARK_10).force_n("12.50 N") == 12.5
-    assert stream(MARK_10).force_n(" -2.0 lbF") == pytest.approx(-2 * 4.4482216152605)
-    assert stream(MARK_10, unit="kN").force_n("3 mN") == pytest.approx(3e-3)
+def forces_n(pattern, line, **settings):
+    """What is made of one line."""
+    return stream(pattern, **settings).feed(b"\n" + line.encode() + b"\n")
 
 
-def test_a_stated_unit_and_scale():
-    assert stream(OPEN_SCALE, unit="lbf").force_n("1234,-2.5,lbs,0,") == pytest.approx(-2.5 * 4.4482216152605)
-    assert stream(r"(?P<value>-?\d+)", unit="N", scale=-0.01).force_n("250") == pytest.approx(-2.5)
-
-
-def test_without_any_unit_nothing_is_guessed():
-    with pytest.raises(ProtocolError, match="no unit"):
-        stream(r"(?P<value>\d+)").force_n("5")
+@pytest.mark.parametrize(
+    ("pattern", "line", "settings", "force_n"),
+    [
+        (MARK_10, "12.50 N", {}, 12.5),
+        (MARK_10, " -2.0 lbF", {}, -2 * LBF_N),
+        (MARK_10, "3 mN", {"unit": "kN"}, 3e-3),  # the unit in the line counts
+        (OPEN_SCALE, "1234,-2.5,lbs,0,", {"unit": "lbf"}, -2.5 * LBF_N),
+        (r"(?P<value>-?\d+)", "250", {"unit": "N", "scale": -0.01}, -2.5),
+    ],
+)
+def test_value_and_unit(pattern, line, settings, force_n):
+    assert forces_n(pattern, line, **settings) == pytest.approx([force_n])
 
 
 @pytest.mark.parametrize("line", ["12.5", "12.5 N extra", "abc", "1.2.3 N", "5 psi", ". N"])
 def test_what_does_not_fit_is_refused(line):
-    with pytest.raises(ProtocolError):
-        stream(MARK_10).force_n(line)
+    assert forces_n(MARK_10, line) == []
+    assert forces_n(r"(?P<value>\d+)", "5") == []  # without any unit nothing is guessed
 
 
 def test_bad_lines_are_counted_and_left_out():

@@ -1,12 +1,16 @@
-"""What follows a damaged line is doubted: where one digit was flipped, the next may be as well."""
+"""Damaged data: readings after it are discarded, and a lost byte never gives a wrong force."""
 
+import math
 import os
 
+import numpy as np
 import pytest
 
 from robot_io.clock import SimulatedClock
-from robot_io.serial_force import SerialReader
-from robot_io.serial_force.loadstar import LoadstarStream
+from robot_io.drivers.serial_force.force_lines import pattern_stream
+from robot_io.drivers.serial_force.line import SerialReader
+from robot_io.drivers.serial_force.loadstar import loadstar_stream
+from robot_io.drivers.serial_force.lorenz_protocol import LorenzStream
 
 
 class Line:
@@ -15,7 +19,7 @@ class Line:
     def __init__(self):
         self._read, self._write = os.pipe()
         self.clock = SimulatedClock()
-        self.reader = SerialReader(self._read, LoadstarStream(1.0, 100.0), self.clock)
+        self.reader = SerialReader(self._read, loadstar_stream(1.0, 1e3), self.clock, 1e3)
         self.send(b"")
 
     def send(self, text, ticks=1):
@@ -83,3 +87,73 @@ def test_what_a_device_says_of_itself_before_its_first_reading_is_no_damage(line
         assert line.send(b"load cell amplifier, version 2") is None
     assert line.send(b"1.0", 2) is None
     assert line.send(b"1.0") == (1.0, 0)
+
+
+CAPACITY_N = 100.0
+FORCES_N = [40.0 + 45.0 * math.sin(k / 60.0) for k in range(300)]  # through zero; at most 0.75 N in a reading
+
+
+def lorenz_frames():
+    """250 counts a newton."""
+    return [
+        bytes((k % 256,)) + round(250 * f).to_bytes(2, "big", signed=True) for k, f in enumerate(FORCES_N)
+    ]
+
+
+PROTOCOLS = {
+    "%12.4f": (lambda: loadstar_stream(1.0, CAPACITY_N), [b"%12.4f\r\n" % f for f in FORCES_N]),
+    "%.2f": (lambda: loadstar_stream(1.0, CAPACITY_N), [b"%.2f\r\n" % f for f in FORCES_N]),
+    "%g": (lambda: loadstar_stream(1.0, CAPACITY_N), [f"{f:.3g}\r\n".encode() for f in FORCES_N]),
+    "with unit": (
+        lambda: pattern_stream(r"(?P<value>-?[\d.]+) (?P<unit>k?N)", "N", 1.0, 1e9),
+        [b"%.5f kN\n" % (1e-3 * f) for f in FORCES_N],
+    ),
+    "binary": (lambda: LorenzStream(1.0 / 250.0), lorenz_frames()),
+}
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+@pytest.mark.parametrize("damage", ["lost", "flipped"])
+def test_one_damaged_byte_never_gives_a_wrong_force(protocol, damage):
+    """Each byte of the last 30 readings in turn; "0.65" without its point was once taken for 65 N."""
+    make, frames = PROTOCOLS[protocol]
+    before, ends = len(b"".join(frames[:-40])), np.cumsum([len(frame) for frame in frames])
+    accepted = 0
+    for place in range(before, ends[-10]):
+        read, write = os.pipe()
+        clock = SimulatedClock()
+        reader = SerialReader(read, make(), clock, CAPACITY_N)
+        struck = int(np.searchsorted(ends, place, side="right"))
+        try:
+            for k, frame in enumerate(frames):
+                at = place - (ends[k] - len(frame))
+                sent = frame
+                if k == struck:
+                    wrong = b"" if damage == "lost" else bytes((frame[at] ^ 0x10,))
+                    sent = frame[:at] + wrong + frame[at + 1 :]
+                os.write(write, (b"\r\n" if k == 0 and protocol != "binary" else b"") + sent)
+                clock.sleep_until(clock.now_s() + 1e-3)
+                seen = reader.newest
+                reader.look()
+                if k < struck - 5 or reader.newest in (None, seen):
+                    continue
+                # No more than one reading old, and no more than the accepted jump beside that.
+                assert abs(reader.newest.force_n - FORCES_N[k]) < 0.01 * CAPACITY_N + 0.8, (place, k)
+                accepted += k > struck
+        finally:
+            os.close(read)
+            os.close(write)
+    assert accepted > 5 * (ends[-10] - before)  # it goes on after the damage
+
+
+def test_a_fast_push_is_followed(line):
+    """0 to 300 N in three readings on a sensor of 1000 N: late by one reading, once."""
+    line.send(b"0.0", 5)
+    assert [line.send(b"%.1f" % f)[0] for f in (100.0, 200.0, 300.0, 300.1)] == [0.0, 200.0, 300.0, 300.1]
+
+
+def test_a_single_peak_is_left_out_and_counted(line):
+    line.send(b"1.0", 5)
+    assert line.send(b"70.0") == (1.0, 1)
+    assert line.send(b"1.1") == (1.1, 0)
+    assert line.reader.rejected == 1

@@ -17,7 +17,7 @@ these faults happen to the real drivers, on emulated devices in lock-step, in a 
   once where nobody knows how they move; `palpate probe` also holds and lowers the arm's weight meanwhile.
   *goes on*: no harm is done.
 - **limit**: how long the fault may last, from the section `limits` of the robot file. Mostly that is the age
-  of the device's samples; a witness that holds them against each other has a limit of its own, which is
+  of the device's samples; a check that compares them with each other has a limit of its own, which is
   named. Without a limit somebody says at once what is wrong.
 - **ticks**: from the fault to the tick that commands the safe state, at most. Without a reason given below
   that is the limit and two ticks.

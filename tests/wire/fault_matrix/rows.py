@@ -116,6 +116,10 @@ _NO_CHECKSUM = (
     "a line has no checksum: a digit that is flipped is a number, until the first line that is none makes "
     "all of them doubtful; the slowest of sixteen random courses"
 )
+_CONFIRMED = (
+    "a reading that jumps by more than 1 % of the capacity counts with the next one, here 2 ms later: a lost "
+    "byte must not look like a force"
+)
 _CONTRADICTED = (
     "a sensor that is pulled may be right: joint torques contradict it once they say a push, and it a pull, "
     "of more than 2 N each"
@@ -148,13 +152,13 @@ _MOTOR_ROWS = {
     "dynamixel": (
         (OLD, OLD_OFF, "servo 3 did not answer in time"),
         (OLD, OLD_OFF, "did not answer in time"),
-        (OLD, OLD_OFF, "wrong checksum"),
+        (OLD, OLD_OFF, "CRC mismatch"),
         GOES_ON,
         (OLD, OLD_OFF, "answered in place of servo"),
         (OLD, OLD_OFF, "servo 103 answered in place of servo 3"),
         (2, 3, "servo 3 (joint 3): has switched its torque off (hardware error: overload)"),
         (OLD, OLD_OFF, "servo 3 did not answer in time"),
-        (2, 3, "servo 3 (joint 3): has forgotten its settings; it has restarted"),
+        (2, 3, "servo 3 (joint 3): has lost its settings; it has restarted"),
         (2, 62, "the port has failed", _CUT_OFF),
         (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
     ),
@@ -212,8 +216,8 @@ _FORCE_ROWS = {
         _SILENT,
         (2, BRAKED, "the port was unplugged"),
         _SILENT,
-        (2, BRAKED, "force sensor: at the end of its range"),
-        (22, BRAKED + 22, "is the sensor alive", _CONTRADICTED, "2 N"),
+        (4, BRAKED, "force sensor: at the end of its range", _CONFIRMED, "one reading"),
+        (30, BRAKED + 30, "is the sensor alive", _CONTRADICTED, "2 N"),
         _STUCK,
     ),
     "lorenz": (
@@ -238,7 +242,7 @@ _FORCE_ROWS = {
         _SILENT,
         (2, BRAKED, "the port was unplugged"),
         _SILENT,
-        (2, BRAKED, "force sensor: at the end of its range"),
+        (4, BRAKED, "force sensor: at the end of its range", _CONFIRMED, "one reading"),
         (22, BRAKED + 22, "is the sensor alive", _CONTRADICTED, "2 N"),
         _STUCK,
     ),
@@ -289,7 +293,7 @@ def rows() -> Iterator[Row]:
 def _mit_rows() -> Iterator[Row]:
     """What a motor that has restarted does is not the same for all of them."""
     name, back_at_once = "reboot, back at once", {"times": 1, "delay_s": 0.001, "device": 3}
-    idle = (1620, BRAKED + 1620, "joint 3 is 0.1", _IDLE, _DEAF)
+    idle = (1680, BRAKED + 1680, "joint 3 is 0.1", _IDLE, _DEAF)
     yield _wire_row("mit", f"{name}; without a load", K.REBOOT, MOVING_S, idle, back_at_once)
     mute = (OLD, BRAKED, "joint 3 (motor 3): nothing valid for")
     row = _wire_row("mit", f"{name}; mute until told the mode", K.REBOOT, MOVING_S, mute, back_at_once)

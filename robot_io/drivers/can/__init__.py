@@ -1,0 +1,1 @@
+"""CAN: the adapter, and what motors of every protocol share."""

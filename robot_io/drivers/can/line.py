@@ -1,0 +1,265 @@
+"""A CAN adapter through python-can: opened, drained without waiting, and its failures told apart.
+
+python-can's `Notifier` is not used: its thread ends silently at the first error.
+"""
+
+import fcntl
+import os
+import stat
+import time
+from collections import Counter
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Annotated, Any
+
+import can
+from pydantic import Field
+
+from robot_io.clock import Clock
+from robot_io.errors import DeviceError, ProtocolError
+from robot_io.files.file_model import FileModel, matching
+
+BUS_OFF = 0x040  # error classes in the id of an error frame: linux/can/error.h
+RESTARTED = 0x100
+_MOST_FRAMES = 1000  # taken in one go; a node that babbles does not hold up the loop
+
+
+@dataclass(frozen=True, slots=True)
+class CanFrame:
+    """One classic CAN 2.0 frame."""
+
+    can_id: int  # arbitration id, 11 bits, or 29 when `extended`
+    data: bytes = b""  # 0 to 8 bytes
+    extended: bool = False  # whether the id has 29 bits
+    remote: bool = False  # whether it asks for a frame of this id instead of being one
+
+
+def expect_length(frame: CanFrame, what: str, *lengths: int) -> None:
+    """Check the number of data bytes. ProtocolError: it is none of `lengths`."""
+    if len(frame.data) not in lengths:
+        valid = " or ".join(map(str, lengths))
+        raise ProtocolError(f"{what} has {len(frame.data)} bytes, expected {valid}")
+
+
+class Timestamps(StrEnum):
+    """What an adapter's time stamps mean."""
+
+    WALL = "wall"  # seconds since 1970, as from socketcan, virtual and udp_multicast
+    ROBOT = "robot"  # the robot's own clock, as from emulated devices in lock-step
+    NONE = "none"  # nothing that is known here
+
+
+class CanLineSettings(FileModel):
+    """Which adapter, and how it is opened."""
+
+    # A python-can interface: socketcan, slcan, pcan, virtual, udp_multicast .
+    interface: Annotated[str, matching(r"[a-z0-9_]{1,32}", "1 to 32 small letters, digits or _")]
+    channel: str | int  # what the interface calls its channel: can0, /dev/ttyACM0, PCAN_USBBUS1
+    # Bits a second, for adapters that set it themselves; None leaves it alone.
+    bitrate: Annotated[int, Field(gt=0, le=1_000_000, strict=True)] | None = None
+    # Further arguments of the python-can interface.
+    options: dict[str, str | bool | int | float] = Field(default_factory=dict)
+    timestamps: Timestamps = Timestamps.WALL  # what its time stamps mean
+
+    def arguments(self) -> dict[str, Any]:
+        """Arguments for `can.Bus`; multicast stays on this machine unless told otherwise."""
+        arguments: dict[str, Any] = {"interface": self.interface, "channel": self.channel}
+        if self.bitrate is not None:
+            arguments["bitrate"] = self.bitrate
+        if self.interface == "udp_multicast":
+            arguments.update(hop_limit=0, fd=False)
+        return {**arguments, **self.options}
+
+
+class CanLine:
+    """One opened adapter.
+
+    Args:
+        settings: which one.
+        clock: the robot's clock.
+
+    Attributes:
+        counts: frames that were not passed on, by kind: "error frame", "damaged", "CAN FD".
+        bus_off: whether the adapter has left the bus because of too many errors.
+    """
+
+    def __init__(self, settings: CanLineSettings, clock: Clock) -> None:
+        self._settings = settings
+        self._clock = clock
+        self._bus: can.BusABC | None = None
+        self._lock: PortLock | None = None
+        self._drained_s = -float("inf")
+        self.counts: Counter[str] = Counter()
+        self.bus_off = False
+
+    @property
+    def label(self) -> str:
+        """What to call it in messages."""
+        return f"CAN {self._settings.interface} {self._settings.channel}"
+
+    @property
+    def interface(self) -> str:
+        """The python-can interface."""
+        return self._settings.interface
+
+    @property
+    def bitrate(self) -> int | None:
+        """Bits a second, None where the robot file leaves it to the adapter."""
+        return self._settings.bitrate
+
+    def open(self) -> None:
+        """Open the adapter.
+
+        DeviceError: there is no such adapter, it cannot be opened, or its port is in use.
+        """
+        lock = PortLock(self._settings.channel)
+        try:
+            self._bus = can.Bus(**self._settings.arguments())
+        except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+            lock.release()
+            raise DeviceError(f"{self.label}: cannot be opened ({error})") from error
+        self._lock = lock
+        self._drained_s = self._clock.now_s()
+        self.bus_off = False
+
+    def close(self) -> None:
+        """Let go of the adapter. Can be called again."""
+        bus, self._bus = self._bus, None
+        try:
+            if bus is not None:
+                bus.shutdown()
+        except (can.CanError, OSError) as error:
+            raise DeviceError(f"{self.label}: cannot be closed ({error})") from error
+        finally:
+            if self._lock is not None:
+                self._lock.release()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether frames can be sent."""
+        return self._bus is not None
+
+    def send(self, frame: CanFrame, deadline_s: float) -> None:
+        """Hand a frame to the adapter.
+
+        DeviceError: the adapter refused it before the deadline, is closed or bus-off.
+        """
+        bus = self._opened()
+        if self.bus_off:
+            raise DeviceError(f"{self.label}: bus-off, nothing can be sent")
+        message = can.Message(
+            arbitration_id=frame.can_id,
+            is_extended_id=frame.extended,
+            is_remote_frame=frame.remote,
+            data=None if frame.remote else frame.data,
+            dlc=8 if frame.remote else len(frame.data),
+            timestamp=self._clock.now_s() if self._settings.timestamps is Timestamps.ROBOT else 0.0,
+        )
+        try:
+            bus.send(message, timeout=max(0.0, deadline_s - self._clock.now_s()))
+        except (can.CanError, OSError) as error:
+            raise DeviceError(f"{self.label}: cannot send ({error})") from error
+
+    def drain(self, deadline_s: float) -> list[tuple[CanFrame, float]]:
+        """Everything that has arrived, oldest first, with the time of its arrival [s]; never waits.
+
+        What was not here at the last drain arrived since: a time stamp outside of that span is ignored,
+        and without one a frame is taken to be as old as it can be. Where more has queued up than is taken in
+        one go, the rest of it is not taken to be newer.
+
+        DeviceError: the adapter failed or is bus-off.
+        """
+        bus, clock = self._opened(), self._clock
+        now_s, wall_offset_s = clock.now_s(), self._clock_minus_stamps_s()
+        frames: list[tuple[CanFrame, float]] = []
+        emptied = False
+        for _ in range(_MOST_FRAMES):
+            message = self._receive(bus)
+            if message is None:
+                emptied = True
+                break
+            frame = self._accept(message)
+            if frame is not None:
+                now_s = clock.now_s()
+                at_s = self._drained_s if wall_offset_s is None else message.timestamp + wall_offset_s
+                frames.append((frame, min(max(at_s, self._drained_s), now_s)))
+            if now_s > deadline_s and len(frames) > _MOST_FRAMES // 10:
+                break
+        if self.bus_off:
+            raise DeviceError(f"{self.label}: bus-off, the adapter has left the bus after too many errors")
+        if emptied:
+            self._drained_s = now_s
+        elif frames:
+            self._drained_s = frames[-1][1]
+        return frames
+
+    def _opened(self) -> can.BusABC:
+        if self._bus is None:
+            raise DeviceError(f"{self.label}: not open")
+        return self._bus
+
+    def _clock_minus_stamps_s(self) -> float | None:
+        """What to add to a time stamp to get the robot's time [s], or None if that is not known."""
+        match self._settings.timestamps:
+            case Timestamps.ROBOT:
+                return 0.0
+            case Timestamps.WALL:
+                return self._clock.now_s() - time.time()
+            case Timestamps.NONE:
+                return None
+
+    def _receive(self, bus: can.BusABC) -> can.Message | None:
+        try:
+            return bus.recv(timeout=0.0)
+        except (can.CanError, OSError) as error:
+            raise DeviceError(f"{self.label}: cannot receive ({error})") from error
+        except (ValueError, IndexError, KeyError, TypeError):  # an interface met bytes that are no frame
+            self.counts["damaged"] += 1
+            return None
+
+    def _accept(self, message: can.Message) -> CanFrame | None:
+        if message.is_error_frame:
+            self.counts["error frame"] += 1
+            if message.arbitration_id & BUS_OFF:
+                self.bus_off = True
+            elif message.arbitration_id & RESTARTED:
+                self.bus_off = False
+            return None
+        if message.is_fd:
+            self.counts["CAN FD"] += 1
+            return None
+        return CanFrame(
+            message.arbitration_id, bytes(message.data), message.is_extended_id, message.is_remote_frame
+        )
+
+
+class PortLock:
+    """An exclusive lock on a serial port, as pyserial and others ask for it; held until `release`.
+
+    Args:
+        channel: what python-can is given, such as /dev/ttyACM0@115200. What is no port needs no lock.
+
+    Raises:
+        DeviceError: another program, or another part of this one, has the port.
+    """
+
+    def __init__(self, channel: str | int) -> None:
+        self._fd = -1
+        path = str(channel).partition("@")[0]
+        try:
+            if not stat.S_ISCHR(os.stat(path).st_mode):
+                return
+            self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        except OSError:
+            return  # opening the adapter will say what is wrong
+        try:
+            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            self.release()
+            raise DeviceError(f"{path}: in use by another program") from error
+
+    def release(self) -> None:
+        """Let others have it. Can be called again."""
+        fd, self._fd = self._fd, -1
+        if fd >= 0:
+            os.close(fd)

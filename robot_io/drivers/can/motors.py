@@ -1,0 +1,306 @@
+"""Joints driven by motors on a CAN bus: the part that all motor protocols share."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from math import inf
+from typing import ClassVar
+
+import numpy as np
+from pydantic import StrictBool
+
+from robot_io.driver import DriverContext
+from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
+from robot_io.errors import DeviceError, DeviceTimeoutError, LifecycleError, ProtocolError
+from robot_io.examination import Examinable, Observation, fail, warn
+from robot_io.files.file_model import FileModel, Number, Positive, input_error
+from robot_io.interfaces import Bus, JointEncoder, JointTorque
+from robot_io.types import FloatArray, Reading, Status
+
+_SILENT_SHARE = 0.5  # of the age limit; said from then on, so that it is known when the limit is reached
+_FRAME_BITS = 47  # of a frame with an 11 bit id and the gap after it, beside its data (ISO 11898-1)
+_USUAL_BITRATE = 1_000_000  # where the adapter was set up before, and does not say how
+_LOOK_S = 1e-3  # how often to look while waiting for an answer
+_LATENCY_ROUNDS, _LATEST_ANSWER_S = 3, 0.05
+
+
+class MotorMounting(FileModel):
+    """How a motor moves its joint: joint angle = zero_rad + sign * shaft angle / gear_ratio."""
+
+    gear_ratio: Positive = 1.0  # turns of what the drive reports for one turn of the joint
+    reversed: StrictBool = False  # whether a positive shaft angle turns the joint backwards
+    zero_rad: Number = 0.0  # joint angle where the drive reports zero [rad]
+
+    @property
+    def signed_ratio(self) -> float:
+        """Shaft turns for one turn of the joint, negative if reversed."""
+        return -self.gear_ratio if self.reversed else self.gear_ratio
+
+    def joint_angle_rad(self, shaft_rad: float) -> float:
+        """Joint angle [rad] of a shaft angle [rad]."""
+        return self.zero_rad + shaft_rad / self.signed_ratio
+
+
+class MotorBus(Bus, Examinable):
+    """Motors on one CAN bus, one per joint from base to tip.
+
+    A protocol says how a frame changes a joint (`_take`), how a torque is sent, and how motors are powered.
+
+    Args:
+        line: settings of the adapter.
+        mountings: one per joint.
+        context: clock and robot file.
+
+    Attributes:
+        line: the adapter.
+        position: newest positions of all joints [rad], as of the last poll.
+        velocity: newest velocities [rad/s].
+        torque: newest measured torques [N m].
+    """
+
+    def __init__(
+        self, line: CanLineSettings, mountings: Sequence[MotorMounting], context: DriverContext
+    ) -> None:
+        if len(mountings) != context.robot_file.joint_count:
+            problem = (
+                f"has {len(mountings)} motors, home_rad has {context.robot_file.joint_count}: one per joint"
+            )
+            raise input_error(context.robot_file.document, context.section, problem)
+        self._clock = context.clock
+        self._mountings = tuple(mountings)
+        self._silent_s = _SILENT_SHARE * context.robot_file.limits.encoder_age_s
+        self.line = CanLine(line, context.clock)
+        n = len(mountings)
+        self._position_rad, self._velocity_rad_s, self._torque_nm = ([float("nan")] * n for _ in range(3))
+        self._motion_at_s, self._torque_at_s = [-inf] * n, [-inf] * n
+        self._latency_s = [0.0] * n
+        self._at_range_end = [False] * n
+        self._motion_is_wrong = [False] * n  # the motor itself says that its encoder has failed
+        self._last_problem = [""] * n
+        self._staged: list[CanFrame] = []
+        self._powered = False
+        self._publish([""] * n)
+
+    @property
+    def joint_count(self) -> int:
+        return len(self._mountings)
+
+    # What a protocol adds.
+
+    @abstractmethod
+    def motor_label(self, joint: int) -> str:
+        """What to call the motor of `joint` (from 0) in messages."""
+
+    @abstractmethod
+    def power_on(self) -> None:
+        """Make all motors obey torque commands, at zero torque. DeviceError: a motor refused."""
+
+    @abstractmethod
+    def power_off(self) -> None:
+        """Take the torque off all motors, whatever state they are in.
+
+        DeviceError: a motor did not confirm; all were told.
+        """
+
+    @abstractmethod
+    def _take(self, frame: CanFrame, at_s: float) -> bool:
+        """Keep what a frame says of a joint; False if it is not for us.
+
+        ProtocolError: it comes from one of our motors but is not what the protocol allows.
+        """
+
+    @abstractmethod
+    def _joint_of(self, frame: CanFrame) -> int | None:
+        """Which joint a frame comes from."""
+
+    @abstractmethod
+    def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
+        """The frame for a joint torque [N m], and what will really act [N m]."""
+
+    @abstractmethod
+    def _fault(self, joint: int, now_s: float) -> str:
+        """What the motor of `joint` says is wrong with it, or nothing."""
+
+    @abstractmethod
+    def _report(self) -> list[Observation]:
+        """What the motors say of themselves, asked for if need be, with the torque off."""
+
+    # What is common.
+
+    def examine(self) -> tuple[Observation, ...]:
+        observations = self._report()
+        if self.line.interface == "slcan":
+            value = "python-can's slcan stamps frames late and does not recover from damaged bytes"
+            observations.append(warn(self.line.label, value, "attach it with slcand, and use socketcan"))
+        if foreign := self.line.counts["foreign id"]:
+            value = f"{foreign} frames from ids that are not in the robot file"
+            observations.append(warn(self.line.label, value, "correct the ids, or take the others off"))
+        if damaged := self.line.counts["error frame"] + self.line.counts["not valid"]:
+            value = f"{damaged} error frames or frames of a wrong length"
+            remedy = "check bit rate, both terminators (120 ohm each) and ground"
+            observations.append(fail(self.line.label, value, remedy))
+        return tuple(observations)
+
+    def _frame_s(self, byte_count: int) -> float:
+        """Time that a frame is on the wire at least [s]; stuffing adds up to a fifth."""
+        return (_FRAME_BITS + 8 * byte_count) / (self.line.bitrate or _USUAL_BITRATE)
+
+    def close(self) -> None:
+        self.line.close()
+
+    def poll(self, deadline_s: float) -> None:
+        """See `Bus.poll`: takes what has arrived and does not wait.
+
+        DeviceError: adapter failed or bus-off, or a motor reports an error; DeviceTimeoutError: a motor has
+        fallen silent.
+        """
+        now_s = self._clock.now_s()
+        self._drain(deadline_s)
+        faults = [self._fault(joint, now_s) for joint in range(self.joint_count)]
+        self._publish(faults)
+        silences = [
+            self._silence(joint, now_s) if now_s - at_s > self._silent_s else ""
+            for joint, at_s in enumerate(self._motion_at_s)
+        ]
+        problems = [
+            f"{self.motor_label(joint)}: {fault or silence}"
+            for joint, (fault, silence) in enumerate(zip(faults, silences, strict=True))
+            if fault or silence
+        ]
+        if problems:
+            kind = DeviceError if any(faults) else DeviceTimeoutError
+            raise kind(f"{self.line.label}: {'; '.join(problems)}")
+
+    def stage(self, torque_nm: FloatArray) -> FloatArray:
+        """Stage torques (n) [N m] for the next flush; returns what will really be sent (n) [N m]."""
+        pairs = [self._encode_torque(joint, torque) for joint, torque in enumerate(torque_nm.tolist())]
+        self._staged = [frame for frame, _ in pairs]
+        return np.array([sent for _, sent in pairs])
+
+    def flush(self, deadline_s: float) -> None:
+        staged, self._staged = self._staged, []
+        for frame in staged:
+            self.line.send(frame, deadline_s)
+
+    def _drain(self, deadline_s: float) -> None:
+        for frame, at_s in self.line.drain(deadline_s):
+            try:
+                if not self._take(frame, at_s):
+                    self.line.counts["foreign id"] += 1
+            except ProtocolError as error:
+                self.line.counts["not valid"] += 1
+                joint = self._joint_of(frame)
+                if joint is not None:
+                    self._last_problem[joint] = str(error)
+
+    def _silence(self, joint: int, now_s: float) -> str:
+        age_s = now_s - self._motion_at_s[joint]
+        since = "has not been heard yet" if age_s == inf else f"nothing valid for {age_s * 1e3:.1f} ms"
+        last = self._last_problem[joint]
+        return f"{since}; last was: {last}" if last else since
+
+    def _publish(self, faults: Sequence[str]) -> None:
+        motion_at_s, torque_at_s = min(self._motion_at_s), min(self._torque_at_s)
+        motion = Status.SATURATED if any(self._at_range_end) else Status.OK
+        motion = Status.FAULT if any(self._motion_is_wrong) else motion
+        motion = Status.STALE if motion_at_s == -inf else motion
+        self.position = Reading(np.array(self._position_rad), motion_at_s, motion)
+        self.velocity = Reading(np.array(self._velocity_rad_s), motion_at_s, motion)
+        torque = Status.FAULT if any(faults) else Status.OK
+        torque = Status.STALE if torque_at_s == -inf else torque
+        self.torque = Reading(np.array(self._torque_nm), torque_at_s, torque)
+
+    def _send_all(self, frames: Sequence[CanFrame]) -> None:
+        """Send every frame, whatever becomes of the others. DeviceError: some could not be sent."""
+        failures: list[DeviceError] = []
+        for frame in frames:
+            try:
+                self.line.send(frame, self._clock.now_s() + _LOOK_S)
+            except DeviceError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
+
+    def _measure_latency(self, ask: Callable[[], None], answered_at_s: list[float]) -> None:
+        """How long each motor's answers take, so that samples can be dated by it.
+
+        CAN frames carry no time: answers that are always late by the same would pass as fresh. It is measured
+        while nothing else is under way; a motor that does not answer is taken to be prompt.
+
+        Args:
+            ask: asks for one answer of every motor.
+            answered_at_s: where `_take` keeps when each motor's answer came [s].
+        """
+        self._latency_s = [0.0] * self.joint_count
+        rounds = []
+        for _ in range(_LATENCY_ROUNDS):
+            answered_at_s[:] = [-inf] * self.joint_count
+            asked_s = self._clock.now_s()
+            ask()
+            complete = self._wait_for(lambda: -inf not in answered_at_s, _LATEST_ANSWER_S)
+            rounds.append([at_s - asked_s for at_s in answered_at_s])
+            if not complete:
+                break
+        self._latency_s = [max(0.0, min(latencies_s)) for latencies_s in zip(*rounds, strict=True)]
+
+    def _wait_for(self, done: Callable[[], bool], timeout_s: float) -> bool:
+        """Take in frames until `done`, or until the time is over; says which."""
+        end_s = self._clock.now_s() + timeout_s
+        while True:
+            self._drain(end_s)
+            if done():
+                return True
+            if self._clock.now_s() >= end_s:
+                return False
+            self._clock.sleep_until(self._clock.now_s() + _LOOK_S)
+
+
+class MotorEncoder(JointEncoder):
+    """Positions and velocities that motors on a CAN bus report."""
+
+    bus_type: ClassVar[type[MotorBus]]
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        context.settings_as(FileModel, settings)
+        self._bus = context.bus_as(self.bus_type)
+
+    @property
+    def joint_count(self) -> int:
+        return self._bus.joint_count
+
+    def read_position(self) -> Reading:
+        return self._bus.position
+
+    def read_velocity(self) -> Reading:
+        return self._bus.velocity
+
+
+class MotorTorque(JointTorque):
+    """Motors on a CAN bus in torque mode."""
+
+    bus_type: ClassVar[type[MotorBus]]
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        context.settings_as(FileModel, settings)
+        self._bus = context.bus_as(self.bus_type)
+        self._active = False
+
+    @property
+    def joint_count(self) -> int:
+        return self._bus.joint_count
+
+    def activate(self) -> None:
+        self._bus.power_on()
+        self._active = True
+
+    def deactivate(self) -> None:
+        self._active = False
+        self._bus.power_off()
+
+    def read_torque(self) -> Reading:
+        return self._bus.torque
+
+    def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
+        """See `JointTorque.stage_torque`. LifecycleError: the motors are off."""
+        if not self._active:
+            raise LifecycleError("the motors are off: activate them before the first command")
+        return self._bus.stage(torque_nm)

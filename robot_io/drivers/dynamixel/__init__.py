@@ -1,0 +1,1 @@
+"""Dynamixel servos of the X series: bus, protocol, tables and settings."""

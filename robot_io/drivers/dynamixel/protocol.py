@@ -1,0 +1,255 @@
+"""Dynamixel Protocol 2.0 as bytes: packets, instructions, CRC and the fast sync read; no ports, no clocks.
+
+A packet is FF FF FD 00, id, length (2 bytes, little-endian), instruction, parameters, CRC (2 bytes). The
+length counts everything after itself. Between length and CRC, FF FF FD is followed by an extra FD (byte
+stuffing), so that a header occurs nowhere else; length and CRC are made with the stuffing in place. A status
+packet has the instruction 55 and an error byte before its parameters. Source: ROBOTIS e-manual, "DYNAMIXEL
+Protocol 2.0" and "CRC Calculation".
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+from robot_io.errors import ProtocolError
+
+_POLYNOMIAL = 0x8005
+
+
+def _table_entry(byte: int) -> int:
+    value = byte << 8
+    for _ in range(8):
+        value = (value << 1) ^ (_POLYNOMIAL if value & 0x8000 else 0)
+    return value & 0xFFFF
+
+
+_TABLE = tuple(_table_entry(byte) for byte in range(256))
+
+
+def crc16(data: bytes, start: int = 0) -> int:
+    """The checksum of `data`; `start` is the checksum of what came before it."""
+    crc, table = start, _TABLE
+    for byte in data:
+        crc = ((crc << 8) & 0xFF00) ^ table[(crc >> 8) ^ byte]
+    return crc
+
+
+HEADER: Final = b"\xff\xff\xfd\x00"
+LARGEST_ID: Final = 0xFC
+BROADCAST_ID: Final = 0xFE
+LARGEST_PACKET: Final = 1024  # bytes; far more than any reply to what this package asks
+
+_STATUS = 0x55
+_HEAD = 7  # bytes up to and with the length
+_CRC = 2
+_LEAST_STATUS_LENGTH = 4  # instruction, error, checksum
+_LAST_BEFORE_STUFFING, _STUFFED = b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
+_ALERT = 0x80
+
+_ERROR_NAMES = {
+    1: "it failed to process the instruction",
+    2: "it does not know the instruction",
+    3: "the instruction arrived damaged",
+    4: "the value is out of range",
+    5: "the data is too short for the register",
+    6: "the value is beyond the configured limit",
+    7: "the register cannot be accessed now",
+}
+
+
+class StatusPacket(NamedTuple):
+    """What a servo answers."""
+
+    servo_id: int  # who answers
+    error: int  # error byte: bit 7 is the alert, the rest an error number
+    data: bytes  # parameters
+
+    @property
+    def alert(self) -> bool:
+        """Whether the servo has a hardware error."""
+        return bool(self.error & _ALERT)
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the instruction was refused, or None if it was not."""
+        number = self.error & ~_ALERT
+        return _ERROR_NAMES.get(number, f"error number {number}") if number else None
+
+
+def encode_packet(servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
+    """The instruction packet for a servo, or for all with `BROADCAST_ID`.
+
+    ProtocolError: no servo can have this id, or the packet would be too long.
+    """
+    if not (0 <= servo_id <= LARGEST_ID or servo_id == BROADCAST_ID):
+        raise ProtocolError(f"{servo_id} is no servo id: 0 to {LARGEST_ID}, or {BROADCAST_ID} for all")
+    body = bytes((instruction,)) + parameters
+    body = body.replace(_LAST_BEFORE_STUFFING, _STUFFED)
+    length = len(body) + _CRC
+    if _HEAD + length > LARGEST_PACKET:
+        raise ProtocolError(f"a packet of {_HEAD + length} bytes is too long, at most {LARGEST_PACKET}")
+    packet = HEADER + bytes((servo_id, length & 0xFF, length >> 8)) + body
+    return packet + crc16(packet).to_bytes(_CRC, "little")
+
+
+def decode_status(packet: bytes) -> StatusPacket:
+    """The status packet that `packet` is, no more and no less.
+
+    ProtocolError: it is not one, or its checksum is wrong.
+    """
+    if len(packet) < _HEAD + _LEAST_STATUS_LENGTH or not packet.startswith(HEADER):
+        raise ProtocolError(f"not a packet: {packet[:16].hex(' ')}")
+    servo_id, length = packet[4], packet[5] | packet[6] << 8
+    if length != len(packet) - _HEAD:
+        raise ProtocolError(f"a packet of {len(packet)} bytes that says {_HEAD + length}")
+    if crc16(packet[:-_CRC]) != packet[-2] | packet[-1] << 8:
+        raise ProtocolError(f"CRC mismatch in a packet of servo {servo_id}")
+    if packet[_HEAD] != _STATUS or servo_id > LARGEST_ID:
+        raise ProtocolError(f"not an answer of a servo: id {servo_id}, instruction {packet[_HEAD]:#04x}")
+    body = packet[_HEAD + 1 : -_CRC].replace(_STUFFED, _LAST_BEFORE_STUFFING)
+    return StatusPacket(servo_id, body[0], body[1:])
+
+
+class StatusReader:
+    """Finds status packets in a stream of bytes that comes in pieces and may be damaged anywhere.
+
+    Args:
+        largest: no expected packet has more bytes; a damaged length is not waited for.
+
+    Attributes:
+        rejected: how many things looked like a packet and were none.
+    """
+
+    def __init__(self, largest: int = LARGEST_PACKET) -> None:
+        self._largest = largest
+        self._buffer = b""
+        self.rejected = 0
+
+    def feed(self, data: bytes) -> list[StatusPacket]:
+        """Take more bytes; return the packets that are complete now."""
+        buffer = self._buffer + data
+        found: list[StatusPacket] = []
+        while True:
+            start = buffer.find(HEADER)
+            if start < 0:
+                self._buffer = buffer[-(len(HEADER) - 1) :]
+                return found
+            buffer = buffer[start:]
+            if len(buffer) < _HEAD:
+                break
+            size = _HEAD + (buffer[5] | buffer[6] << 8)
+            if len(buffer) < size <= self._largest:
+                break
+            buffer = self._take(buffer, size, found)
+        self._buffer = buffer
+        return found
+
+    def _take(self, buffer: bytes, size: int, found: list[StatusPacket]) -> bytes:
+        try:
+            found.append(decode_status(buffer[:size]))
+        except ProtocolError:
+            self.rejected += 1
+            return buffer[1:]  # the true header may lie within
+        return buffer[size:]
+
+
+_PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
+_SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
+
+
+def ping(servo_id: int) -> bytes:
+    """Who are you? The answer is model number (2 bytes) and firmware version (1 byte)."""
+    return encode_packet(servo_id, _PING)
+
+
+def reboot(servo_id: int) -> bytes:
+    """Restart; the only way out of a hardware error."""
+    return encode_packet(servo_id, _REBOOT)
+
+
+def read(servo_id: int, address: int, size: int) -> bytes:
+    """Read `size` bytes at `address`."""
+    return encode_packet(servo_id, _READ, _word(address) + _word(size))
+
+
+def write(servo_id: int, address: int, data: bytes) -> bytes:
+    """Write `data` at `address`; acknowledged with an empty answer."""
+    return encode_packet(servo_id, _WRITE, _word(address) + data)
+
+
+def sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
+    """Read the same bytes of several servos; each answers with a packet of its own, in this order."""
+    return encode_packet(BROADCAST_ID, _SYNC_READ, _word(address) + _word(size) + bytes(servo_ids))
+
+
+def fast_sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
+    """Read the same bytes of several servos, which make one packet together; see `fast_reply`."""
+    return encode_packet(BROADCAST_ID, _FAST_SYNC_READ, _word(address) + _word(size) + bytes(servo_ids))
+
+
+def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
+    """Write at the same address of several servos, each its own bytes; nobody answers.
+
+    ProtocolError: the bytes are not of equal number.
+    """
+    sizes = {len(value) for value in data.values()}
+    if len(sizes) != 1:
+        raise ProtocolError(f"a sync write needs equally many bytes for each servo, not {sorted(sizes)}")
+    parts = b"".join(bytes((servo_id,)) + value for servo_id, value in data.items())
+    return encode_packet(BROADCAST_ID, _SYNC_WRITE, _word(address) + _word(sizes.pop()) + parts)
+
+
+def _word(value: int) -> bytes:
+    return value.to_bytes(2, "little")
+
+
+FAST_HEADER: Final = HEADER + bytes((BROADCAST_ID,))
+_FAST_HEAD = 8  # bytes before the first servo's part
+_AROUND_DATA = 4  # error, id and checksum of a part
+
+
+class FastReply:
+    """How the answer to one fast sync read must look.
+
+    Args:
+        servo_ids: the servos in the order in which they were asked.
+        data_size: bytes asked of each.
+
+    Attributes:
+        size: bytes of the whole answer.
+        length: its length field.
+    """
+
+    def __init__(self, servo_ids: Sequence[int], data_size: int) -> None:
+        self._ids = tuple(servo_ids)
+        self._part = data_size + _AROUND_DATA
+        self.size = _FAST_HEAD + len(self._ids) * self._part
+        self.length = _word(self.size - _HEAD)
+        self._head = FAST_HEADER + self.length + bytes((_STATUS,))
+
+    def answered(self, data: bytes) -> int:
+        """How many servos have added their part to an answer that is not complete."""
+        return min(max(0, (len(data) - _FAST_HEAD) // self._part), len(self._ids) - 1)
+
+    def decode(self, packet: bytes) -> list[StatusPacket]:
+        """Each servo's part of a whole answer.
+
+        ProtocolError: it is not such an answer, a checksum is wrong, or a part is another servo's.
+        """
+        if len(packet) != self.size or not packet.startswith(self._head):
+            raise ProtocolError(f"not the answer to a fast sync read: {packet[:16].hex(' ')}")
+        if crc16(packet[:-2]) != packet[-2] | packet[-1] << 8:
+            raise ProtocolError(f"CRC mismatch in {self._damaged_part(packet)} part of a fast sync read")
+        parts = []
+        for servo_id, start in zip(self._ids, range(_FAST_HEAD, self.size, self._part), strict=True):
+            if packet[start + 1] != servo_id:
+                raise ProtocolError(f"servo {packet[start + 1]} answered in place of servo {servo_id}")
+            parts.append(StatusPacket(servo_id, packet[start], packet[start + 2 : start + self._part - 2]))
+        return parts
+
+    def _damaged_part(self, packet: bytes) -> str:
+        """Whose part has the first CRC mismatch; the last one covers all, and is enough to accept."""
+        ends = range(_FAST_HEAD + self._part, self.size, self._part)
+        for servo_id, end in zip(self._ids, ends, strict=False):
+            if crc16(packet[: end - 2]) != packet[end - 2] | packet[end - 1] << 8:
+                return f"servo {servo_id}'s"
+        return f"servo {self._ids[-1]}'s"

@@ -1,0 +1,76 @@
+"""What a robot file says about a Dynamixel bus and the servos on it."""
+
+from math import pi
+from typing import Annotated, Literal
+
+from pydantic import Field, StrictBool, field_validator, model_validator
+
+from robot_io.drivers.dynamixel.protocol import LARGEST_ID
+from robot_io.drivers.dynamixel.tables import (
+    LARGEST_RETURN_DELAY,
+    LARGEST_WATCHDOG,
+    MODELS,
+    RETURN_DELAY_STEP_S,
+    WATCHDOG_STEP_S,
+    ServoModel,
+)
+from robot_io.files.file_model import FileModel, NotNegative, Number, Positive
+
+
+class ServoSettings(FileModel):
+    """One servo; it drives the joint at its place in the list."""
+
+    id: Annotated[int, Field(ge=0, le=LARGEST_ID, strict=True)]  # its id on the bus
+    model: str  # such as XM430-W350
+    reversed: StrictBool = False  # whether a positive count turns the joint backwards
+    # Joint angle where the servo shows position 0, whole turns aside; at half a turn, its middle position
+    # 2048 is the joint's zero [rad].
+    zero_rad: Number = pi
+    torque_constant_nm_a: Positive | None = None  # instead of the model's own [N m/A]
+
+    @field_validator("model")
+    @classmethod
+    def _know_the_model(cls, name: str) -> str:
+        if name not in MODELS:
+            raise ValueError(f"is no model that is known. Valid: {', '.join(MODELS)}")
+        return name
+
+    @property
+    def servo_model(self) -> ServoModel:
+        """The model's data."""
+        return MODELS[self.model]
+
+
+class DynamixelSettings(FileModel):
+    """A bus."""
+
+    # Device file; /dev/serial/by-id/... stays the same when plugs are changed.
+    port: Annotated[str, Field(min_length=1)]
+    # As set in the servos [bit/s].
+    baud_rate: Literal[57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000] = 4_000_000
+    # How long a servo waits before it answers, in steps of 2 us [s].
+    return_delay_s: Annotated[NotNegative, Field(le=LARGEST_RETURN_DELAY * RETURN_DELAY_STEP_S)] = 0.0
+    # A servo that hears nothing for so long lets go, in steps of 20 ms [s].
+    watchdog_s: Annotated[Positive, Field(ge=WATCHDOG_STEP_S, le=LARGEST_WATCHDOG * WATCHDOG_STEP_S)] = 0.06
+    fast_sync_read: bool = True  # use it if the firmware of all servos knows it
+    servos: Annotated[tuple[ServoSettings, ...], Field(min_length=1)]  # one for each joint, from base to tip
+
+    @property
+    def return_delay(self) -> int:
+        """In the servo's unit."""
+        return round(self.return_delay_s / RETURN_DELAY_STEP_S)
+
+    @property
+    def watchdog(self) -> int:
+        """In the servo's unit."""
+        return max(1, round(self.watchdog_s / WATCHDOG_STEP_S))
+
+    @model_validator(mode="after")
+    def _can_share_a_bus(self) -> "DynamixelSettings":
+        ids = [servo.id for servo in self.servos]
+        twice = next((servo_id for servo_id in ids if ids.count(servo_id) > 1), None)
+        if twice is not None:
+            raise ValueError(f"servos: id {twice} is there twice")
+        if len({servo.servo_model.indirect_data for servo in self.servos}) > 1:
+            raise ValueError("servos: XL330 and larger models keep their data elsewhere, and need two buses")
+        return self

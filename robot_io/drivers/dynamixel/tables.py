@@ -1,0 +1,134 @@
+"""Registers and models of the Dynamixel X series, as data.
+
+The addresses are the same in all models here. Values are little-endian, signed ones in two's complement.
+
+Torque is taken as proportional to current. The constants are stall torque over stall current at the
+recommended voltage, as the e-manual states them. That is approximate: by the same tables it varies by up to
+12 % with the voltage, and gear friction is not in it. A calibrated constant can be given in the robot file.
+
+Source: ROBOTIS e-manual, "Control Table" and "Specifications" of the five models; "DYNAMIXEL Protocol 2.0",
+Fast Sync Read (minimum firmware).
+"""
+
+from dataclasses import dataclass
+from math import pi
+from typing import Final
+
+from robot_io.errors import ProtocolError
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One value of a servo."""
+
+    name: str  # as in the manual
+    address: int  # of its first byte
+    size: int  # bytes
+    signed: bool = False  # whether it can be negative
+
+    def encode(self, value: int) -> bytes:
+        """The bytes of a value. ProtocolError: it does not fit."""
+        try:
+            return value.to_bytes(self.size, "little", signed=self.signed)
+        except OverflowError as error:
+            raise ProtocolError(f"{value} does not fit into {self.name} ({self.size} bytes)") from error
+
+    def decode(self, data: bytes) -> int:
+        """The value of bytes. ProtocolError: not as many bytes as it has."""
+        if len(data) != self.size:
+            raise ProtocolError(f"{self.name} came with {len(data)} bytes instead of {self.size}")
+        return int.from_bytes(data, "little", signed=self.signed)
+
+
+# Kept without power; can be written while the torque is off.
+RETURN_DELAY_TIME: Final = Register("return delay time", 9, 1)  # 2 us
+DRIVE_MODE: Final = Register("drive mode", 10, 1)
+OPERATING_MODE: Final = Register("operating mode", 11, 1)
+MAX_VOLTAGE_LIMIT: Final = Register("max voltage limit", 32, 2)  # 0.1 V
+MIN_VOLTAGE_LIMIT: Final = Register("min voltage limit", 34, 2)  # 0.1 V
+CURRENT_LIMIT: Final = Register("current limit", 38, 2)
+
+# Lost without power.
+TORQUE_ENABLE: Final = Register("torque enable", 64, 1)
+STATUS_RETURN_LEVEL: Final = Register("status return level", 68, 1)
+HARDWARE_ERROR_STATUS: Final = Register("hardware error status", 70, 1)
+BUS_WATCHDOG: Final = Register("bus watchdog", 98, 1, signed=True)  # 20 ms; -1: it has fired
+GOAL_CURRENT: Final = Register("goal current", 102, 2, signed=True)
+PRESENT_CURRENT: Final = Register("present current", 126, 2, signed=True)
+PRESENT_VELOCITY: Final = Register("present velocity", 128, 4, signed=True)
+PRESENT_POSITION: Final = Register("present position", 132, 4, signed=True)
+PRESENT_INPUT_VOLTAGE: Final = Register("present input voltage", 144, 2)  # 0.1 V
+PRESENT_TEMPERATURE: Final = Register("present temperature", 146, 1)  # degrees Celsius
+INDIRECT_ADDRESS: Final = 168  # of the first of many, 2 bytes each
+
+CURRENT_CONTROL: Final = 0  # operating mode
+ANSWER_EVERYTHING: Final = 2  # status return level
+WATCHDOG_FIRED: Final = -1
+
+RETURN_DELAY_STEP_S: Final = 2e-6
+WATCHDOG_STEP_S: Final = 0.020
+LARGEST_RETURN_DELAY: Final = 254
+LARGEST_WATCHDOG: Final = 127
+
+_DRIVE_MODE_TROUBLE = {
+    0x01: "reversed: set it to 0 and say 'reversed: true' in the robot file",
+    0x02: "a slave of another servo",
+    0x08: "switches its torque on by itself when it gets a goal",
+}
+_HARDWARE_ERRORS = {
+    0x01: "input voltage",
+    0x04: "overheating",
+    0x08: "motor encoder",
+    0x10: "electrical shock",
+    0x20: "overload",
+}
+
+
+def drive_mode_trouble(value: int) -> str | None:
+    """Why a servo with this drive mode cannot be used, or None if it can."""
+    return next((trouble for bit, trouble in _DRIVE_MODE_TROUBLE.items() if value & bit), None)
+
+
+def hardware_error_names(value: int) -> str:
+    """The errors in a hardware error status, by name. Source: e-manual, "Shutdown (63)"."""
+    names = [name for bit, name in _HARDWARE_ERRORS.items() if value & bit]
+    unknown = value & ~sum(_HARDWARE_ERRORS)
+    if unknown:
+        names.append(f"unknown bits {unknown:#04x}")
+    return ", ".join(names) or "none"
+
+
+COUNTS_PER_REVOLUTION: Final = 4096
+POSITION_STEP_RAD: Final = 2.0 * pi / COUNTS_PER_REVOLUTION
+VELOCITY_STEP_RAD_S: Final = 0.229 * 2.0 * pi / 60.0
+WATCHDOG_FIRMWARE: Final = 38  # the bus watchdog exists from here on
+
+
+@dataclass(frozen=True, slots=True)
+class ServoModel:
+    """One model."""
+
+    name: str  # as printed on it
+    number: int  # model number
+    current_step_a: float  # unit of its currents [A]
+    largest_current: int  # largest current limit, in that unit
+    torque_constant_nm_a: float  # torque at the horn per current, approximate [N m/A]
+    indirect_data: int  # address of the first of its indirect data
+    fast_sync_read_firmware: int  # it knows the fast sync read from this firmware on
+
+
+MODELS: Final = {
+    model.name: model
+    for model in (
+        ServoModel("XM430-W350", 1020, 2.69e-3, 1193, 4.1 / 2.3, 224, 45),
+        ServoModel("XM540-W270", 1120, 2.69e-3, 2047, 10.6 / 4.4, 224, 45),
+        ServoModel("XH540-W270", 1100, 2.69e-3, 2047, 9.9 / 4.9, 224, 45),
+        ServoModel("XL330-M077", 1190, 1e-3, 1750, 0.215 / 1.47, 208, 46),
+        ServoModel("XL330-M288", 1200, 1e-3, 1750, 0.52 / 1.47, 208, 46),
+    )
+}
+
+
+def model_name(number: int) -> str:
+    """What a model number means, for messages."""
+    return next((model.name for model in MODELS.values() if model.number == number), f"model number {number}")

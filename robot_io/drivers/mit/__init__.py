@@ -1,0 +1,1 @@
+"""Motors in MIT mode (CubeMars AK and kin) on a CAN bus."""

@@ -1,0 +1,138 @@
+"""The MIT motor protocol: motion, gains and feed-forward torque packed into eight bytes.
+
+Big-endian: position 16 bits, velocity 12, KP 12, KD 12, torque 12. An n bit number x stands for low + x (high
+- low) / (2^n - 1); the ranges depend on the model, or are stated in the robot file.
+
+Source: CubeMars "AK Series Actuator Driver Manual" V1.0.8, section 5.3 (frames, special codes, table of
+parameter ranges); the protocol is that of the MIT Mini Cheetah's motor controller.
+"""
+
+from dataclasses import dataclass
+from math import isnan
+
+from robot_io.drivers.can.line import CanFrame, expect_length
+from robot_io.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class MitRanges:
+    """What the ends of the wire's numbers mean; each range goes from minus to plus the value."""
+
+    position_rad: float  # of the output shaft [rad]
+    velocity_rad_s: float  # of the output shaft [rad/s]
+    torque_nm: float  # at the output shaft [N m]
+
+
+MIT_MODELS: dict[str, MitRanges] = {
+    "AK10-9": MitRanges(12.5, 50.0, 65.0),
+    "AK60-6": MitRanges(12.5, 45.0, 15.0),
+    "AK70-10": MitRanges(12.5, 50.0, 25.0),
+    "AK80-6": MitRanges(12.5, 76.0, 12.0),
+    "AK80-9": MitRanges(12.5, 50.0, 18.0),
+    "AK80-64": MitRanges(12.5, 8.0, 144.0),  # the manual's column is headed AK80-80/64
+    "AK80-80": MitRanges(12.5, 8.0, 144.0),
+}
+
+MAX_STIFFNESS = 500.0  # KP [N m/rad]
+MAX_DAMPING = 5.0  # KD [N m s/rad]
+
+MIT_ERRORS: dict[int, str] = {
+    1: "motor over temperature",
+    2: "over current",
+    3: "over voltage",
+    4: "under voltage",
+    5: "encoder fault",
+    6: "MOSFET over temperature",
+    7: "motor stalled",
+}
+
+
+def mit_error_name(code: int) -> str:
+    """What an error byte means."""
+    return MIT_ERRORS.get(code, f"unknown error {code}")
+
+
+ENTER_MOTOR_MODE = b"\xff\xff\xff\xff\xff\xff\xff\xfc"
+EXIT_MOTOR_MODE = b"\xff\xff\xff\xff\xff\xff\xff\xfd"
+
+_MAX_16 = (1 << 16) - 1
+_MAX_12 = (1 << 12) - 1
+
+
+@dataclass(frozen=True, slots=True)
+class MitState:
+    """What a motor answers."""
+
+    motor_id: int  # which motor
+    position_rad: float  # of the output shaft [rad]
+    velocity_rad_s: float  # of the output shaft [rad/s]
+    torque_nm: float  # at the output shaft [N m]
+    # Whether a value is at the end of its range, so that the true one may lie beyond.
+    at_range_end: bool = False
+    error: int = 0  # error byte, see `mit_error_name`; 0 is none. Old firmware does not send it
+
+
+def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> CanFrame:
+    """Command a torque at the output shaft [N m], with zero gains; cut at the range.
+
+    InputError: the torque is not a number.
+    """
+    return encode_command(motor_id, 0.0, 0.0, 0.0, 0.0, torque_nm, ranges)
+
+
+def encode_command(  # noqa: PLR0917 (the order of the frame)
+    motor_id: int,
+    position_rad: float,
+    velocity_rad_s: float,
+    stiffness_nm_rad: float,
+    damping_nms_rad: float,
+    torque_nm: float,
+    ranges: MitRanges,
+) -> CanFrame:
+    """Command all five values; each is cut at its range. InputError: a value is not a number."""
+    position = _to_bits(position_rad, -ranges.position_rad, ranges.position_rad, _MAX_16)
+    velocity = _to_bits(velocity_rad_s, -ranges.velocity_rad_s, ranges.velocity_rad_s, _MAX_12)
+    stiffness = _to_bits(stiffness_nm_rad, 0.0, MAX_STIFFNESS, _MAX_12)
+    damping = _to_bits(damping_nms_rad, 0.0, MAX_DAMPING, _MAX_12)
+    torque = _to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, _MAX_12)
+    bits = position << 48 | velocity << 36 | stiffness << 24 | damping << 12 | torque
+    return CanFrame(motor_id, bits.to_bytes(8, "big"))
+
+
+def as_sent(torque_nm: float, ranges: MitRanges) -> float:
+    """A torque as the 12 bit number that travels [N m]; zero is half a step off, for 4095 is odd.
+
+    InputError: the torque is not a number.
+    """
+    bits = _to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, _MAX_12)
+    return _from_bits(bits, ranges.torque_nm, _MAX_12)
+
+
+def decode_state(frame: CanFrame, ranges: MitRanges) -> MitState:
+    """What a motor answers: id, position 16 bits, velocity 12, torque 12, and then temperature and error.
+
+    ProtocolError: wrong length.
+    """
+    expect_length(frame, "motor state", 6, 8)
+    data = frame.data
+    position = data[1] << 8 | data[2]
+    velocity = data[3] << 4 | data[4] >> 4
+    torque = (data[4] & 0xF) << 8 | data[5]
+    return MitState(
+        motor_id=data[0],
+        position_rad=_from_bits(position, ranges.position_rad, _MAX_16),
+        velocity_rad_s=_from_bits(velocity, ranges.velocity_rad_s, _MAX_12),
+        torque_nm=_from_bits(torque, ranges.torque_nm, _MAX_12),
+        at_range_end=position in (0, _MAX_16) or velocity in (0, _MAX_12),
+        error=data[7] if len(data) == 8 else 0,
+    )
+
+
+def _to_bits(value: float, low: float, high: float, largest: int) -> int:
+    if isnan(value):
+        raise InputError("a motor command is not a number")
+    return round((min(max(value, low), high) - low) / (high - low) * largest)
+
+
+def _from_bits(bits: int, half_range: float, largest: int) -> float:
+    return (2.0 * bits / largest - 1.0) * half_range

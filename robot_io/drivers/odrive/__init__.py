@@ -1,0 +1,1 @@
+"""ODrive axes on a CAN bus, through CANSimple."""

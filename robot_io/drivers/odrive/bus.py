@@ -1,0 +1,288 @@
+"""ODrive axes on a CAN bus, in torque mode through CANSimple.
+
+The axes send by themselves; nothing is asked for in a tick. Set up over USB beforehand: node id, bit rate,
+the rates of the cyclic messages (encoder estimates, and motor current with firmware 0.5 or torques with 0.6,
+at the control rate), current limit and watchdog.
+"""
+
+from collections.abc import Mapping
+from math import inf, tau
+from typing import ClassVar
+
+from robot_io.driver import DriverContext
+from robot_io.drivers.can.line import CanFrame
+from robot_io.drivers.can.motors import MotorBus, MotorEncoder, MotorTorque
+from robot_io.drivers.odrive import protocol as odrive
+from robot_io.drivers.odrive.protocol import (
+    PASSTHROUGH,
+    TORQUE_CONTROL,
+    UNDERVOLTAGE_V,
+    WATCHDOG_EXPIRED,
+    AxisState,
+    Firmware,
+    Heartbeat,
+    OdriveCommand,
+    axis_error_names,
+)
+from robot_io.drivers.odrive.settings import OdriveAxis, OdriveBusSettings
+from robot_io.errors import DeviceError
+from robot_io.examination import Observation, fail, warn
+
+_LOST_HEARTBEATS = 3.5  # heartbeat periods without one: it is lost
+_ENCODER_ERRORS = {"ENCODER_FAILED", "MISSING_ESTIMATE", "SPINOUT_DETECTED", "UNKNOWN_POSITION"}
+
+
+class OdriveBus(MotorBus):
+    """ODrive axes on a CAN bus.
+
+    Heartbeats are watched: an axis that reports an error, leaves closed-loop control by itself, or whose
+    heartbeat is lost has failed. CANSimple cannot read the watchdog's settings, so it is proven by letting
+    it expire.
+    """
+
+    name: ClassVar[str] = "odrive_bus"
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        own = context.settings_as(OdriveBusSettings, settings)
+        super().__init__(own, own.axes, context)
+        self._own = own
+        self._axes = own.axes
+        self._joint_by_node = {axis.node_id: joint for joint, axis in enumerate(own.axes)}
+        self._heartbeats: list[Heartbeat | None] = [None] * len(own.axes)
+        self._heartbeat_at_s = [-inf] * len(own.axes)
+        self._supply_v: dict[int, float] = {}
+        self._answered_at_s = [-inf] * len(own.axes)
+        self._versions: dict[int, tuple[int, int, int]] = {}
+
+    def motor_label(self, joint: int) -> str:
+        return f"joint {joint + 1} (node {self._axes[joint].node_id})"
+
+    def configure(self) -> None:
+        """Open the adapter, hear every axis, check the firmware, and set all axes to idle.
+
+        DeviceError: the adapter cannot be opened, or an axis is silent or of another firmware.
+        """
+        self.line.open()
+        self._send_all(self._to_every_axis(AxisState.IDLE))
+        if self._own.firmware is Firmware.V0_6:
+            self._send_all([odrive.ask(axis.node_id, OdriveCommand.GET_VERSION) for axis in self._axes])
+        self._wait_for(self._all_heard, self._heartbeat_timeout_s)
+        for joint, axis in enumerate(self._axes):
+            self._check_heard(joint, axis)
+        ask = [odrive.ask(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
+        self._measure_latency(lambda: self._send_all(ask), self._answered_at_s)
+
+    def _report(self) -> list[Observation]:
+        self._heartbeats = [None] * self.joint_count
+        self._motion_at_s = [-inf] * self.joint_count
+        asked = [OdriveCommand.BUS_VOLTAGE_CURRENT]
+        if self._own.firmware is Firmware.V0_6:
+            asked.append(OdriveCommand.GET_VERSION)
+        self._send_all([odrive.ask(axis.node_id, command) for axis in self._axes for command in asked])
+        self._wait_for(
+            lambda: self._all_heard() and len(self._supply_v) == self.joint_count, self._heartbeat_timeout_s
+        )
+        return [self._observe(joint) for joint in range(self.joint_count)]
+
+    def _observe(self, joint: int) -> Observation:
+        label, beat, supply_v = self.motor_label(joint), self._heartbeats[joint], self._supply_v.get(joint)
+        if beat is None:
+            return fail(label, "sends no heartbeat", "check its power, cable, node id and bit rate")
+        try:
+            self._check_heard(joint, self._axes[joint])
+        except DeviceError as error:
+            return fail(label, str(error).removeprefix(f"{self.line.label}: {label}: "), "set it up over USB")
+        version = self._versions.get(self._axes[joint].node_id)
+        firmware = f"firmware {'.'.join(map(str, version))}" if version else f"firmware {self._own.firmware}"
+        supply = "supply voltage not reported" if supply_v is None else f"{supply_v:.1f} V"
+        value = f"{firmware}, {supply}, {self._describe(beat)}"
+        if supply_v is not None and supply_v < UNDERVOLTAGE_V:
+            return fail(label, value, "switch its power supply on")
+        if beat.axis_error or beat.component_errors:
+            return warn(label, value, "errors are cleared at activation; see what caused them")
+        return Observation(label, value)
+
+    def tick_wire_s(self) -> float | None:
+        """See `Examinable.tick_wire_s`: estimates, torques and command of each axis; heartbeats are rare."""
+        return self.joint_count * (2 * self._frame_s(8) + self._frame_s(4))
+
+    def power_on(self) -> None:
+        """See `MotorBus.power_on`; checks the watchdogs first."""
+        if self._own.check_watchdog:
+            self._arm()
+            self._check_watchdogs()
+        self._arm()
+        self._powered = True
+
+    def power_off(self) -> None:
+        """See `MotorBus.power_off`; each axis must confirm by a heartbeat."""
+        self._powered = False
+        self._staged = []
+        if not self.line.is_open:
+            return
+        told_s = self._clock.now_s()
+        self._send_all(
+            [
+                *(odrive.encode_input_torque(axis.node_id, 0.0) for axis in self._axes),
+                *self._to_every_axis(AxisState.IDLE),
+            ]
+        )
+
+        def still_on() -> list[str]:
+            return [
+                self.motor_label(joint)
+                for joint, beat in enumerate(self._heartbeats)
+                if beat is None or beat.state is not AxisState.IDLE or self._heartbeat_at_s[joint] < told_s
+            ]
+
+        if not self._wait_for(lambda: not still_on(), self._heartbeat_timeout_s):
+            raise DeviceError(f"{self.line.label}: did not confirm that it is idle: {', '.join(still_on())}")
+
+    @property
+    def _heartbeat_timeout_s(self) -> float:
+        return _LOST_HEARTBEATS * self._own.heartbeat_s
+
+    def _to_every_axis(self, state: AxisState) -> list[CanFrame]:
+        return [odrive.encode_axis_state(axis.node_id, state) for axis in self._axes]
+
+    def _all_heard(self) -> bool:
+        versions = self._own.firmware is Firmware.V0_5 or len(self._versions) == len(self._axes)
+        return versions and None not in self._heartbeats and -inf not in self._motion_at_s
+
+    def _check_heard(self, joint: int, axis: OdriveAxis) -> None:
+        place = f"{self.line.label}: {self.motor_label(joint)}"
+        if self._heartbeats[joint] is None:
+            raise DeviceError(f"{place}: no heartbeat in {self._heartbeat_timeout_s:.2g} s")
+        if self._motion_at_s[joint] == -inf:
+            raise DeviceError(f"{place}: sends no encoder estimates; set its cyclic message rates")
+        if self._own.firmware is Firmware.V0_5:
+            return
+        version = self._versions.get(axis.node_id)
+        if version is None:
+            raise DeviceError(f"{place}: does not answer Get_Version, as firmware 0.6 would")
+        if version[:2] != (0, 6):
+            raise DeviceError(f"{place}: has firmware {'.'.join(map(str, version))}, the robot file says 0.6")
+
+    def _arm(self) -> None:
+        """Clear errors and go to closed-loop torque control at zero torque."""
+        nodes = [axis.node_id for axis in self._axes]
+        armed_s = self._clock.now_s()
+        self._send_all([odrive.encode_clear_errors(node) for node in nodes])
+        self._send_all([odrive.encode_controller_mode(node, TORQUE_CONTROL, PASSTHROUGH) for node in nodes])
+        self._send_all([odrive.encode_input_torque(node, 0.0) for node in nodes])
+        self._send_all(self._to_every_axis(AxisState.CLOSED_LOOP_CONTROL))
+        zero_torque = [odrive.encode_input_torque(node, 0.0) for node in nodes]
+
+        def armed() -> bool:
+            self._send_all(zero_torque)  # so that the watchdogs do not expire meanwhile
+            return all(
+                beat is not None
+                and beat.state is AxisState.CLOSED_LOOP_CONTROL
+                and not beat.axis_error
+                and self._heartbeat_at_s[joint] > armed_s
+                for joint, beat in enumerate(self._heartbeats)
+            )
+
+        if not self._wait_for(armed, self._heartbeat_timeout_s):
+            raise DeviceError(f"{self.line.label}: no closed-loop control: {self._states()}")
+
+    def _check_watchdogs(self) -> None:
+        bit = WATCHDOG_EXPIRED[self._own.firmware]
+
+        def expired() -> list[bool]:
+            return [beat is not None and bool(beat.axis_error & bit) for beat in self._heartbeats]
+
+        limit_s = self._own.watchdog_s + self._heartbeat_timeout_s
+        if self._wait_for(lambda: all(expired()), limit_s):
+            return
+        alive = ", ".join(self.motor_label(joint) for joint, over in enumerate(expired()) if not over)
+        raise DeviceError(
+            f"{self.line.label}: the watchdog of {alive} did not expire in {limit_s:.2g} s without commands; "
+            "set axis.config.enable_watchdog and watchdog_timeout"
+        )
+
+    def _states(self) -> str:
+        return "; ".join(
+            f"{self.motor_label(joint)} is {self._describe(beat) if beat else 'silent'}"
+            for joint, beat in enumerate(self._heartbeats)
+        )
+
+    def _describe(self, beat: Heartbeat) -> str:
+        names = axis_error_names(beat.axis_error, self._own.firmware)
+        parts = tuple(f"{part} error" for part in beat.component_errors)
+        return " ".join((beat.state.name, *names, *parts))
+
+    def _joint_of(self, frame: CanFrame) -> int | None:
+        node, _ = odrive.split_odrive_id(frame.can_id)
+        return None if frame.extended else self._joint_by_node.get(node)
+
+    def _take(self, frame: CanFrame, at_s: float) -> bool:
+        joint = self._joint_of(frame)
+        if joint is None or frame.remote:
+            return False
+        axis = self._axes[joint]
+        node, command = odrive.split_odrive_id(frame.can_id)
+        match command:
+            case OdriveCommand.ENCODER_ESTIMATES:
+                position_rev, velocity_rev_s = odrive.decode_encoder_estimates(frame)
+                self._position_rad[joint] = axis.joint_angle_rad(tau * position_rev)
+                self._velocity_rad_s[joint] = tau * velocity_rev_s / axis.signed_ratio
+                self._motion_at_s[joint] = at_s - self._latency_s[joint]
+            case OdriveCommand.GET_IQ if self._own.firmware is Firmware.V0_5:
+                _, current_a = odrive.decode_iq(frame)
+                self._keep_torque(joint, current_a * (axis.torque_constant_nm_a or 0.0), at_s)
+            case OdriveCommand.TORQUES if self._own.firmware is Firmware.V0_6:
+                _, torque_nm = odrive.decode_torques(frame)
+                self._keep_torque(joint, torque_nm, at_s)
+            case OdriveCommand.HEARTBEAT:
+                self._keep_heartbeat(joint, odrive.decode_heartbeat(frame, self._own.firmware), at_s)
+            case OdriveCommand.BUS_VOLTAGE_CURRENT:
+                self._supply_v[joint], _ = odrive.decode_bus_voltage_current(frame)
+                self._answered_at_s[joint] = at_s
+            case OdriveCommand.GET_VERSION:
+                self._versions[node] = odrive.decode_version(frame)
+            case _:
+                return False
+        return True
+
+    def _keep_torque(self, joint: int, motor_torque_nm: float, at_s: float) -> None:
+        self._torque_nm[joint] = motor_torque_nm * self._axes[joint].signed_ratio
+        self._torque_at_s[joint] = at_s - self._latency_s[joint]
+
+    def _keep_heartbeat(self, joint: int, beat: Heartbeat, at_s: float) -> None:
+        self._heartbeats[joint], self._heartbeat_at_s[joint] = beat, at_s
+        names = axis_error_names(beat.axis_error, self._own.firmware)
+        self._motion_is_wrong[joint] = "encoder" in beat.component_errors or not _ENCODER_ERRORS.isdisjoint(
+            names
+        )
+
+    def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
+        axis = self._axes[joint]
+        motor_nm = min(max(torque_nm / axis.signed_ratio, -axis.max_torque_nm), axis.max_torque_nm)
+        return odrive.encode_input_torque(axis.node_id, motor_nm), odrive.as_sent(
+            motor_nm
+        ) * axis.signed_ratio
+
+    def _fault(self, joint: int, now_s: float) -> str:
+        beat = self._heartbeats[joint]
+        silent_s = now_s - self._heartbeat_at_s[joint]
+        if silent_s > self._heartbeat_timeout_s:
+            return f"heartbeat lost, the last came {silent_s:.2g} s ago"
+        if beat is None or not (beat.axis_error or beat.component_errors):
+            left = self._powered and beat is not None and beat.state is not AxisState.CLOSED_LOOP_CONTROL
+            return f"left closed-loop control, is {beat.state.name}" if left and beat else ""
+        return self._describe(beat) if self._powered else ""
+
+
+class OdriveEncoder(MotorEncoder):
+    """Positions and velocities that ODrive axes estimate; the settings are the bus's."""
+
+    name: ClassVar[str] = "odrive_encoder"
+    bus_type: ClassVar[type[MotorBus]] = OdriveBus
+
+
+class OdriveTorque(MotorTorque):
+    """Torques to and from ODrive axes; the settings are the bus's."""
+
+    name: ClassVar[str] = "odrive_torque"
+    bus_type: ClassVar[type[MotorBus]] = OdriveBus

@@ -1,0 +1,245 @@
+"""ODrive CANSimple: numbers, frames to an axis, and what it sends; little-endian, motor revolutions.
+
+Sources: ODrive documentation "CAN Protocol" for firmware 0.5.6 (with its table can-protocol.csv) and 0.6.10
+(docs.odriverobotics.com), the enumerations in odriverobotics/ros_odrive (odrive_enums.h, firmware 0.6), and
+the axis errors of odriverobotics/ODrive fw-v0.5.6.
+"""
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from math import isfinite
+
+from robot_io.drivers.can.line import CanFrame, expect_length
+from robot_io.errors import InputError, ProtocolError
+
+
+class Firmware(StrEnum):
+    """Generations that differ on the bus: heartbeat layout, error bits, and what reports the torque."""
+
+    V0_5 = "0.5"
+    V0_6 = "0.6"
+
+
+class OdriveCommand(IntEnum):
+    """The five lower bits of the arbitration id."""
+
+    GET_VERSION = 0x00  # 0.6 only; in 0.5 this id belongs to CANopen
+    HEARTBEAT = 0x01
+    SET_AXIS_STATE = 0x07
+    ENCODER_ESTIMATES = 0x09
+    SET_CONTROLLER_MODE = 0x0B
+    SET_INPUT_TORQUE = 0x0E
+    GET_IQ = 0x14
+    BUS_VOLTAGE_CURRENT = 0x17
+    CLEAR_ERRORS = 0x18
+    TORQUES = 0x1C  # 0.6 only
+
+
+# An axis as shipped does not run below (dc_bus_undervoltage_trip_level of fw-v0.5.6).
+UNDERVOLTAGE_V = 8.0
+
+
+class AxisState(IntEnum):
+    """What an axis is doing; the same numbers in both generations."""
+
+    UNDEFINED = 0
+    IDLE = 1
+    STARTUP_SEQUENCE = 2
+    FULL_CALIBRATION_SEQUENCE = 3
+    MOTOR_CALIBRATION = 4
+    ENCODER_INDEX_SEARCH = 6
+    ENCODER_OFFSET_CALIBRATION = 7
+    CLOSED_LOOP_CONTROL = 8
+    LOCKIN_SPIN = 9
+    ENCODER_DIR_FIND = 10
+    HOMING = 11
+    ENCODER_HALL_POLARITY_CALIBRATION = 12
+    ENCODER_HALL_PHASE_CALIBRATION = 13
+    ANTICOGGING_CALIBRATION = 14
+
+
+TORQUE_CONTROL = 1  # control_mode
+PASSTHROUGH = 1  # input_mode
+
+MAX_NODE_ID = 0x3F
+COMMAND_BITS = 5
+
+AXIS_ERRORS: dict[Firmware, dict[int, str]] = {
+    Firmware.V0_5: {
+        0x00000001: "INVALID_STATE",
+        0x00000040: "MOTOR_FAILED",
+        0x00000080: "SENSORLESS_ESTIMATOR_FAILED",
+        0x00000100: "ENCODER_FAILED",
+        0x00000200: "CONTROLLER_FAILED",
+        0x00000800: "WATCHDOG_TIMER_EXPIRED",
+        0x00001000: "MIN_ENDSTOP_PRESSED",
+        0x00002000: "MAX_ENDSTOP_PRESSED",
+        0x00004000: "ESTOP_REQUESTED",
+        0x00020000: "HOMING_WITHOUT_ENDSTOP",
+        0x00040000: "OVER_TEMP",
+        0x00080000: "UNKNOWN_POSITION",
+    },
+    Firmware.V0_6: {
+        0x00000001: "INITIALIZING",
+        0x00000002: "SYSTEM_LEVEL",
+        0x00000004: "TIMING_ERROR",
+        0x00000008: "MISSING_ESTIMATE",
+        0x00000010: "BAD_CONFIG",
+        0x00000020: "DRV_FAULT",
+        0x00000040: "MISSING_INPUT",
+        0x00000100: "DC_BUS_OVER_VOLTAGE",
+        0x00000200: "DC_BUS_UNDER_VOLTAGE",
+        0x00000400: "DC_BUS_OVER_CURRENT",
+        0x00000800: "DC_BUS_OVER_REGEN_CURRENT",
+        0x00001000: "CURRENT_LIMIT_VIOLATION",
+        0x00002000: "MOTOR_OVER_TEMP",
+        0x00004000: "INVERTER_OVER_TEMP",
+        0x00008000: "VELOCITY_LIMIT_VIOLATION",
+        0x00010000: "POSITION_LIMIT_VIOLATION",
+        0x01000000: "WATCHDOG_TIMER_EXPIRED",
+        0x02000000: "ESTOP_REQUESTED",
+        0x04000000: "SPINOUT_DETECTED",
+        0x08000000: "BRAKE_RESISTOR_DISARMED",
+        0x10000000: "THERMISTOR_DISCONNECTED",
+        0x40000000: "CALIBRATION_ERROR",
+    },
+}
+
+WATCHDOG_EXPIRED = {Firmware.V0_5: 0x00000800, Firmware.V0_6: 0x01000000}
+
+
+def axis_error_names(error: int, firmware: Firmware) -> tuple[str, ...]:
+    """Names of the bits that are set in an axis error; a bit without a name is given as a number."""
+    table = AXIS_ERRORS[firmware]
+    bits = (1 << place for place in range(32) if error >> place & 1)
+    return tuple(table.get(bit, f"unknown bit 0x{bit:08X}") for bit in bits)
+
+
+_FLOAT = struct.Struct("<f")
+_TWO_FLOATS = struct.Struct("<ff")
+_WORD = struct.Struct("<I")
+_TWO_WORDS = struct.Struct("<II")
+_COMMAND_MASK = (1 << COMMAND_BITS) - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """What an axis says of itself without being asked."""
+
+    axis_error: int  # error bits, see `axis_error_names`
+    state: AxisState  # what the axis is doing
+    component_errors: tuple[str, ...] = ()  # names of the parts that report an error of their own (0.5 only)
+    procedure_result: int = 0  # how the last procedure ended (0.6 only); 0 is success
+    trajectory_done: bool = False  # whether a planned motion has ended
+
+
+def odrive_id(node_id: int, command: OdriveCommand) -> int:
+    """Arbitration id of a command to, or a message from, an axis.
+
+    InputError: the node id has more than six bits.
+    """
+    if not 0 <= node_id <= MAX_NODE_ID:
+        raise InputError(f"node id {node_id} is not from 0 to {MAX_NODE_ID}")
+    return node_id << COMMAND_BITS | command
+
+
+def split_odrive_id(can_id: int) -> tuple[int, int]:
+    """Node id and command number of an arbitration id."""
+    return can_id >> COMMAND_BITS, can_id & _COMMAND_MASK
+
+
+def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
+    """Heartbeat of either generation.
+
+    Bytes 0 to 3 are the axis error and byte 4 the state. Then 0.5 has flags for motor, encoder and controller
+    (bit 7 of the last: trajectory done), 0.6 the procedure result and the trajectory flag.
+
+    ProtocolError: wrong length, or a state that does not exist.
+    """
+    expect_length(frame, "heartbeat", 8)
+    data = frame.data
+    (axis_error,) = _WORD.unpack_from(data)
+    try:
+        state = AxisState(data[4])
+    except ValueError as error:
+        raise ProtocolError(f"heartbeat: axis state {data[4]} does not exist") from error
+    if firmware is Firmware.V0_6:
+        return Heartbeat(axis_error, state, procedure_result=data[5], trajectory_done=bool(data[6] & 1))
+    flags = (("motor", data[5] & 1), ("encoder", data[6] & 1), ("controller", data[7] & 1))
+    failed = tuple(part for part, flag in flags if flag)
+    return Heartbeat(axis_error, state, failed, trajectory_done=bool(data[7] & 0x80))
+
+
+def decode_encoder_estimates(frame: CanFrame) -> tuple[float, float]:
+    """Position [rev] and velocity [rev/s] of the motor. ProtocolError: wrong length, or not finite."""
+    return _two_finite_floats(frame, "encoder estimates")
+
+
+def decode_iq(frame: CanFrame) -> tuple[float, float]:
+    """Wanted and measured torque-making current [A] (0.5). ProtocolError: wrong length, or not finite."""
+    return _two_finite_floats(frame, "motor current")
+
+
+def decode_torques(frame: CanFrame) -> tuple[float, float]:
+    """Wanted and estimated motor torque [N m] (0.6). ProtocolError: wrong length, or not finite."""
+    return _two_finite_floats(frame, "motor torque")
+
+
+def decode_bus_voltage_current(frame: CanFrame) -> tuple[float, float]:
+    """Supply voltage [V] and current [A]. ProtocolError: wrong length, or not finite."""
+    return _two_finite_floats(frame, "bus voltage and current")
+
+
+def decode_version(frame: CanFrame) -> tuple[int, int, int]:
+    """Firmware version as major, minor, revision (0.6). ProtocolError: wrong length."""
+    expect_length(frame, "version", 8)
+    return frame.data[4], frame.data[5], frame.data[6]
+
+
+def ask(node_id: int, command: OdriveCommand) -> CanFrame:
+    """Ask an axis to send a message now, as a remote frame."""
+    return CanFrame(odrive_id(node_id, command), remote=True)
+
+
+def encode_axis_state(node_id: int, state: AxisState) -> CanFrame:
+    """Ask an axis to change its state."""
+    return CanFrame(odrive_id(node_id, OdriveCommand.SET_AXIS_STATE), _WORD.pack(state))
+
+
+def encode_controller_mode(node_id: int, control_mode: int, input_mode: int) -> CanFrame:
+    """Choose how an axis controls its motor."""
+    data = _TWO_WORDS.pack(control_mode, input_mode)
+    return CanFrame(odrive_id(node_id, OdriveCommand.SET_CONTROLLER_MODE), data)
+
+
+def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
+    """Command a motor torque [N m]; it feeds the axis's watchdog.
+
+    InputError: not a number that a 32 bit float can hold.
+    """
+    try:
+        data = _FLOAT.pack(torque_nm)
+    except OverflowError as error:
+        raise InputError(f"torque {torque_nm} N m does not fit into 32 bits") from error
+    if not isfinite(torque_nm):
+        raise InputError(f"torque {torque_nm} N m is not finite")
+    return CanFrame(odrive_id(node_id, OdriveCommand.SET_INPUT_TORQUE), data)
+
+
+def encode_clear_errors(node_id: int) -> CanFrame:
+    """Clear an axis's errors (its identify light stays as it is)."""
+    return CanFrame(odrive_id(node_id, OdriveCommand.CLEAR_ERRORS), b"\x00")
+
+
+def as_sent(torque_nm: float) -> float:
+    """A torque as the 32 bit float that travels [N m]."""
+    return float(_FLOAT.unpack(_FLOAT.pack(torque_nm))[0])
+
+
+def _two_finite_floats(frame: CanFrame, what: str) -> tuple[float, float]:
+    expect_length(frame, what, 8)
+    first, second = _TWO_FLOATS.unpack(frame.data)
+    if not (isfinite(first) and isfinite(second)):
+        raise ProtocolError(f"{what}: {first} and {second} are not both finite")
+    return first, second

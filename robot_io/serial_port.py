@@ -1,0 +1,166 @@
+"""A serial port with one owner: opened exclusively, never blocking, and closed once it has failed."""
+
+import errno
+import fcntl
+import os
+import select
+import termios
+from contextlib import suppress
+
+import serial
+
+from robot_io.clock import Clock, SimulatedClock
+from robot_io.errors import DeviceError
+
+
+def reason_of(error: Exception) -> str:
+    """Why a port cannot be used, in the words of the system and without its path."""
+    number = getattr(error, "errno", None)
+    if number in (errno.EAGAIN, errno.EBUSY):
+        return "another program has it"
+    return os.strerror(number) if number else " ".join(str(error).split())
+
+
+def open_exclusively(path: str, baud_rate: int, write_timeout_s: float | None = None) -> serial.Serial:
+    """Open a port of 8 data bits, no parity, 1 stop bit; reading never waits.
+
+    Args:
+        path: device file.
+        baud_rate: bits per second.
+        write_timeout_s: how long a write may take [s]; None leaves that to the system.
+
+    Raises:
+        DeviceError: there is no such port, no permission, or another program has it.
+    """
+    try:
+        port = serial.Serial(path, baud_rate, timeout=0, write_timeout=write_timeout_s, exclusive=True)
+    except (OSError, ValueError) as error:  # SerialException is an OSError
+        raise DeviceError(f"{path}: cannot be opened ({reason_of(error)})") from error
+    with suppress(OSError):  # also against programs that do not ask for a lock
+        fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
+    with suppress(OSError, ValueError, AttributeError):  # USB adapters otherwise hold bytes back for 16 ms
+        port.set_low_latency_mode(True)
+    return port
+
+
+def close_exclusive(port: serial.Serial) -> None:
+    """Let others have it."""
+    with suppress(OSError):
+        fcntl.ioctl(port.fileno(), termios.TIOCNXCL)
+    with suppress(OSError):
+        port.close()
+
+
+_LOOK_S = 50e-6  # on simulated time, how often to look whether something has come
+_CHUNK = 4096
+
+
+class SerialPort:
+    """A serial port, 8 data bits, no parity, 1 stop bit.
+
+    After a failure it is closed; it works again when it is opened again.
+
+    Args:
+        path: device file.
+        baud_rate: bits per second; each byte takes ten of them.
+        clock: what deadlines are on.
+
+    Attributes:
+        path: device file.
+        baud_rate: bits per second.
+        failure: why it was closed, or None.
+    """
+
+    def __init__(self, path: str, baud_rate: int, clock: Clock) -> None:
+        self.path = path
+        self.baud_rate = baud_rate
+        self.failure: str | None = None
+        self._clock = clock
+        self._serial: serial.Serial | None = None
+        self._fd = -1
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it can be used."""
+        return self._fd >= 0
+
+    def duration_s(self, byte_count: int) -> float:
+        """How long so many bytes take on the wire [s]."""
+        return byte_count * 10.0 / self.baud_rate
+
+    def open(self) -> None:
+        """Open it for this program alone, and forget earlier failures.
+
+        DeviceError: there is no such port, no permission, or another program has it.
+        """
+        self.close()
+        self._serial = open_exclusively(self.path, self.baud_rate)
+        self._fd = self._serial.fileno()
+        self.failure = None
+
+    def close(self) -> None:
+        """Let it go. Can be called again."""
+        port, self._serial, self._fd = self._serial, None, -1
+        if port is not None:
+            close_exclusive(port)
+
+    def write(self, data: bytes) -> None:
+        """Send bytes. DeviceError: the port is closed or gone, or takes no more."""
+        try:
+            sent = os.write(self._usable(), data)
+        except BlockingIOError:
+            sent = 0
+        except OSError as error:
+            raise self._failed(error) from error
+        if sent != len(data):
+            raise DeviceError(f"{self.path}: took {sent} of {len(data)} bytes; its output is blocked")
+
+    def read(self) -> bytes:
+        """What has come, without waiting. DeviceError: the port is closed or gone."""
+        try:
+            return os.read(self._usable(), _CHUNK)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def wait(self, deadline_s: float) -> bytes:
+        """What has come as soon as something has, or nothing at the deadline.
+
+        DeviceError: the port is closed or gone.
+        """
+        if isinstance(self._clock, SimulatedClock):
+            data = self._watch_in_simulated_time(deadline_s)
+            if data:
+                return data
+        remaining_s = max(0.0, deadline_s - self._clock.now_s())
+        try:
+            readable, _, _ = select.select([self._usable()], [], [], remaining_s)
+        except (OSError, ValueError) as error:
+            raise self._failed(error) from error
+        data = self.read() if readable else b""
+        if readable and not data:  # a port that is gone is always ready, and has nothing
+            raise self._failed(OSError("hung up"))
+        return data
+
+    def read_all(self) -> bytes:
+        """All that has come, without waiting. DeviceError: the port is closed or gone."""
+        received = b""
+        while data := self.read():
+            received += data
+        return received
+
+    def _watch_in_simulated_time(self, deadline_s: float) -> bytes:
+        while not (data := self.read()) and self._clock.now_s() < deadline_s:
+            self._clock.sleep_until(min(deadline_s, self._clock.now_s() + _LOOK_S))
+        return data
+
+    def _usable(self) -> int:
+        if self._fd < 0:
+            raise DeviceError(f"{self.path}: {self.failure or 'the port is not open'}")
+        return self._fd
+
+    def _failed(self, error: Exception) -> DeviceError:
+        self.close()
+        self.failure = f"the port has failed ({reason_of(error)}); unplugged?"
+        return DeviceError(f"{self.path}: {self.failure}")

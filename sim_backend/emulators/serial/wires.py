@@ -1,0 +1,80 @@
+"""Emulated force sensors for a `serial_line`."""
+
+from typing import Any, ClassVar
+
+from robot_io.errors import InputError
+from robot_io.files.file_model import FileModel, Positive, validate
+from sim_backend.emulators.bench import EmulatedWire
+from sim_backend.emulators.serial.pty_line import PtyLine, SerialSensor
+from sim_backend.emulators.serial.sensors import EmulatedGauge, EmulatedLoadstar, EmulatedLorenz
+from sim_backend.emulators.wiring import WireMaker, WireRequest
+
+_NEWTONS = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665}
+
+
+class _Line(FileModel, extra="ignore"):
+    baud_rate: int | None = None
+
+
+class _Loadstar(FileModel, extra="ignore"):
+    capacity_n: Positive
+    reversed: bool = False
+
+
+class _Gauge(_Loadstar, extra="ignore"):
+    pass
+
+
+class _Lorenz(FileModel, extra="ignore"):
+    nominal_load: Positive
+    unit: str
+    counts_at_nominal: Positive
+    dimension_code: int
+    load_code: int
+    reversed: bool = False
+
+
+class SerialWires(WireMaker):
+    """The force sensor that the robot file names, on a pseudo terminal."""
+
+    name: ClassVar[str] = "serial_line"
+
+    def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
+        own = validate(_Line, request.section.settings)
+        line = PtyLine(
+            self._sensor(request),
+            request.plant,
+            request.faults,
+            in_lock_step=request.in_lock_step,
+            baud_rate=own.baud_rate,
+        )
+        return line, {"port": line.path}
+
+    def _sensor(self, request: WireRequest) -> SerialSensor:
+        if request.force is None:
+            raise InputError("a serial_line without a force sensor cannot be emulated")
+        settings = request.force.settings
+        match request.force.driver:
+            case "loadstar":
+                loadstar = validate(_Loadstar, settings)
+                return EmulatedLoadstar(loadstar.capacity_n, sign=-1.0 if loadstar.reversed else 1.0)
+            case "lorenz":
+                own = validate(_Lorenz, settings)
+                if own.unit not in _NEWTONS:
+                    raise InputError(
+                        f"no emulated sensor counts in '{own.unit}'. Valid: {', '.join(_NEWTONS)}"
+                    )
+                return EmulatedLorenz(
+                    own.nominal_load * _NEWTONS[own.unit],
+                    own.counts_at_nominal,
+                    own.dimension_code,
+                    own.load_code,
+                    sign=-1.0 if own.reversed else 1.0,
+                )
+            case "force_lines":
+                gauge = validate(_Gauge, settings)
+                return EmulatedGauge(gauge.capacity_n, sign=-1.0 if gauge.reversed else 1.0)
+        raise InputError(
+            f"no sensor is emulated for the driver '{request.force.driver}'. Emulated: force_lines, "
+            "loadstar, lorenz; name one of them to try the rest of the arm, or do without --wire"
+        )

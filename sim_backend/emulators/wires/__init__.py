@@ -1,1 +1,0 @@
-"""Which emulated wire stands in for which bus driver; one file each."""

@@ -1,0 +1,139 @@
+"""The encoder, the torque sensor and the force sensor of the simulated arm."""
+
+from collections.abc import Sequence
+from math import inf, pi
+from operator import sub
+
+import numpy as np
+
+from robot_io.clip import clip
+from robot_io.types import Status
+from sim_backend.hooks import SensorEffect
+from sim_backend.sensors.sampling import GaussianNoise, LowPass, Sample, SampledSensor, quantise
+from sim_backend.sensors.settings import EncoderSettings, ForceSettings, TorqueSettings
+
+
+class SimulatedEncoder(SampledSensor):
+    """Samples positions and velocities of all joints.
+
+    The true signal is the n positions [rad] followed by the n velocities [rad/s], and so is a sample.
+
+    Args:
+        settings: the encoders.
+        generator: random numbers for the tachometer's noise.
+        start_s: time of the first sample [s].
+        step_s: length of a physics step [s]; sampling is not faster than that.
+        effects: what is hidden in them; the velocity by difference inherits it.
+    """
+
+    def __init__(
+        self,
+        settings: EncoderSettings,
+        generator: np.random.Generator,
+        start_s: float,
+        step_s: float,
+        effects: Sequence[SensorEffect] = (),
+    ) -> None:
+        super().__init__(settings.rate_hz, settings.delay_s, start_s)
+        self._count_rad = 2.0 * pi / settings.counts_per_revolution
+        self._counts_per_rad = 1.0 / self._count_rad
+        self._by_difference = settings.velocity.source == "difference"
+        self._noise = GaussianNoise(settings.velocity.noise_std_rad_s, generator)
+        sample_period_s = max(1.0 / settings.rate_hz, step_s)
+        self._velocity_low_pass = LowPass(settings.velocity.bandwidth_hz, sample_period_s)
+        self._effects = effects
+        self._previous: tuple[float, list[float]] | None = None
+
+    def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
+        joint_count = len(signal) // 2
+        position: Sequence[float] = signal[:joint_count]
+        for effect in self._effects:
+            position = effect.measure(time_s, position)
+        per_rad, count_rad = self._counts_per_rad, self._count_rad
+        counted = [round(angle * per_rad) * count_rad for angle in position]
+        if self._by_difference:
+            velocity: Sequence[float] = self._difference(time_s, counted)
+        else:
+            velocity = self._noise.added_to(signal[joint_count:])
+        return Sample([*counted, *velocity], time_s)
+
+    def _difference(self, time_s: float, position: list[float]) -> Sequence[float]:
+        before_s, before = self._previous or (-inf, position)
+        self._previous = (time_s, position)
+        rate_hz = 1.0 / (time_s - before_s)
+        return self._velocity_low_pass.filter([moved * rate_hz for moved in map(sub, position, before)])
+
+
+class _Amplifier:
+    """Hidden effects ahead of the noise, the noise, effects behind it, and the converter's steps."""
+
+    def __init__(self, noise: GaussianNoise, effects: Sequence[SensorEffect], resolution: float) -> None:
+        self._noise, self._resolution = noise, resolution
+        self._ahead = [effect for effect in effects if effect.ahead_of_noise]
+        self._behind = [effect for effect in effects if not effect.ahead_of_noise]
+
+    def output(self, time_s: float, signal: Sequence[float]) -> list[float]:
+        value: Sequence[float] = signal
+        for effect in self._ahead:
+            value = effect.measure(time_s, value)
+        value = self._noise.added_to(value)
+        for effect in self._behind:
+            value = effect.measure(time_s, value)
+        return quantise(value, self._resolution)
+
+
+class SimulatedTorqueSensor(SampledSensor):
+    """Samples the torques of all drives, positive along the joint axes (n) [N m].
+
+    Args:
+        settings: the sensors.
+        generator: random numbers for their noise.
+        start_s: start of the first sampling period [s].
+        effects: what is hidden in them.
+    """
+
+    def __init__(
+        self,
+        settings: TorqueSettings,
+        generator: np.random.Generator,
+        start_s: float,
+        effects: Sequence[SensorEffect] = (),
+    ) -> None:
+        super().__init__(settings.rate_hz, settings.delay_s, start_s, settings.phase)
+        noise = GaussianNoise(settings.noise_std_nm, generator)
+        self._amplifier = _Amplifier(noise, effects, settings.resolution_nm)
+
+    def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
+        return Sample(self._amplifier.output(time_s, signal), time_s)
+
+
+class SimulatedForceSensor(SampledSensor):
+    """Samples the force along the sensor axis (1,), positive in compression [N].
+
+    Args:
+        settings: the sensor.
+        generator: random numbers for its noise.
+        start_s: time of its first sample [s].
+        step_s: length of a physics step [s].
+        effects: what is hidden in it.
+    """
+
+    def __init__(
+        self,
+        settings: ForceSettings,
+        generator: np.random.Generator,
+        start_s: float,
+        step_s: float,
+        effects: Sequence[SensorEffect] = (),
+    ) -> None:
+        low_pass = LowPass(settings.bandwidth_hz, step_s) if settings.bandwidth_hz else None
+        super().__init__(settings.rate_hz, settings.delay_s, start_s, low_pass=low_pass)
+        self._range_n = settings.range_n
+        noise = GaussianNoise(settings.noise_std_n, generator)
+        self._amplifier = _Amplifier(noise, effects, settings.resolution_n)
+
+    def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
+        measured, range_n = self._amplifier.output(time_s, signal), self._range_n
+        if abs(measured[0]) < range_n:
+            return Sample(measured, time_s)
+        return Sample([clip(measured[0], -range_n, range_n)], time_s, Status.SATURATED)
