@@ -17,9 +17,10 @@ from rich.table import Table
 
 from calibration.force.fit import fit_force
 from calibration.force.weighing import read_weighing
-from palpate.arm.robots import find_robot
-from palpate.calibrating import run as calibrating
-from palpate.calibrating.bench import CalibrationJob
+from palpate.runs import calibration as runs
+from palpate.runs import calibration_file as fits
+from palpate.runs.calibration import CalibrationJob
+from palpate.runs.robots import find_robot
 from robot_io.session import Session
 from sim_backend.scenario import load_scenario
 
@@ -46,8 +47,8 @@ def _sensor(shape: str, bend: float, rng: np.random.Generator, seed: int, folder
     ]
     hidden += [{"effect": "hysteresis", "channel": "contact", "half_width": play}] if play else []
     job = _job("force", hidden, seed, folder)
-    place = calibrating.put_simulated_weight
-    calibrating.run_weighing(job, FORCES_N, place, settle_s=0.1, measure_s=0.5)
+    place = runs.put_simulated_weight
+    runs.run_weighing(job, FORCES_N, place, settle_s=0.1, measure_s=0.5)
     fit = fit_force(read_weighing(Session.open(job.session)))
     yield f"force zero, {shape}", "N", fit.zero.value, fit.zero.std_err, bias
     yield f"force scale, {shape}", "-", fit.scale.value, fit.scale.std_err, 1.0 / gain
@@ -60,8 +61,8 @@ def encoder(rng: np.random.Generator, seed: int, folder: Path) -> Found:
     hidden = [_on(f"encoder_{j + 1}", zeros[j]) for j in range(3)]
     hidden += _joints("coulomb_friction", coulomb_nm=rng.uniform(0.02, 0.3, 3) * [1, 1, 0.1])
     job = _job("encoder", hidden, seed, folder)
-    calibrating.run_stops(job)
-    fit = calibrating.encoder_fit_of(Session.open(job.session), 3, None, STOP_STD_RAD)
+    runs.run_stops(job)
+    fit = fits.encoder_fit_of(Session.open(job.session), 3, None, STOP_STD_RAD)
     for j in range(3):
         yield "encoder zero", "rad", fit.offset_rad[j], fit.std_rad[j], -zeros[j]
 
@@ -89,21 +90,27 @@ def _arm(kind: str, rng: np.random.Generator, seed: int, folder: Path) -> Found:
         *(_on(f"joint_{j + 1}", bias[j]) for j in range(3)),
     ]
     job = _job(kind, hidden, seed, folder)
-    calibrating.run_motion(job)
-    fit = calibrating.arm_fit_of(Session.open(job.session), ROBOT.urdf_path, ROBOT.tip_frame)
+    runs.run_motion(job)
+    fit = fits.arm_fit_of(Session.open(job.session), ROBOT.urdf_path, ROBOT.tip_frame)
     way = "slow motion" if kind == "gravity" else "torque's motion"
-    yield f"pitch, {way}", "rad", fit.tilt_rad[0], fit.tilt_std_rad[0], pitch
+    yield f"pitch, {way}", "rad", fit.tilt_rad.value[0], fit.tilt_rad.std_err[0], pitch
     for j in range(3):
-        yield f"torque gain {j + 1}", "-", fit.gain[j], fit.gain_std[j], gain[j]
-        yield "torque offset", "N m", fit.offset_nm[j], fit.offset_std_nm[j], -gain[j] * bias[j]
-        yield "command offset", "N m", fit.command_offset_nm[j], fit.command_offset_std_nm[j], 0.0
-        yield "Coulomb friction", "N m", fit.coulomb_nm[j], fit.coulomb_std_nm[j], coulomb[j]
-        yield "viscous friction", "N m s/rad", fit.viscous_nms_rad[j], fit.viscous_std_nms_rad[j], viscous[j]
+        yield f"torque gain {j + 1}", "-", fit.gain.value[j], fit.gain.std_err[j], gain[j]
+        yield "torque offset", "N m", fit.offset_nm.value[j], fit.offset_nm.std_err[j], -gain[j] * bias[j]
+        yield "command offset", "N m", fit.command_offset_nm.value[j], fit.command_offset_nm.std_err[j], 0.0
+        yield "Coulomb friction", "N m", fit.coulomb_nm.value[j], fit.coulomb_nm.std_err[j], coulomb[j]
+        yield (
+            "viscous friction",
+            "N m s/rad",
+            fit.viscous_nms_rad.value[j],
+            fit.viscous_nms_rad.std_err[j],
+            viscous[j],
+        )
 
 
 def _job(kind: str, hidden: list[dict], seed: int, folder: Path) -> CalibrationJob:
     scenario = load_scenario({"seed": seed, "hidden": hidden})
-    return CalibrationJob(kind, ROBOT, folder / f"{kind}-{seed}.mcap", scenario=scenario)
+    return CalibrationJob(ROBOT, folder / f"{kind}-{seed}.mcap", kind, scenario=scenario)
 
 
 def _on(channel: str, bias: float) -> dict:

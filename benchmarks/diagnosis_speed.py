@@ -19,13 +19,11 @@ from control.probing.plan import ProbingPlan
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import diagnose
-from estimation.diagnosis.candidates import library
 from estimation.models import MODELS
-from palpate.arm.probing_run import ProbingJob, run_probing
-from palpate.arm.robots import DEFAULT, find_robot
-from palpate.findings.estimation_run import load_material
-from palpate.findings.story import diagnose_subjects
-from palpate.findings.subject import ALL_CHANNELS, channels_to_diagnose, subjects_of
+from estimation.study import Study
+from estimation.study.channels import ALL_CHANNELS
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import DEFAULT, find_robot
 from sim_backend.imperfection import IMPERFECTIONS, Imperfection
 from sim_backend.scenario import Scenario
 
@@ -65,16 +63,15 @@ def probed(path: Path, hidden: list[Imperfection], repeats: int) -> Path:
     """A session of the simulated arm."""
     scenario = Scenario().with_hidden(hidden)
     plan = ProbingPlan(repeats=repeats)
-    run_probing(ProbingJob(find_robot(DEFAULT), plan, path, scenario=scenario, seed=7, online=None))
+    run_probing(ProbingJob(find_robot(DEFAULT), path, plan, scenario=scenario, seed=7, online=None))
     return path
 
 
 def diagnosed(path: Path, channel: str) -> str:
     """Read a session, diagnose it over the whole library, and say in short what came out."""
-    material = load_material(path)
-    subjects = channels_to_diagnose(subjects_of(material, None, material.arm), channel)
-    found = diagnose_subjects(subjects, library(), lambda what, share: None, str(path)).channels
-    span_s = max(float(np.ptp(subject.channel.time_s)) for subject in subjects)
+    study = Study(path)
+    found = study.diagnose(channel).channels
+    span_s = max(float(np.ptp(one.data.time_s)) for one in study.channels)
     told = (
         f"{entry.channel} {' + '.join(a.effect for a in entry.accepted) or entry.verdict}" for entry in found
     )

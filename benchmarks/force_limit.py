@@ -19,7 +19,7 @@ from control.loop.task import TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates, tick_stream
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
-from palpate.arm.robots import find_robot, shipped_robots
+from palpate.runs.robots import find_robot, shipped_robots
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.guard import Guard

@@ -21,8 +21,8 @@ from control.loop.result import LoopResult
 from control.loop.tick_record import tick_stream
 from control.loop.timing import SectionTiming
 from control.probing.plan import ProbingPlan
-from palpate.arm.probing_run import ProbingJob, run_probing
-from palpate.arm.robots import find_robot
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import find_robot
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.session import SessionMetadata, SessionWriter
 
@@ -31,7 +31,7 @@ RATE_HZ = 1000.0
 
 def probing(session: Path) -> LoopResult:
     """Three speeds on the default object with online estimation, as fast as the machine can."""
-    result = run_probing(ProbingJob(find_robot("follower"), ProbingPlan(), session)).loop
+    result = run_probing(ProbingJob(find_robot("follower"), session, ProbingPlan())).loop
     result.raise_for_trip()
     return result
 

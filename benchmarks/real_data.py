@@ -23,7 +23,8 @@ from measured.free_run import free_run, refined
 from measured.recordings import SETS, Expected, Recording, model
 
 from estimation.diagnosis import ChannelDiagnosis, diagnose
-pass
+from estimation.effects.cubic_stiffness import CubicStiffness
+from estimation.study import engine
 
 
 @dataclass(frozen=True)
@@ -150,13 +151,14 @@ def show_free_run(folder: Path) -> None:
     step_s = read.SILVERBOX_STEP_S
     runs = [(data.effort[data.run == run], data.position[data.run == run]) for run in data.runs[:3]]
     print("  README, free run on the arrow: 13.6 -> 1.05 mV")
-    for stage in revise(data, model("smd", "inertia", "damping", "stiffness"), ["cubic_stiffness"]):
-        found = {name: entry.value for name, entry in stage.parameters.items()}
+    base = engine.fit(data, model("smd", "inertia", "damping", "stiffness"))
+    grown = engine.fit(data, base.model.with_effect(CubicStiffness()), base)
+    for added, fitted in (("the base model", base), ("cubic_stiffness", grown)):
+        found = {name: entry.value for name, entry in fitted.parameters.items()}
         errors = [
             1e3 * float(np.sqrt(np.mean((free_run(u, step_s, parameters) - y)[50:] ** 2)))
             for parameters in (found, refined(runs, step_s, found))
         ]
-        added = stage.added or "the base model"
         print(
             f"  free run on the arrow with {added}: {errors[0]:.2f} mV; "
             f"refined by free runs on others, with their shift: {errors[1]:.2f} mV"

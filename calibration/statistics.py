@@ -1,8 +1,20 @@
-"""Standard uncertainties that mean the same however few observations they rest on."""
+"""Estimates with standard uncertainties that mean the same however few observations they rest on."""
+
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 from scipy.stats import norm, t
 
 _COVERED = 0.975
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Estimate(Generic[Value]):
+    """A value (or an array of them) and its standard uncertainty."""
+
+    value: Value
+    std_err: Value
 
 
 def few_sample_factor(degrees_of_freedom: int) -> float:

@@ -1,38 +1,27 @@
 """Watches a robot without power, tick by tick, and logs it as the loop does."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
-from control.loop.interrupt import InterruptFlag
+from control.loop.journal import TickLog
 from control.loop.loop import READ_SHARE, first_measurement
 from control.loop.phases import Phase
-from control.loop.task import NO_RUN, TaskOutput
-from control.loop.tick_log import TickLog
+from control.loop.task import NO_RUN, aimless_output
 from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, tick_record
 from control.loop.timing import TickDurations
+from control.loop.way_out import InterruptFlag
 from robot_io.clock import Clock
 from robot_io.errors import SafetyTripError
 from robot_io.guard import Guard
 from robot_io.robot import Robot
-from robot_io.types import Command, Measurement
+from robot_io.types import Measurement
 
 _NO_DURATIONS = TickDurations(*[0.0] * len(TickDurations._fields))
 
 
 @dataclass(frozen=True)
 class StillRobot:
-    """A robot that is read and never powered.
-
-    Attributes:
-        robot: configured, not active.
-        guard: watches every measurement; nothing is commanded.
-        clock: the robot's.
-        log: takes the records of the stream "tick" and the events.
-        rate_hz: ticks per second.
-    """
+    """A robot that is configured, read and never powered; a guard watches every measurement."""
 
     robot: Robot
     guard: Guard
@@ -40,31 +29,19 @@ class StillRobot:
     log: TickLog
     rate_hz: float
 
-    def watch(
-        self, duration_s: float, run: int = NO_RUN, told: Callable[[float], None] | None = None
-    ) -> None:
-        """Read and log for a while.
-
-        Args:
-            duration_s: how long [s].
-            run: what the records are numbered with.
-            told: called after each tick with the share that is done.
+    def watch(self, duration_s: float, run: int = NO_RUN) -> None:
+        """Read and log for a while [s]; the records are numbered with `run`.
 
         Raises:
             SafetyTripError: a sample is missing, old or beyond a limit.
             KeyboardInterrupt: Ctrl-C, or the program was asked to end.
         """
-        output = _nothing_aimed_at(self.robot.joint_count, run)
+        output = aimless_output(self.robot.joint_count, Phase.IDLE, run)
         none_nm = output.command.joint_torque_nm
-        count, period_s, start_s = (
-            math.ceil(duration_s * self.rate_hz),
-            1.0 / self.rate_hz,
-            self.clock.now_s(),
-        )
+        period_s, start_s = 1.0 / self.rate_hz, self.clock.now_s()
         with InterruptFlag() as interrupt:
-            for tick in range(1, count + 1):
-                self.clock.sleep_until(start_s + tick * period_s)
-                measurement = self.robot.read(self.clock.now_s() + READ_SHARE * period_s)
+            for tick in range(1, math.ceil(duration_s * self.rate_hz) + 1):
+                measurement = self._read_at(start_s + tick * period_s)
                 self.guard.watch(measurement)
                 tripped = self.guard.tripped
                 record = tick_record(
@@ -75,15 +52,9 @@ class StillRobot:
                     raise SafetyTripError("; ".join(filter(None, (tripped.cause, tripped.remedy))))
                 if interrupt.signal_name:
                     raise KeyboardInterrupt
-                if told:
-                    told(tick / count)
 
     def await_samples(self) -> Measurement:
-        """Read until every device has a young sample; see `first_measurement`.
-
-        Raises:
-            DeviceTimeoutError: one has none in time.
-        """
+        """Read until every device has a young sample; see `first_measurement`."""
         return first_measurement(self.robot, self.guard, self.clock, 1.0 / self.rate_hz)
 
     def settle(self, duration_s: float) -> None:
@@ -91,13 +62,10 @@ class StillRobot:
         end_s, period_s = self.clock.now_s() + duration_s, 1.0 / self.rate_hz
         with InterruptFlag() as interrupt:
             while self.clock.now_s() < end_s:
-                self.clock.sleep_until(min(end_s, self.clock.now_s() + period_s))
-                self.robot.read(self.clock.now_s() + READ_SHARE * period_s)
+                self._read_at(min(end_s, self.clock.now_s() + period_s))
                 if interrupt.signal_name:
                     raise KeyboardInterrupt
 
-
-def _nothing_aimed_at(joint_count: int, run: int) -> TaskOutput:
-    joints, space = np.full(joint_count, np.nan), np.full(3, np.nan)
-    torque_off = Command(np.zeros(joint_count))
-    return TaskOutput(torque_off, joints, joints, space, space, space, math.nan, Phase.IDLE, run)
+    def _read_at(self, time_s: float) -> Measurement:
+        self.clock.sleep_until(time_s)
+        return self.robot.read(self.clock.now_s() + READ_SHARE / self.rate_hz)

@@ -1,7 +1,8 @@
 """Makes the pictures of the docs from real runs: `.venv/bin/python docs/make_pictures.py [DATA_DIR]`.
 
-Everything is probed, estimated and drawn anew, with the same code that the commands use. The picture of
-measured data needs the folder with the measurements; without it that one is left as it is.
+Everything is probed, estimated and drawn anew, with the same code that the commands use. Needs Chromium and a
+Vulkan driver (apt install chromium mesa-vulkan-drivers). The picture of measured data needs the folder with
+the measurements; without it that one is left as it is.
 """
 
 import shutil
@@ -11,14 +12,17 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import plotly.graph_objects as go
 
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
+from estimation.study.estimates import BEST, estimate_with
 from palpate.demo.hidden import STRENGTH, probe_hidden, solve
-from palpate.demo.probe import Demo, probe_demo, show_demo
-from palpate.findings.estimation_run import BEST, estimate_with
-from palpate.views.plots import save_plots
-from palpate.views.viewer import take_picture
+from palpate.demo.probe import probe_demo, show_demo
+from palpate.render.estimates import estimates_view
+from palpate.render.figures import fall_figure, state_figure
+from palpate.render.recording.viewer import take_picture
+from palpate.study_view import result_view
 from sim_backend.hidden import noise_scale
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.noise_scale import CONTACT
@@ -28,6 +32,7 @@ PICTURES = Path(__file__).parent / "pictures"
 SCREEN = (1600, 1000)
 MOMENT_S = 4.6  # the second run is holding its force
 SOFT = Path("soft_indentation") / "runs.csv.gz"
+SHARP = 2  # pixels of a picture for each of the figure
 
 
 def main(data_dir: Path | None) -> None:
@@ -36,19 +41,15 @@ def main(data_dir: Path | None) -> None:
     with tempfile.TemporaryDirectory() as folder:
         draw_simulated(Path(folder))
         draw_hidden(Path(folder))
-    if data_dir is not None:
-        draw_measured(data_dir / SOFT)
+        if data_dir is not None:
+            draw_measured(data_dir / SOFT, Path(folder))
 
 
 def draw_simulated(folder: Path) -> None:
-    """The default object as the demo shows it, and the paper's (its figure 4a)."""
-    demo = probed(folder / "demo.mcap", "default")
-    for plot in demo.plots:
-        shutil.copyfile(plot, PICTURES / plot.name)
-    take_picture(demo.recording, PICTURES / "rerun.png", MOMENT_S, SCREEN)
-    paper = probed(folder / "paper.mcap", "paper")
-    figure_4a = next(plot for plot in paper.plots if plot.stem == "force-displacement")
-    shutil.copyfile(figure_4a, PICTURES / "force-displacement-paper.png")
+    """The default object as the demo shows it."""
+    session = folder / "demo.mcap"
+    probe_demo(session, load_scenario("default"), seed=1)
+    take_picture(show_demo(session).recording, PICTURES / "rerun.png", MOMENT_S, SCREEN)
 
 
 def draw_hidden(folder: Path) -> None:
@@ -60,35 +61,38 @@ def draw_hidden(folder: Path) -> None:
     hidden = effect.at_strength(STRENGTH, CONTACT, noise_scale(world), rng)
     probe_hidden(session, world.with_hidden([hidden]), seed=1)
     demo = solve(session, lambda what, share: None)
-    shutil.copyfile(demo.files["waterfall"], PICTURES / "waterfall.png")
+    draw(fall_figure(result_view(demo.result)), 760, PICTURES / "waterfall.png", folder)
     take_picture(demo.files["recording"], PICTURES / "revisions.png", 0.0, SCREEN, revision=1)
-    browser = shutil.which("chromium")
-    if browser is not None:
-        shoot(browser, demo.files["report"], PICTURES / "report.png", folder / "profile")
+    shoot(demo.files["report"], (1120, 1500), PICTURES / "report.png", folder)
 
 
-def shoot(browser: str, page: Path, picture: Path, profile: Path) -> None:
-    """The upper part of a report as a browser shows it."""
-    flags = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync")
-    quiet = ("--disable-background-networking", "--hide-scrollbars", "--virtual-time-budget=8000")
-    size = (f"--user-data-dir={profile}", "--window-size=1120,1500", f"--screenshot={picture}")
-    subprocess.run([browser, *flags, *quiet, *size, page.as_uri()], check=True, capture_output=True)  # noqa: S603, our own page
-
-
-def probed(session: Path, scenario: str) -> Demo:
-    """One object, as `palpate demo` probes and shows it."""
-    probe_demo(session, load_scenario(scenario), seed=1)
-    return show_demo(session)
-
-
-def draw_measured(file: Path) -> None:
+def draw_measured(file: Path, folder: Path) -> None:
     """A soft specimen under an indenter, with the simple model that does not describe it."""
     options = ImportOptions(where={"source_file": "230515_hold"})
     channel = import_file(file, options).channels[0]
     found = estimate_with(channel, "kelvin_voigt", BEST)
-    with tempfile.TemporaryDirectory() as folder:
-        save_plots(None, found, Path(folder))
-        shutil.copyfile(Path(folder) / "force-displacement.png", PICTURES / "soft-indentation.png")
+    draw(state_figure(estimates_view(found, {})), 900, PICTURES / "soft-indentation.png", folder)
+
+
+def draw(figure: go.Figure, width: int, picture: Path, folder: Path) -> None:
+    """A figure as PNG."""
+    figure.update_layout(width=width, paper_bgcolor="white", plot_bgcolor="white")
+    page = folder / f"{picture.stem}.html"
+    html = figure.to_html(config={"displayModeBar": False})
+    page.write_text(html.replace("<body>", '<body style="margin:8px; background:white">'), encoding="utf-8")
+    shoot(page, (width + 16, figure.layout.height + 16), picture, folder, scale=SHARP)
+
+
+def shoot(page: Path, size: tuple[int, int], picture: Path, folder: Path, scale: int = 1) -> None:
+    """The upper part of a page as a browser shows it."""
+    browser = shutil.which("chromium")
+    if browser is None:
+        sys.exit("no Chromium here: apt install chromium")
+    flags = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync")
+    quiet = ("--disable-background-networking", "--hide-scrollbars", "--virtual-time-budget=8000")
+    look = (f"--window-size={size[0]},{size[1]}", f"--force-device-scale-factor={scale}")
+    where = (f"--user-data-dir={folder / 'profile'}", f"--screenshot={picture}", page.as_uri())
+    subprocess.run([browser, *flags, *quiet, *look, *where], check=True, capture_output=True)  # noqa: S603, our own page
 
 
 if __name__ == "__main__":

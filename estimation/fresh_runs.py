@@ -4,12 +4,11 @@ from dataclasses import replace
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effects.stress_relaxation import StressRelaxation
-from estimation.fitting.fit import fit
 from estimation.model import Model
 from estimation.signals.blocks import since_their_start
+from estimation.study import engine
 
-_PUSHED = 0.1  # of the greatest effort; where an object lets go, its force is cut off at nothing
-_BETTER = 0.95  # of the error, that another way to count must leave at most
+_BETTER = 0.95  # of the error in held-out runs, that another way to count must leave at most
 
 
 def on_clocks_of_their_own(data: ChannelData) -> ChannelData:
@@ -28,6 +27,5 @@ def relaxes_afresh(data: ChannelData, model: Model) -> bool:
     if data.kind is not ChannelKind.CONTACT or (afresh.time_s == data.time_s).all():
         return False
     relaxing = model.without(StressRelaxation.name).with_effect_first(StressRelaxation())
-    pushed = data.engaged & (data.effort > _PUSHED * data.effort.max())
-    one_clock, own_clocks = (fit(relaxing, way, rows=pushed).rmse for way in (data, afresh))
+    one_clock, own_clocks = (engine.fit(way, relaxing).rmse for way in (data, afresh))
     return own_clocks < _BETTER * one_clock

@@ -6,10 +6,9 @@ from collections import deque
 import numpy as np
 
 from control.laws.gains import TouchGains
-from control.laws.touch import release_force_n, touch_force_n
+from control.laws.touch import RunningMean, release_force_n, touch_force_n
 from control.loop.task import TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates
-from control.probing.running_mean import RunningMean
 from estimation.data.derivatives import centre_slope
 from estimation.estimator import OnlineEstimator
 from robot_io.types import Measurement, Status

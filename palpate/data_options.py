@@ -1,17 +1,19 @@
 """Options of every command that reads somebody's data file."""
 
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from control.arm.rigid_body import RigidBody
 from estimation.data.import_options import ImportOptions, parse_pairs
+from estimation.models import MODELS
 from palpate.files import existing_file
-from palpate.findings.estimation_run import Arm
+from palpate.study import Study, arm_from_urdf
 from palpate.words import as_shell_word, typed
 from robot_io.errors import InputError
-from robot_io.files.safe_yaml import read_text
 
 FileArgument = Annotated[
     Path, typer.Argument(help="Session (.mcap) or data file (.csv, .csv.gz, .parquet, .npz).")
@@ -43,14 +45,106 @@ ForceOption = Annotated[
     bool,
     typer.Option("--force", help="Replace files of the same names in the folder that --out names."),
 ]
-UrdfOption = Annotated[
+ModelOption = Annotated[
+    str | None, typer.Option(help=f"One of {', '.join(MODELS)}; default: what suits each channel.")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+_UrdfOption = Annotated[
     Path | None,
     typer.Option(help="The arm's URDF, for models that need it and data files.", metavar="FILE"),
 ]
-TIP_FRAME = "tip"
-TipFrameOption = Annotated[
-    str | None, typer.Option(help="The tip's frame in that URDF.", show_default=TIP_FRAME)
+_TipFrameOption = Annotated[
+    str | None, typer.Option(help="The tip's frame in that URDF.", show_default="tip")
 ]
+_EffectOption = Annotated[
+    list[str] | None,
+    typer.Option(help="Effect of your own that may be used; its file is run.", metavar="FILE.py:CLASS"),
+]
+
+
+@dataclass(frozen=True)
+class DataArguments:
+    """The file that a command is about, and how to read it, as the user typed that."""
+
+    file: Path
+    column: list[str] | None
+    unit: list[str] | None
+    where: list[str] | None
+    context: list[str] | None
+    fresh_runs: bool
+    urdf: Path | None
+    tip_frame: str | None
+    effect: list[str] | None
+
+    @property
+    def options(self) -> ImportOptions:
+        """How to read a data file.
+
+        Raises:
+            InputError: one is not of the form NAME=VALUE, or is given twice.
+        """
+        return import_options(self.column, self.unit, self.where, self.context, self.fresh_runs)
+
+    def study(self, model: str | None = None, folder: Path | None = None) -> Study:
+        """The study of this file.
+
+        Args:
+            model: base model; None for what suits each channel.
+            folder: where revisions are kept; None for the usual place.
+
+        Raises:
+            InputError: the data cannot be used.
+        """
+        existing_file(self.file, "session or data file")
+        if self.urdf is None and self.tip_frame is not None:
+            raise InputError(f"--tip-frame {self.tip_frame}: says nothing without --urdf FILE")
+        arm = None if self.urdf is None else arm_from_urdf(self.urdf, self.tip_frame)
+        return Study(
+            self.file, model, arm=arm, effects=self.effect or (), folder=folder, **vars(self.options)
+        )
+
+    def typed(self, **more: str | Path | list[str] | bool | None) -> str:
+        """The file with these and all further options as one would type them again; see `retyped`."""
+        given = {"effect": self.effect, "urdf": self.urdf, "tip-frame": self.tip_frame}
+        given |= {"column": self.column, "unit": self.unit, "where": self.where, "context": self.context}
+        return retyped(self.file, **{**given, "fresh-runs": self.fresh_runs, **more})
+
+
+def takes_data(command: Callable[..., None]) -> Callable[..., None]:
+    """A command whose first parameter `data: DataArguments` is made of one argument and the options above.
+
+    Typer reads the signature of the function that is returned: the file, the command's own parameters, then
+    the options that say how to read the file.
+    """
+
+    def run(**values: Any) -> None:  # noqa: ANN401, whatever the command takes
+        data = DataArguments(**{name: values.pop(name) for name in options})
+        command(data, **values)
+
+    options: dict[str, tuple[Any, Any]] = {
+        "file": (FileArgument, inspect.Parameter.empty),
+        "effect": (_EffectOption, None),
+        "urdf": (_UrdfOption, None),
+        "tip_frame": (_TipFrameOption, None),
+        "column": (ColumnOption, None),
+        "unit": (UnitOption, None),
+        "where": (WhereOption, None),
+        "context": (ContextOption, None),
+        "fresh_runs": (FreshOption, False),
+    }
+    made = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+        for name, (kind, default) in options.items()
+    ]
+    own = [
+        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for parameter in list(inspect.signature(command).parameters.values())[1:]
+    ]
+    signature = inspect.Signature([made[0], *own, *made[1:]])
+    run.__signature__ = signature  # type: ignore[attr-defined]
+    run.__annotations__ = {name: one.annotation for name, one in signature.parameters.items()}
+    run.__doc__, run.__name__ = command.__doc__, command.__name__
+    return run
 
 
 def import_options(
@@ -89,18 +183,3 @@ def retyped(file: Path, **options: str | Path | list[str] | bool | None) -> str:
             elif each is not None and each is not False:
                 words += [f"--{name}", as_shell_word(str(each))]
     return " ".join(words)
-
-
-def given_arm(urdf: Path | None, tip_frame: str | None, otherwise: Arm) -> Arm:
-    """The arm that the user names, or the one that the data came with.
-
-    Raises:
-        InputError: the file is not there, is no URDF or has no such frame, or there is a frame and no URDF.
-    """
-    if urdf is None:
-        if tip_frame is not None:
-            raise InputError(f"--tip-frame {tip_frame}: says nothing without --urdf FILE")
-        return otherwise
-    tip_frame = tip_frame or TIP_FRAME
-    RigidBody.from_urdf(existing_file(urdf, "URDF"), tip_frame)  # also where no model asks for it
-    return Arm(read_text(urdf), tip_frame, str(urdf))

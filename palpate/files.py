@@ -1,7 +1,7 @@
 """Files that the user names: checked before any work is done, so that nothing is half done.
 
 One rule for what is there already: nobody's file is replaced without `--force`, and what is read never. Only
-what palpate derives into a folder of its own (see `palpate.findings.derived`) is renewed.
+what palpate derives into a folder of its own (see `palpate.derived`) is renewed.
 """
 
 import os
@@ -32,16 +32,12 @@ def existing_file(path: Path, what: str) -> Path:
     if not path.is_file():
         raise InputError(f"{what} {path}: is a device or a pipe, not a file")
     if not os.access(path, os.R_OK):
-        raise InputError(f"{what} {path}: no right to read it")
+        raise InputError(f"{what} {path}: permission denied")
     return path
 
 
 def open_session(path: Path) -> Session:
-    """Read a session file.
-
-    Raises:
-        InputError: it is not there or is no session.
-    """
+    """Read a session file; `InputError` if it is not there or is no session."""
     return Session.open(existing_file(path, "session"))
 
 
@@ -105,11 +101,7 @@ def spare_files(folder: Path, names: Iterable[str], *, force: bool, keep: Iterab
 
 
 def different_files(*paths: Path | None) -> None:
-    """Refuse outputs that would replace each other.
-
-    Raises:
-        InputError: two of them are one file.
-    """
+    """Refuse outputs that would replace each other; `InputError` if two of them are one file."""
     places = [path for path in paths if path is not None]
     for number, path in enumerate(places):
         if any(path.resolve() == other.resolve() for other in places[:number]):
@@ -137,45 +129,9 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file of text, whole or not at all.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Write a file of text, whole or not at all; `InputError` if it cannot be written."""
     with whole_file(path) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
-
-
-def write_new_text(path: Path, text: str) -> bool:
-    """Write a file of text, whole or not at all, unless something of that name is there already.
-
-    Returns:
-        Whether it was written; of several writers at once, one alone is told so.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    unfinished = _unfinished(path)
-    try:
-        unfinished.write_text(text, encoding="utf-8")
-        _named(unfinished, path)
-    except FileExistsError:
-        return False
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        unfinished.unlink(missing_ok=True)
-    return True
-
-
-def _named(made: Path, path: Path) -> None:
-    try:
-        os.link(made, path)
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without links: the name is taken first, and empty for a moment
-        path.touch(exist_ok=False)
-        made.replace(path)
 
 
 def _unfinished(path: Path) -> Path:

@@ -1,7 +1,6 @@
 """Entry of the `palpate` command: check the ground first, then load the commands."""
 
 import io
-import logging
 import os
 import signal
 import sys
@@ -54,8 +53,7 @@ def _leave_at_once(code: int) -> NoReturn:
 
 
 def _keep_libraries_quiet() -> None:
-    """Nobody can act on what libraries mutter: overflows, fonts, folders for caches."""
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)
+    """Nobody can act on overflows that libraries warn of."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore", RuntimeWarning)
 

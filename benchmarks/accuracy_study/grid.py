@@ -13,8 +13,8 @@ from estimation.data import load_channels
 from estimation.estimate_channel import estimate_channel
 from estimation.estimators import ESTIMATORS
 from estimation.models import MODELS
-from palpate.arm.probing_run import ProbingJob, run_probing
-from palpate.arm.robots import find_robot
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import find_robot
 from sim_backend.scenario import load_scenario
 
 DAMPING_SCALE = 20.0  # N s/m; an error at c = 0 has no ratio to the truth and is given as a share of this
@@ -38,7 +38,7 @@ def probe(stiffness: float, damping: float, seed: int, folder: Path) -> Path:
     plan = ProbingPlan(speeds_m_s=SPEEDS_M_S, force_limit_n=FORCE_LIMIT_N, search_depth_m=0.2)
     session = folder / f"k{stiffness:.0f}_c{damping:.0f}_{seed}.mcap"
     scenario = load_scenario({"object": {"law": law}})
-    run_probing(ProbingJob(find_robot("follower"), plan, session, scenario=scenario, seed=seed, online=None))
+    run_probing(ProbingJob(find_robot("follower"), session, plan, scenario=scenario, seed=seed, online=None))
     return session
 
 

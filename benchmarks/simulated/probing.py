@@ -8,10 +8,9 @@ import numpy as np
 
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis import ChannelDiagnosis, diagnose
-from palpate.arm.probing_run import ProbingJob, run_probing
-from palpate.arm.robots import DEFAULT, find_robot
-from palpate.findings.estimation_run import load_material
-from palpate.findings.subject import subjects_of
+from estimation.study import Study
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import DEFAULT, find_robot
 from sim_backend.hidden import draw_hidden, noise_scale
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import Scenario
@@ -76,9 +75,7 @@ def drawable() -> list[str]:
     """Effects that some channel of a probing run shows."""
     channels = noise_scale(Scenario()).channels
     return [
-        name
-        for name in IMPERFECTIONS
-        if any(channel in IMPERFECTIONS[name].shows_in for channel in channels)
+        name for name in IMPERFECTIONS if any(channel in IMPERFECTIONS[name].shows_in for channel in channels)
     ]
 
 
@@ -94,11 +91,10 @@ def probe(effect: str, seed: int, folder: Path) -> Probed:
     hidden: Sequence = draw_hidden(seed, effect=effect, scenario=world) if effect else []
     path = folder / f"{effect or 'nothing'}-{seed}.mcap"
     scenario = world.with_hidden(list(hidden))
-    job = ProbingJob(find_robot(DEFAULT), ProbingPlan(), path, scenario=scenario, seed=seed, online=None)
+    job = ProbingJob(find_robot(DEFAULT), path, ProbingPlan(), scenario=scenario, seed=seed, online=None)
     run_probing(job)
-    material = load_material(path)
-    subjects = subjects_of(material, None, material.arm)
+    channels = Study(path).channels
     rng = np.random.default_rng(seed)
-    found = diagnose([s.channel for s in subjects], [s.model for s in subjects], rng=rng).channels
+    found = diagnose([one.data for one in channels], [one.model for one in channels], rng=rng).channels
     told = "; ".join(f"{entry.name} {entry.model_dump(exclude={'effect'})}" for entry in hidden)
     return Probed(told, seed, found)

@@ -1,4 +1,9 @@
-"""Chooses a motion for an arm: inside its limits, clear of the ground, and telling as much as it can."""
+"""A motion of all joints that excites what is to be identified: a finite Fourier series about a posture.
+
+It stays inside the arm's limits and clear of the ground, and tells as much as it can.
+
+J. Swevers et al., Optimal robot excitation and identification, IEEE Trans. Robotics Automation 13(5), 1997.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -6,17 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.clearance import is_clear
-from calibration.arm.fourier import FourierPath
 from calibration.arm.model import GravityBodies, design
-from calibration.arm.pace import SHARE, overloaded_joint, paced
-from calibration.arm.way_up import check_way_up, highest_posture, room
+from calibration.arm.room import SHARE, check_way_up, highest_posture, is_clear, overloaded_joint, paced, room
 from control.arm.rigid_body import RigidBody
-from control.paths.motion import JointMotion
+from control.paths.trajectory import JointMotion, quintic
 from robot_io.errors import InputError
 from robot_io.guard import Limits
 from robot_io.types import FloatArray
 
+_FADE_SHARE = 0.1  # of the duration, from rest to the full motion and back
 HARMONICS = 4
 _SLOWEST_RAD_S = 0.1  # friction near standstill hides the torques of slower motions
 _LIMIT_MARGIN_RAD = 0.15  # stays so far from the position limits
@@ -25,25 +28,54 @@ _LOOKS = 120  # postures of a candidate that are looked at
 _SHRINKING = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2)
 
 
-@dataclass(frozen=True)
-class ExcitationWish:
-    """What kind of motion is wanted.
+class FourierPath:
+    """q(t) = centre + fade(t) sum_k amplitude_k sin(2 pi k t / period + phase_k).
 
-    Attributes:
-        duration_s: of the whole motion [s].
-        period_s: of its slowest part [s].
-        amplitude_rad: of a joint, if nothing is in the way [rad].
-        speed_rad_s: of the fastest joint at most [rad/s].
+    It starts and ends at rest in the centre (n,) [rad], fading over a quintic, so that no acceleration jumps.
+    Amplitudes [rad] and phases [rad] have shape (n, harmonics).
     """
 
-    duration_s: float
-    period_s: float
-    amplitude_rad: float = 1.0
-    speed_rad_s: float = 1.5
+    def __init__(
+        self,
+        centre_rad: FloatArray,
+        amplitude_rad: FloatArray,
+        phase_rad: FloatArray,
+        period_s: float,
+        duration_s: float,
+    ) -> None:
+        self.centre_rad, self.duration_s = centre_rad, duration_s
+        self._amplitude, self._phase = amplitude_rad, phase_rad
+        self._rate = math.tau / period_s * np.arange(1, amplitude_rad.shape[1] + 1)
+
+    def at(self, time_s: float) -> JointMotion:
+        """Motion `time_s` [s] after the start; at rest before and after."""
+        angle = self._rate * time_s + self._phase
+        sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
+        wave, speed, acceleration = sine.sum(axis=1), cosine @ self._rate, -(sine @ self._rate**2)
+        sign = (
+            1.0 if time_s <= 0.5 * self.duration_s else -1.0
+        )  # the second half fades as the first, backwards
+        since_s = time_s if sign > 0.0 else self.duration_s - time_s
+        fade, rate, spin = quintic(since_s, _FADE_SHARE * self.duration_s)
+        return JointMotion(
+            self.centre_rad + fade * wave,
+            fade * speed + sign * rate * wave,
+            fade * acceleration + 2.0 * sign * rate * speed + spin * wave,
+        )
 
 
-TORQUE_WISH = ExcitationWish(duration_s=40.0, period_s=10.0)
-GRAVITY_WISH = ExcitationWish(duration_s=60.0, period_s=30.0, speed_rad_s=0.4)
+@dataclass(frozen=True)
+class ExcitationSettings:
+    """What kind of motion is wanted."""
+
+    duration_s: float  # of the whole motion [s]
+    period_s: float  # of its slowest part [s]
+    amplitude_rad: float = 1.0  # of a joint, if nothing is in the way [rad]
+    speed_rad_s: float = 1.5  # of the fastest joint at most [rad/s]
+
+
+TORQUE_MOTION = ExcitationSettings(duration_s=40.0, period_s=10.0)
+GRAVITY_MOTION = ExcitationSettings(duration_s=60.0, period_s=30.0, speed_rad_s=0.4)
 
 
 def choose_path(
@@ -52,41 +84,35 @@ def choose_path(
     start_rad: FloatArray,
     limits: Limits,
     *,
-    wish: ExcitationWish,
+    settings: ExcitationSettings,
     rng: np.random.Generator,
 ) -> FourierPath:
     """The most telling of some random paths about the posture that stands highest.
 
-    Telling is the determinant of the normal equations (D-optimal) of gains, offsets, friction and tilt.
-
-    Args:
-        body: the arm.
-        bodies: its parts for the model.
-        start_rad: where the arm stands, shape (n,) [rad]; nothing goes lower than it does there.
-        limits: of position, velocity and torque.
-        wish: duration and speed.
-        rng: for the candidates; equal seeds choose the same path.
+    The most telling has the largest determinant of the normal equations (D-optimal) of gains, offsets,
+    friction and tilt. Nothing goes lower than where the arm stands, `start_rad` (n,); equal seeds choose
+    the same path.
 
     Raises:
         InputError: no motion is clear of the ground and inside the limits, or all are too slow to tell.
     """
     floor_m = float(body.heights_m(start_rad)[1:].min())
     low, high = room(limits, _LIMIT_MARGIN_RAD)
-    speed = _told_speeds(limits, wish)
+    speed = _allowed_speeds(limits, settings)
     centre = highest_posture(body, low, high)
     check_way_up(body, start_rad, centre, limits)
-    times = np.linspace(0.0, wish.duration_s, _LOOKS)
+    times = np.linspace(0.0, settings.duration_s, _LOOKS)
     best: tuple[float, FourierPath] | None = None
     for _ in range(_CANDIDATES):
         shape = (
             rng.uniform(0.3, 1.0, (body.joint_count, HARMONICS)),
             rng.uniform(-math.pi, math.pi, (body.joint_count, HARMONICS)),
         )
-        for path in _shrinking(centre, shape, wish, (low, high), speed):
+        for path in _shrinking(centre, shape, settings, (low, high), speed):
             motions = [path.at(time_s) for time_s in times]
             clear = is_clear(body, (motion.position_rad for motion in motions), floor_m)
             if clear and overloaded_joint(body, motions, limits) is None:
-                score = _telling(bodies, motions)
+                score = _information(bodies, motions)
                 best = (score, path) if best is None or score > best[0] else best
                 break
     if best is None:
@@ -97,13 +123,9 @@ def choose_path(
     return best[1]
 
 
-def _told_speeds(limits: Limits, wish: ExcitationWish) -> FloatArray:
-    """Speeds that the joints may have, shape (n,) [rad/s].
-
-    Raises:
-        InputError: a joint may only move so slowly that its torque says nothing.
-    """
-    speed = paced(wish.speed_rad_s, limits)
+def _allowed_speeds(limits: Limits, settings: ExcitationSettings) -> FloatArray:
+    """Speeds (n,) [rad/s]; refuses with `InputError` a joint too slow for its torque to say anything."""
+    speed = paced(settings.speed_rad_s, limits)
     joint = int(speed.argmin())
     if speed[joint] < _SLOWEST_RAD_S:
         raise InputError(
@@ -116,25 +138,25 @@ def _told_speeds(limits: Limits, wish: ExcitationWish) -> FloatArray:
 def _shrinking(
     centre: FloatArray,
     shape: tuple[FloatArray, FloatArray],
-    wish: ExcitationWish,
+    settings: ExcitationSettings,
     bounds: tuple[FloatArray, FloatArray],
     speed: FloatArray,
 ) -> Iterator[FourierPath]:
     """One path, smaller and smaller; each inside the limits of position and speed."""
     (low, high), (amplitude, phase) = bounds, shape
-    period_s = wish.period_s
-    times = np.linspace(0.0, wish.duration_s, 10 * _LOOKS)
-    unit = FourierPath(np.zeros(len(centre)), amplitude, phase, period_s, wish.duration_s)
+    period_s = settings.period_s
+    times = np.linspace(0.0, settings.duration_s, 10 * _LOOKS)
+    unit = FourierPath(np.zeros(len(centre)), amplitude, phase, period_s, settings.duration_s)
     motions = [unit.at(time_s) for time_s in times]
     reach = np.abs([motion.position_rad for motion in motions]).max(axis=0)
     rate = np.abs([motion.velocity_rad_s for motion in motions]).max(axis=0)
-    room = np.minimum(np.minimum(high - centre, centre - low), wish.amplitude_rad)
+    room = np.minimum(np.minimum(high - centre, centre - low), settings.amplitude_rad)
     scale = np.minimum(room / reach, speed / rate)
     for share in _SHRINKING:
-        yield FourierPath(centre, share * scale[:, None] * amplitude, phase, period_s, wish.duration_s)
+        yield FourierPath(centre, share * scale[:, None] * amplitude, phase, period_s, settings.duration_s)
 
 
-def _telling(bodies: GravityBodies, motions: Sequence[JointMotion]) -> float:
+def _information(bodies: GravityBodies, motions: Sequence[JointMotion]) -> float:
     q, v, a = (np.array(part) for part in zip(*motions, strict=True))
     columns = design(bodies, q, v, a)
     norms = np.linalg.norm(columns, axis=0)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from calibration.arm.model import GravityBodies, fall, fall_slopes
+from calibration.statistics import Estimate
 from estimation.data.tick_channels import joint_channels
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.errors import InputError
@@ -33,37 +34,21 @@ _UNFELT = 1e-3  # of the larger one: a tilt whose torque is less than that is no
 _FEWEST_LOADED = 1e-9
 
 
+Estimates = Estimate[FloatArray]
+
+
 @dataclass(frozen=True)
 class ArmFit:
-    """What a motion says; standard uncertainties beside the values, arrays of shape (n,).
+    """What a motion says of each joint, arrays of shape (n,), of the base, and of the samples (m, n)."""
 
-    Attributes:
-        gain: true over measured torque [-].
-        offset_nm: true torque where the measured one is 0 [N m].
-        command_offset_nm: true torque where the commanded one is 0 [N m].
-        coulomb_nm: dry friction [N m].
-        viscous_nms_rad: viscous friction [N m s/rad].
-        delay_s: of the torque samples behind the motion's, and its standard uncertainty, shape (2,) [s].
-        tilt_rad: pitch and roll, shape (2,) [rad]; NaN where the arm does not feel it.
-        residual_nm: measured less fitted torque, NaN where a sample was left out, shape (m, n) [N m].
-        position_rad: shape (m, n) [rad].
-        velocity_rad_s: shape (m, n) [rad/s].
-    """
-
-    gain: FloatArray
-    gain_std: FloatArray
-    offset_nm: FloatArray
-    offset_std_nm: FloatArray
-    command_offset_nm: FloatArray
-    command_offset_std_nm: FloatArray
-    coulomb_nm: FloatArray
-    coulomb_std_nm: FloatArray
-    viscous_nms_rad: FloatArray
-    viscous_std_nms_rad: FloatArray
-    delay_s: FloatArray
-    tilt_rad: FloatArray
-    tilt_std_rad: FloatArray
-    residual_nm: FloatArray
+    gain: Estimates  # true over measured torque [-]
+    offset_nm: Estimates  # true torque where the measured one is 0 [N m]
+    command_offset_nm: Estimates  # true torque where the commanded one is 0 [N m]
+    coulomb_nm: Estimates  # dry friction [N m]
+    viscous_nms_rad: Estimates  # viscous friction [N m s/rad]
+    delay_s: Estimate[float]  # of the torque samples behind the motion's [s]
+    tilt_rad: Estimates  # pitch and roll, shape (2,) [rad]; NaN where the arm does not feel it
+    residual_nm: FloatArray  # measured less fitted torque, NaN where a sample was left out [N m]
     position_rad: FloatArray
     velocity_rad_s: FloatArray
 
@@ -81,11 +66,7 @@ class ArmMotion:
 
 
 def motion_of(ticks: Samples) -> ArmMotion:
-    """The part of a session in which the path was followed.
-
-    Raises:
-        InputError: there is none.
-    """
+    """The part of a session in which the path was followed; `InputError` if there is none."""
     excited = ticks.select(ticks["run"] == 0)
     channels = joint_channels(excited)
     if not channels or len(channels[0]) < _FEWEST:
@@ -108,17 +89,15 @@ def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
     """Fit the model to a motion.
 
     Raises:
-        InputError: a joint hardly moved, or its load does not change, so that its gain cannot be told.
+        InputError: a joint hardly moved, or its load does not change, so that its gain is not determined.
     """
     inertial, gravity = bodies.parts(motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2)
     moving = _means(_well_moving(motion.velocity_rad_s).astype(np.float64)) == 1.0
     inertial, gravity = _means(inertial), _means(gravity)
     motion = ArmMotion(*(_means(getattr(motion, field.name)) for field in fields(motion)))
     _check(moving, inertial + gravity @ fall(np.zeros(2)))
-    felt = _felt(gravity)
-    solver = _Solver(motion, inertial, gravity, moving, felt)
-    values, covariance = solver.solve()
-    return _unpacked(solver, values, covariance, motion)
+    solver = _Solver(motion, inertial, gravity, moving, _felt(gravity))
+    return _unpacked(solver, *solver.solve())
 
 
 class _Solver:
@@ -158,19 +137,22 @@ class _Solver:
         tilt[self.felt] = values[self.delay + 1 :]
         return tilt
 
-    def known_nm(self, values: FloatArray) -> FloatArray:
-        """The rigid body's torques with this tilt and delay, shape (m, n)."""
-        known, rate = self._known_and_rate(values)
-        return np.asarray(known - values[self.delay] * rate)
+    def predicted_nm(self, values: FloatArray) -> FloatArray:
+        """What the drives should have measured, shape (m, n)."""
+        known, _ = self._known_and_rate(values)
+        s, c, b, o = values[: self.delay].reshape(-1, 4).T
+        speed = self.motion.velocity_rad_s
+        return np.asarray(s * known + c * np.sign(speed) + b * speed - o)
 
     def _known_and_rate(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The rigid body's torques with this tilt and delay, (m, n), and their rate without the delay."""
         known = np.asarray(self._inertial + self._gravity @ fall(self.tilt(values)))
-        return known, np.gradient(known, self.motion.time_s, axis=0)
+        rate = np.gradient(known, self.motion.time_s, axis=0)
+        return known - values[self.delay] * rate, rate
 
     def _linearised(self, values: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
         """Columns (k, p), residuals (k,) and joint numbers (k,) of all samples that count."""
         known, rate = self._known_and_rate(values)
-        known -= values[self.delay] * rate
         slopes = self._gravity @ fall_slopes(self.tilt(values))[:, self.felt]
         blocks, residuals, joints = [], [], []
         for j in range(self.joints):
@@ -187,50 +169,36 @@ class _Solver:
         return np.concatenate(blocks), np.concatenate(residuals), np.concatenate(joints)
 
 
-def _unpacked(solver: _Solver, values: FloatArray, covariance: FloatArray, motion: ArmMotion) -> ArmFit:
+def _unpacked(solver: _Solver, values: FloatArray, covariance: FloatArray) -> ArmFit:
     """Gain, offset and friction out of their ratios, with uncertainties to the first order."""
-    n = solver.joints
-    s, c, b, o = (values[k : 4 * n : 4] for k in range(4))
-    gain = 1.0 / s
-    found, errors = {}, {}
-    for name, k, ratio in (("coulomb", 1, c), ("viscous", 2, b), ("offset", 3, o)):
-        slopes = np.zeros((n, len(values)))
-        rows = np.arange(n)
-        slopes[rows, 4 * rows + k] = gain
-        slopes[rows, 4 * rows] = -ratio * gain**2
-        found[name], errors[name] = (
-            gain * ratio,
-            np.sqrt(np.einsum("ip,pq,iq->i", slopes, covariance, slopes)),
-        )
-    gain_std = gain**2 * np.sqrt(np.diag(covariance)[: 4 * n : 4])
+    motion, delay = solver.motion, solver.delay
+    ratios, std = values[:delay].reshape(-1, 4), np.sqrt(np.diag(covariance))
+    gain = 1.0 / ratios[:, 0]
+    first = np.arange(0, delay, 4)
+
+    def times_gain(k: int) -> Estimates:
+        slopes = np.zeros((len(gain), len(values)))
+        slopes[np.arange(len(gain)), first + k] = gain
+        slopes[np.arange(len(gain)), first] = -ratios[:, k] * gain**2
+        return Estimate(gain * ratios[:, k], np.sqrt(np.einsum("ip,pq,iq->i", slopes, covariance, slopes)))
+
+    offset = times_gain(3)
     tilt, tilt_std = np.full(2, np.nan), np.full(2, np.nan)
-    tilt[solver.felt], tilt_std[solver.felt] = values[4 * n + 1 :], np.sqrt(np.diag(covariance)[4 * n + 1 :])
+    tilt[solver.felt], tilt_std[solver.felt] = values[delay + 1 :], std[delay + 1 :]
     shift, shift_std = _mean_and_error(motion.measured_nm - motion.sent_nm)
-    residual = motion.measured_nm - _predicted(solver, values)
+    residual = motion.measured_nm - solver.predicted_nm(values)
     return ArmFit(
-        gain=gain,
-        gain_std=gain_std,
-        offset_nm=found["offset"],
-        offset_std_nm=errors["offset"],
-        command_offset_nm=found["offset"] + gain * shift,
-        command_offset_std_nm=np.hypot(errors["offset"], gain * shift_std),
-        coulomb_nm=found["coulomb"],
-        coulomb_std_nm=errors["coulomb"],
-        viscous_nms_rad=found["viscous"],
-        viscous_std_nms_rad=errors["viscous"],
-        delay_s=np.array([values[4 * n], np.sqrt(covariance[4 * n, 4 * n])]),
-        tilt_rad=tilt,
-        tilt_std_rad=tilt_std,
+        gain=Estimate(gain, gain**2 * std[first]),
+        offset_nm=offset,
+        command_offset_nm=Estimate(offset.value + gain * shift, np.hypot(offset.std_err, gain * shift_std)),
+        coulomb_nm=times_gain(1),
+        viscous_nms_rad=times_gain(2),
+        delay_s=Estimate(float(values[delay]), float(std[delay])),
+        tilt_rad=Estimate(tilt, tilt_std),
         residual_nm=np.where(solver.moving, residual, np.nan),
         position_rad=motion.position_rad,
         velocity_rad_s=motion.velocity_rad_s,
     )
-
-
-def _predicted(solver: _Solver, values: FloatArray) -> FloatArray:
-    s, c, b, o = (values[k : 4 * solver.joints : 4] for k in range(4))
-    speed = solver.motion.velocity_rad_s
-    return np.asarray(s * solver.known_nm(values) + c * np.sign(speed) + b * speed - o)
 
 
 def _mean_and_error(values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -257,7 +225,7 @@ def _well_moving(velocity_rad_s: FloatArray) -> BoolArray:
 
 
 def _felt(gravity: FloatArray) -> BoolArray:
-    """Which of pitch and roll change the torques of a level arm enough to be told."""
+    """Which of pitch and roll change the torques of a level arm enough to be identified."""
     size = np.linalg.norm((gravity @ fall_slopes(np.zeros(2))).reshape(-1, 2), axis=0)
     return np.asarray(size > _UNFELT * max(float(size.max()), _FEWEST_LOADED))
 
@@ -273,7 +241,7 @@ def _check(moving: BoolArray, torque_nm: FloatArray) -> None:
             )
         if spread < _FEWEST_LOADED:
             raise InputError(
-                f"joint {joint} carries the same load everywhere: its torque gain cannot be told"
+                f"joint {joint} carries the same load everywhere: its torque gain cannot be identified"
             )
 
 

@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 
+from calibration.arm.excitation import FourierPath
+from calibration.arm.room import ACCELERATION_RAD_S2
 from control.arm.rigid_body import RigidBody
 from control.laws.computed_torque import ComputedTorque
 from control.laws.gains import TrackingGains
 from control.loop.phases import Phase
 from control.loop.task import NO_RUN, TaskEvent, TaskOutput
-from control.paths.motion import JointMotion
+from control.paths.trajectory import JointMotion, JointMove
 from robot_io.errors import SafetyTripError
 from robot_io.types import Command, FloatArray, Measurement
 
@@ -17,15 +19,11 @@ TOUCH_N = 5.0  # away from what the force sensor showed at the start
 _TOUCH_TICKS = 3
 _REST_RAD_S = 0.05
 _REST_WAIT_S = 2.0
+_SETTLE_S = 0.3
 
 
 class FreeMotion:
-    """The part that all motions without contact share: tracking, the look at the force, the record.
-
-    Args:
-        body: the arm.
-        gains: of tracking.
-    """
+    """The part that all motions without contact share: tracking, the look at the force, the record."""
 
     def __init__(self, body: RigidBody, gains: TrackingGains) -> None:
         self.body = body
@@ -60,11 +58,7 @@ class FreeMotion:
         return self._torque.step(measurement, motion, self._no_contact, dt_s)
 
     def at_rest(self, measurement: Measurement, waited_s: float) -> bool:
-        """Whether the arm stands, `waited_s` [s] after its motion should have ended.
-
-        Raises:
-            SafetyTripError: it ought to by now.
-        """
+        """Whether the arm stands, `waited_s` after its motion should have ended; trips if too long."""
         stands = float(np.abs(measurement.joint_velocity_rad_s).max()) < _REST_RAD_S
         if not stands and waited_s > _REST_WAIT_S:
             raise SafetyTripError(
@@ -98,4 +92,45 @@ class FreeMotion:
             run=run,
             done=done,
             events=events,
+        )
+
+
+class PathTask:
+    """Moves to a path, follows it and moves back; see `control.loop.task.Task`. The path's ticks are run 0.
+
+    On the ways there and back the fastest joint moves at `travel_rad_s` [rad/s].
+    """
+
+    def __init__(self, body: RigidBody, gains: TrackingGains, path: FourierPath, travel_rad_s: float) -> None:
+        self._free = FreeMotion(body, gains)
+        self._path, self._travel_rad_s = path, travel_rad_s
+        self._time_s = 0.0
+        self.duration_s = path.duration_s  # with the ways to it and back, once started
+
+    def start(self, measurement: Measurement) -> None:
+        """See `control.loop.task.Task.start`."""
+        self._free.start(measurement)
+        self._time_s = 0.0
+        start_rad, centre_rad = measurement.joint_position_rad.copy(), self._path.centre_rad
+        self._there = JointMove(start_rad, centre_rad, self._travel_rad_s, ACCELERATION_RAD_S2)
+        self._back = JointMove(centre_rad, start_rad, self._travel_rad_s, ACCELERATION_RAD_S2)
+        self._begin_s = self._there.duration_s + _SETTLE_S
+        self._end_s = self._begin_s + self._path.duration_s
+        self.duration_s = self._end_s + self._back.duration_s + _SETTLE_S
+
+    def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        """See `control.loop.task.Task.step`."""
+        self._time_s += dt_s
+        if self._time_s < self._begin_s:
+            motion, phase, run = self._there.at(self._time_s), Phase.MOVE, NO_RUN
+        elif self._time_s < self._end_s:
+            motion, phase, run = self._path.at(self._time_s - self._begin_s), Phase.FREE_AIR, 0
+        else:
+            motion, phase, run = self._back.at(self._time_s - self._end_s), Phase.MOVE, NO_RUN
+        torque_nm = self._free.torque_nm(measurement, motion, dt_s)
+        over_s = self._time_s - self.duration_s
+        done = over_s >= 0.0 and self._free.at_rest(measurement, over_s)
+        events = (TaskEvent("motion_done", "the motion is done"),) if done else ()
+        return self._free.output(
+            measurement, motion, torque_nm, Phase.IDLE if done else phase, run, done=done, events=events
         )

@@ -28,11 +28,7 @@ class GravityBodies:
 
     @classmethod
     def from_urdf(cls, urdf: str | Path, tip_frame: str) -> Self:
-        """The arm of a URDF (path or text).
-
-        Raises:
-            InputError: as `RigidBody.from_urdf`.
-        """
+        """The arm of a URDF (path or text)."""
         weightless, x, y, z = (
             RigidBody.from_urdf(urdf, tip_frame, gravity) for gravity in ((0.0, 0.0, 0.0), *_UNIT)
         )
@@ -40,9 +36,9 @@ class GravityBodies:
 
     def parts(self, q: FloatArray, v: FloatArray, a: FloatArray) -> tuple[FloatArray, FloatArray]:
         """I, shape (m, n), and G, shape (m, n, 3), along motions of shape (m, n)."""
-        inertial = np.array([self.weightless.inverse_dynamics(*rows) for rows in zip(q, v, a, strict=True)])
-        gravity = np.array([[body.gravity(row) for body in self.along] for row in q])
-        return inertial, np.moveaxis(gravity, 1, 2)
+        rest = np.zeros_like(q)
+        gravity = np.stack([body.inverse_dynamics_along(q, rest, rest) for body in self.along], axis=2)
+        return self.weightless.inverse_dynamics_along(q, v, a), gravity
 
 
 def fall(tilt_rad: FloatArray) -> FloatArray:

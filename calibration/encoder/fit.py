@@ -16,30 +16,17 @@ _UNIFORM = np.sqrt(12.0)  # resolution over the standard deviation that it alone
 
 @dataclass(frozen=True)
 class EncoderFit:
-    """Zeros of n joints.
+    """Zeros of n joints."""
 
-    Attributes:
-        offset_rad: to be added to what the encoders show, shape (n,) [rad].
-        std_rad: standard uncertainties, shape (n,) [rad].
-        shown_rad: one mean for every touch of every joint, or one for the pose [rad].
-        known_rad: where the joints were then, shape (n,) [rad].
-        repeatability_rad: standard deviation of the touches, shape (n,); 0 for a pose [rad].
-    """
-
-    offset_rad: FloatArray
-    std_rad: FloatArray
-    shown_rad: tuple[FloatArray, ...]
-    known_rad: FloatArray
-    repeatability_rad: FloatArray
+    offset_rad: FloatArray  # to be added to what the encoders show, shape (n,) [rad]
+    std_rad: FloatArray  # standard uncertainties, shape (n,) [rad]
+    shown_rad: tuple[FloatArray, ...]  # one mean for every touch of every joint, or one for the pose [rad]
+    known_rad: FloatArray  # where the joints were then, shape (n,) [rad]
+    repeatability_rad: FloatArray  # standard deviation of the touches, shape (n,); 0 for a pose [rad]
 
 
 def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> EncoderFit:
-    """Zeros from touches of hard stops.
-
-    Args:
-        session: as `StopTask` logs it.
-        joint_count: n.
-        stop_std_rad: standard uncertainty of where the stops are [rad].
+    """Zeros from touches of hard stops, known to a standard uncertainty, as `StopTask` logs them.
 
     Raises:
         InputError: a joint's stop was not touched at least twice.
@@ -59,22 +46,15 @@ def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> Encode
     means = np.array([np.mean(touches) for touches in shown])
     scatter = np.array([np.std(touches, ddof=1) for touches in shown])
     scatter[scatter < _ROUNDING_RAD] = 0.0
-    errors = [
-        few_sample_factor(len(touches) - 1) * deviation / np.sqrt(len(touches))
-        for touches, deviation in zip(shown, scatter, strict=True)
-    ]
+    counts = np.array([len(touches) for touches in shown])
+    errors = np.array([few_sample_factor(count - 1) for count in counts]) * scatter / np.sqrt(counts)
     resolution = _resolution(session.samples("tick"))
-    std = np.sqrt(np.array(errors) ** 2 + (resolution / _UNIFORM) ** 2 + stop_std_rad**2)
+    std = np.sqrt(errors**2 + (resolution / _UNIFORM) ** 2 + stop_std_rad**2)
     return EncoderFit(known - means, std, tuple(np.array(t) for t in shown), known, scatter)
 
 
 def fit_pose(session: Session, pose_rad: FloatArray, pose_std_rad: float) -> EncoderFit:
-    """Zeros from a pose that the arm was held in.
-
-    Args:
-        session: of the arm at rest.
-        pose_rad: where the joints were, shape (n,) [rad].
-        pose_std_rad: standard uncertainty of that, each joint [rad].
+    """Zeros from a pose (n,) [rad] that the arm was held in, known to a standard uncertainty for each joint.
 
     Raises:
         InputError: the session holds no samples, or the arm moved.

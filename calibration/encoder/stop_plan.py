@@ -6,11 +6,17 @@ from itertools import product
 
 import numpy as np
 
-from calibration.arm.clearance import MARGIN_M, lowest_m, straight_way
-from calibration.arm.pace import overloaded_joint
-from calibration.arm.way_up import check_way_up, highest_posture, room
+from calibration.arm.room import (
+    MARGIN_M,
+    check_way_up,
+    highest_posture,
+    lowest_m,
+    overloaded_joint,
+    room,
+    straight_way,
+)
 from control.arm.rigid_body import RigidBody
-from control.paths.motion import JointMotion
+from control.paths.trajectory import JointMotion
 from robot_io.errors import InputError
 from robot_io.guard import Limits
 from robot_io.types import FloatArray
@@ -23,19 +29,12 @@ _TRIES = 5  # postures of each other joint
 
 @dataclass(frozen=True)
 class StopApproach:
-    """One joint's way to its stop.
+    """One joint's way to its stop."""
 
-    Attributes:
-        joint: from 0.
-        stop_rad: where the stop is said to be [rad].
-        side: 1 for the upper stop, -1 for the lower.
-        posture_rad: where the approach begins, shape (n,) [rad].
-    """
-
-    joint: int
-    stop_rad: float
-    side: int
-    posture_rad: FloatArray
+    joint: int  # from 0
+    stop_rad: float  # where the stop is said to be [rad]
+    side: int  # 1 for the upper stop, -1 for the lower
+    posture_rad: FloatArray  # where the approach begins, shape (n,) [rad]
 
 
 def plan_stops(
@@ -48,14 +47,8 @@ def plan_stops(
     """The posture to go up to first, and the approaches, each from there.
 
     For each joint the side and posture with the most room to the ground are taken, of those in which the
-    torque limits carry the arm.
-
-    Args:
-        body: the arm.
-        start_rad: where the arm stands, shape (n,) [rad]; nothing goes lower than it does there.
-        limits: of position, which approaches begin within, velocity and torque.
-        stops_rad: lower and upper hard stops, (n,) each [rad]; NaN where there is none.
-        reach_rad: how far beyond a stop the joint may seem to go [rad].
+    torque limits carry the arm. Nothing goes lower than where the arm stands, `start_rad` (n,). Stops are
+    lower and upper ones, (n,) each, NaN where there is none; a joint may seem to go `reach_rad` beyond.
 
     Raises:
         InputError: a joint has no stop that can be reached clear of the ground.
@@ -66,13 +59,8 @@ def plan_stops(
     check_way_up(body, start_rad, up, limits)
     approaches = []
     for joint in range(body.joint_count):
-        candidates = (
-            (lowest_m(body, way), approach)
-            for way, approach in _candidates(
-                body, up, joint, bounds=(low, high), stops_rad=stops_rad, reach_rad=reach_rad
-            )
-            if _carried(body, way, limits)
-        )
+        ways = _candidates(body, up, joint, bounds=(low, high), stops_rad=stops_rad, reach_rad=reach_rad)
+        candidates = ((lowest_m(body, way), it) for way, it in ways if _carried(body, way, limits))
         lowest, approach = max(candidates, key=lambda found: found[0], default=(None, None))
         if lowest is None or approach is None:
             raise InputError(
@@ -89,13 +77,7 @@ def plan_stops(
 
 
 def with_room_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyond_rad: float) -> Limits:
-    """The limits with room for each joint to go to its stop, and nowhere else.
-
-    Args:
-        limits: of the arm.
-        approaches: one for each joint.
-        beyond_rad: how far beyond a stop a joint may seem to be [rad].
-    """
+    """The limits with room for each joint to go to its stop, and to seem `beyond_rad` farther."""
     low, high = list(limits.position_min_rad), list(limits.position_max_rad)
     for approach in approaches:
         joint, end_rad = approach.joint, approach.stop_rad + approach.side * beyond_rad

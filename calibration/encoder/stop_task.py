@@ -1,5 +1,6 @@
 """Touches the joints' hard stops, one after the other: slowly, with little torque, several times each."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -8,14 +9,13 @@ from typing import Self
 import numpy as np
 
 from calibration.arm.free_motion import FreeMotion
-from calibration.arm.pace import ACCELERATION_RAD_S2, SHARE, paced, travel_speed_rad_s
+from calibration.arm.room import ACCELERATION_RAD_S2, SHARE, paced, travel_speed_rad_s
 from calibration.encoder.stop_plan import StopApproach
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import TrackingGains
 from control.loop.phases import Phase
 from control.loop.task import NO_RUN, TaskEvent, TaskOutput
-from control.paths.motion import JointMotion
-from control.paths.trajectory import JointMove
+from control.paths.trajectory import JointMotion, JointMove
 from robot_io.clip import clip
 from robot_io.errors import SafetyTripError
 from robot_io.guard import Limits
@@ -33,25 +33,16 @@ _SETTLE_S = 0.3
 
 @dataclass(frozen=True)
 class StopSettings:
-    """How stops are touched.
+    """How stops are touched."""
 
-    Attributes:
-        push_nm: torque beyond the arm's weight that pushes a joint against its stop, shape (n,) [N m].
-        lead_rad: the reference waits when it is so far ahead of the joint, shape (n,) [rad].
-        travel_rad_s: on the ways to the stops and back [rad/s].
-        speed_rad_s: of the approach [rad/s].
-        touches: at each stop.
-        hold_s: how long the joint is read at the stop [s].
-        reach_rad: farther from where the stop is said to be, a stop is not believed [rad].
-    """
-
+    # torque beyond the arm's weight that pushes a joint against its stop, shape (n,) [N m].
     push_nm: FloatArray
-    lead_rad: FloatArray
-    travel_rad_s: float
-    speed_rad_s: float
-    touches: int = 3
-    hold_s: float = 0.25
-    reach_rad: float = 0.15
+    lead_rad: FloatArray  # the reference waits when it is so far ahead of the joint, shape (n,) [rad]
+    travel_rad_s: float  # on the ways to the stops and back [rad/s]
+    speed_rad_s: float  # of the approach [rad/s]
+    touches: int = 3  # at each stop
+    hold_s: float = 0.25  # how long the joint is read at the stop [s]
+    reach_rad: float = 0.15  # farther from where the stop is said to be, a stop is not believed [rad]
 
     @classmethod
     def within(cls, limits: Limits) -> Self:
@@ -67,12 +58,7 @@ class StopSettings:
 class StopTask:
     """See `control.loop.task.Task`. The ticks at a stop are HOLD; runs number the touches of all joints.
 
-    Args:
-        body: the arm.
-        gains: of tracking.
-        up_rad: posture between the approaches, shape (n,) [rad].
-        approaches: stops to touch.
-        settings: how.
+    Between the approaches the arm goes to the posture `up_rad`, shape (n,) [rad].
     """
 
     def __init__(
@@ -83,16 +69,9 @@ class StopTask:
         approaches: Sequence[StopApproach],
         settings: StopSettings,
     ) -> None:
-        self._free = FreeMotion(body, gains)
-        self._body = body
-        self._up_rad = up_rad
-        self._approaches = tuple(approaches)
-        self._settings = settings
-
-    @property
-    def touch_count(self) -> int:
-        """Touches in all."""
-        return len(self._approaches) * self._settings.touches
+        self._free, self._body = FreeMotion(body, gains), body
+        self._up_rad, self._approaches, self._settings = up_rad, tuple(approaches), settings
+        self._touches = len(approaches) * settings.touches
 
     def start(self, measurement: Measurement) -> None:
         """See `control.loop.task.Task.start`."""
@@ -104,17 +83,12 @@ class StopTask:
         self._move_along([self._start_rad, self._up_rad, self._approaches[0].posture_rad])
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `control.loop.task.Task.step`.
-
-        Raises:
-            SafetyTripError: something is in the way, a stop is not where it is said to be, or the arm does
-                not come to rest in the end.
-        """
+        """See `control.loop.task.Task.step`; trips where a stop is not where it is said to be."""
         return self._press(measurement, dt_s) if self._pressing else self._move(measurement, dt_s)
 
     @property
     def _approach(self) -> StopApproach:
-        return self._approaches[min(self._touch, self.touch_count - 1) // self._settings.touches]
+        return self._approaches[min(self._touch, self._touches - 1) // self._settings.touches]
 
     def _move_along(self, postures: Sequence[FloatArray]) -> None:
         speed_rad_s = self._settings.travel_rad_s
@@ -130,7 +104,7 @@ class StopTask:
         if over_s >= 0.0:
             if len(self._moves) > 1:
                 self._moves, self._move_s = self._moves[1:], 0.0
-            elif self._touch < self.touch_count:
+            elif self._touch < self._touches:
                 self._begin_press(motion.position_rad)
             elif self._free.at_rest(measurement, over_s):
                 phase = Phase.IDLE
@@ -157,16 +131,11 @@ class StopTask:
         phase, run = (Phase.HOLD, self._touch) if at_stop else (Phase.APPROACH, NO_RUN)
         events: tuple[TaskEvent, ...] = ()
         if at_stop or approach.side * (position - approach.stop_rad) > settings.reach_rad:
-            self._believe(position, at_stop)
+            self._check_stop(position, at_stop)
         if self._held_s >= settings.hold_s:
             text = f"joint {joint + 1} against its stop, the encoder shows {position:.5f} rad"
-            values = {
-                "run": self._touch,
-                "joint": joint,
-                "stop_rad": approach.stop_rad,
-                "shown_rad": position,
-            }
-            events = (TaskEvent(EVENT, text, values),)
+            stop = {"run": self._touch, "joint": joint, "stop_rad": approach.stop_rad, "shown_rad": position}
+            events = (TaskEvent(EVENT, text, stop),)
             self._leave(measurement.joint_position_rad)
         return self._free.output(measurement, motion, torque_nm, phase, run, events=events)
 
@@ -183,21 +152,12 @@ class StopTask:
         torque_nm = self._free.torque_nm(measurement, others, dt_s).copy()
         most_nm = float(self._settings.push_nm[joint])
         ahead, faster = motion.position_rad[joint] - position, motion.velocity_rad_s[joint] - speed
-        push_nm = self._spring_nm_rad * float(ahead) + self._brake_nms_rad(measurement) * float(faster)
+        inertia = float(self._body.mass_matrix(measurement.joint_position_rad)[joint, joint])
+        spring_nm_rad = most_nm / float(self._settings.lead_rad[joint])  # pulls it after its reference
+        damping_nms_rad = 2.0 * math.sqrt(inertia * spring_nm_rad)  # critical, so that it does not swing
+        push_nm = spring_nm_rad * float(ahead) + damping_nms_rad * float(faster)
         torque_nm[joint] += clip(push_nm, -most_nm, most_nm)
         return torque_nm
-
-    @property
-    def _spring_nm_rad(self) -> float:
-        """Stiffness that pulls the pushed joint after its reference."""
-        joint = self._approach.joint
-        return float(self._settings.push_nm[joint] / self._settings.lead_rad[joint])
-
-    def _brake_nms_rad(self, measurement: Measurement) -> float:
-        """Damping that keeps the pushed joint from swinging: critical for its spring and inertia."""
-        joint = self._approach.joint
-        inertia = float(self._body.mass_matrix(measurement.joint_position_rad)[joint, joint])
-        return 2.0 * float(np.sqrt(inertia * self._spring_nm_rad))
 
     def _note_stillness(self, measurement: Measurement, ahead_rad: float, dt_s: float) -> None:
         position_rad = float(measurement.joint_position_rad[self._approach.joint])
@@ -207,12 +167,8 @@ class StopTask:
         else:
             self._still_s, self._still_rad = 0.0, position_rad
 
-    def _believe(self, position_rad: float, at_stop: bool) -> None:
-        """Refuse a stop that is too far from where it should be.
-
-        Raises:
-            SafetyTripError: that.
-        """
+    def _check_stop(self, position_rad: float, at_stop: bool) -> None:
+        """Trip for a stop that is too far from where it should be."""
         approach, reach = self._approach, self._settings.reach_rad
         if abs(position_rad - approach.stop_rad) > reach:
             push_nm = float(self._settings.push_nm[approach.joint])
@@ -236,7 +192,7 @@ class StopTask:
         self._touch += 1
         self._pressing = False
         self._free.forget()
-        if self._touch >= self.touch_count:
+        if self._touch >= self._touches:
             self._move_along([here, back, self._up_rad, self._start_rad])
         elif self._approach is before:
             self._move_along([here, back])

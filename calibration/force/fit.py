@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from scipy.stats import t
 
 from calibration.force.plateaus import Plateaus
-from calibration.statistics import few_sample_factor
+from calibration.statistics import Estimate, few_sample_factor
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
 
@@ -33,40 +33,21 @@ _SUSPECT = 5.0  # times the other plateaus' scatter
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A value and its standard uncertainty."""
-
-    value: float
-    std_err: float
-
-
-@dataclass(frozen=True)
 class ForceFit:
-    """What a sensor's record says; u is the unit of its readings.
+    """What a sensor's record says; u is the unit of its readings."""
 
-    Attributes:
-        zero: reading without force [u].
-        scale: [N/u].
-        curvature: [N/u^2]; None where none is shown.
-        hysteresis_n: what the sensor shows more on the way down than on the way up, at the same force [N].
-        nonlinearity: largest distance of the characteristic from its chord over the range, as a share of it.
-        curvature_found: what was found before it was judged [N/u^2].
-        plateaus: what was fitted.
-        residual_n: reference less what the calibrated sensor says, shape (m,) [N].
-        range_n: lowest and highest reference [N].
-        suspect: number, from 0, of a plateau that does not belong to the others, or None.
-    """
-
-    zero: Estimate
-    scale: Estimate
-    curvature: Estimate | None
-    hysteresis_n: Estimate
-    nonlinearity: Estimate
-    curvature_found: Estimate
-    plateaus: Plateaus
-    residual_n: FloatArray
-    range_n: tuple[float, float]
-    suspect: int | None
+    zero: Estimate[float]  # reading without force [u]
+    scale: Estimate[float]  # [N/u]
+    curvature: Estimate[float] | None  # [N/u^2]; None where none is shown
+    # what the sensor shows more on the way down than on the way up, at the same force [N].
+    hysteresis_n: Estimate[float]
+    # largest distance of the characteristic from its chord over the range, as a share of it.
+    nonlinearity: Estimate[float]
+    curvature_found: Estimate[float]  # what was found before it was judged [N/u^2]
+    plateaus: Plateaus  # what was fitted
+    residual_n: FloatArray  # reference less what the calibrated sensor says, shape (m,) [N]
+    range_n: tuple[float, float]  # lowest and highest reference [N]
+    suspect: int | None  # number, from 0, of a plateau that does not belong to the others, or None
 
     @property
     def rms_n(self) -> float:
@@ -75,11 +56,9 @@ class ForceFit:
 
 
 def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
-    """Fit a force sensor's characteristic.
+    """Fit a force sensor's characteristic to plateaus, which go up and down, so that hysteresis shows.
 
-    Args:
-        plateaus: steady readings under known forces; up and down, so that hysteresis shows.
-        reference_rel_std: standard uncertainty of all references together, as a share of them [-].
+    `reference_rel_std` is the standard uncertainty of all references together, as a share of them [-].
 
     Raises:
         InputError: too few plateaus or forces, or the sensor answers with the wrong sign or not at all.
@@ -120,11 +99,7 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
 
 
 def check_references(reference_n: Sequence[float] | FloatArray) -> None:
-    """Refuse what is too little for a fit, before anybody has put it on.
-
-    Raises:
-        InputError: too few plateaus or forces.
-    """
+    """Refuse with `InputError` too few plateaus or forces for a fit, before anybody has put them on."""
     levels = _levels(reference_n)
     if levels < _FEWEST_LEVELS or len(reference_n) < 4 + _SPARE:
         raise InputError(

@@ -20,17 +20,12 @@ def weigh(
     *,
     settle_s: float,
     measure_s: float,
-    told: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> None:
     """Read the sensor under one force after the other; the records of each are numbered as a run.
 
-    Args:
-        still: the robot.
-        forces_n: in the order in which they are put on, positive in compression [N].
-        place: sees to it that force number i is there, however long that takes.
-        settle_s: between placing and reading [s].
-        measure_s: how long each is read [s].
-        told: called with the share that is done.
+    `place` sees to it that force number i [N], positive in compression, is there, however long that takes.
+    Each then settles and is measured for so long [s]. `progress` is called with the share that is done.
 
     Raises:
         SafetyTripError: a sample is missing, old or beyond a limit.
@@ -42,16 +37,12 @@ def weigh(
         text = f"{force_n:.4f} N on the sensor"
         still.log.event(still.clock.now_s(), EVENT, text, {"run": number, "force_n": force_n})
         still.watch(measure_s, number)
-        if told:
-            told((number + 1) / len(forces_n))
+        if progress:
+            progress((number + 1) / len(forces_n))
 
 
 def read_weighing(session: Session) -> Plateaus:
-    """Plateaus of a session that `weigh` logged.
-
-    Raises:
-        InputError: it is no such session.
-    """
+    """Plateaus of a session that `weigh` logged; `InputError` if it is no such session."""
     forces_n = {e.data["run"]: float(e.data["force_n"]) for e in session.events if e.kind == EVENT and e.data}
     if not forces_n:
         raise InputError(f"{session.path}: no reference forces in it: it is not from palpate calibrate force")

@@ -16,56 +16,54 @@ section 2.8.2.
       - {name: joint_2, type: revolute, a_m: 0.25, theta_rad: 0.0, d_m: 0.0, alpha_rad: 0.0}
 """
 
-import math
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+import pinocchio as pin
 from pydantic import Field, model_validator
 
+from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, Number, matching, validate
 from robot_io.files.safe_yaml import YamlDocument, load_yaml
+from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, frozen_array
 
 Name = Annotated[str, matching(r"[A-Za-z][A-Za-z0-9_]{0,63}", "1 to 64 letters, digits or _, a letter first")]
+_POSTURES = 5  # besides the home position
+_APART_M = 1e-4
+_TURNED = 1e-3  # largest difference of two rotation matrices
 
 
 class DhRow(FileModel):
-    """One row of the table.
+    """One row of the table."""
 
-    Attributes:
-        name: of the joint, or of what a fixed row stands for.
-        type: what moves.
-        theta_rad: turn about the previous z, or its offset for a revolute joint [rad].
-        d_m: shift along the previous z, or its offset for a prismatic joint [m].
-        a_m: shift along the new x [m].
-        alpha_rad: turn about the new x [rad].
-    """
+    name: Name  # of the joint, or of what a fixed row stands for
+    type: Literal["revolute", "prismatic", "fixed"]  # what moves
+    theta_rad: Number = 0.0  # turn about the previous z, or its offset for a revolute joint [rad]
+    d_m: Number = 0.0  # shift along the previous z, or its offset for a prismatic joint [m]
+    a_m: Number = 0.0  # shift along the new x [m]
+    alpha_rad: Number = 0.0  # turn about the new x [rad]
 
-    name: Name
-    type: Literal["revolute", "prismatic", "fixed"]
-    theta_rad: Number = 0.0
-    d_m: Number = 0.0
-    a_m: Number = 0.0
-    alpha_rad: Number = 0.0
+    @property
+    def before_joint(self) -> "pin.SE3":
+        """The part of the row's transform that comes before the joint's motion."""
+        return pin.SE3(pin.utils.rotate("z", self.theta_rad), np.zeros(3))
 
-    def before_joint(self) -> FloatArray:
-        """The part of the row's transform that comes before the joint's motion, (4, 4)."""
-        return rotation_z(self.theta_rad)
+    @property
+    def after_joint(self) -> "pin.SE3":
+        """The part that comes after it."""
+        return pin.SE3(pin.utils.rotate("x", self.alpha_rad), np.array([self.a_m, 0.0, self.d_m]))
 
-    def after_joint(self) -> FloatArray:
-        """The part that comes after it, (4, 4)."""
-        return translation(0.0, 0.0, self.d_m) @ translation(self.a_m, 0.0, 0.0) @ rotation_x(self.alpha_rad)
-
-    def transform(self, position: float = 0.0) -> FloatArray:
-        """Frame i in frame i-1, (4, 4), at a joint position [rad or m] (no meaning for a fixed row)."""
-        motion = np.eye(4)
+    def transform(self, position: float = 0.0) -> "pin.SE3":
+        """Frame i in frame i-1, at a joint position [rad or m] (no meaning for a fixed row)."""
+        motion = pin.SE3.Identity()
         if self.type == "revolute":
-            motion = rotation_z(position)
+            motion.rotation = pin.utils.rotate("z", position)
         elif self.type == "prismatic":
-            motion = translation(0.0, 0.0, position)
-        return self.before_joint() @ motion @ self.after_joint()
+            motion.translation = np.array([0.0, 0.0, position])
+        return self.before_joint * motion * self.after_joint
 
 
 class DhTable(FileModel):
@@ -93,64 +91,46 @@ class DhTable(FileModel):
         """Number of joints n."""
         return len(self.joint_rows)
 
-    def frames(self, position_rad: FloatArray) -> tuple[FloatArray, ...]:
-        """The frame after each row in the world, (4, 4) each, at joint positions (n,) [rad or m].
+    def tip_frame(self, position_rad: FloatArray) -> FloatArray:
+        """Forward kinematics: the last frame in the world, (4, 4), at joint positions (n,) [rad or m].
 
         Raises:
             InputError: wrong number of positions.
         """
         positions = iter(frozen_array(position_rad, (self.joint_count,), what="joint positions"))
-        frame = np.eye(4)
-        frames = []
+        frame = pin.SE3.Identity()
         for row in self.rows:
-            frame = frame @ row.transform(0.0 if row.type == "fixed" else next(positions))
-            frames.append(frame)
-        return tuple(frames)
-
-    def tip_frame(self, position_rad: FloatArray) -> FloatArray:
-        """Forward kinematics: the last frame in the world, (4, 4)."""
-        return self.frames(position_rad)[-1]
+            frame = frame * row.transform(0.0 if row.type == "fixed" else next(positions))
+        return np.asarray(frame.homogeneous)
 
 
 def load_dh_table(source: str | Path | YamlDocument) -> DhTable:
-    """Read a DH table from a YAML file.
-
-    Raises:
-        InputError: with file, line, key and the valid choices.
-    """
+    """Read a DH table from YAML; `InputError` names file, line, key and the valid choices."""
     document = source if isinstance(source, YamlDocument) else load_yaml(source)
     return validate(DhTable, document.data, document)
 
 
-def rotation_z(angle_rad: float) -> FloatArray:
-    """Turn about z, (4, 4)."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return np.array([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-
-
-def rotation_x(angle_rad: float) -> FloatArray:
-    """Turn about x, (4, 4)."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return np.array([[1.0, 0.0, 0.0, 0.0], [0.0, c, -s, 0.0], [0.0, s, c, 0.0], [0.0, 0.0, 0.0, 1.0]])
-
-
-def translation(x_m: float, y_m: float, z_m: float) -> FloatArray:
-    """Shift, (4, 4) [m]."""
-    shift = np.eye(4)
-    shift[:3, 3] = x_m, y_m, z_m
-    return shift
-
-
-def rpy_of(rotation: FloatArray) -> tuple[float, float, float]:
-    """Fixed-axis roll, pitch and yaw [rad] of a rotation (3, 3), as URDF writes them.
+def check_dh_table(robot_file: RobotFile, body: RigidBody) -> None:
+    """Compare where a robot file's DH table, if it names one, and its URDF put the tip.
 
     Raises:
-        InputError: it is not a rotation.
+        InputError: the table is not valid, or is that of another arm.
     """
-    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9):
-        raise InputError("roll, pitch and yaw: the matrix is not a rotation")
-    pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[0, 0], rotation[1, 0]))
-    if math.cos(pitch) < 1e-9:  # gimbal lock: yaw may be chosen
-        return math.atan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0
-    roll = math.atan2(rotation[2, 1], rotation[2, 2])
-    return roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0])
+    if robot_file.dh is None:
+        return
+    path = robot_file.resolve(robot_file.dh)
+    table = load_dh_table(path)
+    if table.joint_count != body.joint_count:
+        raise InputError(f"{path}: has {table.joint_count} joints, the URDF has {body.joint_count}")
+    low, high = robot_file.limits.position_min_rad, robot_file.limits.position_max_rad
+    for position_rad in (np.array(robot_file.home_rad), *np.linspace(low, high, _POSTURES)):
+        frame = table.tip_frame(position_rad)
+        tip_m, rotation = body.tip_pose(position_rad)
+        apart_m = float(np.linalg.norm(frame[:3, 3] - tip_m))
+        turned = float(np.abs(frame[:3, :3] - rotation).max())
+        if apart_m > _APART_M or turned > _TURNED:
+            what = f"{apart_m * 1e3:.3g} mm from" if apart_m > _APART_M else "turned against"
+            raise InputError(
+                f"{path}: at joint positions {np.round(position_rad, 3).tolist()} rad it puts the tip {what} "
+                f"where the URDF puts '{robot_file.tip_frame}'; correct one of them"
+            )

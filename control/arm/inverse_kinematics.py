@@ -35,17 +35,11 @@ class Elbow(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class IkSolution:
-    """One way to reach a target.
+    """One way to reach a target."""
 
-    Attributes:
-        position_rad: joint positions, shape (3,) within +-pi each [rad].
-        elbow: which way the elbow bends.
-        elbow_sine: |sin| of the angle between the first two links; 0 is singular, 1 is best.
-    """
-
-    position_rad: FloatArray
-    elbow: Elbow
-    elbow_sine: float
+    position_rad: FloatArray  # joint positions, shape (3,) within +-pi each [rad]
+    elbow: Elbow  # which way the elbow bends
+    elbow_sine: float  # |sin| of the angle between the first two links; 0 is singular, 1 is best
 
     @property
     def near_singular(self) -> bool:
@@ -56,12 +50,9 @@ class IkSolution:
 class PlanarArm:
     """Geometry of the arm, and its inverse kinematics for tip position and tool direction.
 
-    Args:
-        body: three revolute joints with parallel axes.
-        tool_axis_tip: direction of the tool in the tip frame, shape (3,); it must lie in the arm's plane.
-
     Raises:
-        InputError: the arm or the tool is not planar.
+        InputError: the arm is not of three revolute joints with parallel axes, or the tool's direction in the
+            tip frame, shape (3,), does not lie in its plane.
     """
 
     def __init__(self, body: RigidBody, tool_axis_tip: FloatArray) -> None:
@@ -79,7 +70,7 @@ class PlanarArm:
         self.signs = (1.0, *(math.copysign(1.0, normal @ joint.axis_world) for joint in joints[1:]))
         self._set_plane(normal)
         tip, rotation = body.tip_pose(np.zeros(3))
-        points = [self._in_plane(point) for point in (*(joint.origin_world_m for joint in joints), tip)]
+        points = [self.plane_point(point) for point in (*(joint.origin_world_m for joint in joints), tip)]
         links = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(points)]
         self._shoulder = points[0]
         self._out_of_plane_m = float(tip @ normal)
@@ -92,12 +83,7 @@ class PlanarArm:
     def solve(
         self, tip_position_world_m: FloatArray, tool_direction_world: FloatArray, elbow: Elbow
     ) -> IkSolution:
-        """Joint positions that put the tip at a point with the tool in a direction.
-
-        Args:
-            tip_position_world_m: shape (3,), in the arm's plane [m].
-            tool_direction_world: shape (3,), in the arm's plane, any length.
-            elbow: which way to bend.
+        """Joint positions with the tip at a point (3,) [m] and the tool in a direction (3,) of any length.
 
         Raises:
             InputError: the point cannot be reached, or point or direction lie out of the plane.
@@ -107,7 +93,7 @@ class PlanarArm:
         if abs(offset_m) > 1e-6:
             raise InputError(f"target {_text(tip)} m lies {offset_m * 1e3:.3g} mm out of the arm's plane")
         tool = self._plane_angle(frozen_array(tool_direction_world, (3,), what="tool direction"))
-        angles = self.absolute_angles(*self._in_plane(tip), tool, elbow)
+        angles = self.absolute_angles(*self.plane_point(tip), tool, elbow)
         positions = np.array(self.joint_positions(angles))
         positions = (positions + math.pi) % (2.0 * math.pi) - math.pi
         return IkSolution(positions, elbow, abs(math.sin(angles[1] - angles[0])))
@@ -120,7 +106,7 @@ class PlanarArm:
     def absolute_angles(
         self, u_m: float, w_m: float, tool_rad: float, elbow: Elbow
     ) -> tuple[float, float, float]:
-        """Angles a1, a2, a3 [rad] of the links in the plane, for a tip at (u, w) [m] and a tool angle [rad].
+        """Angles a1, a2, a3 [rad] of the links for a tip at (u, w) [m] and a tool angle [rad].
 
         Raises:
             InputError: the wrist cannot be put where the tool needs it.
@@ -157,16 +143,8 @@ class PlanarArm:
         across = np.column_stack((np.cos(angles) @ lengths_m, np.sin(angles) @ lengths_m))
         return across + self._shoulder
 
-    def plane_point(self, position_world_m: FloatArray) -> tuple[float, float]:
-        """Coordinates (u, w) [m] of a world point (3,) projected on the arm's plane."""
-        return self._in_plane(position_world_m)
-
     def plane_direction(self, direction_world: FloatArray) -> tuple[float, float, float]:
-        """Unit coordinates (u, w) and angle [rad] of a world direction (3,).
-
-        Raises:
-            InputError: it does not lie in the plane.
-        """
+        """Unit coordinates (u, w) and angle [rad] of a world direction (3,), which must lie in the plane."""
         angle = self._plane_angle(direction_world)
         return math.cos(angle), math.sin(angle), angle
 
@@ -178,14 +156,15 @@ class PlanarArm:
         self._u_axis = u_axis / np.linalg.norm(u_axis)
         self._w_axis = np.cross(normal, self._u_axis)
 
-    def _in_plane(self, point_world_m: FloatArray) -> tuple[float, float]:
+    def plane_point(self, point_world_m: FloatArray) -> tuple[float, float]:
+        """Coordinates (u, w) [m] of a world point (3,) projected on the arm's plane."""
         return float(point_world_m @ self._u_axis), float(point_world_m @ self._w_axis)
 
     def _plane_angle(self, direction_world: FloatArray) -> float:
         length = float(np.linalg.norm(direction_world))
         if length == 0.0 or abs(float(direction_world @ self._normal)) > 1e-6 * length:
             raise InputError(f"direction {_text(direction_world)} does not lie in the arm's plane")
-        u, w = self._in_plane(direction_world)
+        u, w = self.plane_point(direction_world)
         return math.atan2(w, u)
 
 

@@ -30,18 +30,12 @@ _WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class TipMotion(NamedTuple):
-    """Where the tip is and how it moves, in the world frame.
+    """Where the tip is and how it moves, in the world frame."""
 
-    Attributes:
-        position_world_m: shape (3,) [m].
-        rotation_world_tip: shape (3, 3), turns tip coordinates into world coordinates.
-        velocity_world_m_s: shape (3,) [m/s].
-        jacobian_world: shape (6, n): tip velocity [m/s] above angular velocity [rad/s], per joint velocity.
-    """
-
-    position_world_m: FloatArray
-    rotation_world_tip: FloatArray
-    velocity_world_m_s: FloatArray
+    position_world_m: FloatArray  # shape (3,) [m]
+    rotation_world_tip: FloatArray  # shape (3, 3), turns tip coordinates into world coordinates
+    velocity_world_m_s: FloatArray  # shape (3,) [m/s]
+    # shape (6, n): tip velocity [m/s] above angular velocity [rad/s], per joint velocity.
     jacobian_world: FloatArray
 
 
@@ -60,10 +54,7 @@ class RigidBody:
 
     Units are those of revolute joints; for a prismatic joint read m, m/s, m/s^2 and N instead.
 
-    Args:
-        model: Pinocchio's model; one position and one velocity per joint.
-        tip_frame: name of the frame whose motion counts.
-        place: where the model comes from, for errors.
+    The tip is the frame whose motion counts; `place` says in errors where the model comes from.
 
     Raises:
         InputError: the frame is unknown, or a joint has more than one coordinate.
@@ -87,9 +78,7 @@ class RigidBody:
     def of_robot(cls, robot_file: RobotFile, calibrations: Calibrations | None = None) -> "RigidBody":
         """The arm of a robot file, on a base that stands as its gravity calibration says.
 
-        Args:
-            robot_file: the robot.
-            calibrations: what is applied to it; None: those that the robot file names, valid today.
+        Without `calibrations` those that the robot file names are applied, if they are valid today.
 
         Raises:
             InputError: as `from_urdf`, or a calibration must not be used.
@@ -107,13 +96,9 @@ class RigidBody:
         *,
         origin: str = "URDF text",
     ) -> "RigidBody":
-        """Read a URDF.
+        """Read a URDF from a file, or from its text (anything that holds a "<"; `origin` names it in errors).
 
-        Args:
-            urdf: path of the file, or its text (anything that holds a "<").
-            tip_frame: name of the link whose frame is the tip.
-            gravity_m_s2: shape (3,), fall acceleration in the axes of the root link [m/s^2].
-            origin: where a text comes from, for errors.
+        Gravity is the fall acceleration in the axes of the root link, shape (3,) [m/s^2].
 
         Raises:
             InputError: it cannot be read, is too large, is not a URDF, or has no such frame.
@@ -170,9 +155,8 @@ class RigidBody:
 
     def tip_motion(self, position_rad: FloatArray, velocity_rad_s: FloatArray) -> TipMotion:
         """Forward kinematics of positions (n,) [rad] and velocities (n,) [rad/s]."""
-        model, data = self._model, self._data
-        jacobian = pin.computeFrameJacobian(model, data, position_rad, self._tip, _WORLD_AXES)
-        placement = pin.updateFramePlacement(model, data, self._tip)
+        jacobian = self.tip_jacobian(position_rad)
+        placement = pin.updateFramePlacement(self._model, self._data, self._tip)
         position, rotation = placement.translation.copy(), placement.rotation.copy()
         return TipMotion(position, rotation, jacobian[:3].dot(velocity_rad_s), jacobian)
 
@@ -184,34 +168,28 @@ class RigidBody:
 
     def heights_m(self, position_rad: FloatArray) -> FloatArray:
         """World heights [m] of all joints and of the tip, shape (n + 1,), for joint positions (n,) [rad]."""
-        pin.forwardKinematics(self._model, self._data, position_rad)
-        tip = pin.updateFramePlacement(self._model, self._data, self._tip)
-        return np.array([*(joint.translation[2] for joint in self._data.oMi[1:]), tip.translation[2]])
+        tip_m, _ = self.tip_pose(position_rad)
+        return np.array([*(joint.translation[2] for joint in self._data.oMi[1:]), tip_m[2]])
 
     def tip_jacobian(self, position_rad: FloatArray) -> FloatArray:
         """Shape (6, n), world axes: tip velocity above angular velocity, per joint velocity."""
-        jacobian: FloatArray = pin.computeFrameJacobian(
-            self._model, self._data, position_rad, self._tip, _WORLD_AXES
+        return np.asarray(
+            pin.computeFrameJacobian(self._model, self._data, position_rad, self._tip, _WORLD_AXES)
         )
-        return jacobian
 
     def inverse_dynamics(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
     ) -> FloatArray:
         """Torques (n,) [N m] that give these accelerations (n,) [rad/s^2] in free air, gravity included."""
-        torque: FloatArray = pin.rnea(
-            self._model, self._data, position_rad, velocity_rad_s, acceleration_rad_s2
-        )
-        return torque
+        motion = (position_rad, velocity_rad_s, acceleration_rad_s2)
+        return np.asarray(pin.rnea(self._model, self._data, *motion))
 
     def inverse_dynamics_along(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
     ) -> FloatArray:
         """The same for many samples at once, in a third of the time: all arrays have shape (m, n)."""
-        pool = pin.ModelPool(self._model, 1)
         motion = (position_rad.T, velocity_rad_s.T, acceleration_rad_s2.T)
-        torques: FloatArray = pin.rneaInParallel(1, pool, *motion).T
-        return torques
+        return np.asarray(pin.rneaInParallel(1, pin.ModelPool(self._model, 1), *motion).T)
 
     def with_load(self, mass_kg: float) -> "RigidBody":
         """The same arm with a point mass [kg] at its tip."""
@@ -230,39 +208,26 @@ class RigidBody:
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, torque_nm: FloatArray
     ) -> FloatArray:
         """Accelerations (n,) [rad/s^2] under these torques (n,) [N m], in free air."""
-        acceleration: FloatArray = pin.aba(
-            self._model, self._data, position_rad, velocity_rad_s, torque_nm
-        ).copy()
-        return acceleration
+        return np.array(pin.aba(self._model, self._data, position_rad, velocity_rad_s, torque_nm))
 
     def mass_matrix(self, position_rad: FloatArray) -> FloatArray:
         """M(q), shape (n, n), symmetric [kg m^2]."""
         upper = pin.crba(self._model, self._data, position_rad)
-        matrix: FloatArray = np.triu(upper) + np.triu(upper, 1).T
-        return matrix
+        return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
 
     def mass_along(self, position_rad: FloatArray, lever_m: FloatArray) -> float:
-        """Mass [kg] that the tip has in one direction, 1 / (b M^-1 b).
-
-        Args:
-            position_rad: joint positions, shape (n,) [rad].
-            lever_m: b, tip speed in this direction per joint velocity, shape (n,) [m].
-        """
+        """Mass [kg] that the tip has in one direction, 1 / (b M^-1 b), where b (n,) v is its speed [m]."""
         inverse = pin.computeMinverse(self._model, self._data, position_rad)
         mobility_1_kg = float(lever_m.dot(inverse).dot(lever_m))
         return 1.0 / mobility_1_kg if mobility_1_kg > 0.0 else 0.0
 
     def gravity(self, position_rad: FloatArray) -> FloatArray:
         """g(q): torques (n,) [N m] that hold the arm still."""
-        torque: FloatArray = pin.computeGeneralizedGravity(self._model, self._data, position_rad).copy()
-        return torque
+        return np.array(pin.computeGeneralizedGravity(self._model, self._data, position_rad))
 
     def bias(self, position_rad: FloatArray, velocity_rad_s: FloatArray) -> FloatArray:
         """C(q, v) v + g(q), shape (n,) [N m]."""
-        torque: FloatArray = pin.nonLinearEffects(
-            self._model, self._data, position_rad, velocity_rad_s
-        ).copy()
-        return torque
+        return np.array(pin.nonLinearEffects(self._model, self._data, position_rad, velocity_rad_s))
 
     def regressor(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
@@ -272,10 +237,8 @@ class RigidBody:
         Ten columns a link: mass [kg], first moments [kg m] (x, y, z), inertias about the joint's frame
         [kg m^2] (xx, xy, yy, xz, yz, zz). Atkeson, An and Hollerbach, IJRR 5(3), 1986.
         """
-        matrix: FloatArray = pin.computeJointTorqueRegressor(
-            self._model, self._data, position_rad, velocity_rad_s, acceleration_rad_s2
-        ).copy()
-        return matrix
+        motion = (position_rad, velocity_rad_s, acceleration_rad_s2)
+        return np.array(pin.computeJointTorqueRegressor(self._model, self._data, *motion))
 
     @property
     def parameters(self) -> FloatArray:
@@ -293,20 +256,16 @@ class RigidBody:
             raise InputError("URDF: the joints branch, expected one chain from base to tip")
         jacobian = pin.computeJointJacobians(model, data, np.zeros(model.nq))  # at the world's origin
         axes = []
-        for index in range(model.nv):
+        for index, name in enumerate(self.joint_names):
             revolute = bool(np.any(jacobian[3:, index]))
             axis = jacobian[3:, index] if revolute else jacobian[:3, index]
             origin = data.oMi[index + 1].translation
-            axes.append(JointAxis(model.names[index + 1], frozen_array(origin), frozen_array(axis), revolute))
+            axes.append(JointAxis(name, frozen_array(origin), frozen_array(axis), revolute))
         return tuple(axes)
 
 
 def _check_masses(root: ElementTree.Element) -> None:
-    """Refuse masses that are none; the URDF parser would take -1 kg, and drop what is no number with a shout.
-
-    Raises:
-        ValueError: with link and mass.
-    """
+    """Raise `ValueError` for a mass that is none: Pinocchio would take -1 kg, and drop what is no number."""
     for link in root.iter("link"):
         for mass in link.iterfind("inertial/mass"):
             value = float(mass.get("value", "nan"))

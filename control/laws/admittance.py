@@ -14,8 +14,8 @@ object's spring alone reaches the limit, and on the way spring and damping toget
 import math
 from dataclasses import dataclass
 
-from control.compliance import Compliance
 from control.laws.gains import ContactGains
+from control.laws.object_guess import Compliance
 from robot_io.clip import clip
 
 _OWN_DAMPING = 0.4  # of the object's damping counts; all of it would overshoot, none would creep
@@ -35,10 +35,7 @@ class Admittance:
     def acceleration(self, force_error_n: float, speed_m_s: float, dt_s: float) -> float:
         """Acceleration [m/s^2] over the next `dt_s` [s] (backward Euler, stable for any damping).
 
-        Args:
-            force_error_n: desired minus measured force, positive wants to go in [N].
-            speed_m_s: present speed into the object [m/s].
-            dt_s: time step [s].
+        The force error is the desired minus the measured force; positive wants to go in.
         """
         push_n = force_error_n - self.damping_n_s_m * speed_m_s
         return push_n / (self.mass_kg + self.damping_n_s_m * dt_s)
@@ -56,14 +53,9 @@ def scheduled_admittance(compliance: Compliance, gains: ContactGains) -> Admitta
 def loading_acceleration(
     speed_m_s: float, speed_limit_m_s: float, room_n: float, compliance: Compliance, gains: ContactGains
 ) -> float:
-    """Acceleration [m/s^2] that presses in at the set speed without exceeding the force limit.
+    """Acceleration [m/s^2] that presses in at the set speed (`speed_limit_m_s`) below the force limit.
 
-    Args:
-        speed_m_s: present speed into the object [m/s].
-        speed_limit_m_s: set speed [m/s].
-        room_n: force limit minus what the object's spring gives at the present depth [N].
-        compliance: of the object, about.
-        gains: braking and yielding.
+    `room_n` is the force limit minus what the object's spring gives at the present depth [N].
     """
     stiffness_n_m, damping_n_s_m = compliance
     room_n -= stiffness_n_m * max(speed_m_s, 0.0) * gains.latency_s

@@ -24,11 +24,8 @@ _STALL_S = 0.1  # which proves nothing for so long
 class ForceWitness:
     """Compares the force sensor with the joint torques, tick after tick.
 
-    Args:
-        body: the arm's dynamics.
-        gains: threshold, filter.
-        force_limit_n: of the plan; a share of it is the threshold [N].
-        force_feedforward: share of the measured force that the controller balances by itself.
+    A share of the plan's force limit is the threshold. The controller balances `force_feedforward` of the
+    measured force by itself.
     """
 
     def __init__(
@@ -43,29 +40,19 @@ class ForceWitness:
 
     def restart(self) -> None:
         """Forget everything."""
-        self._ticks = 0
-        self._mass_kg = 0.0
-        self._period_s = math.inf
-        self._stalled_s = 0.0
+        self._ticks, self._period_s = 0, math.inf
+        self._mass_kg = self._stalled_s = 0.0
         self.pause()
 
     def pause(self) -> None:
         """Forget what was learnt in free air: what is unexplained at the next look counts as free air."""
-        self._free_n = math.nan
-        self._beyond_n = math.nan
-        self._sensed_n = 0.0
-        self._count = 0
+        self._free_n = self._beyond_n = math.nan
+        self._sensed_n, self._count = 0.0, 0
 
     def watch(
         self, measurement: Measurement, output: ControlOutput, dt_s: float, *, in_free_air: bool
     ) -> None:
-        """Judge one tick.
-
-        Args:
-            measurement: this tick's measurement.
-            output: what the controller made of it.
-            dt_s: time since the last tick [s].
-            in_free_air: nothing but the arm itself can be what is not explained.
+        """Judge one tick; in free air nothing but the arm itself can be what is not explained.
 
         Raises:
             SafetyTripError: for several ticks the joint torques have said something else than the sensor.

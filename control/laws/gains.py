@@ -11,21 +11,14 @@ Share = Annotated[NotNegative, Field(le=1.0)]
 
 
 class TrackingGains(FileModel):
-    """Computed torque and PID, the same for all joints since the mass matrix decouples them.
+    """Computed torque and PID, the same for all joints since the mass matrix decouples them."""
 
-    Attributes:
-        bandwidth_rad_s: natural frequency of a position error, below a tenth of the control rate [rad/s].
-        damping_ratio: 1 is critically damped.
-        integral_rate_1_s: how fast a constant disturbance is taken out [1/s].
-        derivative_filter_s: low-pass on the velocity error [s].
-        acceleration_limit_rad_s2: the most that the PID may ask for [rad/s^2].
-    """
-
+    # natural frequency of a position error, below a tenth of the control rate [rad/s].
     bandwidth_rad_s: Annotated[Positive, Field(le=1000.0)] = 60.0
-    damping_ratio: Annotated[Positive, Field(le=5.0)] = 1.0
-    integral_rate_1_s: NotNegative = 6.0
-    derivative_filter_s: Annotated[NotNegative, Field(le=0.1)] = 0.001
-    acceleration_limit_rad_s2: Positive = 400.0
+    damping_ratio: Annotated[Positive, Field(le=5.0)] = 1.0  # 1 is critically damped
+    integral_rate_1_s: NotNegative = 6.0  # how fast a constant disturbance is taken out [1/s]
+    derivative_filter_s: Annotated[NotNegative, Field(le=0.1)] = 0.001  # low-pass on the velocity error [s]
+    acceleration_limit_rad_s2: Positive = 400.0  # the most that the PID may ask for [rad/s^2]
 
     @model_validator(mode="after")
     def _check_integral(self) -> "TrackingGains":
@@ -38,63 +31,46 @@ class TrackingGains(FileModel):
 
 
 class TouchGains(FileModel):
-    """When the tool is in contact, judged by force above the free-air mean.
+    """When the tool is in contact, judged by force above the free-air mean."""
 
-    Attributes:
-        touch_force_n: above it is contact; raised by the task where the sensor is noisier [N].
-        release_share: below this share of the touch force is no contact.
-        debounce_samples: new force samples in a row before the state changes.
-        limit_share: touch force, as a share of the plan's force limit, above which nothing is probed.
-        bias_share: the same for the force in free air, which is taken for the sensor's own and tared away.
-    """
-
-    touch_force_n: Positive = 0.3
+    touch_force_n: Positive = 0.3  # above it is contact; raised by the task where the sensor is noisier [N]
+    # below this share of the touch force is no contact.
     release_share: Annotated[Positive, Field(lt=1.0)] = 0.5
+    # new force samples in a row before the state changes.
     debounce_samples: Annotated[int, Field(ge=1, le=100)] = 2
+    # touch force, as a share of the plan's force limit, above which nothing is probed.
     limit_share: Share = 0.35
+    # the same for the force in free air, which is taken for the sensor's own and tared away.
     bias_share: NotNegative = 0.5
 
 
 class ContactGains(FileModel):
-    """The force law in contact.
+    """The force law in contact."""
 
-    Attributes:
-        mass_kg: virtual mass of the admittance; the object's damping over it is the fastest reaction [kg].
-        damping_ratio: of virtual mass, damping and the object's stiffness.
-        damping_min_n_s_m: least virtual damping [N s/m].
-        reaction_rad_s: fastest reaction on a damped object; delays of sensor and drives limit it.
-        braking_m_s2: deceleration planned for when loading comes to the force limit [m/s^2].
-        yielding_m_s2: largest change of speed in contact, when the force is above the limit [m/s^2].
-        loading_aim: share of the force limit that loading comes to; the rest is margin, and the hold's.
-        latency_s: time from a force to a motion in answer: sensor, tick, drives [s].
-        force_feedforward: share of the measured force that the joints compensate.
-    """
-
+    # virtual mass of the admittance; the object's damping over it is the fastest reaction [kg].
     mass_kg: Positive = 1.0
+    # of virtual mass, damping and the object's stiffness.
     damping_ratio: Annotated[Positive, Field(le=5.0)] = 1.0
-    damping_min_n_s_m: Positive = 5.0
+    damping_min_n_s_m: Positive = 5.0  # least virtual damping [N s/m]
+    # fastest reaction on a damped object; delays of sensor and drives limit it.
     reaction_rad_s: Positive = 200.0
-    braking_m_s2: Positive = 4.0
+    braking_m_s2: Positive = 4.0  # deceleration planned for when loading comes to the force limit [m/s^2]
+    # largest change of speed in contact, when the force is above the limit [m/s^2].
     yielding_m_s2: Positive = 30.0
+    # share of the force limit that loading comes to; the rest is margin, and the hold's.
     loading_aim: Annotated[Share, Field(ge=0.96)] = 0.98
+    # time from a force to a motion in answer: sensor, tick, drives [s].
     latency_s: Annotated[NotNegative, Field(le=0.1)] = 0.003
-    force_feedforward: Share = 1.0
+    force_feedforward: Share = 1.0  # share of the measured force that the joints compensate
 
 
 class WitnessGains(FileModel):
-    """When joint torques and force sensor contradict each other; see `control.laws.force_witness`.
+    """When joint torques and force sensor contradict each other; see `control.laws.force_witness`."""
 
-    Attributes:
-        share: threshold as a share of the plan's force limit, plus
-        floor_n: what weight and friction may leave unexplained [N].
-        filter_s: low-pass on the difference [s].
-        samples: ticks in a row before it counts.
-    """
-
-    share: Share = 0.5
-    floor_n: Positive = 4.0
-    filter_s: Annotated[NotNegative, Field(le=0.1)] = 0.005
-    samples: Annotated[int, Field(ge=1, le=100)] = 3
+    share: Share = 0.5  # threshold as a share of the plan's force limit, plus
+    floor_n: Positive = 4.0  # what weight and friction may leave unexplained [N]
+    filter_s: Annotated[NotNegative, Field(le=0.1)] = 0.005  # low-pass on the difference [s]
+    samples: Annotated[int, Field(ge=1, le=100)] = 3  # ticks in a row before it counts
 
 
 class Gains(FileModel):
@@ -107,9 +83,5 @@ class Gains(FileModel):
 
 
 def gains_of(robot_file: RobotFile) -> Gains:
-    """The gains of a robot file.
-
-    Raises:
-        InputError: with file, line, key and the valid choices.
-    """
+    """The gains of a robot file; `InputError` names file, line, key and the valid choices."""
     return validate(Gains, robot_file.gains, robot_file.document, ("gains",))

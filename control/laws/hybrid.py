@@ -17,76 +17,50 @@ from control.laws.computed_torque import ComputedTorque
 from control.laws.gains import Gains, TouchGains
 from control.laws.object_guess import ObjectGuess
 from control.laws.touch import release_force_n
-from control.paths.motion import JointMotion, LineState
 from control.paths.press_line import PressLine
+from control.paths.trajectory import JointMotion, LineState
 from robot_io.clip import clip
 from robot_io.errors import InputError
 from robot_io.types import Command, FloatArray, Measurement, Status
 
 
 class ForceGoal(NamedTuple):
-    """What is wanted in contact.
+    """What is wanted in contact."""
 
-    Attributes:
-        force_n: force to reach or to hold, positive in compression [N].
-        speed_limit_m_s: fastest way in [m/s].
-        hold: follow the admittance, rather than load at the speed limit.
-    """
-
-    force_n: float
-    speed_limit_m_s: float
-    hold: bool
+    force_n: float  # force to reach or to hold, positive in compression [N]
+    speed_limit_m_s: float  # fastest way in [m/s]
+    hold: bool  # follow the admittance, rather than load at the speed limit
 
 
 class HybridReference(NamedTuple):
-    """What is wanted in one tick.
+    """What is wanted in one tick."""
 
-    Attributes:
-        free: motion demanded while there is no contact, or at all times if `force` is None.
-        force: what is wanted from contact on; with `free` None also while contact is lost for a moment.
-    """
-
+    # motion demanded while there is no contact, or at all times if `force` is None.
     free: LineState | None = None
+    # what is wanted from contact on; with `free` None also while contact is lost for a moment.
     force: ForceGoal | None = None
 
 
 class ControlOutput(NamedTuple):
-    """What the controller made of one tick.
+    """What the controller made of one tick."""
 
-    Attributes:
-        command: joint torques.
-        motion: joint motion that was aimed at.
-        tip: measured motion of the tip.
-        state: reference along the press line.
-        in_contact: what the contact switch says.
-        force_n: measured force above the free-air mean [N].
-        push_lever_m: joint torques per force along the tool, shape (n,) [m].
-        correction_rad_s2: accelerations that were added to stay on the motion, shape (n,) [rad/s^2].
-    """
-
-    command: Command
-    motion: JointMotion
-    tip: TipMotion
-    state: LineState
-    in_contact: bool
-    force_n: float
-    push_lever_m: FloatArray
+    command: Command  # joint torques
+    motion: JointMotion  # joint motion that was aimed at
+    tip: TipMotion  # measured motion of the tip
+    state: LineState  # reference along the press line
+    in_contact: bool  # what the contact switch says
+    force_n: float  # measured force above the free-air mean [N]
+    push_lever_m: FloatArray  # joint torques per force along the tool, shape (n,) [m]
+    # accelerations that were added to stay on the motion, shape (n,) [rad/s^2].
     correction_rad_s2: FloatArray
 
 
 class ContactSwitch:
-    """Contact or not, with hysteresis and debounce.
-
-    Args:
-        gains: release share and debounce.
-        touch_force_n: above it is contact [N].
-    """
+    """Contact or not, with hysteresis and debounce; above `touch_force_n` is contact [N]."""
 
     def __init__(self, gains: TouchGains, touch_force_n: float) -> None:
-        self._debounce = gains.debounce_samples
-        self._count = 0
-        self.touch_force_n = touch_force_n
-        self.release_force_n = release_force_n(touch_force_n, gains)
+        self._debounce, self._count = gains.debounce_samples, 0
+        self.touch_force_n, self.release_force_n = touch_force_n, release_force_n(touch_force_n, gains)
         self.in_contact = False
 
     def update(self, force_n: float) -> bool:
@@ -102,18 +76,7 @@ class ContactSwitch:
 class HybridController:
     """Position and force along a press line; joint motions between lines.
 
-    Args:
-        body: the arm's dynamics.
-        sensor_axis_tip: direction in the tip frame in which the tool pushes, shape (3,).
-        gains: all gains.
-
-    Attributes:
-        switch: contact or not.
-        guess: what the object may be like.
-        state: reference along the press line.
-        reference_rad: joint positions aimed at, shape (n,) [rad].
-        force_bias_n: force in free air, which counts as none [N].
-        surface_travel_m: travel at which the last touch began, to within one tick [m].
+    The tool pushes along `sensor_axis_tip`, a direction in the tip frame, shape (3,).
     """
 
     def __init__(self, body: RigidBody, sensor_axis_tip: FloatArray, gains: Gains) -> None:
@@ -122,14 +85,14 @@ class HybridController:
         self._contact_gains = gains.contact
         self._torque = ComputedTorque(body, gains.tracking)
         self._line: PressLine | None = None
-        self.reference_rad = np.zeros(body.joint_count)
+        self.reference_rad = np.zeros(body.joint_count)  # joint positions aimed at
         self._force_at_s = -math.inf
         self._touch_gains = gains.touch
         self.switch = ContactSwitch(gains.touch, gains.touch.touch_force_n)
         self.guess = ObjectGuess()
-        self.state = LineState(0.0)
-        self.force_bias_n = 0.0
-        self.surface_travel_m = 0.0
+        self.state = LineState(0.0)  # reference along the press line
+        self.force_bias_n = 0.0  # force in free air, which counts as none
+        self.surface_travel_m = 0.0  # where the last touch began, to within one tick
         self._clear_travel_m = 0.0  # where there was last no force
 
     def start(self, measurement: Measurement) -> None:
@@ -228,13 +191,5 @@ class HybridController:
         lever_m = push_world.dot(tip.jacobian_world[:3])
         contact_torque = lever_m * (force_n * self._contact_gains.force_feedforward)
         torque = self._torque.step(measurement, motion, contact_torque, dt_s)
-        return ControlOutput(
-            Command(torque),
-            motion,
-            tip,
-            self.state,
-            self.switch.in_contact,
-            force_n,
-            lever_m,
-            self._torque.correction_rad_s2,
-        )
+        contact, correction = self.switch.in_contact, self._torque.correction_rad_s2
+        return ControlOutput(Command(torque), motion, tip, self.state, contact, force_n, lever_m, correction)

@@ -5,8 +5,8 @@ object, so that it follows a stiffening one. What the object is really like is f
 """
 
 import math
+from typing import NamedTuple
 
-from control.compliance import Compliance
 from robot_io.clip import clip
 
 _STIFFNESS_BOUNDS_N_M = (50.0, 30_000.0)
@@ -16,6 +16,13 @@ _DAMPING_SPREAD_N_S_M = 100.0
 _FORCE_NOISE_N = 0.05
 _MEMORY_N = 3.0  # the past fades as the spring's force changes by this much
 _STILL_M_S = 0.002  # below this speed nothing new is learnt
+
+
+class Compliance(NamedTuple):
+    """Stiffness [N/m] and damping [N s/m] of an object, F = k x + c dx/dt."""
+
+    stiffness_n_m: float
+    damping_n_s_m: float
 
 
 class ObjectGuess:
@@ -29,11 +36,8 @@ class ObjectGuess:
 
     def reset(self) -> None:
         """Forget the object."""
-        self._k = 0.0
-        self._c = 0.0
-        self._p_kk = _STIFFNESS_SPREAD_N_M**2
-        self._p_kc = 0.0
-        self._p_cc = _DAMPING_SPREAD_N_S_M**2
+        self._k = self._c = self._p_kc = 0.0
+        self._p_kk, self._p_cc = _STIFFNESS_SPREAD_N_M**2, _DAMPING_SPREAD_N_S_M**2
 
     @property
     def compliance(self) -> Compliance:
@@ -41,14 +45,7 @@ class ObjectGuess:
         return Compliance(clip(self._k, *_STIFFNESS_BOUNDS_N_M), clip(self._c, *_DAMPING_BOUNDS_N_S_M))
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float, dt_s: float) -> None:
-        """Learn from one sample.
-
-        Args:
-            depth_m: way since the touch [m].
-            speed_m_s: into the object [m/s].
-            force_n: compression [N].
-            dt_s: time since the last sample [s].
-        """
+        """Learn from one sample: way since the touch, speed into the object, compression."""
         if abs(speed_m_s) < _STILL_M_S:
             return
         gain_k = self._p_kk * depth_m + self._p_kc * speed_m_s

@@ -1,9 +1,9 @@
 """What the loop hands on of each tick, to log and observer, without ever being stopped by them."""
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
 from control.loop.task import TaskEvent, TaskOutput
-from control.loop.tick_log import TickLog
 from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates
 from robot_io.types import Measurement
 
@@ -12,20 +12,31 @@ Observer = Callable[[Measurement, TaskOutput], Estimates]
 online estimates, each NaN if there is none."""
 
 
-class Journal:
-    """Shows each tick to the observer, and logs it.
+class TickLog(Protocol):
+    """The part of a session's writer that the loop needs; neither call may block."""
 
-    Args:
-        log: where records and events go.
-        observer: the online estimator, or None.
-    """
+    @property
+    def dropped(self) -> int:
+        """Records that found no room and are lost."""
+
+    @property
+    def failure(self) -> str | None:
+        """Why records no longer reach the disk; None while all is well."""
+
+    def append(self, stream_name: str, record: tuple[object, ...]) -> object:
+        """Take over one record, a value for each column of the stream."""
+
+    def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> object:
+        """Take over one event."""
+
+
+class Journal:
+    """Shows each tick to the observer, if there is one, and logs it."""
 
     def __init__(self, log: TickLog, observer: Observer | None) -> None:
         self.log_failures = 0
-        self.log_error = ""  # the first failure
-        self.observer_error = ""
-        self._log = log
-        self._observer = observer
+        self.log_error = self.observer_error = ""  # the first failure of each
+        self._log, self._observer = log, observer
 
     @property
     def log_trouble(self) -> str:

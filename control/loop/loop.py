@@ -7,17 +7,13 @@ from time import perf_counter
 
 import numpy as np
 
-from control.loop.interrupt import InterruptFlag
-from control.loop.journal import Journal, Observer
-from control.loop.output_check import OutputCheck
+from control.loop.journal import Journal, Observer, TickLog
 from control.loop.phases import Phase
 from control.loop.result import LoopResult
-from control.loop.task import Task, TaskOutput
-from control.loop.tick_grid import TickGrid
-from control.loop.tick_log import TickLog
+from control.loop.task import Task, TaskOutput, aimless_output, checked_output
 from control.loop.tick_record import NO_ESTIMATE, tick_record
-from control.loop.timing import LoopTiming, TickDurations
-from control.loop.way_out import WayOut, one_line
+from control.loop.timing import LoopTiming, TickDurations, TickGrid
+from control.loop.way_out import InterruptFlag, WayOut, one_line
 from robot_io.clock import Clock
 from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
 from robot_io.guard import Guard
@@ -48,15 +44,10 @@ def run_loop(
     happened before. Trouble with observer or log stops nothing: the observer is switched off, the log's
     failures are counted, both with an event.
 
-    Args:
-        robot: configured and not active; on return it is deactivated, not closed.
-        guard: armed. Unless the task was done it is tripped on return, until it is re-armed.
-        task: what to run.
-        clock: the robot's clock, real or simulated.
-        log: takes the records of the stream "tick" and the events; stays open.
-        rate_hz: ticks per second.
-        observer: called after each command, see `control.loop.journal.Observer`.
-        stop: asked once a tick; true ends the run.
+    The robot is configured and not active; on return it is deactivated, not closed. The guard is armed;
+    unless the task was done it is tripped on return, until it is re-armed. The log takes the records of the
+    stream "tick" and the events, and stays open. The observer is called after each command; `stop` is asked
+    once a tick, and true ends the run.
 
     Returns:
         How it ended; `LoopResult.raise_for_trip` turns a bad end into an error.
@@ -76,25 +67,18 @@ def run_loop(
         measurement = first_measurement(robot, guard, clock, 1.0 / rate_hz)
         journal = Journal(log, observer)
         way_out = WayOut(guard, robot, clock, journal, interrupt=interrupt, stop=stop)
-        loop = _Loop(robot, guard, task, clock, journal, way_out=way_out, period_s=1.0 / rate_hz)
+        loop = _Loop(task, way_out, 1.0 / rate_hz)
         loop.run(measurement)
-        result = replace(
-            loop.result(), duration_s=clock.now_s() - begun_s, wall_s=perf_counter() - begun_wall_s
-        )
+        duration_s, wall_s = clock.now_s() - begun_s, perf_counter() - begun_wall_s
+        result = replace(loop.result(), duration_s=duration_s, wall_s=wall_s)
         journal.event(clock.now_s(), "loop_ended", result.one_line())
     return result
 
 
 def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float) -> Measurement:
-    """Read until every device has a sample that is young enough to begin with.
+    """Read, every `period_s` [s], until every device has a sample that the guard takes as young enough.
 
     What has waited in a line since the devices were opened is old, and some speak only when they are asked.
-
-    Args:
-        robot: configured.
-        guard: knows how old a sample may be; trips on nothing here.
-        clock: the robot's.
-        period_s: time from one read to the next [s].
 
     Raises:
         DeviceTimeoutError: some have none within `FIRST_SAMPLE_S`, by name.
@@ -116,28 +100,18 @@ def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float)
 class _Loop:
     """One run of `run_loop`."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        guard: Guard,
-        task: Task,
-        clock: Clock,
-        journal: Journal,
-        *,
-        way_out: WayOut,
-        period_s: float,
-    ) -> None:
-        self._robot, self._guard, self._task, self._clock = robot, guard, task, clock
-        self._journal, self._way_out, self._period_s = journal, way_out, period_s
-        self._grid = TickGrid(clock.now_s(), period_s)
+    def __init__(self, task: Task, way_out: WayOut, period_s: float) -> None:
+        self._robot, self._guard, self._clock = way_out.robot, way_out.guard, way_out.clock
+        self._journal, self._way_out, self._task = way_out.journal, way_out, task
+        self._period_s, self._grid = period_s, TickGrid(self._clock.now_s(), period_s)
         self._timing = LoopTiming()
         self._reference_rad: FloatArray | None = None  # what the joints were to follow in the tick before
         self._log_s = 0.0  # of the tick before
         self._ticks = self._unsent = 0
         self._deactivation_error = ""
-        self._unknown = np.full(robot.joint_count, np.nan)
-        self._checked = OutputCheck(robot.joint_count)
-        self._stopped_output = _stopped_output(robot.joint_count)
+        self._joints = (self._robot.joint_count,)
+        self._unknown = np.full(self._joints, np.nan)
+        self._stopped_output = aimless_output(*self._joints, Phase.STOPPED)  # while the guard commands
 
     def run(self, measurement: Measurement) -> None:
         """Everything from the start of the task to torque off."""
@@ -243,7 +217,7 @@ class _Loop:
 
     def _step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         try:
-            return self._checked(self._task.step(measurement, dt_s))
+            return checked_output(self._task.step(measurement, dt_s), self._joints)
         except Exception as error:
             self._way_out.fail("the task", error)
             return self._stopped_output
@@ -271,10 +245,3 @@ class _Loop:
         except Exception as error:
             self._deactivation_error = one_line(error)
             self._way_out.fail("switching the torque off", error)
-
-
-def _stopped_output(joint_count: int) -> TaskOutput:
-    """What stands in a record while the guard commands: nothing is aimed at, and nobody computed the tip."""
-    joints, space = np.full(joint_count, np.nan), np.full(3, np.nan)
-    command = Command(np.zeros(joint_count))
-    return TaskOutput(command, joints, joints, space, space, space, math.nan, Phase.STOPPED)

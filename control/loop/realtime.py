@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import os
+import resource
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -15,15 +16,10 @@ _TIMER_SLACK_NS = 1  # the default of 50 us is added to every sleep of a thread 
 
 @dataclass(frozen=True, slots=True)
 class RealtimeReport:
-    """What was granted and what was not.
+    """What was granted and what was not."""
 
-    Attributes:
-        granted: names of what is on, such as "SCHED_FIFO".
-        refused: one line for each thing that is not on: what, why, and what to do about it.
-    """
-
-    granted: tuple[str, ...]
-    refused: tuple[str, ...]
+    granted: tuple[str, ...]  # names of what is on, such as "SCHED_FIFO"
+    refused: tuple[str, ...]  # one line for each thing that is not on: what, why, and what to do about it
 
     @property
     def complete(self) -> bool:
@@ -39,13 +35,8 @@ class RealtimeReport:
 def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
     """Make the calling thread punctual while the context is open, and put everything back afterwards.
 
-    For loops on a real clock only: on simulated time the thread would never sleep and starve others.
-
-    Args:
-        priority: of SCHED_FIFO, 1 to 99; 80 is above the usual interrupt threads' 50.
-
-    Yields:
-        What was granted, and in plain words what was not. Being refused is no error.
+    For loops on a real clock only: on simulated time the thread would never sleep and starve others. Being
+    refused is no error. The priority of SCHED_FIFO is 1 to 99; 80 is above the usual interrupt threads' 50.
     """
     switches: tuple[tuple[str, str, Callable[[], AbstractContextManager[None]]], ...] = (
         ("fine timer", "each sleep may be 50 us longer", _fine_timer),
@@ -158,6 +149,4 @@ def _locked_kib() -> int:
 
 
 def _may_lock_any_amount() -> bool:
-    import resource  # noqa: PLC0415 - absent on Windows, where this line is never reached
-
     return os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY

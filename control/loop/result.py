@@ -18,41 +18,24 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LoopResult:
-    """How a run of the loop ended. However it ended, the robot has been told to switch its torque off.
+    """How a run of the loop ended. However it ended, the robot has been told to switch its torque off."""
 
-    Attributes:
-        outcome: finished, stopped or tripped.
-        cause: why it was stopped or tripped; empty when the task was done.
-        ticks: ticks that were run.
-        overruns: ticks that ended after the next one was due.
-        skipped: instants of the grid that passed without a tick.
-        dropped: records that found no room in the log.
-        log_failures: calls of the log that failed; the arm is not stopped for it.
-        log_error: why the log is not complete (such as a full disk), empty if nothing is known against it.
-        observer_error: why the observer was switched off, empty if it was not.
-        unsent: commands that could not be sent.
-        deactivation_error: why switching the torque off could not be confirmed, empty if it was.
-        duration_s: time on the loop's clock [s].
-        wall_s: time of the wall clock [s].
-        timing: duration of the tick's sections.
-        error: the exception behind the trip, if there was one.
-    """
-
-    outcome: Outcome
-    cause: str = ""
-    ticks: int = 0
-    overruns: int = 0
-    skipped: int = 0
-    dropped: int = 0
-    log_failures: int = 0
+    outcome: Outcome  # finished, stopped or tripped
+    cause: str = ""  # why it was stopped or tripped; empty when the task was done
+    ticks: int = 0  # ticks that were run
+    overruns: int = 0  # ticks that ended after the next one was due
+    skipped: int = 0  # instants of the grid that passed without a tick
+    dropped: int = 0  # records that found no room in the log
+    log_failures: int = 0  # calls of the log that failed; the arm is not stopped for it
+    # why the log is not complete (such as a full disk), empty if nothing is known against it.
     log_error: str = ""
-    observer_error: str = ""
-    unsent: int = 0
-    deactivation_error: str = ""
-    duration_s: float = 0.0
-    wall_s: float = 0.0
-    timing: Mapping[str, SectionTiming] = field(default_factory=dict)
-    error: Exception | None = None
+    observer_error: str = ""  # why the observer was switched off, empty if it was not
+    unsent: int = 0  # commands that could not be sent
+    deactivation_error: str = ""  # why switching the torque off could not be confirmed, empty if it was
+    duration_s: float = 0.0  # time on the loop's clock [s]
+    wall_s: float = 0.0  # time of the wall clock [s]
+    timing: Mapping[str, SectionTiming] = field(default_factory=dict)  # duration of the tick's sections
+    error: Exception | None = None  # the exception behind the trip, if there was one
 
     @property
     def is_clean(self) -> bool:
@@ -85,8 +68,8 @@ class LoopResult:
             PalpateError: a device or the task failed; chained to what was raised there.
         """
         if self.deactivation_error:
-            told = not self.cause or self.deactivation_error in self.cause
-            why = "" if told else f"; the arm was stopped: {self.cause}"
+            said = not self.cause or self.deactivation_error in self.cause
+            why = "" if said else f"; the arm was stopped: {self.cause}"
             raise SafetyTripError(
                 f"the torque may still be on, cut the power: {self.deactivation_error}{why}"
             ) from self.error

@@ -16,11 +16,7 @@ NO_ESTIMATE: Estimates = (math.nan, math.nan, math.nan)
 
 
 def tick_stream(joint_count: int) -> Stream:
-    """The columns of a tick.
-
-    Args:
-        joint_count: number of joints n.
-    """
+    """The columns of a tick of an arm with n joints."""
     n = joint_count
     phases = ", ".join(f"{phase.value} {phase.name}" for phase in Phase)
     status = "0 OK, 1 STALE, 2 SATURATED, 3 FAULT"
@@ -74,17 +70,7 @@ def tick_record(  # noqa: PLR0917 (what a tick is made of)
     estimates: Estimates,
     durations: TickDurations,
 ) -> tuple[object, ...]:
-    """One record of `tick_stream`, with a value for each column.
-
-    Args:
-        tick: number of the tick on the grid.
-        measurement: what was measured.
-        output: what the task wanted.
-        sent_torque_nm: shape (n,), what was really sent [N m].
-        tripped: whether the guard was tripped at the end of the tick.
-        estimates: what the observer found.
-        durations: time spent in this tick's sections so far.
-    """
+    """One record of `tick_stream`, with a value for each column."""
     return (
         tick,
         measurement.time_s,

@@ -33,21 +33,13 @@ SECTIONS = (*(name.removesuffix("_s") for name in TickDurations._fields), "tick"
 
 @dataclass(frozen=True, slots=True)
 class SectionTiming:
-    """Distribution of one section's duration over a run.
+    """Distribution of one section's duration over a run."""
 
-    Attributes:
-        count: number of ticks.
-        p50_s: median [s].
-        p99_s: 99th percentile [s].
-        p999_s: 99.9th percentile [s].
-        max_s: longest [s], exact.
-    """
-
-    count: int
-    p50_s: float
-    p99_s: float
-    p999_s: float
-    max_s: float
+    count: int  # number of ticks
+    p50_s: float  # median [s]
+    p99_s: float  # 99th percentile [s]
+    p999_s: float  # 99.9th percentile [s]
+    max_s: float  # longest [s], exact
 
 
 class Histogram:
@@ -109,3 +101,39 @@ class LoopTiming:
         """Figures by section, in the order of `SECTIONS`."""
         self._sort_in()
         return MappingProxyType({name: histogram.summary() for name, histogram in self._histograms.items()})
+
+
+@dataclass
+class TickGrid:
+    """The instants `start_s + k * period_s`, walked in order.
+
+    Each instant is computed from the start, never from the previous tick, so that a million ticks end where a
+    million periods end. A tick that is still running when the next one is due has overrun; the grid then goes
+    on at the next instant that is still ahead; those in between are skipped, never made up for in a burst.
+    """
+
+    start_s: float  # time of the first tick
+    period_s: float
+    index: int = 0
+    overruns: int = 0  # ticks that ended after the next one was due
+    skipped: int = 0  # instants without a tick
+
+    @property
+    def due_s(self) -> float:
+        """When the current tick is due [s]."""
+        return self.start_s + self.index * self.period_s
+
+    def advance(self, now_s: float) -> int:
+        """Go on to the next tick; returns how many periods later that is: 1, or more after an overrun.
+
+        `now_s` is when the current tick ended, on the same clock [s].
+        """
+        previous = self.index
+        self.index = previous + 1
+        if now_s > self.due_s:
+            # Rounding may put the ceiling one instant early; the instant must not have passed.
+            self.index = max(self.index, math.ceil((now_s - self.start_s) / self.period_s))
+            self.index += now_s > self.due_s
+            self.overruns += 1
+            self.skipped += self.index - previous - 1
+        return self.index - previous

@@ -1,8 +1,12 @@
 """The one way out of a run that is not done: through the guard, with the cause said once."""
 
+import signal
+import threading
 from collections.abc import Callable
+from dataclasses import dataclass
+from types import FrameType
+from typing import Any, Self
 
-from control.loop.interrupt import InterruptFlag
 from control.loop.journal import Journal
 from control.loop.result import Outcome
 from robot_io.clock import Clock
@@ -10,43 +14,59 @@ from robot_io.errors import PalpateError
 from robot_io.guard import Guard
 from robot_io.robot import Robot
 
+_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C, kill, closed terminal
 
+
+class InterruptFlag:
+    """While entered, the signals that end a program only set a flag; afterwards the former handlers are back.
+
+    A second Ctrl-C changes nothing: the safe stop under way is already the shortest safe way out. Signals
+    that the program's parent had switched off (nohup, background jobs) stay off. Outside the main thread,
+    where Python allows no handlers, the flag is never set.
+    """
+
+    def __init__(self) -> None:
+        self.signal_name: str | None = None  # the first signal that came
+        self._former: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            for number in _ENDING_SIGNALS:
+                if signal.getsignal(number) is not signal.SIG_IGN:
+                    self._former[number] = signal.signal(number, self._on_signal)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._former.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        self._former.clear()
+
+    def _on_signal(self, number: int, _frame: FrameType | None) -> None:
+        self.signal_name = self.signal_name or signal.Signals(number).name
+
+
+@dataclass
 class WayOut:
     """Turns requests to stop and failures into trips of the guard, each logged once.
 
-    Args:
-        guard: what is tripped.
-        robot: asked what it could not read when the guard trips.
-        clock: stamps events.
-        journal: takes events.
-        interrupt: set by Ctrl-C.
-        stop: asked once a tick; true ends the run.
-
-    Attributes:
-        error: the exception that tripped the guard, if one did.
+    `stop` is asked once a tick; true ends the run.
     """
 
-    def __init__(
-        self,
-        guard: Guard,
-        robot: Robot,
-        clock: Clock,
-        journal: Journal,
-        *,
-        interrupt: InterruptFlag,
-        stop: Callable[[], bool],
-    ) -> None:
-        self.error: Exception | None = None
-        self._guard, self._robot, self._clock, self._journal = guard, robot, clock, journal
-        self._interrupt, self._stop = interrupt, stop
-        self._on_request = False
-        self._cause = ""
-        self._last_failure = ""
+    guard: Guard
+    robot: Robot
+    clock: Clock
+    journal: Journal
+    interrupt: InterruptFlag
+    stop: Callable[[], bool]
+    error: Exception | None = None  # what tripped the guard, if an exception did
+    _on_request: bool = False
+    _cause: str = ""
+    _last_failure: str = ""
 
     @property
     def outcome(self) -> Outcome:
         """How the run has ended, if it ends now."""
-        if not self._guard.tripped:
+        if not self.guard.tripped:
             return Outcome.FINISHED
         return Outcome.STOPPED if self._on_request else Outcome.TRIPPED
 
@@ -58,40 +78,40 @@ class WayOut:
 
     def heed_requests(self) -> None:
         """Trip if somebody wants the arm to stop; once it is tripped nothing can hurry or undo it."""
-        if self._guard.tripped:
+        if self.guard.tripped:
             return
-        if self._interrupt.signal_name:
+        if self.interrupt.signal_name:
             self._on_request = True
-            self._guard.trip(f"interrupted by the user ({self._interrupt.signal_name})")
+            self.guard.trip(f"interrupted by the user ({self.interrupt.signal_name})")
             return
         try:
-            self._on_request = self._stop()
+            self._on_request = self.stop()
         except Exception as error:
             self.fail("asking whether to stop", error)
         if self._on_request:
-            self._guard.trip("stopped on request")
+            self.guard.trip("stopped on request")
 
     def fail(self, what: str, error: Exception) -> None:
         """Trip for an exception, or log it if the guard is tripped already."""
         text = f"{what}: {one_line(error)}"
-        if not self._guard.tripped:
+        if not self.guard.tripped:
             self.error = error
-            self._guard.trip(text)
+            self.guard.trip(text)
         elif text != self._last_failure:  # a failure that repeats in each tick is one event
-            self._journal.event(self._clock.now_s(), "failure", text)
+            self.journal.event(self.clock.now_s(), "failure", text)
         self._last_failure = text
 
     def note_trip(self) -> None:
         """Log the trip, if there is one and it is new."""
-        trip = self._guard.tripped
+        trip = self.guard.tripped
         if trip and not self._cause:
-            robot = self._robot
+            robot = self.robot
             troubles = {**robot.bus_delays, **robot.bus_errors}
             buses = (f"bus '{name}': {problem}" for name, problem in troubles.items())
             samples = (f"{device}: {problem}" for device, problem in robot.sample_errors.items())
             remedies = (trip.remedy,) if trip.remedy else ()
             self._cause = "; ".join((trip.cause, *buses, *samples, *remedies))
-            self._journal.event(self._clock.now_s(), "stop" if self._on_request else "trip", self._cause)
+            self.journal.event(self.clock.now_s(), "stop" if self._on_request else "trip", self._cause)
 
 
 def one_line(error: Exception) -> str:

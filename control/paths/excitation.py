@@ -11,38 +11,25 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from control.compliance import Compliance
+from control.paths.trajectory import PEAK_SPEED, quintic
 from robot_io.files.file_model import FileModel, Positive
 from robot_io.types import FloatArray
 
 _RAMP_SHARE = 0.2  # of the duration, for fading in
-_FADE_PEAK = 15.0 / 8.0  # fastest part of the fade, over its mean
 _PEAK_SAMPLES_PER_PERIOD = 50
 
 
 class Excitation(FileModel):
-    """What to ride on the hold.
+    """What to ride on the hold."""
 
-    Attributes:
-        shape: "multisine" (eight frequencies at once) or "chirp" (one that rises).
-        quantity: "force" modulates the desired force; "position" moves the tip by what makes this force.
-        amplitude_n: half of the force's peak to peak [N].
-        low_hz: lowest frequency [Hz].
-        high_hz: highest frequency [Hz].
-        duration_s: how long [s].
-    """
-
+    # "multisine" (eight frequencies at once) or "chirp" (one that rises).
     shape: Literal["multisine", "chirp"] = "multisine"
+    # "force" modulates the desired force; "position" moves the tip by what makes this force.
     quantity: Literal["force", "position"] = "force"
-    amplitude_n: Positive = 1.5
-    low_hz: Annotated[Positive, Field(le=100.0)] = 0.5
-    high_hz: Annotated[Positive, Field(le=100.0)] = 8.0
-    duration_s: Annotated[Positive, Field(le=600.0)] = 4.0
-
-    @property
-    def ramp_s(self) -> float:
-        """Time in which it is faded in [s]."""
-        return _RAMP_SHARE * self.duration_s
+    amplitude_n: Positive = 1.5  # half of the force's peak to peak [N]
+    low_hz: Annotated[Positive, Field(le=100.0)] = 0.5  # lowest frequency [Hz]
+    high_hz: Annotated[Positive, Field(le=100.0)] = 8.0  # highest frequency [Hz]
+    duration_s: Annotated[Positive, Field(le=600.0)] = 4.0  # how long [s]
 
     @model_validator(mode="after")
     def _check_frequencies(self) -> "Excitation":
@@ -53,6 +40,11 @@ class Excitation(FileModel):
                 f"duration_s {self.duration_s} is shorter than one period of low_hz {self.low_hz}"
             )
         return self
+
+    @property
+    def ramp_s(self) -> float:
+        """Time in which it is faded in [s]."""
+        return _RAMP_SHARE * self.duration_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +59,7 @@ class ProfilePoint:
 class Profile:
     """A wave between -1 and 1 less an offset, faded in so that value, rate and acceleration begin at zero.
 
-    It ends in full swing: the arm moves out of the object next.
-
-    Args:
-        excitation: shape, frequencies and duration.
-        offset: at least 1, so that the profile is never positive.
+    It ends in full swing: the arm moves out of the object next. With an offset of 1 it is never positive.
     """
 
     def __init__(self, excitation: Excitation, offset: float = 1.0) -> None:
@@ -92,7 +80,7 @@ class Profile:
     def at(self, time_s: float) -> ProfilePoint:
         """The profile `time_s` [s] after its start."""
         wave, wave_rate, wave_acceleration = self._wave(time_s)
-        fade, fade_rate, fade_acceleration = self._fade(time_s)
+        fade, fade_rate, fade_acceleration = quintic(time_s, self._ramp_s)
         below = wave - self._offset
         return ProfilePoint(
             fade * below,
@@ -101,7 +89,7 @@ class Profile:
         )
 
     def _wave(self, time_s: float) -> tuple[float, float, float]:
-        """The wave between -1 and 1, with its derivatives."""
+        """The wave between -1 and 1, with its derivatives by time."""
         angle = self._phases + time_s * (self._rates + 0.5 * self._sweep * time_s)
         rate = self._rates + self._sweep * time_s
         sine, cosine = np.sin(angle), np.cos(angle)
@@ -109,18 +97,6 @@ class Profile:
             self._scale * float(cosine.sum()),
             -self._scale * float(rate @ sine),
             -self._scale * float(rate**2 @ cosine + self._sweep * sine.sum()),
-        )
-
-    def _fade(self, time_s: float) -> tuple[float, float, float]:
-        """From 0 to 1, with its derivatives."""
-        ramp_s = self._ramp_s
-        s = max(time_s, 0.0) / ramp_s
-        if s >= 1.0:
-            return 1.0, 0.0, 0.0
-        return (
-            s**3 * (10.0 + s * (-15.0 + 6.0 * s)),
-            30.0 * s**2 * (1.0 - s) ** 2 / ramp_s,
-            60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / ramp_s**2,
         )
 
     def _peak(self, excitation: Excitation) -> float:
@@ -131,7 +107,12 @@ class Profile:
 
 
 def position_amplitude_m(
-    excitation: Excitation, compliance: Compliance, force_limit_n: float, speed_limit_m_s: float
+    excitation: Excitation,
+    *,
+    stiffness_n_m: float,
+    damping_n_s_m: float,
+    force_limit_n: float,
+    speed_limit_m_s: float,
 ) -> tuple[float, float]:
     """Amplitude [m] and offset [-] of a position profile on an object of about this compliance.
 
@@ -140,10 +121,10 @@ def position_amplitude_m(
     fading in faster than what a third of the force moves the object's damper.
     """
     rate = math.tau * excitation.high_hz
-    impedance_n_m = math.hypot(compliance.stiffness_n_m, rate * compliance.damping_n_s_m)
-    offset = impedance_n_m / compliance.stiffness_n_m
-    fade_m_s = min(speed_limit_m_s, 0.3 * force_limit_n / max(compliance.damping_n_s_m, 1e-9))
-    slowest_m = min(speed_limit_m_s / rate, fade_m_s * excitation.ramp_s / (_FADE_PEAK * offset))
+    impedance_n_m = math.hypot(stiffness_n_m, rate * damping_n_s_m)
+    offset = impedance_n_m / stiffness_n_m
+    fade_m_s = min(speed_limit_m_s, 0.3 * force_limit_n / max(damping_n_s_m, 1e-9))
+    slowest_m = min(speed_limit_m_s / rate, fade_m_s * excitation.ramp_s / (PEAK_SPEED * offset))
     return min(excitation.amplitude_n / impedance_n_m, slowest_m), offset
 
 

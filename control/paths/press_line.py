@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from control.arm.inverse_kinematics import NEAR_SINGULAR, Elbow, IkSolution, PlanarArm
-from control.paths.motion import JointMotion, LineState
+from control.paths.trajectory import JointMotion, LineState
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, frozen_array
 
@@ -15,14 +15,8 @@ _REACH_STEP_M = 2e-3
 class PressLine:
     """The line along which an object is pressed, in an arm's plane.
 
-    Args:
-        arm: closed-form kinematics.
-        start_world_m: shape (3,), tip position at travel 0 [m].
-        direction_world: shape (3,), direction of positive travel and of the tool; made a unit vector.
-        elbow: which way the elbow bends.
-
-    Raises:
-        InputError: the start cannot be reached.
+    At travel 0 the tip is at the start, shape (3,) [m]; travel and tool go in the direction, shape (3,),
+    which is made a unit vector. Raises `InputError` if the start cannot be reached.
     """
 
     def __init__(
@@ -47,12 +41,9 @@ class PressLine:
     def reach_m(
         self, wanted_m: float, near_rad: FloatArray, limits_rad: tuple[FloatArray, FloatArray]
     ) -> float:
-        """How far the tip can travel from the start, up to `wanted_m`, to within 2 mm [m].
+        """How far the tip can travel from the start, up to `wanted_m` (negative: back), to within 2 mm [m].
 
-        Args:
-            wanted_m: way to try, negative for backwards [m].
-            near_rad: joint positions of a moment ago, shape (3,) [rad].
-            limits_rad: lowest and highest joint positions, (3,) each [rad].
+        It starts near joint positions (3,) and stays between the limits, (3,) each [rad].
         """
         steps = math.ceil(abs(wanted_m) / _REACH_STEP_M)
         reached_m = 0.0
@@ -70,11 +61,7 @@ class PressLine:
         return reached_m
 
     def joint_motion(self, state: LineState, near_rad: FloatArray) -> JointMotion:
-        """Joint motion that gives this motion along the line.
-
-        Args:
-            state: travel, speed and acceleration.
-            near_rad: joint positions of a moment ago, shape (3,); each result is the turn nearest to it.
+        """Joint motion that gives this motion along the line, in turns nearest to `near_rad`, shape (3,).
 
         Raises:
             InputError: out of reach, or singular.

@@ -1,27 +1,50 @@
-"""Motions for free air, continuous to acceleration: a move between joint positions, and a change of speed."""
+"""Motions in free air, continuous to acceleration: joints from posture to posture, the tip along a line."""
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from control.paths.motion import JointMotion, LineState
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, frozen_array
 
-# Peaks of the quintic p(s) = 10 s^3 - 15 s^4 + 6 s^5 from rest to rest.
-_PEAK_SPEED = 15.0 / 8.0
-_SHORTEST_S = 1e-3  # also of a move of no length
+PEAK_SPEED = 15.0 / 8.0  # of `quintic`, over its mean
 _PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)
+_SHORTEST_S = 1e-3  # also of a move of no length
+
+
+class LineState(NamedTuple):
+    """Motion along the line: travel [m], speed [m/s] and acceleration [m/s^2], positive into the object."""
+
+    travel_m: float
+    speed_m_s: float = 0.0
+    acceleration_m_s2: float = 0.0
+
+
+class JointMotion(NamedTuple):
+    """Joint positions [rad], velocities [rad/s] and accelerations [rad/s^2], shape (n,) each."""
+
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    acceleration_rad_s2: FloatArray
+
+
+def quintic(time_s: float, duration_s: float) -> tuple[float, float, float]:
+    """From 0 to 1, at rest at both ends: 10 s^3 - 15 s^4 + 6 s^5 with s = t / T; and its derivatives by t."""
+    s = time_s / duration_s
+    if not 0.0 < s < 1.0:
+        return float(s > 0.0), 0.0, 0.0
+    return (
+        s**3 * (10.0 + s * (-15.0 + 6.0 * s)),
+        30.0 * s**2 * (1.0 - s) ** 2 / duration_s,
+        60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / duration_s**2,
+    )
 
 
 class JointMove:
-    """All joints from rest to rest along quintics of the same duration.
-
-    Args:
-        start_rad: shape (n,) [rad].
-        end_rad: shape (n,) [rad].
-        speed_limit_rad_s: no joint moves faster [rad/s].
-        acceleration_limit_rad_s2: no joint accelerates more [rad/s^2].
+    """All joints (n,) from rest to rest along quintics of one duration, none faster than the limits.
 
     Raises:
         InputError: a limit is not positive.
@@ -43,39 +66,26 @@ class JointMove:
         self._way = frozen_array(end_rad, self._start.shape, what="end of the move") - self._start
         longest_rad = float(np.abs(self._way).max())
         self.duration_s = max(
-            _PEAK_SPEED * longest_rad / speed_limit_rad_s,
+            PEAK_SPEED * longest_rad / speed_limit_rad_s,
             math.sqrt(_PEAK_ACCELERATION * longest_rad / acceleration_limit_rad_s2),
             _SHORTEST_S,
         )
 
     def at(self, time_s: float) -> JointMotion:
         """Motion `time_s` [s] after the start; at rest at the end afterwards."""
-        return _on_way(self._start, self._way, self._along(time_s))
+        return _on_way(self._start, self._way, quintic(time_s, self.duration_s))
 
     def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> "JointBrake":
         """Come to rest on the way, from the motion at `time_s` [s] on, with another limit [rad/s^2]."""
-        return JointBrake(self._start, self._way, self._along(time_s), acceleration_limit_rad_s2)
-
-    def _along(self, time_s: float) -> LineState:
-        """Share of the way, and its derivatives."""
-        if time_s >= self.duration_s:
-            return LineState(1.0)
-        s = max(time_s, 0.0) / self.duration_s
-        return LineState(
-            s**3 * (10.0 + s * (-15.0 + 6.0 * s)),
-            30.0 * s**2 * (1.0 - s) ** 2 / self.duration_s,
-            60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / self.duration_s**2,
-        )
+        along = LineState(*quintic(time_s, self.duration_s))
+        return JointBrake(self._start, self._way, along, acceleration_limit_rad_s2)
 
 
 class JointBrake:
     """All joints come to rest together, on the way that they were on; see `JointMove.brake_at`.
 
-    Args:
-        start_rad: where the way begins, shape (n,) [rad].
-        way_rad: to its end, shape (n,) [rad].
-        along: share of the way, and its derivatives, when the braking begins.
-        acceleration_limit_rad_s2: no joint decelerates more, if none accelerates when it begins [rad/s^2].
+    `along` is the share of the way, and its derivatives, when the braking begins. No joint decelerates more
+    than the limit, if none accelerates when it begins.
     """
 
     def __init__(
@@ -91,21 +101,51 @@ class JointBrake:
         return _on_way(self._start, self._way, self._blend.at(time_s))
 
 
-def _on_way(start_rad: FloatArray, way_rad: FloatArray, along: LineState) -> JointMotion:
+def _on_way(start_rad: FloatArray, way_rad: FloatArray, along: tuple[float, float, float]) -> JointMotion:
     share, rate_1_s, acceleration_1_s2 = along
     return JointMotion(start_rad + share * way_rad, rate_1_s * way_rad, acceleration_1_s2 * way_rad)
+
+
+class JointPath:
+    """`JointMove` after `JointMove` through two or more points, shape (n,) each [rad]."""
+
+    def __init__(
+        self, points_rad: Sequence[FloatArray], speed_limit_rad_s: float, acceleration_limit_rad_s2: float
+    ) -> None:
+        self._points = tuple(points_rad)
+        self._moves = [
+            JointMove(*ends, speed_limit_rad_s, acceleration_limit_rad_s2) for ends in pairwise(points_rad)
+        ]
+        self.duration_s = sum(move.duration_s for move in self._moves)
+
+    def at(self, time_s: float) -> JointMotion:
+        """Motion `time_s` [s] after the start; at rest at the end afterwards."""
+        number, since_s = self._move_at(time_s)
+        return self._moves[number].at(since_s)
+
+    def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> JointBrake:
+        """Come to rest on the way, from the motion at `time_s` [s] on; see `JointMove.brake_at`."""
+        number, since_s = self._move_at(time_s)
+        return self._moves[number].brake_at(since_s, acceleration_limit_rad_s2)
+
+    def passed_rad(self, time_s: float) -> tuple[FloatArray, ...]:
+        """The points that lie behind at `time_s` [s], the last one first: the way back."""
+        return self._points[self._move_at(time_s)[0] :: -1]
+
+    def _move_at(self, time_s: float) -> tuple[int, float]:
+        """Number of the move that is under way, and for how long it has been [s]."""
+        last = len(self._moves) - 1
+        for number, move in enumerate(self._moves[:last]):
+            if time_s < move.duration_s:
+                return number, time_s
+            time_s -= move.duration_s
+        return last, time_s
 
 
 class SpeedBlend:
     """Along a line: from a state of motion to a constant speed, the speed a cubic in time.
 
-    Args:
-        start: where it begins; its acceleration is taken up.
-        speed_m_s: final speed, kept from then on [m/s].
-        acceleration_limit_m_s2: largest acceleration, if the start has none [m/s^2].
-
-    Raises:
-        InputError: the limit is not positive.
+    The acceleration of the start is taken up; without one the limit, which must be positive, is the largest.
     """
 
     def __init__(self, start: LineState, speed_m_s: float, acceleration_limit_m_s2: float) -> None:
@@ -129,10 +169,9 @@ class SpeedBlend:
         return self._during(time_s)
 
     def _during(self, t: float) -> LineState:
-        start, b, c = self._start, self._b, self._c
-        v0, a0 = start.speed_m_s, start.acceleration_m_s2
+        (x0, v0, a0), b, c = self._start, self._b, self._c
         return LineState(
-            start.travel_m + t * (v0 + t * (a0 / 2.0 + t * (b / 3.0 + t * c / 4.0))),
+            x0 + t * (v0 + t * (a0 / 2.0 + t * (b / 3.0 + t * c / 4.0))),
             v0 + t * (a0 + t * (b + t * c)),
             a0 + t * (2.0 * b + t * 3.0 * c),
         )
@@ -151,16 +190,8 @@ def turning_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> floa
 class LineReturn:
     """Along a line: from a state of motion to rest at a travel, cruising at a speed in between.
 
-    If the way is too short to cruise, it overshoots by what stopping needs and rests there.
-
-    Args:
-        start: where it begins; its acceleration is taken up.
-        end_travel_m: where it rests [m].
-        speed_m_s: cruising speed, positive [m/s].
-        acceleration_limit_m_s2: as for `SpeedBlend` [m/s^2].
-
-    Raises:
-        InputError: speed or limit is not positive.
+    If the way is too short to cruise, it overshoots by what stopping needs and rests there. The speed must be
+    positive; start and acceleration limit are as for `SpeedBlend`.
     """
 
     def __init__(

@@ -29,56 +29,40 @@ class ProbingRunSpec:
 
 
 class ProbingPlan(FileModel):
-    """A probing task; every target is probed `repeats` times at all speeds.
+    """A probing task; every target is probed `repeats` times at all speeds."""
 
-    Attributes:
-        speeds_m_s: set speeds of approach and loading [m/s].
-        repeats: how often all speeds are run at each target.
-        targets_world_m: points near the surface, which itself is found by touch; empty: below the tip [m].
-        press_direction_world: direction in which the tool points and presses; made a unit vector.
-        force_limit_n: loading ends here, and this force is held [N].
-        hold_s: how long it is held [s].
-        excitation: profile that rides on the hold afterwards, or None.
-        approach_clearance_m: an approach starts this far before the target [m].
-        search_depth_m: way from there within which the surface must be touched [m].
-        max_depth_m: deepest indentation [m].
-        retract_m: way out of the object between runs [m].
-        settle_s: standing still before the free-air record [s].
-        free_air_s: free-air record before each approach, for bias and noise of the force [s].
-        free_air_swing_m: before each run the tip swings up by this from where the approach starts, and back
-            down, once at each of the next speeds: the joints turn round in free air; 0: not at all [m].
-        free_air_swing_speeds_rad_s: fastest joint in these swings, as far as joint_acceleration_rad_s2 lets
-            it come up to speed [rad/s].
-        load_time_limit_s: loading is given up after this [s].
-        acceleration_m_s2: of the tip in free air [m/s^2].
-        travel_speed_m_s: of the tip while retracting [m/s].
-        joint_speed_rad_s: fastest joint while moving to a target [rad/s].
-        joint_acceleration_rad_s2: the same for acceleration [rad/s^2].
-    """
-
+    # set speeds of approach and loading [m/s].
     speeds_m_s: Annotated[tuple[Speed, ...], Field(min_length=1, max_length=100)] = (0.15, 0.09, 0.06)
+    # how often all speeds are run at each target.
     repeats: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1
+    # points near the surface, which itself is found by touch; empty: below the tip [m].
     targets_world_m: Annotated[tuple[Vector, ...], Field(max_length=1000)] = ()
+    # direction in which the tool points and presses; made a unit vector.
     press_direction_world: Vector = (0.0, 0.0, -1.0)
+    # loading ends here, and this force is held [N].
     force_limit_n: Annotated[Number, Field(ge=0.01, le=1000.0)] = 10.0
-    hold_s: NotNegative = 1.0
-    excitation: Excitation | None = None
-    approach_clearance_m: Positive = 0.03
-    search_depth_m: Positive = 0.2
-    max_depth_m: Positive = 0.15
-    retract_m: Positive = 0.03
-    settle_s: NotNegative = 0.2
+    hold_s: NotNegative = 1.0  # how long it is held [s]
+    excitation: Excitation | None = None  # profile that rides on the hold afterwards, or None
+    approach_clearance_m: Positive = 0.03  # an approach starts this far before the target [m]
+    search_depth_m: Positive = 0.2  # way from there within which the surface must be touched [m]
+    max_depth_m: Positive = 0.15  # deepest indentation [m]
+    retract_m: Positive = 0.03  # way out of the object between runs [m]
+    settle_s: NotNegative = 0.2  # standing still before the free-air record [s]
+    # free-air record before each approach, for bias and noise of the force [s].
     free_air_s: Annotated[float, Field(ge=0.05, le=60.0)] = 0.3
+    # before each run the tip swings up by this from where the approach starts, and back down, once at each of
+    # the next speeds: the joints turn round in free air; 0: not at all [m].
     free_air_swing_m: Annotated[NotNegative, Field(le=0.5)] = 0.0
+    # fastest joint in these swings, as far as joint_acceleration_rad_s2 lets it come up to speed [rad/s].
     free_air_swing_speeds_rad_s: Annotated[tuple[JointSpeed, ...], Field(min_length=1, max_length=10)] = (
         0.3,
         1.0,
     )
-    load_time_limit_s: Positive = 10.0
-    acceleration_m_s2: Positive = 3.0
-    travel_speed_m_s: Speed = 0.15
-    joint_speed_rad_s: Positive = 1.0
-    joint_acceleration_rad_s2: Positive = 4.0
+    load_time_limit_s: Positive = 10.0  # loading is given up after this [s]
+    acceleration_m_s2: Positive = 3.0  # of the tip in free air [m/s^2]
+    travel_speed_m_s: Speed = 0.15  # of the tip while retracting [m/s]
+    joint_speed_rad_s: Positive = 1.0  # fastest joint while moving to a target [rad/s]
+    joint_acceleration_rad_s2: Positive = 4.0  # the same for acceleration [rad/s^2]
 
     @field_validator("press_direction_world")
     @classmethod
@@ -97,7 +81,7 @@ class ProbingPlan(FileModel):
                 f"at most {0.4 * self.force_limit_n:.3g} N for force_limit_n {self.force_limit_n} N"
             )
         run_up_m = blend_distance_m(max(self.speeds_m_s), self.acceleration_m_s2)
-        for name in ("approach_clearance_m", "retract_m"):
+        for name in ("approach_clearance_m", "retract_m", "search_depth_m"):
             if getattr(self, name) < run_up_m:
                 raise ValueError(
                     f"{name} {getattr(self, name)} m is too short to reach {max(self.speeds_m_s)} m/s at "
@@ -125,10 +109,6 @@ class ProbingPlan(FileModel):
 
 
 def load_probing_plan(path: str | Path) -> ProbingPlan:
-    """Read a plan from a YAML file.
-
-    Raises:
-        InputError: with file, line, key and the valid choices.
-    """
+    """Read a plan from a YAML file; `InputError` names file, line, key and the valid choices."""
     document = load_yaml(path)
     return validate(ProbingPlan, document.data, document)

@@ -8,15 +8,12 @@ from collections.abc import Callable
 
 from control.laws.gains import Gains
 from control.laws.hybrid import ControlOutput, ForceGoal, HybridController, HybridReference
-from control.laws.touch import touch_force_n
+from control.laws.touch import RunningMean, free_air_problem, touch_force_n
 from control.loop.phases import Phase
 from control.loop.task import TaskEvent
 from control.paths.excitation import Profile, position_amplitude_m
-from control.paths.motion import LineState
-from control.paths.trajectory import LineReturn, SpeedBlend, turning_distance_m
-from control.probing.free_air import free_air_problem
+from control.paths.trajectory import LineReturn, LineState, SpeedBlend, turning_distance_m
 from control.probing.plan import ProbingPlan, ProbingRunSpec
-from control.probing.running_mean import RunningMean
 from control.probing.sites import ProbingSite
 from robot_io.types import Measurement
 
@@ -29,22 +26,7 @@ _TOO_STRONG = 1.1  # times the force limit ends an excitation by position
 
 
 class ProbingRun:
-    """A state machine from a site's approach start and back to it.
-
-    Args:
-        control: the hybrid controller, at rest at the site's approach start.
-        site: where; told where the next approach starts.
-        spec: number and speed of this run.
-        plan: all else.
-        gains: what counts as touch, and what as free air.
-
-    Attributes:
-        phase: what the arm is doing.
-        desired_force_n: force aimed at in the last tick, NaN where there is none [N].
-        events: what happened in the last tick.
-        failure: why the run gave no data, or None.
-        finished: the arm is at rest at the next approach's start.
-    """
+    """A state machine from a site's approach start, where the arm is at rest, and back to the next one's."""
 
     def __init__(
         self,
@@ -54,20 +36,15 @@ class ProbingRun:
         plan: ProbingPlan,
         gains: Gains,
     ) -> None:
-        self._control = control
-        self._site = site
-        self._plan = plan
+        self._control, self._site, self._plan, self.spec = control, site, plan, spec
         self._touch_gains = gains.touch
-        self.spec = spec
-        self._air = RunningMean()
-        self._held = RunningMean()
+        self._air, self._held = RunningMean(), RunningMean()
         self._step: Callable[[Measurement, float], ControlOutput] = self._free_air
-        self._time_s = 0.0
-        self._lost_s = 0.0
+        self._time_s = self._lost_s = 0.0
         self.phase = Phase.FREE_AIR
-        self.desired_force_n = math.nan
-        self.events: list[TaskEvent] = []
-        self.failure: str | None = None
+        self.desired_force_n = math.nan  # aimed at in the last tick, NaN where there is none
+        self.events: list[TaskEvent] = []  # of the last tick
+        self.failure: str | None = None  # why the run gave no data
         self.finished = False
 
     def step(self, measurement: Measurement, dt_s: float) -> ControlOutput:
@@ -218,9 +195,11 @@ class ProbingRun:
             self._profile, self._amplitude = Profile(excitation), excitation.amplitude_n
             self._enter(Phase.HOLD, self._excite_force)
         else:
-            plan, compliance = self._plan, self._control.guess.compliance
             self._amplitude, offset = position_amplitude_m(
-                excitation, compliance, plan.force_limit_n, plan.travel_speed_m_s
+                excitation,
+                **self._control.guess.compliance._asdict(),
+                force_limit_n=self._plan.force_limit_n,
+                speed_limit_m_s=self._plan.travel_speed_m_s,
             )
             self._profile = Profile(excitation, offset)
             self._enter(Phase.HOLD, self._excite_position)

@@ -1,51 +1,44 @@
 """Where a probing plan presses: one line per target, checked against the arm before anything moves."""
 
-from control.arm.inverse_kinematics import Elbow, PlanarArm
-from control.paths.motion import LineState
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from control.arm.inverse_kinematics import PlanarArm
 from control.paths.press_line import PressLine
-from control.paths.trajectory import blend_distance_m
+from control.paths.trajectory import LineState, blend_distance_m
 from control.probing.plan import ProbingPlan
 from robot_io.errors import InputError
+from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, frozen_array
 
 JointLimits = tuple[FloatArray, FloatArray]
 _LIFT_ROOM_M = 0.1  # above the highest target's clearance, for the way to the next one, at least
+_FORCE_MARGIN = 1.1  # what touch and loading overshoot by, and a little more
+_SPEED_MARGIN = 1.1  # what an encoder's noise and the controller's corrections add
+_STEPS = 20  # places on a press line that are looked at
 
 
+@dataclass
 class ProbingSite:
-    """A target: its press line and how far the tip may go on it.
+    """A target: its press line and how far the tip may go on it, as travels along that line [m]."""
 
-    Args:
-        line: the press line; an approach starts at travel 0 until the surface is known.
-        search_travel_m: the surface must be touched before this travel [m].
-        deepest_travel_m: the tip never goes beyond this travel [m].
-        highest_travel_m: nor does an approach start before this one, which is not positive [m].
-        lifted_travel_m: nor does the tip go back beyond this one, which is not above that one [m].
-    """
-
-    def __init__(
-        self,
-        line: PressLine,
-        search_travel_m: float,
-        deepest_travel_m: float,
-        highest_travel_m: float,
-        lifted_travel_m: float,
-    ) -> None:
-        self.line = line
-        self.search_travel_m = search_travel_m
-        self.deepest_travel_m = deepest_travel_m
-        self.approach_travel_m = 0.0
-        self._highest_travel_m = highest_travel_m
-        self._lifted_travel_m = lifted_travel_m
+    line: PressLine
+    search_travel_m: float  # the surface must be touched before this travel
+    deepest_travel_m: float  # the tip never goes beyond this travel
+    highest_travel_m: float  # nor does an approach start before this one, which is not positive
+    lifted_travel_m: float  # nor does the tip go back beyond this one, which is not above that one
+    approach_travel_m: float = 0.0  # where the next approach starts; 0 until the surface is known
 
     def start_above(self, surface_travel_m: float, clearance_m: float) -> None:
         """Let the next approach start a clearance [m] before the surface found at a travel [m]."""
-        self.approach_travel_m = max(surface_travel_m - clearance_m, self._highest_travel_m)
+        self.approach_travel_m = max(surface_travel_m - clearance_m, self.highest_travel_m)
 
     @property
     def lift_room_m(self) -> float:
         """How far the tip can be lifted from where the next approach starts [m]."""
-        return self.approach_travel_m - self._lifted_travel_m
+        return self.approach_travel_m - self.lifted_travel_m
 
     def joint_position_rad(self, near_rad: FloatArray) -> FloatArray:
         """Joint positions (3,) [rad] at the start of the approach, turns nearest to `near_rad`."""
@@ -53,7 +46,7 @@ class ProbingSite:
 
     def lifted_rad(self, lift_m: float, near_rad: FloatArray) -> FloatArray:
         """Joint positions (3,) [rad] with the tip lifted by `lift_m` [m], or as high as can be."""
-        travel_m = max(self.approach_travel_m - lift_m, self._lifted_travel_m)
+        travel_m = max(self.approach_travel_m - lift_m, self.lifted_travel_m)
         return self.line.joint_motion(LineState(travel_m), near_rad).position_rad
 
 
@@ -64,14 +57,9 @@ def probing_sites(
     position_rad: FloatArray,
     limits_rad: JointLimits,
 ) -> list[ProbingSite]:
-    """The sites of a plan, with the elbow bent as it is now.
+    """The sites of a plan, with the elbow bent as it is in the present joint positions (3,) [rad].
 
-    Args:
-        arm: closed-form kinematics.
-        plan: targets, direction and depths.
-        tip_position_world_m: shape (3,), where the only approach starts if the plan has no targets [m].
-        position_rad: present joint positions, shape (3,) [rad].
-        limits_rad: lowest and highest joint positions, (3,) each [rad].
+    Without targets in the plan the only approach starts at the tip's position, shape (3,) [m].
 
     Raises:
         InputError: an approach cannot be started, or there is no room behind its start to search.
@@ -81,24 +69,20 @@ def probing_sites(
     elbow = arm.elbow_of(position_rad)
     places = starts or [tip_position_world_m]
     highest_m = min(float(start @ direction) for start in places)
+    room_m = max(_LIFT_ROOM_M, plan.free_air_swing_m)
     sites = []
     for number, start in enumerate(places, 1):
-        name = f"target {number} ({_millimetres(start)})" if starts else "below the tip"
-        line = _line(arm, start, direction, elbow, name)
-        room_m = max(_LIFT_ROOM_M, plan.free_air_swing_m)
+        millimetres = ", ".join(f"{1e3 * value:.0f}" for value in start)
+        name = f"target {number} ({millimetres} mm)" if starts else "below the tip"
+        try:
+            line = PressLine(arm, start, direction, elbow)
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from error
+        if line.start.near_singular:
+            raise InputError(f"{name}: the arm would be stretched or folded (singular); move the target")
         lift_m = float(start @ direction) - highest_m + room_m
         sites.append(_site(line, plan, position_rad, limits_rad, lift_m, name))
     return sites
-
-
-def _line(arm: PlanarArm, start: FloatArray, direction: FloatArray, elbow: Elbow, name: str) -> PressLine:
-    try:
-        line = PressLine(arm, start, direction, elbow)
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from error
-    if line.start.near_singular:
-        raise InputError(f"{name}: the arm would be stretched or folded (singular); move the target")
-    return line
 
 
 def _site(  # noqa: PLR0917 (all that bounds it)
@@ -114,11 +98,6 @@ def _site(  # noqa: PLR0917 (all that bounds it)
     lifted_m = line.reach_m(-clearance_m - lift_m, near_rad, limits_rad)
     search_m = min(plan.search_depth_m, deepest_m)
     run_up_m = blend_distance_m(max(plan.speeds_m_s), plan.acceleration_m_s2)
-    if plan.search_depth_m <= run_up_m:
-        raise InputError(
-            f"search_depth_m {plan.search_depth_m:g} m: the tip needs more than {run_up_m:.4f} m to come up "
-            "to speed"
-        )
     if search_m <= run_up_m:
         raise InputError(
             f"{name}: the arm can go only {deepest_m * 1e3:.0f} mm on from the start of the approach within "
@@ -127,5 +106,48 @@ def _site(  # noqa: PLR0917 (all that bounds it)
     return ProbingSite(line, search_m, deepest_m, max(lifted_m, -clearance_m), lifted_m)
 
 
-def _millimetres(position_m: FloatArray) -> str:
-    return ", ".join(f"{1e3 * value:.0f}" for value in position_m) + " mm"
+def check_against_guard(plan: ProbingPlan, robot_file: RobotFile) -> None:
+    """Refuse with `InputError` a plan whose forces or joint speeds the robot's guard would trip on."""
+    limits = robot_file.limits
+    most_n = limits.force_n / _FORCE_MARGIN  # also with an excitation, which only takes force away
+    if plan.force_limit_n > most_n:
+        raise InputError(
+            f"force_limit_n {plan.force_limit_n:g} N: the guard of '{robot_file.name}' trips at "
+            f"{limits.force_n:g} N (limits.force_n); at most {most_n:.3g} N"
+        )
+    trips_rad_s = min(limits.velocity_rad_s)
+    most_rad_s = trips_rad_s / _SPEED_MARGIN
+    speeds_rad_s = {"joint_speed_rad_s": plan.joint_speed_rad_s}
+    if plan.free_air_swing_m:
+        speeds_rad_s["free_air_swing_speeds_rad_s"] = max(plan.free_air_swing_speeds_rad_s)
+    for name, speed_rad_s in speeds_rad_s.items():
+        if speed_rad_s > most_rad_s:
+            raise InputError(
+                f"{name} {speed_rad_s:g}: the guard of '{robot_file.name}' trips at "
+                f"{trips_rad_s:g} rad/s (limits.velocity_rad_s); at most {most_rad_s:.3g} rad/s"
+            )
+
+
+def check_tip_speeds(
+    sites: Iterable[ProbingSite], plan: ProbingPlan, near_rad: FloatArray, velocity_limits_rad_s: FloatArray
+) -> None:
+    """Refuse with `InputError` a plan with tip speeds at which a joint on a press line would trip the guard.
+
+    `near_rad` are the present joint positions, and the limits are the guard's, shape (n,) each.
+    """
+    speeds_m_s = {"speeds_m_s": max(plan.speeds_m_s), "travel_speed_m_s": plan.travel_speed_m_s}
+    name, speed_m_s = max(speeds_m_s.items(), key=lambda item: item[1])
+    for number, site in enumerate(sites, 1):
+        here_rad = near_rad
+        for travel_m in np.linspace(0.0, site.deepest_travel_m, _STEPS):
+            motion = site.line.joint_motion(LineState(float(travel_m), speed_m_s), here_rad)
+            here_rad = motion.position_rad
+            share = np.abs(motion.velocity_rad_s) * _SPEED_MARGIN / velocity_limits_rad_s
+            joint = int(share.argmax())
+            if share[joint] > 1.0:
+                raise InputError(
+                    f"{name} {speed_m_s:g} m/s: at target {number} joint {joint + 1} would move at "
+                    f"{abs(motion.velocity_rad_s[joint]):.3g} rad/s, the guard trips at "
+                    f"{velocity_limits_rad_s[joint]:g} rad/s (limits.velocity_rad_s); "
+                    f"at most {speed_m_s / share[joint]:.2g} m/s"
+                )

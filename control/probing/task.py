@@ -17,17 +17,14 @@ from control.arm.rigid_body import RigidBody
 from control.laws.force_witness import ForceWitness
 from control.laws.gains import Gains, gains_of
 from control.laws.hybrid import ControlOutput, HybridController
+from control.laws.touch import free_air_problem
 from control.loop.phases import Phase
 from control.loop.task import NO_RUN, TaskEvent, TaskOutput
-from control.paths.joint_way import JointWay
-from control.paths.trajectory import JointBrake
-from control.probing.free_air import free_air_problem
-from control.probing.limits import check_against_guard, check_tip_speeds
-from control.probing.passage import Passage, Passages, Place
+from control.paths.trajectory import JointBrake, JointPath
 from control.probing.plan import ProbingPlan
 from control.probing.run import ProbingRun
-from control.probing.sites import probing_sites
-from control.probing.swing import Swing, check_swings, swings_at
+from control.probing.sites import check_against_guard, check_tip_speeds, probing_sites
+from control.probing.ways import Place, Route, Routes, Swing
 from robot_io.calibration import Calibrations
 from robot_io.errors import InputError, SafetyTripError
 from robot_io.robot_file import RobotFile
@@ -46,17 +43,9 @@ _REST_WAIT_S = 2.0  # which it must be so long after a move that has ended
 class ProbingTask:
     """Works through a `ProbingPlan`; see `control.loop.task.Task`.
 
-    Args:
-        body: the arm.
-        sensor_axis_tip: direction in the tip frame in which the tool pushes, shape (3,).
-        gains: of all controllers.
-        plan: what to do.
-        position_limits_rad: lowest and highest joint positions to use, (n,) each [rad]; default: the URDF's.
-        velocity_limits_rad_s: at which the guard trips, shape (n,) [rad/s]; default: none.
-        torque_limits_nm: largest torques, shape (n,) [N m]; default: none.
-
-    Attributes:
-        failures: one line for every run that gave no data.
+    The tool pushes along `sensor_axis_tip`, a direction in the tip frame, shape (3,). Limits, shape (n,)
+    each, are the lowest and highest joint positions to use (default: the URDF's), the velocities at which the
+    guard trips and the largest torques (default: none).
 
     Raises:
         InputError: the arm is not planar, or the tool does not lie in its plane.
@@ -84,18 +73,13 @@ class ProbingTask:
         self._fastest_rad_s, self._strongest_nm = velocity_limits_rad_s, torque_limits_nm
         self._direction = frozen_array(plan.press_direction_world)
         self._phase = Phase.IDLE
-        self.failures: tuple[str, ...] = ()
+        self.failures: tuple[str, ...] = ()  # one line for every run that gave no data
 
     @classmethod
     def from_robot_file(
         cls, robot_file: RobotFile, plan: ProbingPlan, calibrations: Calibrations | None = None
     ) -> "ProbingTask":
-        """The task for the arm of a robot file.
-
-        Args:
-            robot_file: the arm.
-            plan: what it is to do.
-            calibrations: what is applied to it; None: those that the robot file names, valid today.
+        """The task for the arm of a robot file; `calibrations` as for `RigidBody.of_robot`.
 
         Raises:
             InputError: URDF or gains are not valid, the arm is not planar, or its guard trips on the plan.
@@ -103,13 +87,12 @@ class ProbingTask:
         check_against_guard(plan, robot_file)
         body = RigidBody.of_robot(robot_file, calibrations)
         limits = robot_file.limits
-        position_limits = (np.array(limits.position_min_rad), np.array(limits.position_max_rad))
         return cls(
             body,
             np.array(robot_file.sensor_axis_tip),
             gains_of(robot_file),
             plan,
-            position_limits_rad=position_limits,
+            position_limits_rad=(np.array(limits.position_min_rad), np.array(limits.position_max_rad)),
             velocity_limits_rad_s=np.array(limits.velocity_rad_s),
             torque_limits_nm=np.array(limits.torque_nm),
         )
@@ -132,9 +115,9 @@ class ProbingTask:
         self._sites = probing_sites(self._arm, self._plan, tip, position_rad, self._limits_rad)
         if self._fastest_rad_s is not None:
             check_tip_speeds(self._sites, self._plan, position_rad, self._fastest_rad_s)
-        self._passages = Passages(self._arm, self._plan)
-        self._passages.check(self._start, self._sites)
-        check_swings(self._sites, position_rad, self._passages, self._plan, self._body, self._strongest_nm)
+        self._routes = Routes(self._arm, self._plan)
+        self._routes.check(self._start, self._sites)
+        self._routes.check_swings(self._sites, position_rad, self._body, self._strongest_nm)
         self._control.start(measurement)
         self._witness.restart()
         self._specs = deque(self._plan.runs())
@@ -153,15 +136,17 @@ class ProbingTask:
                 back, or the arm does not come to rest there.
         """
         self._events = []
-        phase, run = self._phase, self._run
+        run = self._run
         if run is not None:
-            output = run.step(measurement, dt_s)
-            phase = run.phase
+            output, phase = run.step(measurement, dt_s), run.phase
             self._after(run)
         else:
             output = self._move(measurement, dt_s)
             phase = self._phase
-        self._hear_witness(measurement, output, phase, dt_s)
+        if phase in _OUTWARD:
+            self._witness.pause()
+        else:
+            self._witness.watch(measurement, output, dt_s, in_free_air=phase in _IN_FREE_AIR)
         return TaskOutput(
             command=output.command,
             reference_position_rad=output.motion.position_rad,
@@ -176,14 +161,6 @@ class ProbingTask:
             events=tuple(self._events),
         )
 
-    def _hear_witness(
-        self, measurement: Measurement, output: ControlOutput, phase: Phase, dt_s: float
-    ) -> None:
-        if phase in _OUTWARD:
-            self._witness.pause()
-        else:
-            self._witness.watch(measurement, output, dt_s, in_free_air=phase in _IN_FREE_AIR)
-
     def _after(self, run: ProbingRun) -> None:
         """Collect what a run said; when it is over, go on to the next. A target that is not there is left."""
         self._events.extend(run.events)
@@ -191,7 +168,7 @@ class ProbingTask:
             return
         if run.failure:
             self.failures += (run.failure,)
-            self._specs = deque(spec for spec in self._specs if spec.target != run.spec.target)
+            self._leave_out(run.spec.target)
         else:
             self._runs_done += 1
         self._run = None
@@ -201,41 +178,42 @@ class ProbingTask:
     def _begin_way(self) -> None:
         """To the next run's approach start, or back to where the task started."""
         self._swings: deque[Swing] = deque()
-        passage = None
-        while self._specs and passage is None:
-            passage = self._way_to(self._specs[0].target)
-        if passage is None:
-            passage = self._passages.find(self._here, self._start)
-        self._follow(passage.points_rad)
+        route = None
+        while self._specs and route is None:
+            route = self._way_to(self._specs[0].target)
+        if route is None:
+            route = self._routes.find(self._here, self._start)
+        self._follow(route.points_rad)
 
-    def _way_to(self, target: int) -> Passage | None:
+    def _way_to(self, target: int) -> Route | None:
         """The way to a target; a target to which there is none is left."""
         site = self._sites[target]
         place = Place(site.joint_position_rad(self._here.position_rad), site)
-        passage = self._passages.find(self._here, place)
-        if passage.too_low_m <= 0.0:
-            self._swings.extend(swings_at(site, place.position_rad, self._passages, self._plan))
+        route = self._routes.find(self._here, place)
+        if route.too_low_m <= 0.0:
+            self._swings.extend(self._routes.swings_at(site, place.position_rad))
             if self._plan.free_air_swing_m and not self._swings:
                 text = f"no swing before target {target + 1}: the tip would come too near to the object"
                 self._events.append(TaskEvent("no_swing", text))
-            return passage
-        text = passage.problem(f"to target {target + 1}")
-        self.failures += (text,)
-        self._events.append(TaskEvent("no_way", text))
-        self._specs = deque(spec for spec in self._specs if spec.target != target)
+            return route
+        text = route.problem(f"to target {target + 1}")
+        self._fail("no_way", text)
+        self._leave_out(target)
         return None
 
-    def _swing(self) -> None:
-        swing = self._swings.popleft()
-        self._here = swing.start
-        self._follow(swing.points_rad, swing.speed_rad_s)
+    def _fail(self, kind: str, text: str) -> None:
+        self.failures += (text,)
+        self._events.append(TaskEvent(kind, text))
+
+    def _leave_out(self, target: int) -> None:
+        self._specs = deque(spec for spec in self._specs if spec.target != target)
 
     def _follow(self, points_rad: Sequence[FloatArray], speed_rad_s: float | None = None) -> None:
         plan = self._plan
         self._phase = Phase.MOVE
         self._move_s = 0.0
         self._blocked_ticks = 0
-        self._way = JointWay(
+        self._way = JointPath(
             points_rad, speed_rad_s or plan.joint_speed_rad_s, plan.joint_acceleration_rad_s2
         )
         self._brake: JointBrake | None = None
@@ -251,10 +229,15 @@ class ProbingTask:
                 self._go_home()
         elif self._swings:
             if self._move_s >= self._way.duration_s:
-                self._swing()
+                swing = self._swings.popleft()
+                self._here = swing.start
+                self._follow(swing.points_rad, swing.speed_rad_s)
         elif self._move_s >= self._way.duration_s + self._plan.settle_s:
             if self._specs:
-                self._begin_run()
+                spec = self._specs.popleft()
+                site = self._sites[spec.target]
+                self._control.set_line(site.line, site.approach_travel_m)
+                self._run = ProbingRun(self._control, site, spec, self._plan, self._gains)
             else:
                 self._end_at_rest(measurement)
         return output
@@ -273,8 +256,7 @@ class ProbingTask:
         if not self._specs:
             raise SafetyTripError(f"{what} back to where the task started: something is in the way")
         text = f"{what} to a target: something is in the way"
-        self.failures += (text,)
-        self._events.append(TaskEvent("obstacle", text))
+        self._fail("obstacle", text)
         self._specs.clear()
         self._swings.clear()
         self._obstacle_share = _LEAVING_SHARE
@@ -285,14 +267,8 @@ class ProbingTask:
 
     def _go_home(self) -> None:
         """The way that the arm came, which was free, and on from there."""
-        home = self._passages.find(self._here, self._start).points_rad
+        home = self._routes.find(self._here, self._start).points_rad
         self._follow((self._control.reference_rad, *self._passed_rad, *home[1:]))
-
-    def _begin_run(self) -> None:
-        spec = self._specs.popleft()
-        site = self._sites[spec.target]
-        self._control.set_line(site.line, site.approach_travel_m)
-        self._run = ProbingRun(self._control, site, spec, self._plan, self._gains)
 
     def _end_at_rest(self, measurement: Measurement) -> None:
         """Be done, once the arm stands still."""

@@ -57,7 +57,16 @@ def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT)
     Raises:
         InputError: the file cannot be used; one line with row, column and remedy.
     """
-    columns = assign_columns(_filter(read_table(path), options), options)
+    return import_table(read_table(path), options)
+
+
+def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
+    """Make channels of a table that is in memory; see `import_file`.
+
+    Raises:
+        InputError: the table cannot be used; one line with row, column and remedy.
+    """
+    columns = assign_columns(_filter(table, options), options)
     sources = _sources(columns)
     rows = arrange_rows(columns, fresh=options.fresh)
     _check_context(columns, options.context)

@@ -116,13 +116,25 @@ def read_table(path: str | os.PathLike[str]) -> Table:
             f"{place}: unknown kind of file. Valid: {known}; a text file may be packed, as .csv.gz"
         )
     try:
-        found = read(place)
-        names = [" ".join(name.split()) for name in found.column_names]
-        columns = found.rename_columns(names)
+        return table_of(read(place), place)
     except InputError:
         raise
     except Exception as error:  # a broken file can make the libraries raise almost anything
         raise InputError(f"{place}: cannot be read: {' '.join(str(error).split())[:200]}") from error
+
+
+def table_of(found: pa.Table, place: Path) -> Table:
+    """A table as Arrow holds it.
+
+    Args:
+        found: columns.
+        place: where they come from, for errors.
+
+    Raises:
+        InputError: it has no rows, or two columns of one name.
+    """
+    names = [" ".join(name.split()) for name in found.column_names]
+    columns = found.rename_columns(names)
     twice = sorted(name for name, times in Counter(names).items() if times > 1)[:_MOST_NAMES]
     if twice:
         raise InputError(f"{place}: column {', '.join(map(repr, twice))} is there twice; rename one")

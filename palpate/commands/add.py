@@ -1,71 +1,38 @@
 """`palpate add`: add effects to the model, and watch the error fall."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from estimation.models import MODELS
+from estimation.study import Change, ChannelResult
+from estimation.study.channels import ALL_CHANNELS
 from palpate import console
-from palpate.data_options import (
-    ColumnOption,
-    ContextOption,
-    FileArgument,
-    ForceOption,
-    FreshOption,
-    TipFrameOption,
-    UnitOption,
-    UrdfOption,
-    WhereOption,
-    given_arm,
-    import_options,
-    retyped,
-)
+from palpate.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
+from palpate.derived import folder_to_fill
+from palpate.doctor.viewer import rerun_step
 from palpate.files import output_folder
-from palpate.findings.derived import folder_to_fill
-from palpate.findings.effect_library import library_with
-from palpate.findings.estimation_run import load_material
-from palpate.findings.growth import Growth, Wish, grow
-from palpate.findings.kept_diagnosis import kept_diagnosis
-from palpate.findings.retold import retold
-from palpate.findings.revisions import RevisionShelf
-from palpate.findings.story import Story
-from palpate.findings.subject import ALL_CHANNELS
-from palpate.report.outcome import NAMES as OUTCOME
-from palpate.report.outcome import write_outcome
-from palpate.text.rerun_step import rerun_step
-from palpate.text.stages import fall_sentence, parameter_table, print_files, stage_table
+from palpate.outcome import NAMES, write_outcome
+from palpate.render.terminal import print_files, print_stages
+from palpate.study_view import result_view
 from palpate.words import safe
 
 
-def command(  # noqa: PLR0917, one parameter an option
-    file: FileArgument,
+@takes_data
+def command(
+    data: DataArguments,
+    *,
     effects: Annotated[list[str], typer.Argument(help="Effects to add, in order.", metavar="EFFECT...")],
     start: Annotated[
         int | None,
         typer.Option("--from", help="Continue at this revision, not at the newest.", metavar="REVISION"),
     ] = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the base model again.")] = False,
-    model: Annotated[
-        str | None,
-        typer.Option(
-            help=f"Base model: one of {', '.join(MODELS)}; default: that of the newest revision, if any."
-        ),
-    ] = None,
+    model: ModelOption = None,
     channel: Annotated[str | None, typer.Option(help="Where to add them, such as joint_2.")] = None,
-    effect: Annotated[
-        list[str] | None,
-        typer.Option(help="Effect of your own that may be added; its file is run.", metavar="FILE.py:CLASS"),
-    ] = None,
-    urdf: UrdfOption = None,
-    tip_frame: TipFrameOption = None,
-    column: ColumnOption = None,
-    unit: UnitOption = None,
-    where: WhereOption = None,
-    context: ContextOption = None,
-    fresh_runs: FreshOption = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the stages as JSON.")] = False,
+    as_json: JsonOption = False,
     out: Annotated[
         Path | None, typer.Option(help="Keep revisions and pictures here.", metavar="FOLDER")
     ] = None,
@@ -73,61 +40,52 @@ def command(  # noqa: PLR0917, one parameter an option
 ) -> None:
     """Refit with more effects, show how the held-out error falls, and keep each step as a revision.
 
-    Goes on from the newest revision; --from goes back to another one. Report and pictures are renewed where
+    Goes on from the newest revision; --from goes back to another one. Report and recording are renewed where
     revisions are kept.
     """
-    material = load_material(file, import_options(column, unit, where, context, fresh_runs))
-    data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
-    given = {"effect": effect, "urdf": urdf, "tip-frame": tip_frame}
-    arm, library = given_arm(urdf, tip_frame, material.arm), library_with(effect)
-    folder = folder_to_fill(material, out, OUTCOME, force=force)
-    wish = Wish(effects, model, channel, start, fresh)
-    shelf = RevisionShelf(folder)
+    folder = folder_to_fill(data.file, out, NAMES, force=force)
+    study = data.study(model, folder)
     with console.stderr().status("refitting stage by stage"):
-        known = kept_diagnosis(folder, material, arm, library.effects)
-        growth = grow(material, arm, shelf, library, wish, known)
-        stories = retold(growth.story, material, arm, shelf, library, known)
-    with console.stderr().status("report, picture and recording"):
-        commands = list(_commands(stories, lambda **how: retyped(file, out=out, **how, **given, **data)))
-        written = write_outcome(output_folder(folder), material, stories, commands)
-    for story in stories:
-        if story.left_out:
-            console.stderr().print(f"[yellow]{safe(story.left_out)}[/yellow]")
+        change = study.add(*effects, channel=channel, start=start, fresh=fresh)
+        name = change.result.channel.name
+        others = study.results()
+        results = [change.result if one.channel.name == name else one for one in others]
+    with console.stderr().status("report and recording"):
+        commands = list(_commands(data, results, out))
+        written = write_outcome(output_folder(folder), study, results, commands)
+    for one in results:
+        if one.left_out:
+            console.stderr().print(f"[yellow]{safe(one.reason)}[/yellow]")
     if as_json:
-        channel_name = growth.story.subject.channel.name
-        kept = [revision.model_dump(mode="json") for revision in growth.kept]
-        console.print_json({"file": str(file), "channel": channel_name, "revisions": kept})
-    else:
-        back = retyped(file, out=out, **given, **data)
-        beside = retyped(file, folder=out, **given, **data)
-        _print(back, retyped(file, folder=out, **data), beside, growth, written)
+        kept = [revision.model_dump(mode="json") for revision in change.revisions]
+        console.print_json({"file": str(data.file), "channel": name, "revisions": kept})
+        return
+    print_stages(console.stdout(), result_view(replace(change.result, diagnosis=None)))
+    print_files(console.stdout(), written)
+    console.next_steps(*_next(data, change, out, written))
 
 
-def _commands(stories: Sequence[Story], typed: Callable[..., str]) -> Iterator[str]:
-    """What leads to all of these stories, in order; `typed` writes the file with options."""
-    judged = [story.subject.channel.name for story in stories if story.diagnosis is not None]
+def _commands(data: DataArguments, results: Sequence[ChannelResult], out: Path | None) -> Iterator[str]:
+    """What leads to all of these results, in order."""
+    judged = [one.channel.name for one in results if one.diagnosis is not None]
     if judged:
-        yield f"palpate diagnose {typed(channel=judged[0] if len(judged) == 1 else ALL_CHANNELS)}"
-    for story in stories:
-        if story.added:
-            begun = typed(model=story.subject.model.name, channel=story.subject.channel.name)
-            yield f"palpate add {begun} {' '.join(story.added)} --fresh"
+        which = judged[0] if len(judged) == 1 else ALL_CHANNELS
+        yield f"palpate diagnose {data.typed(out=out, channel=which)}"
+    for one in results:
+        if one.added:
+            begun = data.typed(out=out, model=one.channel.model.name, channel=one.channel.name)
+            yield f"palpate add {begun} {' '.join(one.added)} --fresh"
 
 
-def _print(back: str, kept: str, beside: str, growth: Growth, written: dict[str, Path]) -> None:
-    story, out = growth.story, console.stdout()
-    unit = story.subject.channel.kind.effort_unit
-    out.print(fall_sentence(story))
-    out.print(stage_table(story.stages, unit, growth.numbers))
-    out.print(parameter_table(story.stages[-1]))
-    print_files(written)
-    steps = [
-        rerun_step(written["recording"]),
-        (f"palpate revisions {kept}", "all stages, to go back to"),
-        (f"palpate compare {beside} --revision {growth.kept[-1].number}", "where the model still fails"),
-        (f"palpate export {kept}", "the improved model as a simulated world"),
-    ]
-    if growth.parent is not None or len(growth.kept) > 1:
-        before = growth.kept[-1].parent
-        steps.insert(2, (f"palpate add {back} EFFECT --from {before}", "go back, and try another effect"))
-    console.next_steps(*steps)
+def _next(
+    data: DataArguments, change: Change, out: Path | None, written: dict[str, Path]
+) -> Iterator[tuple[str, str]]:
+    newest, kept = change.revisions[-1], data.typed(folder=out)
+    if "recording" in written:
+        yield rerun_step(written["recording"])
+    yield f"palpate revisions {kept}", "all stages, to go back to"
+    if newest.parent is not None:
+        back = f"palpate add {data.typed(out=out)} EFFECT --from {newest.parent}"
+        yield back, "go back, and try another effect"
+    yield f"palpate compare {kept} --revision {newest.number}", "where the model still fails"
+    yield f"palpate export {kept}", "the improved model as a simulated world"

@@ -1,55 +1,47 @@
 """`palpate calibrate`: find out how force sensor, encoders, drives and base differ from what they say."""
 
-from contextlib import ExitStack
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
+from plotly.graph_objects import Figure
 
-from calibration.force.fit import fit_force
-from calibration.force.reference_file import STANDARD_GRAVITY_M_S2, read_reference_file
+from calibration.arm.fit import ArmFit
+from calibration.force.fit import ForceFit, fit_force
+from calibration.force.plateaus import STANDARD_GRAVITY_M_S2, read_reference_file
 from calibration.force.weighing import read_weighing
 from estimation.data.import_options import parse_pairs
-from palpate.arm.robots import DEFAULT, find_robot
-from palpate.arm.wired import is_simulated
-from palpate.calibrating import run as calibrating
-from palpate.calibrating.bench import open_recorded
-from palpate.calibrating.common import (
-    ask_for_weight,
-    excite,
-    finish,
-    forces_from,
-    job_of,
-    output_for,
-    question_before,
-    remarks_on,
-    stamp_of,
-    told_of_the_end,
+from palpate import console
+from palpate.files import different_files, existing_file, output_file, write_text
+from palpate.render.calibration import (
+    arm_figure,
+    encoder_figure,
+    force_figure,
+    print_calibration,
+    write_figure,
 )
-from palpate.calibrating.options import (
-    DriversOption,
-    FromOption,
-    HiddenOption,
-    JsonOption,
-    OutOption,
-    RealtimeOption,
-    RobotOption,
-    ScenarioOption,
-    SeedOption,
-    SessionOption,
-    ValidOption,
-    WireOption,
-    YesOption,
+from palpate.render.progress import motion_progress, weighing_progress
+from palpate.runs import calibration as runs
+from palpate.runs import calibration_file as fits
+from palpate.runs.calibration_use import NamedRobot, say_how_to_use_it
+from palpate.runs.options import (
+    SESSIONS,
+    CalibrateOptions,
+    MotionOptions,
+    forces_of,
     pose_of,
     stops_of,
+    takes,
 )
-from palpate.files import existing_file
-from palpate.text.calibration_progress import motion_progress, weighing_progress
-from palpate.text.calibration_use import NamedRobot
-from palpate.views.plots.calibration import encoder_figure, force_figure
-from robot_io.errors import InputError
+from palpate.runs.permission import Permission, ask_for_pose, ask_for_power, without_question
+from palpate.words import AT_REST, shown
+from robot_io.calibration import Calibration
+from robot_io.errors import InputError, PalpateError
 
-YEAR = 365.0
+CALIBRATIONS = Path("calibrations")
 PERCENT = 0.01
 
 group = typer.Typer(
@@ -77,14 +69,10 @@ def root(context: typer.Context) -> None:
 
 
 @group.command()
-def force(  # noqa: PLR0917, one parameter an option
-    robot: RobotOption = DEFAULT,
-    from_: Annotated[
-        Path | None,
-        typer.Option(
-            "--from", help="Data file (CSV, Parquet, NPZ) or session; nothing is read.", metavar="FILE"
-        ),
-    ] = None,
+@takes(CalibrateOptions)
+def force(
+    options: CalibrateOptions,
+    *,
     column: Annotated[
         list[str] | None,
         typer.Option(
@@ -109,63 +97,44 @@ def force(  # noqa: PLR0917, one parameter an option
             help="Standard uncertainty of all references together.", metavar="PERCENT", min=0, max=50
         ),
     ] = 0.0,
-    out: OutOption = None,
-    session: SessionOption = None,
-    valid_days: ValidOption = YEAR,
-    scenario: ScenarioOption = None,
-    seed: SeedOption = None,
-    hidden: HiddenOption = None,
-    wire: WireOption = False,
-    realtime: RealtimeOption = False,
-    drivers: DriversOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Force sensor: scale, zero and curvature, from known weights or somebody's data; hysteresis is reported.
 
     On the robot: without power, the sensor's axis upright, you put on weight after weight, up and down.
 
-    From a file: one row a sample, with columns for the reading and for the reference.
+    From a file (CSV, Parquet, NPZ): one row a sample, with columns for the reading and for the reference.
     """
-    robot_file = find_robot(robot)
-    output = output_for(out, robot_file, "force", session)
-    with ExitStack() as ending:
-        unit = "N"
-        if from_ is not None and from_.suffix != ".mcap":
-            raw, columns = existing_file(from_, "data"), parse_pairs(column or (), "--column")
-            plateaus, unit = read_reference_file(
-                raw, columns, gravity_m_s2=gravity_m_s2, reading_unit=reading_unit
-            )
+
+    def record(job: runs.CalibrationJob) -> None:
+        forces_n = forces_of(weights_kg, job.robot_file, gravity_m_s2, simulated=job.simulated)
+        place = runs.put_simulated_weight if job.simulated else ask_for_weight(gravity_m_s2)
+        with weighing_progress(len(forces_n), live=job.simulated) as progress:
+            runs.run_weighing(job, forces_n, place, progress=progress)
+
+    def work_out(raw: Path) -> _Found:
+        if raw.suffix == ".mcap":
+            plateaus, unit = read_weighing(fits.open_recorded(raw, "force", options.robot_file)), "N"
         else:
-            if from_ is None:
-                forces_n = forces_from(
-                    weights_kg, robot_file, gravity_m_s2, simulated=wire or is_simulated(robot_file)
-                )
-                job = job_of("force", robot_file, session, scenario, seed, hidden, wire, realtime, drivers)
-                ending.enter_context(told_of_the_end(job))
-                with weighing_progress(len(forces_n), live=job.simulated) as told:
-                    place = (
-                        calibrating.put_simulated_weight if job.simulated else ask_for_weight(gravity_m_s2)
-                    )
-                    calibrating.run_weighing(job, forces_n, place, told=told)
-            raw = from_ or job.session
-            plateaus = read_weighing(open_recorded(raw, "force", robot_file))
+            columns = parse_pairs(column or (), "--column")
+            file = existing_file(raw, "data")
+            plateaus, unit = read_reference_file(
+                file, columns, gravity_m_s2=gravity_m_s2, reading_unit=reading_unit
+            )
         fit = fit_force(plateaus, PERCENT * reference_percent)
-        stamp = stamp_of(robot_file, raw, valid_days)
-        calibration = calibrating.force_calibration(fit, unit, stamp)
-        finish(
-            calibration,
-            output,
+        return _Found(
+            lambda stamp: fits.force_calibration(fit, unit, stamp),
             lambda: force_figure(fit, unit),
-            raw,
-            NamedRobot(robot, robot_file, drivers),
-            as_json,
-            remarks_on(fit),
+            _remarks_on(fit),
         )
+
+    _calibrate("force", options, record, work_out)
 
 
 @group.command()
-def encoder(  # noqa: PLR0917, one parameter an option
-    robot: RobotOption = DEFAULT,
+@takes(MotionOptions)
+def encoder(
+    options: MotionOptions,
+    *,
     pose: Annotated[
         str | None,
         typer.Option(
@@ -181,96 +150,161 @@ def encoder(  # noqa: PLR0917, one parameter an option
     known_mrad: Annotated[
         float, typer.Option(help="Standard uncertainty of stops or pose.", metavar="MRAD", min=0, max=100)
     ] = 1.0,
-    from_: FromOption = None,
-    out: OutOption = None,
-    session: SessionOption = None,
-    valid_days: ValidOption = YEAR,
-    scenario: ScenarioOption = None,
-    seed: SeedOption = None,
-    hidden: HiddenOption = None,
-    wire: WireOption = False,
-    realtime: RealtimeOption = False,
-    drivers: DriversOption = None,
-    yes: YesOption = False,
-    as_json: JsonOption = False,
 ) -> None:
     """Encoders: the joints' zeros, against hard stops (slowly, with little torque) or in a known pose."""
-    robot_file = find_robot(robot)
-    if pose is not None and (lower_stops is not None or upper_stops is not None):
+    robot_file, stops_stated = options.robot_file, lower_stops is not None or upper_stops is not None
+    if pose is not None and stops_stated:
         raise InputError(
             "--pose: nothing moves then, and no stop is met; leave out --lower-stops, --upper-stops"
         )
-    if from_ is not None and (lower_stops is not None or upper_stops is not None):
+    if options.from_ is not None and stops_stated:
         raise InputError(
             "--from: the stops were said when they were touched, and stand in that session; leave out "
             "--lower-stops, --upper-stops"
         )
     pose_rad, stops = pose_of(pose, robot_file), stops_of(lower_stops, upper_stops, robot_file)
-    output = output_for(out, robot_file, "encoder", session)
-    with ExitStack() as ending:
-        raw = from_
-        if raw is None:
-            ask = question_before("encoder", robot_file, pose_rad, yes)
-            job = job_of("encoder", robot_file, session, scenario, seed, hidden, wire, realtime, drivers, ask)
-            ending.enter_context(told_of_the_end(job))
-            if pose_rad is not None:
-                calibrating.run_pose(job)
-            else:
-                with motion_progress("touching the stops", live=job.simulated) as watcher:
-                    calibrating.run_stops(job, stops, watcher)
-            raw = job.session
-        known_rad = known_mrad / 1e3
-        fit = calibrating.encoder_fit_of(
-            open_recorded(raw, "encoder", robot_file), robot_file.joint_count, pose_rad, known_rad
-        )
-        calibration = calibrating.encoder_calibration(fit, stamp_of(robot_file, raw, valid_days))
-        whose = NamedRobot(robot, robot_file, drivers)
-        finish(calibration, output, lambda: encoder_figure(fit), raw, whose, as_json)
+
+    def record(job: runs.CalibrationJob) -> None:
+        if pose_rad is not None:
+            runs.run_pose(job)
+            return
+        with motion_progress("touching the stops", live=job.simulated) as watcher:
+            runs.run_stops(job, stops, watcher)
+
+    def work_out(raw: Path) -> _Found:
+        recorded = fits.open_recorded(raw, "encoder", robot_file)
+        fit = fits.encoder_fit_of(recorded, robot_file.joint_count, pose_rad, known_mrad / 1e3)
+        return _Found(lambda stamp: fits.encoder_calibration(fit, stamp), lambda: encoder_figure(fit))
+
+    held = None if pose_rad is None else (lambda: ask_for_pose(pose_rad, yes=options.yes))
+    _calibrate("encoder", options, record, work_out, held or _leave_to_move("encoder", options))
 
 
 @group.command()
-def torque(  # noqa: PLR0917, one parameter an option
-    robot: RobotOption = DEFAULT,
-    from_: FromOption = None,
-    out: OutOption = None,
-    session: SessionOption = None,
-    valid_days: ValidOption = YEAR,
-    scenario: ScenarioOption = None,
-    seed: SeedOption = None,
-    hidden: HiddenOption = None,
-    wire: WireOption = False,
-    realtime: RealtimeOption = False,
-    drivers: DriversOption = None,
-    yes: YesOption = False,
-    as_json: JsonOption = False,
-) -> None:
+@takes(MotionOptions)
+def torque(options: MotionOptions) -> None:
     """Drives: gains and offsets of their torques, from a motion in free air against the arm's weight.
 
     Friction is found beside them and reported; it is not compensated. The URDF's masses are taken as exact.
     """
-    where = (from_, out, session, valid_days)
-    excite("torque", robot, *where, scenario, seed, hidden, wire, realtime, drivers, yes, as_json)
+    _move_in_free_air("torque", options, fits.torque_calibration)
 
 
 @group.command()
-def gravity(  # noqa: PLR0917, one parameter an option
-    robot: RobotOption = DEFAULT,
-    from_: FromOption = None,
-    out: OutOption = None,
-    session: SessionOption = None,
-    valid_days: ValidOption = YEAR,
-    scenario: ScenarioOption = None,
-    seed: SeedOption = None,
-    hidden: HiddenOption = None,
-    wire: WireOption = False,
-    realtime: RealtimeOption = False,
-    drivers: DriversOption = None,
-    yes: YesOption = False,
-    as_json: JsonOption = False,
-) -> None:
+@takes(MotionOptions)
+def gravity(options: MotionOptions) -> None:
     """Base: how it is tilted, from slow motions through many postures, there and back.
 
     An arm that moves in one plane feels the tilt in that plane alone. The URDF's masses are taken as exact.
     """
-    where = (from_, out, session, valid_days)
-    excite("gravity", robot, *where, scenario, seed, hidden, wire, realtime, drivers, yes, as_json)
+    _move_in_free_air("gravity", options, fits.gravity_calibration)
+
+
+class _Found(NamedTuple):
+    """What a calibration is made of: its file's content and picture, and what a person should know beside."""
+
+    calibration: Callable[[fits.Stamp], Calibration]
+    draw: Callable[[], Figure]
+    remarks: tuple[str, ...] = ()
+
+
+def _move_in_free_air(
+    kind: str, options: MotionOptions, make: Callable[[ArmFit, fits.Stamp], Calibration]
+) -> None:
+    robot_file = options.robot_file
+
+    def record(job: runs.CalibrationJob) -> None:
+        with motion_progress("moving in free air", live=job.simulated) as watcher:
+            runs.run_motion(job, watcher=watcher)
+
+    def work_out(raw: Path) -> _Found:
+        session = fits.open_recorded(raw, kind, robot_file)
+        fit = fits.arm_fit_of(session, robot_file.urdf_path, robot_file.tip_frame)
+        return _Found(lambda stamp: make(fit, stamp), lambda: arm_figure(fit))
+
+    _calibrate(kind, options, record, work_out, _leave_to_move(kind, options))
+
+
+def _leave_to_move(kind: str, options: MotionOptions) -> Permission:
+    robot_file = options.robot_file
+    motion = f"'{robot_file.name}' is going to move: {runs.motion_in_words(kind, robot_file.limits)}."
+    return lambda: ask_for_power(motion, yes=options.yes)
+
+
+def _calibrate(
+    kind: str,
+    options: CalibrateOptions,
+    record: Callable[[runs.CalibrationJob], None],
+    work_out: Callable[[Path], _Found],
+    permission: Permission = without_question,
+) -> None:
+    """Record, unless there is a file to work from; fit, write file and picture, and say what was found."""
+    robot_file = options.robot_file
+    path = output_file(options.out or CALIBRATIONS / f"{options.stamped_name(kind)}.yaml")
+    plot = output_file(path.with_suffix(".html"))
+    different_files(path, plot, options.session)
+    with ExitStack() as ending:
+        raw = options.from_
+        if raw is None:
+            session = output_file(options.session or SESSIONS / f"{options.stamped_name(kind)}.mcap")
+            job = runs.CalibrationJob(robot_file, session, kind, permission=permission, **options.job)
+            ending.enter_context(_say_what_is_left(job))
+            record(job)
+            raw = session
+        found = work_out(raw)
+        calibration = found.calibration(fits.Stamp.of(robot_file, raw, options.valid_days))
+        write_figure(found.draw(), plot)
+        write_text(path, calibration.to_yaml())
+    if options.as_json:
+        written = {"file": str(path), "plot": str(plot), "raw": str(raw)}
+        console.print_json(written | calibration.model_dump(mode="json"))
+        return
+    out = console.stdout()
+    print_calibration(out, calibration, found.remarks)
+    files = f"[bold]{shown(path)}[/bold], residuals: [bold]{shown(plot)}[/bold]"
+    out.print(f"written: {files}", soft_wrap=True)
+    out.print(f"from:    {shown(raw)}", soft_wrap=True)
+    say_how_to_use_it(calibration, path.resolve(), NamedRobot(options.robot, robot_file, options.drivers))
+
+
+@contextmanager
+def _say_what_is_left(job: runs.CalibrationJob) -> Iterator[None]:
+    """Say after Ctrl-C how things stand, and after a failure what is left of it."""
+    try:
+        yield
+    except (PalpateError, KeyboardInterrupt) as error:
+        said = [AT_REST + "; "] * isinstance(error, KeyboardInterrupt) + ["no calibration is written"]
+        if job.session.exists():
+            said.append(f". What was recorded until then stays in {shown(job.session)}")
+        if len(said) > 1:
+            console.stderr().print("".join(said), soft_wrap=True)
+        raise
+
+
+def ask_for_weight(gravity_m_s2: float) -> runs.Place:
+    """Somebody who puts the weights on, and is waited for."""
+
+    def ask(_bench: runs.Bench, number: int, force_n: float) -> None:
+        weight = f"{force_n / gravity_m_s2:.4g} kg ({force_n:.3f} N)"
+        console.stderr().print(f"{number + 1}: put {weight} on the sensor, let it come to rest, press Enter")
+        if not sys.stdin.readline():
+            words = "weights are put on by hand: run this in a terminal"
+            if number == 0:
+                raise InputError(words)
+            raise PalpateError(f"no answer at weight {number + 1}: {words}")  # what was weighed stays
+
+    return ask
+
+
+def _remarks_on(fit: ForceFit) -> tuple[str, ...]:
+    """What a person should know of a fit, beside its numbers."""
+    remarks = []
+    if fit.plateaus.glitches:
+        remarks.append(f"{fit.plateaus.glitches} samples were left out as glitches of the converter")
+    if fit.suspect is not None:
+        force_n, off_n = fit.plateaus.reference_n[fit.suspect], fit.residual_n[fit.suspect]
+        remarks.append(
+            f"plateau {fit.suspect + 1} ({force_n:.4g} N) is {off_n:+.2g} N off, unlike the others: "
+            "was it the right weight?"
+        )
+    return tuple(remarks)

@@ -1,79 +1,50 @@
 """`palpate compare`: where does the model fail?"""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from estimation.comparison import Comparison
-from estimation.models import MODELS
+from estimation.study import ChannelResult, Comparison, Revision
+from estimation.study.other_models import FAR_BETTER, better_model
+from estimation.study.revisions import own_effects
 from palpate import console
 from palpate.data_options import (
-    ColumnOption,
-    ContextOption,
-    FileArgument,
+    DataArguments,
     FolderOption,
     ForceOption,
-    FreshOption,
-    TipFrameOption,
-    UnitOption,
-    UrdfOption,
-    WhereOption,
-    given_arm,
-    import_options,
-    retyped,
+    JsonOption,
+    ModelOption,
+    takes_data,
 )
+from palpate.derived import folder_to_fill, folder_to_read
 from palpate.files import output_folder
-from palpate.findings.compared import Wanted, compare_wanted, of_revisions
-from palpate.findings.derived import derived_folder, folder_to_fill, kept_revisions
-from palpate.findings.effect_library import library_with
-from palpate.findings.estimation_run import load_material
-from palpate.findings.kept_diagnosis import is_same, kept_diagnosis
-from palpate.findings.kept_revision import KeptRevision, own_effects
-from palpate.findings.story import tell_story
-from palpate.findings.subject import (
-    model_names,
-    only_channel,
-    subjects_of,
-)
-from palpate.report.outcome import NAMES as OUTCOME
-from palpate.report.outcome import write_json, write_outcome
-from palpate.text.after_comparison import Ways, after_comparison
-from palpate.text.comparison import ALIKE, as_data, headline, parts_table
-from palpate.text.diagnosis import force_remark
+from palpate.outcome import NAMES, write_json, write_outcome
+from palpate.render.terminal import print_comparison
+from palpate.study import Study
+from palpate.study_view import view_of
 from palpate.words import safe, shown
 from robot_io.errors import InputError
 
 RESULT = "comparison.json"
+FAR = 3.0  # times the noise floor
+Steps = list[tuple[str, str]]
 
 
-def command(  # noqa: PLR0917, one parameter an option
-    file: FileArgument,
-    model: Annotated[
-        str | None, typer.Option(help=f"One of {', '.join(MODELS)}; default: what suits each channel.")
-    ] = None,
+@takes_data
+def command(
+    data: DataArguments,
+    *,
+    model: ModelOption = None,
     channel: Annotated[str | None, typer.Option(help="Only this channel, such as contact.")] = None,
     revision: Annotated[
         list[int] | None,
         typer.Option(help="What was added, instead of the base model (palpate revisions).", metavar="N"),
     ] = None,
     folder: FolderOption = None,
-    effect: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Effect of your own that a revision has; its file is run.", metavar="FILE.py:CLASS"
-        ),
-    ] = None,
-    urdf: UrdfOption = None,
-    tip_frame: TipFrameOption = None,
-    column: ColumnOption = None,
-    unit: UnitOption = None,
-    where: WhereOption = None,
-    context: ContextOption = None,
-    fresh_runs: FreshOption = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
+    as_json: JsonOption = False,
     out: Annotated[
         Path | None, typer.Option(help="Write comparison.json and an HTML report here.", metavar="FOLDER")
     ] = None,
@@ -84,113 +55,112 @@ def command(  # noqa: PLR0917, one parameter an option
     The base model, whatever was added; --revision shows that. All errors are on runs that the fit has not
     seen; the noise floor is what a complete model would leave.
     """
-    material = load_material(file, import_options(column, unit, where, context, fresh_runs))
-    arm, library = given_arm(urdf, tip_frame, material.arm), library_with(effect)
-    shelf, place = kept_revisions(material, folder), derived_folder(material, folder)
-    if revision:
-        _refuse(model, channel)
-        wanted = of_revisions(material, arm, shelf, library, revision)
-    else:
-        wanted = [Wanted(one) for one in only_channel(subjects_of(material, model, arm), channel)]
-    target = folder_to_fill(material, out, (RESULT, *OUTCOME), force=force) if out is not None else None
+    study = data.study(model, folder_to_read(data.file, folder))
+    if revision and (
+        given := [name for name, value in (("--model", model), ("--channel", channel)) if value]
+    ):
+        raise InputError(f"--revision says channel and model already: leave out {given[0]}")
+    kept = [study.revision(number) for number in dict.fromkeys(revision or ())]
+    target = folder_to_fill(data.file, out, (RESULT, *NAMES), force=force) if out is not None else None
     if target is not None:
         output_folder(target)
-    kept = kept_diagnosis(place, material, arm, library.effects)
-    wanted = [replace(one, subject=kept.as_judged(one.subject)) for one in wanted]
-    compared, failures = _compare(wanted, lambda one: compare_wanted(one, kept, shelf, library.effects))
-    subjects = tuple(one.subject for one in wanted)
-    result: dict[str, object] = {
-        "file": str(file),
-        "model": model_names(subjects),
-        "channels": [
-            as_data(each) | {"force_ahead_of": list(one.subject.force_ahead_of)} for one, each in compared
-        ],
-        "failures": failures,
-    }
+    with console.stderr().status("comparing"):
+        results, failures = _of_revisions(study, kept) if kept else _of_base_models(study, channel)
+    compared = [one.shown for one in results if one.shown is not None]
+    models = "+".join(dict.fromkeys(one.channel.model.name for one in results))
+    channels = list(map(as_data, compared))
+    content = {"file": str(data.file), "model": models, "channels": channels, "failures": failures}
     if as_json:
-        console.print_json(result)
+        console.print_json(content)
     else:
-        _print(compared, failures)
-    data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
-    judged_by = {"model": model, "urdf": urdf, "tip-frame": tip_frame}
-    numbers = [str(number) for number in revision or ()]
-    grown = {"revision": numbers, "folder": folder, "effect": effect}
-    again = f"palpate compare {retyped(file, channel=channel, **judged_by, **grown, **data)}"
+        print_comparison(console.stdout(), view_of(study, results))
+        for words in (*_of_other_data(study, kept), *failures.values()):
+            console.stdout().print(f"[yellow]{safe(words)}[/yellow]")
+    grown = {"revision": [str(one.number) for one in kept], "folder": folder}
+    again = f"palpate compare {data.typed(channel=channel, model=model, **grown)}"
     if target is not None:
-        write_json(result, target / RESULT)
-        stories = [tell_story(one.subject, None, one.added, library.effects, kept) for one, _ in compared]
-        written = write_outcome(target, material, stories, [again])
+        write_json(content, target / RESULT)
+        known = [replace(one, diagnosis=study.known_diagnosis(one.channel)) for one in results]
+        written = write_outcome(target, study, known, [again])
         console.stderr().print(f"\nreport  [bold]{shown(written['report'])}[/bold]")
-    if as_json:
-        return
-    zoom = (f"{again} --out FOLDER", "a report to zoom into")
-    if numbers:
-        kept_too = f"palpate revisions {retyped(file, folder=folder, **data)}"
-        console.next_steps((kept_too, "all stages"), zoom)
-        return
-    newest = [found for one in wanted if (found := shelf.latest(one.subject.channel.name))]
-    own = list(dict.fromkeys([*(effect or ()), *own_effects(newest)]))
-    last = {"revision": [str(found.number) for found in newest], "effect": own}
-    since = {**grown, **last, "urdf": urdf, "tip-frame": tip_frame}
-    named = model is not None or urdf is not None
-    ways = Ways(
-        grown=f"palpate compare {retyped(file, **since, **data)}" if newest else None,
-        other=None if named else retyped(file, channel=channel, **data),
-        diagnose=retyped(file, channel=channel, **judged_by, **data),
-        channel=channel,
-    )
-    console.next_steps(*after_comparison(subjects, compared, arm, ways), zoom)
+    if not as_json:
+        zoom = (f"{again} --out FOLDER", "a report to zoom into")
+        first = (
+            _after_revisions(data, folder) if kept else _after(data, study, results, model, channel, folder)
+        )
+        console.next_steps(*first, zoom)
 
 
-def _refuse(model: str | None, channel: str | None) -> None:
-    """A revision has a model and a channel already."""
-    given = [option for option, value in {"--model": model, "--channel": channel}.items() if value]
-    if given:
-        raise InputError(f"--revision says channel and model already: leave out {given[0]}")
+def as_data(comparison: Comparison) -> dict[str, Any]:
+    """The comparison as plain data; the keys are stable."""
+    return {
+        "channel": comparison.channel,
+        "model": comparison.model,
+        "effort_unit": comparison.effort_unit,
+        "rmse": comparison.rmse,
+        "noise_floor": comparison.noise_floor,
+        "lack_of_fit": comparison.lack_of_fit,
+        "parameters": {name: parameter.value for name, parameter in comparison.parameters.items()},
+        "parts": {by: list(map(vars, parts)) for by, parts in comparison.parts.items()},
+        "words": list(comparison.words),
+        "not_judged": comparison.not_judged,
+    }
 
 
-def _compare(
-    wanted: Sequence[Wanted], compare: Callable[[Wanted], Comparison]
-) -> tuple[list[tuple[Wanted, Comparison]], dict[str, str]]:
-    """Compare each; channels that cannot be judged are told with their reason.
-
-    Raises:
-        InputError: none can be judged.
-    """
-    compared: list[tuple[Wanted, Comparison]] = []
-    failures: dict[str, str] = {}
-    with console.stderr().status("comparing") as status:
-        for one in wanted:
-            name = one.subject.channel.name
-            status.update(f"comparing {name}")
-            try:
-                compared.append((one, compare(one)))
-            except InputError as error:
-                failures[name] = str(error)
-    if not compared:
-        raise InputError(next(iter(failures.values())))
-    return compared, failures
+def _of_base_models(study: Study, channel: str | None) -> tuple[list[ChannelResult], dict[str, str]]:
+    found = study.compare(channel)
+    return [study.result(study.channel(one.channel)) for one in found.channels], dict(found.failures)
 
 
-def _print(compared: Sequence[tuple[Wanted, Comparison]], failures: Mapping[str, str]) -> None:
-    out = console.stdout()
-    for number, (one, comparison) in enumerate(compared):
-        out.print(("\n" if number else "") + headline(comparison))
-        if one.revision is not None and not is_same(one.revision.rmse, comparison.rmse):
-            out.print(f"  [yellow]{safe(_other_then(one.revision))}[/yellow]")
-        if told := force_remark(one.subject.force_ahead_of):
-            out.print(f"  {told}")
-        for words in comparison.words[1:] if comparison.lack_of_fit > ALIKE else ():
-            out.print(f"  {words}")
-        if comparison.lack_of_fit > ALIKE or len(compared) == 1:
-            out.print(parts_table(comparison))
-    for reason in failures.values():
-        out.print(f"[yellow]{safe(reason)}[/yellow]")
+def _of_revisions(study: Study, kept: Sequence[Revision]) -> tuple[list[ChannelResult], dict[str, str]]:
+    names = [one.channel for one in kept]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise InputError(f"--revision: several of channel '{min(twice)}'; compare one after the other")
+    return [study.result(study.channel_of(one), one.effects) for one in kept], {}
 
 
-def _other_then(revision: KeptRevision) -> str:
-    error = f"{revision.rmse:.3g} {revision.effort_unit}"
-    return (
-        f"revision {revision.number} was kept with an error of {error}: of other rows, by another force, or "
-        "by another version of palpate"
-    )
+def _of_other_data(study: Study, kept: Sequence[Revision]) -> Iterator[str]:
+    for one in kept:
+        if study.channel_of(one).sha256 != one.data_sha256:
+            error = f"{one.rmse:.3g} {one.effort_unit}"
+            yield f"revision {one.number} was kept with an error of {error}: of other rows, or read otherwise"
+
+
+def _after_revisions(data: DataArguments, folder: Path | None) -> Steps:
+    return [(f"palpate revisions {data.typed(folder=folder)}", "all stages")]
+
+
+def _after(  # noqa: PLR0917, what was typed
+    data: DataArguments,
+    study: Study,
+    results: Sequence[ChannelResult],
+    model: str | None,
+    channel: str | None,
+    folder: Path | None,
+) -> Steps:
+    """Commands that go on from a comparison of base models; the nearest first."""
+    steps: Steps = []
+    newest = [kept for one in results if (kept := study.newest(one.channel)) is not None]
+    if newest:
+        own = list(dict.fromkeys([*(data.effect or ()), *own_effects(newest)]))
+        numbers = [str(one.number) for one in newest]
+        since = data.typed(revision=numbers, folder=folder, effect=own)
+        steps.append((f"palpate compare {since}", "with what was added since"))
+    elif model is None and data.urdf is None:
+        steps += _other_models(data, study, results, channel)
+    missing = f"palpate diagnose {data.typed(channel=channel, model=model)}"
+    return [*steps, (missing, "which effect is missing")]
+
+
+def _other_models(
+    data: DataArguments, study: Study, results: Sequence[ChannelResult], channel: str | None
+) -> Iterator[tuple[str, str]]:
+    """Commands with a base model that does far better, where the usual one misses by far."""
+    for one in results:
+        if one.comparison is None or one.comparison.lack_of_fit < FAR:
+            continue
+        better = better_model(study, one.channel, FAR_BETTER * one.comparison.rmse)
+        if better is not None:
+            left = f"{better[1]:.3g} {one.channel.effort_unit}"
+            typed = data.typed(channel=channel, model=better[0])
+            yield f"palpate compare {typed}", f"a base model that leaves {left}"

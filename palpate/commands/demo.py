@@ -11,15 +11,12 @@ from palpate import console
 from palpate.demo.hidden import PLAN as HIDDEN_PLAN
 from palpate.demo.hidden import HiddenDemo, can_hide, drawn_seed, hide_one, probe_hidden, solve
 from palpate.demo.probe import PLAN, Demo, probe_demo, show_demo
+from palpate.doctor.viewer import rerun_step
 from palpate.files import output_file
-from palpate.text.diagnosis import headline
-from palpate.text.diagnosis import remarks as reasons
-from palpate.text.diagnosis_progress import diagnosis_progress
-from palpate.text.estimate_report import as_data, remarks
-from palpate.text.estimate_table import estimate_table
-from palpate.text.progress import probing_progress
-from palpate.text.rerun_step import rerun_step
-from palpate.text.stages import parameter_table, print_files, stage_table
+from palpate.render.estimates import as_data, print_estimates
+from palpate.render.progress import diagnosis_progress, probing_progress
+from palpate.render.terminal import print_files, print_stages
+from palpate.study_view import result_view
 from palpate.words import as_shell_word, shown, significant, typed
 from sim_backend.imperfection import Imperfection
 from sim_backend.scenario import Scenario, load_scenario, shipped_scenarios
@@ -95,13 +92,13 @@ def _as_data(demo: Demo, hidden: HiddenDemo | None) -> dict[str, Any]:
         "session": str(demo.session),
         "recording": str(demo.recording),
         "plots": [str(plot) for plot in demo.plots],
-        "result": as_data(demo.found, demo.material.truth),
+        "result": as_data(demo.found, demo.study.truth_of(demo.found.channel)),
         "hidden": _hidden_data(hidden) if hidden is not None else None,
     }
 
 
 def _hidden_data(hidden: HiddenDemo) -> dict[str, Any]:
-    found = hidden.story.diagnosis
+    found = hidden.result.diagnosis
     return {
         "session": str(hidden.session),
         "files": {what: str(path) for what, path in hidden.files.items()},
@@ -113,9 +110,7 @@ def _hidden_data(hidden: HiddenDemo) -> dict[str, Any]:
 
 def _print(demo: Demo) -> None:
     out = console.stdout()
-    out.print(estimate_table(demo.found, demo.material.truth, out.width))
-    for remark in remarks(demo.found, demo.material.truth):
-        out.print(f"  {remark}")
+    print_estimates(out, demo.found, demo.study.truth_of(demo.found.channel))
     out.print(f"\nsession    [bold]{shown(demo.session)}[/bold]", soft_wrap=True)
     out.print(f"recording  [bold]{shown(demo.recording)}[/bold]", soft_wrap=True)
     for number, plot in enumerate(demo.plots):
@@ -123,19 +118,12 @@ def _print(demo: Demo) -> None:
 
 
 def _print_hidden(hidden: HiddenDemo) -> None:
-    out, story = console.stdout(), hidden.story
-    if story.diagnosis is not None:
-        out.print(headline(story.diagnosis))
-        for reason in reasons(story.diagnosis):
-            out.print(f"  {reason}", markup=False)
-    if len(story.stages) > 1:
-        unit = story.subject.channel.kind.effort_unit
-        out.print(stage_table(story.stages, unit, list(range(len(story.stages)))))
-        out.print(parameter_table(story.stages[-1]))
+    out = console.stdout()
+    print_stages(out, result_view(hidden.result))
     answer = "; ".join(_described(entry) for entry in hidden.answer.hidden)
     mark = "[bold green]found[/bold green]" if hidden.found else "[bold yellow]not found[/bold yellow]"
     out.print(f"{mark}  the sealed answer was: {answer}\n")
-    print_files({"session": hidden.session, **hidden.files})
+    print_files(out, {"session": hidden.session, **hidden.files})
 
 
 def _described(entry: Imperfection) -> str:

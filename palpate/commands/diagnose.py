@@ -1,84 +1,51 @@
 """`palpate diagnose`: is anything missing in the model, and which physical effect is it?"""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from estimation.diagnosis import Diagnosis, Verdict
-from estimation.diagnosis.common_cause import others_may_tell
-from estimation.diagnosis.judged import Judged
-from estimation.effect import Effect
+from estimation.channel import ChannelKind
+from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.effects.stress_relaxation import StressRelaxation
 from estimation.fresh_runs import relaxes_afresh
-from estimation.models import MODELS
+from estimation.study import StudyDiagnosis
+from estimation.study.channels import ALL_CHANNELS
+from estimation.study.kept_diagnosis import RESULT
+from estimation.study.other_models import better_explanation
 from palpate import console
-from palpate.data_options import (
-    ColumnOption,
-    ContextOption,
-    FileArgument,
-    ForceOption,
-    FreshOption,
-    TipFrameOption,
-    UnitOption,
-    UrdfOption,
-    WhereOption,
-    given_arm,
-    import_options,
-    retyped,
-)
+from palpate.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
+from palpate.derived import folder_to_fill
 from palpate.files import output_folder
-from palpate.findings.derived import folder_to_fill
-from palpate.findings.effect_library import EffectLibrary, library_with
-from palpate.findings.estimation_run import Arm, Material, load_material
-from palpate.findings.kept_diagnosis import RESULT
-from palpate.findings.next_plan import plan_of, same_world, write_plan
-from palpate.findings.other_models import better_explanation
-from palpate.findings.revisions import RevisionShelf
-from palpate.findings.story import Story, diagnosis_of, judge_subjects, tell_story
-from palpate.findings.subject import ALL_CHANNELS, Subject, channels_to_diagnose, subjects_of
-from palpate.report.outcome import NAMES as OUTCOME
-from palpate.report.outcome import write_json, write_outcome
-from palpate.text.after_diagnosis import Ways, after_diagnosis
-from palpate.text.diagnosis import show
-from palpate.text.diagnosis_progress import diagnosis_progress
-from palpate.text.stages import print_files
+from palpate.next_plan import plan_of, same_world, write_plan
+from palpate.outcome import NAMES, write_json, write_outcome
+from palpate.render.progress import diagnosis_progress
+from palpate.render.terminal import print_diagnosis, print_files
+from palpate.study import Study
+from palpate.study_view import view_of
+from palpate.words import as_shell_word
 from palpate.words import typed as path_typed
 
 PLAN = "next-experiment.yaml"
+MOST_ASKED = 3  # unused columns that are pointed out
+Steps = Iterator[tuple[str, str]]  # commands, and what each is for
 
 
-def command(  # noqa: PLR0917, one parameter an option
-    file: FileArgument,
-    model: Annotated[
-        str | None, typer.Option(help=f"One of {', '.join(MODELS)}; default: what suits each channel.")
-    ] = None,
+@takes_data
+def command(
+    data: DataArguments,
+    *,
+    model: ModelOption = None,
     channel: Annotated[
-        str | None,
-        typer.Option(
-            help=f"Only this channel, such as joint_2, or {ALL_CHANNELS}; default: contacts, if any."
-        ),
-    ] = None,
-    effect: Annotated[
-        list[str] | None,
-        typer.Option(help="Effect of your own to try as well; its file is run.", metavar="FILE.py:CLASS"),
+        str | None, typer.Option(help=f"Only this channel, such as joint_2; default: {ALL_CHANNELS}.")
     ] = None,
     apply: Annotated[
         bool, typer.Option("--apply", help="Add what is missing, and keep each step as a revision.")
     ] = False,
-    urdf: UrdfOption = None,
-    tip_frame: TipFrameOption = None,
-    column: ColumnOption = None,
-    unit: UnitOption = None,
-    where: WhereOption = None,
-    context: ContextOption = None,
-    fresh_runs: FreshOption = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the diagnosis as JSON.")] = False,
+    as_json: JsonOption = False,
     out: Annotated[
-        Path | None,
-        typer.Option(help=f"Write {RESULT}, report and more here.", metavar="FOLDER"),
+        Path | None, typer.Option(help=f"Write {RESULT}, report and more here.", metavar="FOLDER")
     ] = None,
     force: ForceOption = False,
 ) -> None:
@@ -88,139 +55,108 @@ def command(  # noqa: PLR0917, one parameter an option
     data cannot say). All is judged on runs that the fit has not seen. What is in the session's own folder
     is renewed.
     """
-    material = load_material(file, import_options(column, unit, where, context, fresh_runs))
-    known = subjects_of(material, model, given_arm(urdf, tip_frame, material.arm))
-    subjects = channels_to_diagnose(known, channel, probed=material.probed)
-    data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
-    judged_by = {"model": model, "urdf": urdf, "tip-frame": tip_frame}
-    ways = Ways(
-        diagnose=retyped(file, channel=channel, effect=effect, **judged_by, **data),
-        add=retyped(file, effect=effect, **judged_by, **data),
-        compare=retyped(
-            file, channel=None if channel == ALL_CHANNELS else channel, folder=out, **judged_by, **data
-        ),
-        kept=retyped(file, folder=out, **data),
-    )
-    library = library_with(effect)
-    library.rehearse([subject.channel for subject in subjects])
-    wanted = out is not None or apply or (material.session is not None and not as_json)
-    names = (RESULT, PLAN, *OUTCOME)
-    folder = output_folder(folder_to_fill(material, out, names, force=force)) if wanted else None
-    with diagnosis_progress([subject.channel.name for subject in subjects]) as progress:
-        judged = judge_subjects(subjects, library.effects, progress)
-    diagnosis = diagnosis_of(judged, str(file))
-    if model is None and urdf is None and not as_json:
-        ways = replace(ways, others=tuple(_other_models(judged, material.arm, ways.diagnose)))
-    left_out = len(subjects) < len(known)
-    why_all = why_all_channels(judged, library.effects, chosen=channel is not None) if left_out else None
+    study = data.study(model, out)
+    wanted = out is not None or apply or (study.source.session is not None and not as_json)
+    names = (RESULT, PLAN, *NAMES)
+    folder = output_folder(folder_to_fill(data.file, out, names, force=force)) if wanted else None
+    with diagnosis_progress([one.name for one in study.chosen(channel)]) as progress:
+        diagnosis = study.diagnose(channel, apply=apply, progress=progress)
+    content = study.diagnosis_data(diagnosis)
+    results = [
+        study.result(study.channel(one.channel), [entry.effect for entry in one.accepted], one)
+        for one in diagnosis.channels
+    ]
     if as_json:
-        console.print_json(diagnosis.model_dump(mode="json"))
+        console.print_json(content)
     else:
-        _print(diagnosis)
-    afresh = not as_json and material.session is None and met_afresh(subjects, diagnosis)
-    ways = replace(ways, applied=apply, why_all=why_all, afresh=afresh)
-    if folder is None:
+        print_diagnosis(console.stdout(), view_of(study, results))
+        _say_what_is_not_there(study)
+    plan = None
+    if folder is not None:
+        write_json(content, folder / RESULT)
+        plan = _write_plan(study, diagnosis, folder)
+        repeated = f"palpate diagnose {data.typed(channel=channel, model=model)}{' --apply' if apply else ''}"
+        written = write_outcome(folder, study, results, [repeated])
         if not as_json:
-            console.next_steps(*after_diagnosis(material, diagnosis, ways))
-        return
-    write_json(diagnosis.model_dump(mode="json"), folder / RESULT)
-    plan = _write_plan(material, diagnosis, folder)
-    stories = stories_of(judged, library)
-    if apply:
-        _keep(folder, stories, library.own, quiet=as_json)
-    repeated = f"palpate diagnose {ways.diagnose}{' --apply' if apply else ''}"
-    written = write_outcome(folder, material, stories, [repeated])
+            console.stdout().print()
+            print_files(console.stdout(), {"result": folder / RESULT, **written})
     if not as_json:
-        console.stdout().print()
-        print_files({"result": folder / RESULT, **written})
-        ways = replace(ways, again=_again(material, plan))
-        console.next_steps(*after_diagnosis(material, diagnosis, ways))
+        console.next_steps(
+            *_next(data, study, diagnosis, {"model": model, "channel": channel}, out, apply, plan)
+        )
 
 
-def met_afresh(subjects: Sequence[Subject], diagnosis: Diagnosis) -> bool:
-    """Whether something relaxes that is not explained, and would be better if no run remembered another."""
-    for subject, found in zip(subjects, diagnosis.channels, strict=True):
-        helped = [*(entry.effect for entry in found.accepted), *(entry.effect for entry in found.suspects)]
-        if found.verdict is Verdict.UNEXPLAINED and StressRelaxation.name in helped:
-            return relaxes_afresh(subject.channel, subject.model)
-    return False
+def _say_what_is_not_there(study: Study) -> None:
+    if study.source.probed and not any(one.data.kind is ChannelKind.CONTACT for one in study.channels):
+        remark = "no contact: the force never rises above that in free air; was anything touched?"
+        console.stderr().print(f"[yellow]{remark}[/yellow]")
 
 
-def why_all_channels(judged: Sequence[Judged], effects: Sequence[Effect], *, chosen: bool) -> str | None:
-    """What judging the channels that were left out would tell; None where nobody knows of anything.
+def _next(  # noqa: PLR0917, what was typed and found
+    data: DataArguments,
+    study: Study,
+    diagnosis: StudyDiagnosis,
+    asked: dict[str, str | None],
+    out: Path | None,
+    apply: bool,
+    plan: Path | None,
+) -> Steps:
+    """Commands that go on from a diagnosis, the nearest first."""
+    again, kept = data.typed(**asked), data.typed(folder=out)
+    found = [one for one in diagnosis.channels if one.accepted]
+    if found and apply:
+        yield f"palpate export {kept}", "the improved model as a simulated world"
+        yield f"palpate revisions {kept}", "all stages, to go back to"
+    for one in [] if apply else found:
+        names = " ".join(entry.effect for entry in one.accepted)
+        alone = len(study.source.channels) == 1 or one.channel == "contact"
+        where = "" if alone else f" --channel {one.channel}"
+        added = f"palpate add {data.typed(model=asked['model'])} {names}{where}"
+        yield added, "refit with it, and keep that as a revision"
+    if asked["model"] is None and data.urdf is None:
+        yield from _other_models(data, study, diagnosis, asked["channel"])
+    if plan is not None and study.source.session is not None:
+        world = same_world(study.source.session)
+        if world is not None:
+            experiment = f"palpate probe --experiment {path_typed(plan)} {world}".strip()
+            yield experiment, "the experiment that would tell more"
+    if study.source.session is None and any(_met_afresh(study, one) for one in diagnosis.channels):
+        yield f"palpate diagnose {again} --fresh-runs", "if each run met a fresh spot: that explains more"
+    if any(one.verdict is Verdict.UNEXPLAINED or one.complete is False for one in diagnosis.channels):
+        for name in study.source.unused[:MOST_ASKED]:
+            yield f"palpate diagnose {again} --context {as_shell_word(name)}", f"whether it depends on {name}"
+        yield f"palpate diagnose {again} --effect my_effects.py:MyEffect", "try a hypothesis of your own"
+    beside = data.typed(channel=None if asked["channel"] == ALL_CHANNELS else asked["channel"], folder=out)
+    yield f"palpate compare {beside}", "where the model fails"
 
-    Args:
-        judged: those that were not left out.
-        effects: the library.
-        chosen: whether the user left them out.
-    """
-    if not chosen:
-        return "the arm's joints were not judged"
-    unsure = next((one for one in judged if others_may_tell(one, effects)), None)
-    if unsure is None:
-        return None
-    (entry,) = unsure.found.accepted
-    return f"the other joints may tell {entry.effect} from {' or '.join(entry.confused_with)}"
 
-
-def _print(diagnosis: Diagnosis) -> None:
-    out = console.stdout()
-    for number, found in enumerate(diagnosis.channels):
-        if number:
-            out.print()
-        for part in show(found):
-            out.print(part)
-
-
-def _other_models(judged: Sequence[Judged], arm: Arm, typed: str) -> Iterator[tuple[str, str]]:
-    for one in judged:
-        better = better_explanation(Subject(one.data, one.model), one.found, arm)
+def _other_models(data: DataArguments, study: Study, diagnosis: StudyDiagnosis, channel: str | None) -> Steps:
+    for found in diagnosis.channels:
+        better = better_explanation(study, study.channel(found.channel), found)
         if better is not None:
-            left = f"{better[1]:.3g} {one.found.effort_unit}"
-            yield f"palpate diagnose {typed} --model {better[0]}", f"from a base model that leaves {left}"
+            left = f"{better[1]:.3g} {found.effort_unit}"
+            typed = data.typed(channel=channel, model=better[0])
+            yield f"palpate diagnose {typed}", f"from a base model that leaves {left}"
 
 
-def stories_of(judged: Sequence[Judged], library: EffectLibrary) -> list[Story]:
-    """Refit what was judged stage by stage, for the pictures."""
-    with console.stderr().status("refitting stage by stage"):
-        return [
-            tell_story(
-                Subject(one.data, one.model),
-                one.found,
-                [entry.effect for entry in one.found.accepted],
-                library.effects,
-            )
-            for one in judged
-        ]
+def _met_afresh(study: Study, found: ChannelDiagnosis) -> bool:
+    """Whether something relaxes and is not explained in full, and would be if no run remembered another."""
+    helped = [entry.effect for entry in found.accepted]
+    if StressRelaxation.name not in helped or not (
+        found.verdict is Verdict.UNEXPLAINED or found.complete is False
+    ):
+        return False
+    channel = study.channel(found.channel)
+    return relaxes_afresh(channel.data, channel.model)
 
 
-def _keep(folder: Path, stories: Sequence[Story], own: dict[str, str], *, quiet: bool) -> None:
-    for story in stories:
-        if len(story.stages) < 2:
-            continue
-        name, unit = story.subject.channel.name, story.subject.channel.kind.effort_unit
-        kept = RevisionShelf(folder).keep(name, unit, story.stages, parent=None, user_effects=own)
-        if not quiet:
-            numbers = ", ".join(str(revision.number) for revision in kept)
-            console.stdout().print(f"[bold]{name}[/bold]: refitted, kept as revisions {numbers}")
-
-
-def _write_plan(material: Material, diagnosis: Diagnosis, folder: Path) -> Path | None:
+def _write_plan(study: Study, diagnosis: StudyDiagnosis, folder: Path) -> Path | None:
     """The first experiment that an arm can run by itself."""
     for found in diagnosis.channels:
         if found.next_experiment is None or found.verdict is Verdict.ADEQUATE:
             continue
-        plan = plan_of(found.next_experiment, material.session)
+        plan = plan_of(found.next_experiment, study.source.session)
         if plan is not None:
-            path = folder / PLAN
-            write_plan(found.next_experiment, plan, path)
-            return path
+            write_plan(found.next_experiment, plan, folder / PLAN)
+            return folder / PLAN
     return None
-
-
-def _again(material: Material, plan: Path | None) -> str | None:
-    """The command that probes the same object by another plan; None where nobody knows it."""
-    if plan is None or material.session is None:
-        return None
-    world = same_world(material.session)
-    return None if world is None else f"palpate probe --experiment {path_typed(plan)} {world}".strip()

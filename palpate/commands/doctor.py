@@ -7,12 +7,10 @@ from typing import Annotated
 import typer
 
 from palpate import console
-from palpate.arm.driver_packages import importable
-from palpate.arm.robots import find_robot
-from palpate.arm.wired import is_simulated, wires_in_words
 from palpate.doctor import Finding, Level, examine_all
-from palpate.doctor.check_arm import NOT_POWERED, ArmCheck, examine_arm
-from palpate.doctor.hardware import memory_lock, real_time
+from palpate.doctor.arm import NOT_POWERED, ArmCheck, examine_arm
+from palpate.doctor.machine import memory_lock, real_time
+from palpate.runs.robots import find_robot, importable, is_simulated, wires_in_words
 from palpate.words import AT_REST, FIRST_PROBE, as_shell_word, count, safe
 from robot_io.errors import InputError
 
@@ -58,6 +56,7 @@ def command(  # noqa: PLR0917, one parameter an option
     if robot is None:
         given = {"--wire": wire, "--as-built": as_built, "--move": move, "--yes": yes, "--drivers": drivers}
         _refuse(given, "add --robot FILE")
+        check, name = None, "palpate"
         findings = list(examine_all())
         verdict = ("palpate works here", "palpate will not work here")
         if not as_json:
@@ -77,23 +76,20 @@ def command(  # noqa: PLR0917, one parameter an option
             drivers=importable(drivers or []),
             may_power=lambda: yes or typer.confirm(QUESTION, err=True),
         )
-        try:
-            findings = _examine(check, quiet=as_json)
-        except KeyboardInterrupt:
-            if move:
-                console.stderr().print(AT_REST)
-            raise
+        findings = _examine(check, quiet=as_json)
         name = safe(check.robot_file.name)
-        verdict = (f"'{name}' is well, as far as this shows", f"'{name}' must not be powered like this")
-        if NOT_POWERED in findings:
-            verdict = (f"'{name}' is not examined to the end", verdict[1])
+        well = "not examined to the end" if NOT_POWERED in findings else "well, as far as this shows"
+        verdict = (f"'{name}' is {well}", f"'{name}' must not be powered like this")
     failed = any(finding.level is Level.FAIL for finding in findings)
     if as_json:
         console.print_json({"findings": [vars(finding) for finding in findings]})
     else:
-        _print_verdict(findings, verdict[failed])
-        if robot is not None:
-            _next_steps(check, robot, as_built, findings)
+        levels = [finding.level for finding in findings]
+        warned, broken = levels.count(Level.WARN), levels.count(Level.FAIL)
+        counts = f"{count(len(levels), 'check')}, {count(warned, 'warning')}, {count(broken, 'failure')}"
+        console.stdout().print(f"{verdict[failed]}: {counts}")
+        if check is not None and robot is not None:
+            console.next_steps(*_next_steps(check, robot, as_built, failed, NOT_POWERED in findings))
     if failed:
         raise typer.Exit(1)
 
@@ -116,11 +112,16 @@ def _examine(check: ArmCheck, *, quiet: bool) -> list[Finding]:
         findings += [*real_time(), *memory_lock()]
     for finding in findings:
         _print_line(finding, quiet=quiet)
-    for finding in examine_arm(check):
-        if remark and not findings:
-            console.stderr().print(remark)
-        findings.append(finding)
-        _print_line(finding, quiet=quiet)
+    try:
+        for finding in examine_arm(check):
+            if remark and not findings:
+                console.stderr().print(remark)
+            findings.append(finding)
+            _print_line(finding, quiet=quiet)
+    except KeyboardInterrupt:
+        if check.move:
+            console.stderr().print(AT_REST)
+        raise
     return findings
 
 
@@ -137,34 +138,26 @@ def _print_line(finding: Finding, *, quiet: bool) -> None:
 def _print_table(findings: Iterable[Finding]) -> None:
     table = console.table("", "", "subject", "finding")
     for finding in findings:
-        remedy = f"\n[cyan]→ {finding.remedy}[/cyan]" if finding.remedy else ""
-        table.add_row(MARKS[finding.level], finding.subject, finding.text + remedy)
+        remedy = f"\n[cyan]→ {safe(finding.remedy)}[/cyan]" if finding.remedy else ""
+        table.add_row(MARKS[finding.level], finding.subject, safe(finding.text) + remedy)
     console.stdout().print(table)
 
 
-def _print_verdict(findings: list[Finding], verdict: str) -> None:
-    failed = sum(finding.level is Level.FAIL for finding in findings)
-    warned = sum(finding.level is Level.WARN for finding in findings)
-    counts = f"{count(len(findings), 'check')}, {count(warned, 'warning')}, {count(failed, 'failure')}"
-    console.stdout().print(f"{verdict}: {counts}")
-
-
-def _next_steps(check: ArmCheck, robot: str, as_built: str | None, findings: list[Finding]) -> None:
+def _next_steps(
+    check: ArmCheck, robot: str, as_built: str | None, failed: bool, unpowered: bool
+) -> list[tuple[str, str]]:
     """What to type after this, with what was typed now."""
-    arm = f"--robot {as_shell_word(robot)}" + (" --wire" if check.wired else "")
+    arm = f"--robot {as_shell_word(robot)}" + " --wire" * check.wired
     own = "".join(f" --drivers {as_shell_word(package)}" for package in check.drivers)
     again = f"palpate doctor {arm}" + (f" --as-built {as_shell_word(as_built)}" if as_built else "") + own
-    if any(finding.level is Level.FAIL for finding in findings):
-        console.next_steps((again + " --move" * check.move, "once that is put right"))
-    elif is_simulated(check.robot_file):
-        console.next_steps((f"palpate probe {arm}{own}", "a first probe"))
-    elif not check.move or NOT_POWERED in findings:
-        console.next_steps((f"{again} --move", "signs of joints and force, by hand and by power"))
-    else:
-        console.next_steps(
-            ("palpate calibrate --help", "zeros, force sensor, drives, base: before it touches anything"),
-            (
-                f"palpate probe {arm}{own} {FIRST_PROBE}",
-                "then a first probe, slow and soft, onto something soft",
-            ),
-        )
+    if failed:
+        return [(again + " --move" * check.move, "once that is put right")]
+    if is_simulated(check.robot_file):
+        return [(f"palpate probe {arm}{own}", "a first probe")]
+    if not check.move or unpowered:
+        return [(f"{again} --move", "signs of joints and force, by hand and by power")]
+    first = "then a first probe, slow and soft, onto something soft"
+    return [
+        ("palpate calibrate --help", "zeros, force sensor, drives, base: before it touches anything"),
+        (f"palpate probe {arm}{own} {FIRST_PROBE}", first),
+    ]

@@ -5,120 +5,51 @@ from typing import Annotated
 
 import typer
 
-from estimation.channel import ChannelKind
+from estimation.study.revisions import own_effects
 from palpate import console
-from palpate.data_options import (
-    ColumnOption,
-    ContextOption,
-    FileArgument,
-    FolderOption,
-    FreshOption,
-    UnitOption,
-    WhereOption,
-    import_options,
-    retyped,
-)
-from palpate.export import Export, export_scenario
-from palpate.export.scenario import FittedChannel
-from palpate.files import output_file, write_text
-from palpate.findings.derived import derived_folder, kept_revisions
-from palpate.findings.effect_library import library_with
-from palpate.findings.estimation_run import NO_ARM, Material, load_material
-from palpate.findings.growth import Wish, grow
-from palpate.findings.kept_diagnosis import kept_diagnosis
-from palpate.findings.kept_revision import KeptRevision, own_effects
-from palpate.findings.same_data import SameData, channel_of
-from palpate.findings.truth import scenario_of
+from palpate.data_options import DataArguments, FolderOption, JsonOption, takes_data
+from palpate.derived import folder_to_read
+from palpate.export import Export
+from palpate.files import output_file
 from palpate.words import safe, shown, typed
-from robot_io.errors import InputError
-from sim_backend.scenario import Scenario
 
 SCENARIO = "scenario.yaml"
 
 
-def command(  # noqa: PLR0917, one parameter an option
-    file: FileArgument,
+@takes_data
+def command(
+    data: DataArguments,
+    *,
     revision: Annotated[
         list[int] | None,
         typer.Option(help="Take these revisions; default: each channel's newest of this data.", metavar="N"),
     ] = None,
     folder: FolderOption = None,
-    column: ColumnOption = None,
-    unit: UnitOption = None,
-    where: WhereOption = None,
-    context: ContextOption = None,
-    fresh_runs: FreshOption = False,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Scenario file to write.", metavar="FILE.yaml")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print what went in and what did not.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Write the fitted models of object and joints as a scenario, so that they can be probed in simulation.
 
     Where the simulator cannot do what was fitted, that is said, and the rest is written.
     """
-    material = load_material(file, import_options(column, unit, where, context, fresh_runs))
-    shelf, place = kept_revisions(material, folder), derived_folder(material, folder)
-    path = output_file(out or place / SCENARIO, force=force or out is None, keep=[file])
-    library = library_with(None)
-    # by which URDF an arm's models were fitted is not known here, so that those are taken as they are
-    known = kept_diagnosis(place, material, NO_ARM, library.effects)
-    kept = _revisions(SameData(material, NO_ARM, shelf, known, library.effects), revision)
-    fitted = [_fitted(material, each) for each in kept]
-    description = f"as measured in {file.name}: " + "; ".join(_model(each) for each in kept)
-    export = export_scenario(_base(material), fitted, description)
-    write_text(path, export.scenario.to_yaml())
-    if as_json:
-        console.print_json(
-            {"file": str(file), "scenario": str(path), "used": export.used, "left_out": export.left_out}
-        )
-    else:
-        data = {"column": column, "unit": unit, "where": where, "context": context, "fresh-runs": fresh_runs}
-        numbers = [str(each.number) for each in kept]
-        again = retyped(file, revision=numbers, folder=folder, effect=own_effects(kept), **data)
-        _print(again, path, export)
-
-
-def _revisions(same: SameData, numbers: list[int] | None) -> list[KeptRevision]:
-    """The revisions that are meant; where nothing was added yet, the contact's base model is fitted."""
-    material, shelf = same.material, same.shelf
-    if numbers:
-        chosen = [shelf.get(number) for number in numbers]
-    else:
-        newest = (same.latest(one.name) or shelf.latest(one.name) for one in material.channels)
-        chosen = [revision for revision in newest if revision is not None]
-    for revision in chosen:
-        same.check(revision)
-    contacts = [channel.name for channel in material.channels if channel.kind is ChannelKind.CONTACT]
-    if len(contacts) == 1 and not any(revision.channel in contacts for revision in chosen):
+    place = folder_to_read(data.file, folder)
+    study = data.study(None, place)
+    path = output_file(out or place / SCENARIO, force=force or out is None, keep=[data.file])
+    before = len(study.revisions)
+    kept = study.to_export(revision or ())
+    if len(study.revisions) > before:
         remark = "nothing was added to the contact's model yet: the base model is written as it is"
         console.stderr().print(f"[yellow]{remark}[/yellow] (palpate diagnose --apply adds what is missing)")
-        wish = Wish((), channel=contacts[0])
-        chosen = [*grow(material, material.arm, shelf, library_with(None), wish).kept, *chosen]
-    places = ["contact" if revision.channel in contacts else revision.channel for revision in chosen]
-    if twice := {place for place in places if places.count(place) > 1}:
-        raise InputError(f"several revisions for one {twice.pop()}: choose one with --revision")
-    if not chosen:
-        raise InputError(
-            f"{material.path}: no revision to write; add something first (palpate diagnose --apply)"
-        )
-    return chosen
-
-
-def _fitted(material: Material, revision: KeptRevision) -> FittedChannel:
-    channel = channel_of(material, revision)
-    joints = sum(other.name.startswith("joint_") for other in material.channels)
-    return FittedChannel(revision, channel.surface, joints)
-
-
-def _base(material: Material) -> Scenario:
-    simulated = scenario_of(material.session) if material.session is not None else None
-    return simulated or Scenario()
-
-
-def _model(revision: KeptRevision) -> str:
-    return f"{revision.channel} {' + '.join([revision.model, *revision.effects])}"
+    export = study.export(path, [one.number for one in kept])
+    if as_json:
+        content = {"file": str(data.file), "scenario": str(path)}
+        console.print_json(content | {"used": export.used, "left_out": export.left_out})
+        return
+    numbers, own = [str(each.number) for each in kept], own_effects(kept)
+    _print(data.typed(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own]), path, export)
 
 
 def _print(again: str, path: Path, export: Export) -> None:

@@ -1,10 +1,12 @@
 """`palpate info`: what is in a session file?"""
 
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.table import Table
 
 from palpate import console
 from palpate.files import open_session
@@ -96,15 +98,13 @@ def _facts(data: dict[str, Any]) -> dict[str, str]:
         "duration": duration(data["duration_s"]),
         "whole": whole.rstrip("; "),
     }
-    return facts | {
-        key: safe(value) for key, value in data["extra"].items() if key not in facts and len(value) < 100
-    }
+    further = ((key, value) for key, value in data["extra"].items() if key not in facts and len(value) < 100)
+    return facts | {safe(key): safe(value) for key, value in further}
 
 
-def _stream_table(data: dict[str, Any]) -> Any:  # noqa: ANN401, rich's table
-    table = console.table(
-        "Streams", "stream", "samples", "rate", "runs", "columns", right=("samples", "rate", "runs")
-    )
+def _stream_table(data: dict[str, Any]) -> Table:
+    numbers = ("samples", "rate", "runs")
+    table = console.table("Streams", "stream", *numbers, "columns", right=numbers)
     for stream in data["streams"]:
         rate = f"{stream['rate_hz']:.0f} Hz" if stream["rate_hz"] else "–"
         columns = ", ".join(
@@ -115,21 +115,11 @@ def _stream_table(data: dict[str, Any]) -> Any:  # noqa: ANN401, rich's table
     return table
 
 
-def _start_s(session: Session) -> float:
-    """When the session begins on its own clock, which on a real arm has run since the machine was started."""
-    firsts = [
-        float(session.samples(name)["time_s"][0]) for name in session.stream_names if _any(session, name)
-    ]
-    return min([*firsts, *(event.time_s for event in session.events)], default=0.0)
-
-
-def _any(session: Session, name: str) -> bool:
-    return len(session.samples(name)) > 0
-
-
-def _event_table(session: Session) -> Any:  # noqa: ANN401, rich's table
+def _event_table(session: Session) -> Table:
+    """Times count from the session's begin: a real arm's clock has run since its machine was started."""
     table = console.table("Events", "time", "kind", "what", right=("time",))
-    start_s = _start_s(session)
+    times_s = (session.samples(name)["time_s"][:1].tolist() for name in session.stream_names)
+    start_s = min(chain(*times_s, (event.time_s for event in session.events)))
     for event in session.events[:MOST_EVENTS]:
         table.add_row(f"{event.time_s - start_s:.3f} s", safe(event.kind), safe(event.text))
     if len(session.events) > MOST_EVENTS:

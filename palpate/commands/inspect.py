@@ -9,9 +9,8 @@ import typer
 from palpate import console
 from palpate.doctor.viewer import has_display
 from palpate.files import different_files, open_session, output_file, output_folder, spare_files
-from palpate.views.inspection import RECORDING, look_into
-from palpate.views.plots.save import NAMES as PLOTS
-from palpate.views.viewer import open_window, take_picture
+from palpate.render.inspection import PLOTS, RECORDING, look_into
+from palpate.render.recording.viewer import open_window, take_picture
 from palpate.words import shown, typed
 from robot_io.errors import InputError
 
@@ -27,7 +26,7 @@ def command(  # noqa: PLR0917, one parameter an option
         Path | None, typer.Option(help="Save a picture of the viewer.", metavar="FILE.png")
     ] = None,
     plots: Annotated[
-        Path | None, typer.Option(help="Save plots as PNG in this folder.", metavar="FOLDER")
+        Path | None, typer.Option(help="Save a page of plots in this folder.", metavar="FOLDER")
     ] = None,
     at_s: Annotated[
         float | None, typer.Option(help="Moment of the picture; default: while force is held.", metavar="S")

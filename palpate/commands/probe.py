@@ -1,7 +1,5 @@
 """`palpate probe`: touch an object at several speeds and log every tick."""
 
-import sys
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,33 +9,25 @@ from rich.markup import escape
 from control.loop.result import Outcome
 from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate import console
-from palpate.arm.driver_packages import importable
-from palpate.arm.hiding import command_line
-from palpate.arm.permission import ask_for_power
-from palpate.arm.probing_run import ProbingJob, ProbingOutcome, online_estimators, run_probing
-from palpate.arm.robots import DEFAULT, find_robot, shipped_robots
-from palpate.arm.wired import is_simulated, wires_in_words
 from palpate.files import existing_file, output_file
-from palpate.text.progress import probing_progress
+from palpate.render.progress import probing_progress
+from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers, takes
+from palpate.runs.permission import ask_for_power
+from palpate.runs.probing import ProbingJob, ProbingOutcome, online_estimators, run_probing
+from palpate.runs.robots import wires_in_words
 from palpate.words import count, duration, safe, shown, typed
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate
 from robot_io.robot_file import RobotFile
-from sim_backend.scenario import load_scenario, shipped_scenarios
 
 MILLI = 1e-3
 NO_ESTIMATOR = "none"
-SESSIONS = Path("sessions")
 
 
-def command(  # noqa: PLR0917, one parameter an option
-    robot: Annotated[
-        str, typer.Option(help=f"Robot file, or a shipped arm: {', '.join(shipped_robots())}.")
-    ] = DEFAULT,
-    scenario: Annotated[
-        str | None,
-        typer.Option(help=f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}."),
-    ] = None,
+@takes(RunOptions)
+def command(
+    options: RunOptions,
+    *,
     experiment: Annotated[Path | None, typer.Option(help="Probing plan (YAML) to start from.")] = None,
     speed_mm_s: Annotated[
         str | None, typer.Option(help="Approach speeds, such as 150,90,60.", metavar="MM/S,...")
@@ -46,31 +36,10 @@ def command(  # noqa: PLR0917, one parameter an option
     hold_s: Annotated[float | None, typer.Option(help="Hold the force for so long.", metavar="S")] = None,
     repeats: Annotated[int | None, typer.Option(help="How often all speeds are run.")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of all simulated noise.", min=0)] = None,
-    hidden: Annotated[
-        str | None,
-        typer.Option(
-            help="Hide effects in the simulated world: random, one's name, or a YAML file with a list.",
-            metavar="WHAT",
-        ),
-    ] = None,
-    wire: Annotated[
-        bool,
-        typer.Option(
-            "--wire", help="Real drivers, byte by byte, but emulated devices: no hardware is touched."
-        ),
-    ] = False,
-    realtime: Annotated[
-        bool, typer.Option("--realtime", help="Simulate no faster than time passes.")
-    ] = False,
     online: Annotated[
         str, typer.Option(help=f"Estimator that runs along: {', '.join(online_estimators())}, or none.")
     ] = "rls",
-    drivers: Annotated[
-        list[str] | None, typer.Option(help="Python package with drivers of your own.", metavar="PACKAGE")
-    ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before a real arm gets power.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+    yes: YesOption = False,
 ) -> None:
     """Probe an object: approach at several speeds, touch, load to a force, hold, retract.
 
@@ -78,35 +47,28 @@ def command(  # noqa: PLR0917, one parameter an option
 
     A real arm gets power after a question alone (or --yes), and a countdown.
     """
-    robot_file = find_robot(robot)
+    robot_file = options.robot_file
     speeds_m_s = _speeds(speed_mm_s) if speed_mm_s is not None else None
-    changes: dict[str, Any] = {
-        "speeds_m_s": speeds_m_s,
-        "force_limit_n": force_limit_n,
-        "hold_s": hold_s,
-        "repeats": repeats,
-    }
+    changes = {"speeds_m_s": speeds_m_s, "force_limit_n": force_limit_n, "hold_s": hold_s, "repeats": repeats}
     plan = _plan(experiment, {key: value for key, value in changes.items() if value is not None})
     if online not in (NO_ESTIMATOR, *online_estimators()):
         raise InputError(f"--online {online}: valid are {', '.join(online_estimators())}, {NO_ESTIMATOR}")
     job = ProbingJob(
-        robot_file=robot_file,
-        plan=plan,
-        session=output_file(out or _default_session(robot_file)),
-        scenario=load_scenario(scenario) if scenario is not None else None,
-        seed=seed,
-        hidden=hidden,
-        paced=realtime,
-        wired=wire,
-        drivers=importable(drivers or []),
+        robot_file,
+        output_file(out or SESSIONS / f"{options.stamped_name()}.mcap"),
+        plan,
         online=None if online == NO_ESTIMATOR else online,
-        command_line=command_line(sys.argv[1:], hidden),
         permission=lambda: ask_for_power(_motion(robot_file, plan), yes=yes),
+        **options.job,
     )
-    remark = f"emulated devices: {safe(wires_in_words(robot_file))}" if wire else ""
-    with probing_progress(plan, live=wire or is_simulated(robot_file), remark=remark) as watcher:
+    remark = f"emulated devices: {safe(wires_in_words(robot_file))}" if options.wire else ""
+    with probing_progress(plan, live=job.simulated, remark=remark) as watcher:
         outcome = run_probing(job, watcher)
-    _report(outcome, plan, as_json)
+    if options.as_json:
+        console.print_json(_as_data(outcome))
+    else:
+        _print(outcome, len(list(plan.runs())))
+    outcome.raise_for_failure()
 
 
 def _motion(robot_file: RobotFile, plan: ProbingPlan) -> str:
@@ -120,12 +82,7 @@ def _motion(robot_file: RobotFile, plan: ProbingPlan) -> str:
 
 def _speeds(text: str) -> list[float]:
     """Speeds in m/s from comma-separated mm/s."""
-    try:
-        speeds = [float(part) for part in text.split(",")]
-    except ValueError:
-        raise InputError(
-            f"--speed-mm-s {text!r}: give numbers with commas between them, such as 150,90,60"
-        ) from None
+    speeds = numbers("--speed-mm-s", text, ", such as 150,90,60")
     if not all(0 < speed <= 1000 for speed in speeds):
         raise InputError(f"--speed-mm-s {text!r}: each speed must be above 0 and at most 1000 mm/s")
     return [MILLI * speed for speed in speeds]
@@ -137,20 +94,6 @@ def _plan(experiment: Path | None, changes: dict[str, Any]) -> ProbingPlan:
         return validate(ProbingPlan, plan.model_dump() | changes)
     except InputError as error:  # of plan and options together
         raise InputError(f"probing plan: {error}") from error
-
-
-def _default_session(robot_file: RobotFile) -> Path:
-    """A name that nobody has used yet."""
-    stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-    return SESSIONS / f"{stamp}-{robot_file.name}.mcap"
-
-
-def _report(outcome: ProbingOutcome, plan: ProbingPlan, as_json: bool) -> None:
-    if as_json:
-        console.print_json(_as_data(outcome))
-    else:
-        _print(outcome, len(list(plan.runs())))
-    outcome.raise_for_failure()
 
 
 def _as_data(outcome: ProbingOutcome) -> dict[str, Any]:

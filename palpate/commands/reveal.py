@@ -6,8 +6,8 @@ from typing import Annotated, Any
 import typer
 
 from palpate import console
-from palpate.arm.hiding import open_answer
 from palpate.files import open_session
+from palpate.runs.hiding import open_answer
 from palpate.words import shown, significant
 from sim_backend.imperfection import Imperfection
 from sim_backend.secret import Answer

@@ -6,18 +6,16 @@ from pathlib import Path
 import numpy as np
 
 from control.probing.plan import ProbingPlan
-from estimation.diagnosis.apart import Progress
-from palpate.arm.hiding import open_answer
-from palpate.arm.probing_run import NOBODY, Watcher
+from estimation.study import ChannelResult
+from estimation.study.channels import CONTACT_MODEL
+from estimation.study.engine import Progress
+from estimation.study.kept_diagnosis import RESULT
 from palpate.demo.probe import probe_demo
 from palpate.files import output_folder
-from palpate.findings.effect_library import library_with
-from palpate.findings.estimation_run import DEFAULT_MODEL, load_material
-from palpate.findings.kept_diagnosis import RESULT
-from palpate.findings.revisions import RevisionShelf
-from palpate.findings.story import Story, diagnose_subjects, tell_story
-from palpate.findings.subject import subjects_of
-from palpate.report.outcome import write_json, write_outcome
+from palpate.outcome import write_json, write_outcome
+from palpate.runs.hiding import open_answer
+from palpate.runs.probing import NOBODY, Watcher
+from palpate.study import Study
 from palpate.words import typed as typed_path
 from robot_io.session import Session
 from sim_backend.contact_laws import KelvinVoigt
@@ -39,21 +37,20 @@ class HiddenDemo:
 
     Attributes:
         session: the session file.
-        story: what was found out, stage by stage.
+        result: what was found out, stage by stage.
         files: result, report, picture and recording.
         answer: what was hidden.
     """
 
     session: Path
-    story: Story
+    result: ChannelResult
     files: dict[str, Path]
     answer: Answer
 
     @property
     def found(self) -> bool:
         """Whether what was hidden is what was named, and nothing else."""
-        accepted = self.story.diagnosis.accepted if self.story.diagnosis else []
-        return [entry.effect for entry in accepted] == [entry.name for entry in self.answer.hidden]
+        return self.result.added == [entry.name for entry in self.answer.hidden]
 
 
 def can_hide(scenario: Scenario) -> bool:
@@ -99,15 +96,11 @@ def solve(session: Path, progress: Progress) -> HiddenDemo:
     Raises:
         InputError: something cannot be written.
     """
-    material, library = load_material(session), library_with(None)
-    (subject,) = subjects_of(material, DEFAULT_MODEL, material.arm)
-    diagnosis = diagnose_subjects([subject], library.effects, progress, str(session))
-    found = diagnosis.channels[0]
-    story = tell_story(subject, found, [entry.effect for entry in found.accepted], library.effects)
+    study = Study(session, CONTACT_MODEL)
     folder = output_folder(Session.open(session).derived_dir)
-    unit = subject.channel.kind.effort_unit
-    RevisionShelf(folder).keep(subject.channel.name, unit, story.stages, parent=None, user_effects={})
-    result = write_json(diagnosis.model_dump(mode="json"), folder / RESULT)
-    typed = f"palpate diagnose {typed_path(session)} --model {DEFAULT_MODEL} --apply"
-    files = {"result": result, **write_outcome(folder, material, [story], [typed])}
-    return HiddenDemo(session, story, files, open_answer(Session.open(session)))
+    diagnosis = study.diagnose(apply=True, progress=progress)
+    (result,) = study.results()
+    written = write_json(study.diagnosis_data(diagnosis), folder / RESULT)
+    typed = f"palpate diagnose {typed_path(session)} --model {CONTACT_MODEL} --apply"
+    files = {"result": written, **write_outcome(folder, study, [result], [typed])}
+    return HiddenDemo(session, result, files, open_answer(Session.open(session)))

@@ -4,18 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from control.probing.plan import ProbingPlan
-from estimation.estimators import ESTIMATORS
-from palpate.arm.probing_run import NOBODY, ProbingJob, Watcher, run_probing
-from palpate.arm.robots import DEFAULT, find_robot
+from estimation.study import ChannelEstimates
+from estimation.study.channels import CONTACT_MODEL
 from palpate.files import output_folder
-from palpate.findings.estimation_run import (
-    DEFAULT_MODEL,
-    ChannelEstimates,
-    Material,
-    estimate_with,
-    load_material,
-)
-from palpate.views.inspection import RECORDING, look_into
+from palpate.render.inspection import RECORDING, look_into
+from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
+from palpate.runs.robots import DEFAULT, find_robot
+from palpate.study import Study
 from robot_io.session import Session
 from sim_backend.scenario import Scenario
 
@@ -28,14 +23,14 @@ class Demo:
 
     Attributes:
         session: the session file.
-        material: the session with channels and truth.
+        study: the session with channels and truth.
         found: estimates of the probed place, by every estimator.
         recording: for Rerun.
-        plots: PNG files.
+        plots: pages of figures.
     """
 
     session: Path
-    material: Material
+    study: Study
     found: ChannelEstimates
     recording: Path
     plots: tuple[Path, ...]
@@ -65,7 +60,7 @@ def probe_demo(
         PalpateError: the arm was stopped, nothing was touched, or the session cannot be written.
     """
     job = ProbingJob(
-        find_robot(DEFAULT), plan, session, scenario=scenario, seed=seed, command_line=command_line
+        find_robot(DEFAULT), session, plan, scenario=scenario, seed=seed, command_line=command_line
     )
     run_probing(job, watcher).raise_for_failure()
 
@@ -76,10 +71,10 @@ def show_demo(session: Path) -> Demo:
     Raises:
         InputError: something cannot be written.
     """
-    material = load_material(session, tared=True)
-    found = estimate_with(material.described_by(DEFAULT_MODEL)[0], DEFAULT_MODEL, list(ESTIMATORS))
+    study = Study(session, CONTACT_MODEL)
+    found = study.estimate()[0]
     opened = Session.open(session)
     folder = output_folder(opened.derived_dir)
     inspection = look_into(opened, found)
     inspection.record(folder / RECORDING)
-    return Demo(session, material, found, folder / RECORDING, tuple(inspection.plot(folder)))
+    return Demo(session, study, found, folder / RECORDING, tuple(inspection.plot(folder)))

@@ -14,19 +14,12 @@ class Level(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the doctor's report.
+    """One line of the doctor's report."""
 
-    Attributes:
-        subject: what was looked at.
-        level: how much it matters.
-        text: what was found.
-        remedy: what to do, empty when nothing.
-    """
-
-    subject: str
+    subject: str  # what was looked at
     level: Level
-    text: str
-    remedy: str = ""
+    text: str  # what was found
+    remedy: str = ""  # what to do, empty when nothing
 
 
 def ok(subject: str, text: str) -> Finding:
@@ -42,3 +35,11 @@ def warn(subject: str, text: str, remedy: str) -> Finding:
 def fail(subject: str, text: str, remedy: str) -> Finding:
     """A finding that keeps palpate from working."""
     return Finding(subject, Level.FAIL, text, remedy)
+
+
+def graded(subject: str, text: str, *complaints: tuple[Level, object, str]) -> Finding:
+    """A finding with the first complaint (level, whether it holds, remedy) that holds; ok if none does."""
+    for level, holds, remedy in complaints:
+        if holds:
+            return Finding(subject, level, text, remedy)
+    return ok(subject, text)

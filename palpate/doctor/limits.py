@@ -1,18 +1,26 @@
-"""Whether the limits of a robot file suit its arm, by the arm's own masses."""
+"""Whether the limits of a robot file suit its arm: not too tight for it, nor so wide that they are none."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from control.arm.rigid_body import RigidBody
-from palpate.doctor.finding import Finding, Level, fail, ok, warn
-from palpate.doctor.loose_limits import examine_loose_limits
+from palpate.doctor.finding import Finding, Level, fail, graded, ok
+from robot_io.drivers.serial_force.text import newtons_per
+from robot_io.guard import Limits
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray
 
-_POSES = 400
+POSES = 400
 _AGE_TICKS = 2.0  # a velocity is about so old when the arm acts on it
 _LONG_WATCHDOG_S = 0.2
+_WEIGHTS = 10.0  # times the largest torque of the arm's own weight: no task of palpate's needs more
+_SPEEDS = 2.0  # times the URDF's speed: a servo that is driven, not one that drives
+_WIDE_TRACKING_RAD, _NO_TRACKING_RAD = 0.3, 1.0
+_ROUNDING_RAD = 1e-3
+_LATCHES = ("deaf_drive_s", "stuck_encoder_s", "stuck_force_s")
+_LONG_LATCH_S, _NO_LATCH_S = 0.1, 1.0
+_WARN, _FAIL = Level.WARN, Level.FAIL
 
 
 def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
@@ -21,83 +29,159 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
         remedy = "give its links an <inertial>: the weight is held up by it, also in a stop"
         yield fail("masses", f"{robot_file.urdf_path}: joint '{joint}' moves no mass", remedy)
         return
-    poses = _poses(robot_file)
-    yield _weight(robot_file, body, poses)
-    yield _brake(robot_file, body, poses)
-    yield _ages(robot_file)
+    limits, tick_s = robot_file.limits, 1.0 / robot_file.control_rate_hz
+    poses_rad = np.vstack([robot_file.home_rad, random_poses_rad(limits)])
+    weight_nm = np.abs([body.gravity(pose) for pose in poses_rad])
+    yield _weight(limits, weight_nm)
+    yield _brake(robot_file, body, poses_rad)
+    yield _ages(limits, tick_s)
     for name, bus in robot_file.buses.items():
         watchdog_s = bus.settings.get("watchdog_s")
         if isinstance(watchdog_s, int | float):
-            yield _watchdog(f"watchdog of {name}", watchdog_s, robot_file)
-    heaviest_nm = float(np.abs([body.gravity(pose) for pose in poses]).max())
-    yield from examine_loose_limits(robot_file, body, heaviest_nm)
+            yield _watchdog(f"watchdog of {name}", watchdog_s, tick_s)
+    yield _force(robot_file)
+    yield _torque(limits, body, float(weight_nm.max()))
+    yield _position(limits, body)
+    yield _velocity(limits, body)
+    yield _tracking(limits)
+    yield from (_latch(name, limits, tick_s) for name in _LATCHES)
 
 
-def _poses(robot_file: RobotFile) -> FloatArray:
-    """Home, and others spread over the joints' ranges, shape (poses, n) [rad]."""
-    limits = robot_file.limits
-    share = np.random.default_rng(0).uniform(size=(_POSES, robot_file.joint_count))
+def random_poses_rad(limits: Limits) -> FloatArray:
+    """Poses spread over the joints' ranges, shape (poses, n) [rad]."""
     low, high = np.array(limits.position_min_rad), np.array(limits.position_max_rad)
-    return np.vstack([robot_file.home_rad, low + share * (high - low)])
+    return np.random.default_rng(0).uniform(low, high, (POSES, len(low)))
 
 
-def _weight(robot_file: RobotFile, body: RigidBody, poses: FloatArray) -> Finding:
-    limit_nm = np.array(robot_file.limits.torque_nm)
-    needed_nm = np.abs([body.gravity(pose) for pose in poses])
-    worst_nm = needed_nm.max(axis=0)
+def _weight(limits: Limits, weight_nm: FloatArray) -> Finding:
+    limit_nm, worst_nm, home_nm = np.array(limits.torque_nm), weight_nm.max(axis=0), weight_nm[0]
     value = f"{_listed(limit_nm)} N m allowed, the weight needs up to {_listed(worst_nm)} N m"
-    if (needed_nm[0] >= limit_nm).any():
-        return Finding(
-            "torque limits",
-            Level.FAIL,
-            f"{value}, and {_listed(needed_nm[0])} N m at home",
-            "raise torque_nm, or correct the URDF's masses",
-        )
-    if (worst_nm >= limit_nm).any():
-        return warn("torque limits", value, "raise torque_nm, or narrow the position limits")
-    return ok("torque limits", value)
+    if (home_nm >= limit_nm).any():
+        remedy = "raise torque_nm, or correct the URDF's masses"
+        return fail("torque limits", f"{value}, and {_listed(home_nm)} N m at home", remedy)
+    remedy = "raise torque_nm, or narrow the position limits"
+    return graded("torque limits", value, (_WARN, (worst_nm >= limit_nm).any(), remedy))
 
 
-def _brake(robot_file: RobotFile, body: RigidBody, poses: FloatArray) -> Finding:
+def _brake(robot_file: RobotFile, body: RigidBody, poses_rad: FloatArray) -> Finding:
     """See `robot_io.guard.SafeState`: a brake that is too strong for its own delay shakes the arm."""
-    delay_s = (1 + _AGE_TICKS) / robot_file.control_rate_hz
-    effective = [1.0 / np.diag(np.linalg.inv(body.mass_matrix(pose))) for pose in poses]
-    most = np.min(effective, axis=0) / delay_s
+    lag_s = (1 + _AGE_TICKS) / robot_file.control_rate_hz
+    effective = [1.0 / np.diag(np.linalg.inv(body.mass_matrix(pose))) for pose in poses_rad]
+    most = np.min(effective, axis=0) / lag_s
     damping = np.array(robot_file.safe_state.damping_nms_rad)
-    value = f"damping {_listed(damping)} N m s/rad, steady up to {_listed(most)}"
-    if (damping > most).any():
-        return warn("braking", value, "lower safe_state.damping_nms_rad, or the brake shakes the arm")
-    if (damping == 0).any():
-        return warn("braking", value, "a joint without damping is not braked in a stop: give it some")
-    return ok("braking", value)
+    return graded(
+        "braking",
+        f"damping {_listed(damping)} N m s/rad, steady up to {_listed(most)}",
+        (_WARN, (damping > most).any(), "lower safe_state.damping_nms_rad, or the brake shakes the arm"),
+        (_WARN, (damping == 0).any(), "a joint without damping is not braked in a stop: give it some"),
+    )
 
 
-def _ages(robot_file: RobotFile) -> Finding:
-    limits, tick_s = robot_file.limits, 1.0 / robot_file.control_rate_hz
-    ages_s = {
-        "encoder": limits.encoder_age_s,
-        "torque": limits.torque_age_s,
-        "force": limits.force_age_s,
-    }
-    value = ", ".join(f"{device} {1e3 * age_s:g} ms" for device, age_s in ages_s.items())
-    if min(ages_s.values()) < 2 * tick_s:
-        return warn(
-            "age limits", value, f"a single lost sample stops the arm: allow {2e3 * tick_s:g} ms or more"
-        )
-    if max(ages_s.values()) > 50 * tick_s:
-        return warn("age limits", value, "the arm would act on old samples: allow less")
-    return ok("age limits", value)
+def _ages(limits: Limits, tick_s: float) -> Finding:
+    ages_s = {name: getattr(limits, f"{name}_age_s") for name in ("encoder", "torque", "force")}
+    lost = f"a single lost sample stops the arm: allow {2e3 * tick_s:g} ms or more"
+    return graded(
+        "age limits",
+        ", ".join(f"{device} {1e3 * age_s:g} ms" for device, age_s in ages_s.items()),
+        (_WARN, min(ages_s.values()) < 2 * tick_s, lost),
+        (_WARN, max(ages_s.values()) > 50 * tick_s, "the arm would act on old samples: allow less"),
+    )
 
 
-def _watchdog(subject: str, watchdog_s: float, robot_file: RobotFile) -> Finding:
-    value = f"the drives let go {1e3 * watchdog_s:g} ms after the last command"
-    if watchdog_s * robot_file.control_rate_hz < 5:
-        return warn(subject, value, "a late tick drops the arm: allow 5 ticks or more")
-    if watchdog_s > _LONG_WATCHDOG_S:
-        return warn(
-            subject, value, f"the last torque acts that long on its own: {_LONG_WATCHDOG_S:g} s is enough"
-        )
-    return ok(subject, value)
+def _watchdog(subject: str, watchdog_s: float, tick_s: float) -> Finding:
+    long = f"the last torque acts that long on its own: {_LONG_WATCHDOG_S:g} s is enough"
+    return graded(
+        subject,
+        f"the drives let go {1e3 * watchdog_s:g} ms after the last command",
+        (_WARN, watchdog_s < 5 * tick_s, "a late tick drops the arm: allow 5 ticks or more"),
+        (_WARN, watchdog_s > _LONG_WATCHDOG_S, long),
+    )
+
+
+def _force(robot_file: RobotFile) -> Finding:
+    """The limit against the sensor's settings: `capacity_n`, or `nominal_load` in `unit`."""
+    limit_n, settings = robot_file.limits.force_n, robot_file.force.settings
+    capacity_n, load, unit = (settings.get(key) for key in ("capacity_n", "nominal_load", "unit"))
+    if isinstance(load, int | float) and isinstance(unit, str) and not isinstance(capacity_n, int | float):
+        capacity_n = load * newtons_per(unit)
+    if not isinstance(capacity_n, int | float):
+        return ok("force limit", f"{limit_n:g} N; the robot file does not say how much the sensor can take")
+    remedy = "the guard would never see it: lower force_n, or correct the capacity"
+    value = f"{limit_n:g} N, the sensor ends at {capacity_n:g} N"
+    return graded("force limit", value, (_FAIL, limit_n >= capacity_n, remedy))
+
+
+def _torque(limits: Limits, body: RigidBody, heaviest_nm: float) -> Finding:
+    limit_nm, effort_nm = np.array(limits.torque_nm), body.torque_limits_nm
+    value = f"{_listed(limit_nm)} N m, the URDF's effort is {_listed(effort_nm)} N m"
+    beyond = _beyond(limit_nm, effort_nm)
+    loose = 0.1 < _WEIGHTS * heaviest_nm < limit_nm.max()
+    if loose and not beyond:
+        value += f", and the weight needs {heaviest_nm:.3g} N m"
+    return graded(
+        "highest torques",
+        value,
+        (_FAIL, beyond, "lower torque_nm, or correct the URDF's effort"),
+        (_WARN, loose, "lower torque_nm: begin with what carries the arm and presses"),
+    )
+
+
+def _position(limits: Limits, body: RigidBody) -> Finding:
+    low_rad, high_rad = body.position_limits_rad
+    low, high = np.array(limits.position_min_rad), np.array(limits.position_max_rad)
+    beyond = (low < low_rad - _ROUNDING_RAD) | (high > high_rad + _ROUNDING_RAD)
+    if not beyond.any():
+        return ok("position limits", "within the URDF's")
+    joint = int(np.argmax(beyond))
+    value = (
+        f"joint {joint + 1} from {low[joint]:g} to {high[joint]:g} rad, "
+        f"in the URDF from {low_rad[joint]:g} to {high_rad[joint]:g}"
+    )
+    remedy = "it would meet its stop: narrow position_min_rad and position_max_rad"
+    return fail("position limits", value, remedy)
+
+
+def _velocity(limits: Limits, body: RigidBody) -> Finding:
+    limit_rad_s, urdf_rad_s = np.array(limits.velocity_rad_s), body.velocity_limits_rad_s
+    beyond = _beyond(limit_rad_s, _SPEEDS * urdf_rad_s)
+    value = f"{_listed(limit_rad_s)} rad/s, the URDF's are {_listed(urdf_rad_s)} rad/s"
+    remedy = "the guard would stop nothing: lower velocity_rad_s"
+    return graded("velocity limits", value, (_FAIL, beyond, remedy))
+
+
+def _tracking(limits: Limits) -> Finding:
+    widest_rad, remedy = (
+        max(limits.tracking_rad),
+        "lower tracking_rad: 0.1 rad is what a well-tuned arm keeps",
+    )
+    return graded(
+        "tracking limits",
+        f"up to {widest_rad:g} rad from the path",
+        (_FAIL, widest_rad > _NO_TRACKING_RAD, remedy),
+        (_WARN, widest_rad > _WIDE_TRACKING_RAD, remedy),
+    )
+
+
+def _latch(name: str, limits: Limits, tick_s: float) -> Finding:
+    """How long a device may go on answering and be wrong; in less than a tick it answers once at most."""
+    limit_s, usual_s = float(getattr(limits, name)), float(Limits.model_fields[name].default)
+    value = f"{1e3 * limit_s:g} ms"
+    too_short = limit_s < tick_s * (1.0 - 1e-9)
+    if too_short:
+        value += f", less than a tick of {1e3 * tick_s:g} ms, too short to detect anything"
+    late = f"the guard would come too late: lower it to {usual_s:g} s, or leave it out"
+    return graded(
+        name,
+        value,
+        (_FAIL, too_short, f"raise it to some ticks: {max(usual_s, 5 * tick_s):g} s"),
+        (_FAIL, limit_s > _NO_LATCH_S, late),
+        (_WARN, limit_s > _LONG_LATCH_S, f"the arm would long act on what is wrong: {usual_s:g} s is usual"),
+    )
+
+
+def _beyond(limits: FloatArray, most: FloatArray) -> bool:
+    """Whether a limit is above what is stated; 0 states nothing."""
+    return bool(((most > 0) & (limits > most)).any())
 
 
 def _listed(values: FloatArray) -> str:

@@ -12,8 +12,9 @@ from control.loop.phases import Phase
 from control.loop.result import LoopResult, Outcome
 from control.loop.task import TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates
-from control.paths.motion import JointMotion
-from palpate.doctor.finding import Finding, fail, ok, warn
+from control.paths.trajectory import JointMotion
+from palpate.doctor.finding import Finding, Level, fail, graded
+from palpate.doctor.limits import random_poses_rad
 from robot_io.guard import Guard, Limits
 from robot_io.robot import Robot
 from robot_io.robot_file import RobotFile
@@ -21,7 +22,6 @@ from robot_io.types import FloatArray, Measurement
 
 NUDGE_RAD = 0.05
 _STAY_S, _NUDGE_S = 0.5, 1.2
-_POSES = 400
 _TRACKING_RAD = 0.03  # less than the nudge, so that a blocked joint stops it before it is pushed hard
 _PUSH_SHARE = 0.15  # of its torque limit, that a joint may be pushed with beyond the arm's weight
 _FOLLOWED = 0.7  # share of a nudge
@@ -29,33 +29,22 @@ _SHARE, _FLOOR_NM = 0.3, 0.3  # of the weight's torque, that friction and gearin
 
 
 class NudgeTask:
-    """Holds the arm where it stands, and moves one joint after the other there and back.
-
-    Args:
-        robot_file: the arm.
-        body: its dynamics.
-    """
+    """Holds the arm where it stands, and moves one joint after the other there and back."""
 
     def __init__(self, robot_file: RobotFile, body: RigidBody) -> None:
         self._free = FreeMotion(body, gains_of(robot_file).tracking)
         limits = robot_file.limits
         self._middle_rad = (np.array(limits.position_min_rad) + np.array(limits.position_max_rad)) / 2.0
-        self._towards = np.ones(len(self._middle_rad))  # the side of each joint with more room
-        self._start_rad: FloatArray = np.array(robot_file.home_rad)
-        self._elapsed_s = 0.0
 
     def start(self, measurement: Measurement) -> None:
-        """See `control.loop.task.Task`."""
+        """See `control.loop.task.Task`; each joint is moved to the side with more room."""
+        self._elapsed_s = 0.0
         self._start_rad = measurement.joint_position_rad.copy()
         self._towards = np.where(self._start_rad > self._middle_rad, -1.0, 1.0)
         self._free.start(measurement)
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `control.loop.task.Task`.
-
-        Raises:
-            SafetyTripError: something touches the tool.
-        """
+        """See `control.loop.task.Task`; trips where something touches the tool."""
         self._elapsed_s += dt_s
         motion = self._motion()
         torque_nm = self._free.torque_nm(measurement, motion, dt_s)
@@ -75,17 +64,17 @@ class NudgeTask:
         return JointMotion(position, velocity, acceleration)
 
 
-class _Nowhere:
-    """A log that keeps nothing; the findings say what there is to say."""
+class _NoLog:
+    """A `TickLog` that keeps nothing; the findings say what there is to say."""
 
     dropped = 0
     failure: str | None = None
 
-    def append(self, stream_name: str, record: tuple[object, ...]) -> None:
-        """See `TickLog.append`."""
+    def append(self, stream_name: str, record: tuple[object, ...]) -> None: ...
 
-    def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
-        """See `TickLog.event`."""
+    def event(
+        self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None
+    ) -> None: ...
 
 
 def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
@@ -95,9 +84,8 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
         DeviceError: a device failed before the first tick.
         KeyboardInterrupt: the user stopped it; the arm has been brought to rest.
     """
-    guard = Guard(
-        gentle(robot_file.limits, body), robot_file.safe_state, robot_file.joint_count, body.gravity
-    )
+    limits = gentle(robot_file.limits, body)
+    guard = Guard(limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
     measured: list[Measurement] = []
 
     def observe(measurement: Measurement, _output: TaskOutput) -> Estimates:
@@ -105,7 +93,7 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
         return NO_ESTIMATE
 
     task, rate_hz = NudgeTask(robot_file, body), robot_file.control_rate_hz
-    result = run_loop(robot, guard, task, robot.clock, _Nowhere(), rate_hz=rate_hz, observer=observe)
+    result = run_loop(robot, guard, task, robot.clock, _NoLog(), rate_hz=rate_hz, observer=observe)
     if result.outcome is Outcome.STOPPED and not result.deactivation_error:
         raise KeyboardInterrupt
     yield from _findings(result, measured, body)
@@ -113,9 +101,7 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
 
 def gentle(limits: Limits, body: RigidBody) -> Limits:
     """The limits with which a joint that is held is let go: little way off its path, little push."""
-    low, high = np.array(limits.position_min_rad), np.array(limits.position_max_rad)
-    poses = np.random.default_rng(0).uniform(low, high, (_POSES, len(low)))
-    weight_nm = np.abs([body.gravity(pose) for pose in poses]).max(axis=0)
+    weight_nm = np.abs([body.gravity(pose) for pose in random_poses_rad(limits)]).max(axis=0)
     torque_nm = np.minimum(limits.torque_nm, weight_nm + _PUSH_SHARE * np.array(limits.torque_nm))
     tracking_rad = np.minimum(limits.tracking_rad, _TRACKING_RAD)
     return limits.model_copy(
@@ -133,25 +119,23 @@ def _findings(result: LoopResult, measured: list[Measurement], body: RigidBody) 
     time_s = np.array([m.time_s for m in measured]) - measured[0].time_s
     position_rad = np.array([m.joint_position_rad for m in measured])
     still = (time_s > 0.5 * _STAY_S) & (time_s < _STAY_S)
-    held_nm = np.mean([m.joint_torque_nm for m, now in zip(measured, still, strict=True) if now], axis=0)
+    held_nm: FloatArray = np.array([m.joint_torque_nm for m in measured])[still].mean(axis=0)
     weight_nm = body.gravity(position_rad[still].mean(axis=0))
-    for joint in range(body.joint_count):
-        moved_rad = float(np.ptp(position_rad[:, joint]))
-        yield _joint(joint, moved_rad, float(held_nm[joint]), float(weight_nm[joint]))
-
-
-def _joint(joint: int, moved_rad: float, held_nm: float, weight_nm: float) -> Finding:
-    subject = f"drive of joint {joint + 1}"
-    value = (
-        f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad; holds {held_nm:+.2f} N m, "
-        f"its weight is {weight_nm:+.2f} N m by the URDF"
-    )
-    if moved_rad < _FOLLOWED * NUDGE_RAD:
-        return fail(
-            subject, value, "it does not follow: friction, a low torque limit, or a wrong torque constant"
+    joints = zip(np.ptp(position_rad, axis=0), held_nm, weight_nm, strict=True)
+    for joint, (moved_rad, own_nm, own_weight_nm) in enumerate(joints, 1):
+        off_nm = abs(own_nm - own_weight_nm)
+        yield graded(
+            f"drive of joint {joint}",
+            f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad; holds {own_nm:+.2f} N m, "
+            f"its weight is {own_weight_nm:+.2f} N m by the URDF",
+            (
+                Level.FAIL,
+                moved_rad < _FOLLOWED * NUDGE_RAD,
+                "it does not follow: friction, a low torque limit, or a wrong torque constant",
+            ),
+            (
+                Level.WARN,
+                off_nm > _SHARE * abs(own_weight_nm) + _FLOOR_NM,
+                "check masses and torque constants; then palpate calibrate torque, gravity",
+            ),
         )
-    if abs(held_nm - weight_nm) > _SHARE * abs(weight_nm) + _FLOOR_NM:
-        return warn(
-            subject, value, "check masses and torque constants; then palpate calibrate torque, gravity"
-        )
-    return ok(subject, value)

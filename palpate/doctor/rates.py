@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from control.loop.loop import READ_SHARE
-from palpate.doctor.finding import Finding, Level, fail, ok, warn
+from palpate.doctor.finding import Finding, Level, fail, graded, warn
 from robot_io.clock import SimulatedClock
 from robot_io.examination import Examinable
 from robot_io.robot import Robot
@@ -18,50 +18,33 @@ _FULL_SHARE = 0.8  # of a tick; a bus that needs more has no time left for a lat
 _REST_SHARE = 0.05  # of the force limit; more without touching anything is a wrong zero
 _FAR_RAD = 0.3
 _MICRO, _MILLI = 1e6, 1e3
+_WARN, _FAIL = Level.WARN, Level.FAIL
 
 
 @dataclass(frozen=True)
 class _Watched:
-    """What the arm showed in some ticks.
+    """What the arm showed in some ticks."""
 
-    Attributes:
-        reading_s: how long each reading took, shape (n,) [s].
-        measurements: one a tick.
-        complaints: what buses said of themselves in the last ticks.
-    """
-
-    reading_s: FloatArray
+    reading_s: FloatArray  # how long each reading took, shape (n,)
     measurements: tuple[Measurement, ...]
-    complaints: str
-
-    def ages_s(self, device: str) -> FloatArray:
-        """How old the device's sample was in each tick (n,) [s]."""
-        return np.array([m.time_s - getattr(m, f"{device}_at_s") for m in self.measurements])
-
-    def rate_hz(self, device: str) -> float:
-        """New samples a second."""
-        times_s = np.unique([getattr(m, f"{device}_at_s") for m in self.measurements])
-        return (len(times_s) - 1) / max(float(times_s[-1] - times_s[0]), 1e-9)
+    complaints: str  # what buses said of themselves in the last ticks
 
 
 def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     """Read a configured robot for half a second at its control rate, without power."""
-    period_s = 1.0 / robot_file.control_rate_hz
+    period_s, limits = 1.0 / robot_file.control_rate_hz, robot_file.limits
     computed = list(_computed(robot, period_s))
     yield from computed
     if any(finding.level is Level.FAIL for finding in computed):
         return
     watched = _watch(robot, period_s)
     yield _reading(watched, period_s, "simulated" if isinstance(robot.clock, SimulatedClock) else "real")
-    limits = robot_file.limits
-    for device, limit_s in (
-        ("encoder", limits.encoder_age_s),
-        ("torque", limits.torque_age_s),
-        ("force", limits.force_age_s),
-    ):
-        yield _device(watched, device, limit_s)
-    yield from _joints(watched, robot_file)
-    yield from _home(watched, robot_file)
+    for device in ("encoder", "torque", "force"):
+        yield _device(watched, device, getattr(limits, f"{device}_age_s"))
+    position_rad = np.mean([m.joint_position_rad for m in watched.measurements], axis=0)
+    if np.isfinite(position_rad).all():  # else there are no samples, which has been said
+        yield from _joints(position_rad, robot_file)
+        yield _home(position_rad - robot_file.home_rad)
     yield _force(watched, limits.force_n)
 
 
@@ -91,12 +74,8 @@ def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
             f"good for {most_hz:.0f} Hz"
         )
         remedy = f"raise the bit rate, lower control_rate_hz to {most_hz:.0f}, or have less sent in a tick"
-        if wire_s > period_s:
-            yield fail(f"rate of {name}", value, remedy)
-        elif wire_s > _FULL_SHARE * period_s:
-            yield warn(f"rate of {name}", value, remedy)
-        else:
-            yield ok(f"rate of {name}", value)
+        too_much, nearly = wire_s > period_s, wire_s > _FULL_SHARE * period_s
+        yield graded(f"rate of {name}", value, (_FAIL, too_much, remedy), (_WARN, nearly, remedy))
 
 
 def _reading(watched: _Watched, period_s: float, kind: str) -> Finding:
@@ -105,73 +84,50 @@ def _reading(watched: _Watched, period_s: float, kind: str) -> Finding:
         f"takes {median_s * _MICRO:.0f} us, and up to {most_s * _MICRO:.0f} us in 99 of 100 ticks, "
         f"of {kind} time"
     )
-    if most_s > READ_SHARE * period_s:
-        return warn(
-            "reading the arm", value, f"the loop waits {READ_SHARE * period_s * _MICRO:.0f} us: see the rates"
-        )
-    return ok("reading the arm", value)
+    remedy = f"the loop waits {READ_SHARE * period_s * _MICRO:.0f} us: see the rates"
+    return graded("reading the arm", value, (_WARN, most_s > READ_SHARE * period_s, remedy))
 
 
 def _device(watched: _Watched, device: str, limit_s: float) -> Finding:
-    ages_s, rate_hz = watched.ages_s(device), watched.rate_hz(device)
+    subject, because = f"{device} samples", f": {watched.complaints}" if watched.complaints else ""
+    at_s = np.array([getattr(m, f"{device}_at_s") for m in watched.measurements])
+    ages_s = np.array([m.time_s for m in watched.measurements]) - at_s
     if not np.isfinite(ages_s).all():
-        return fail(f"{device} samples", "none came" + _because(watched), "check its wiring")
+        return fail(subject, "none came" + because, "check its wiring")
+    new_s = np.unique(at_s)
+    rate_hz = (len(new_s) - 1) / max(float(new_s[-1] - new_s[0]), 1e-9)
     value = (
         f"{rate_hz:.0f} a second, the oldest {ages_s.max() * _MILLI:.1f} ms old (limit {limit_s * _MILLI:g})"
     )
     statuses = {getattr(m, f"{device}_status") for m in watched.measurements}
     if ages_s.max() > limit_s or Status.FAULT in statuses:
-        return fail(f"{device} samples", value + _because(watched), "raise its rate, or see what holds it up")
-    if Status.SATURATED in statuses:
-        return fail(
-            f"{device} samples", f"{value}; at the end of its range", "check its wiring and its range"
-        )
-    return ok(f"{device} samples", value)
+        return fail(subject, value + because, "raise its rate, or see what holds it up")
+    if saturated := Status.SATURATED in statuses:
+        value += "; at the end of its range"
+    return graded(subject, value, (_FAIL, saturated, "check its wiring and its range"))
 
 
-def _because(watched: _Watched) -> str:
-    return f": {watched.complaints}" if watched.complaints else ""
-
-
-def _joints(watched: _Watched, robot_file: RobotFile) -> Iterator[Finding]:
-    position_rad = np.mean([m.joint_position_rad for m in watched.measurements], axis=0)
-    if not np.isfinite(position_rad).all():
-        return  # there are no samples, which has been said
+def _joints(position_rad: FloatArray, robot_file: RobotFile) -> Iterator[Finding]:
     limits = robot_file.limits
-    for joint, (angle, low, high) in enumerate(
-        zip(position_rad, limits.position_min_rad, limits.position_max_rad, strict=True), 1
-    ):
+    ranges = zip(position_rad, limits.position_min_rad, limits.position_max_rad, strict=True)
+    for joint, (angle, low, high) in enumerate(ranges, 1):
         value = f"at {angle:+.3f} rad (limits {low:+.2f} to {high:+.2f})"
-        if low < angle < high:
-            yield ok(f"joint {joint}", value)
-        else:
-            yield fail(
-                f"joint {joint}", value, "move it inside by hand, or correct its zero_rad and reversed"
-            )
+        remedy = "move it inside by hand, or correct its zero_rad and reversed"
+        yield graded(f"joint {joint}", value, (_FAIL, not low < angle < high, remedy))
 
 
-def _home(watched: _Watched, robot_file: RobotFile) -> Iterator[Finding]:
-    away_rad: FloatArray = (
-        np.mean([m.joint_position_rad for m in watched.measurements], axis=0) - robot_file.home_rad
-    )
-    if not np.isfinite(away_rad).all():
-        return  # there are no samples, which has been said
+def _home(away_rad: FloatArray) -> Finding:
     joint = int(np.argmax(np.abs(away_rad)))
     value = f"joint {joint + 1} is {away_rad[joint]:+.2f} rad from home_rad, no joint is farther"
-    if abs(away_rad[joint]) > _FAR_RAD:
-        remedy = (
-            "nothing drives it there: bring it by hand; a run starts where it stands, and returns to that"
-        )
-        yield warn("home", value, remedy)
-    else:
-        yield ok("home", value)
+    remedy = "nothing drives it there: bring it by hand; a run starts where it stands, and returns to that"
+    return graded("home", value, (_WARN, abs(away_rad[joint]) > _FAR_RAD, remedy))
 
 
 def _force(watched: _Watched, limit_n: float) -> Finding:
     forces_n = np.array([m.force_n for m in watched.measurements])
     value = f"{forces_n.mean():+.3f} N without touching anything, noise {forces_n.std():.3f} N"
-    if abs(forces_n.mean()) > _REST_SHARE * limit_n:
-        return warn("force at rest", value, "take load off the tool, or tare the sensor; then calibrate it")
-    if np.ptp(forces_n) == 0.0:
+    beyond = abs(forces_n.mean()) > _REST_SHARE * limit_n
+    if not beyond and np.ptp(forces_n) == 0.0:
         return warn("force at rest", f"{value}: never changes", "tap the tool; if nothing moves, it is stuck")
-    return ok("force at rest", value)
+    remedy = "take load off the tool, or tare the sensor; then calibrate it"
+    return graded("force at rest", value, (_WARN, beyond, remedy))

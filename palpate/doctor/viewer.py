@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 
-from palpate.doctor.finding import Finding, ok, warn
+from palpate.doctor.finding import Finding, Level, graded
+from palpate.words import typed
 
 PORT = 9876  # Rerun's default
 VULKAN_DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d")
@@ -15,33 +16,27 @@ VULKAN_DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/sh
 
 def rerun() -> Iterator[Finding]:
     """The viewer's program is there, and something to show it on."""
-    version = metadata.version("rerun-sdk")
-    if has_display():
-        yield ok("rerun", f"{version}, with a display")
-    elif has_vulkan_driver():
-        yield ok("rerun", f"{version}, no display: recordings and screenshots are written to files")
-    else:
-        yield warn(
-            "rerun",
-            f"{version}, neither display nor Vulkan driver: recordings yes, screenshots no",
-            "apt install mesa-vulkan-drivers",
-        )
+    shows = (
+        "with a display" if has_display() else "no display: recordings and screenshots are written to files"
+    )
+    blind = not has_display() and not has_vulkan_driver()
+    if blind:
+        shows = "neither display nor Vulkan driver: recordings yes, screenshots no"
+    value = f"{metadata.version('rerun-sdk')}, {shows}"
+    yield graded("rerun", value, (Level.WARN, blind, "apt install mesa-vulkan-drivers"))
 
 
 def viewer_port() -> Iterator[Finding]:
     """The viewer's port is free on this machine's own address."""
+    state = "free"
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(("127.0.0.1", PORT))
         except OSError as error:
-            yield warn(
-                "viewer port",
-                f"127.0.0.1:{PORT}: {error.strerror}",
-                "close the other viewer; palpate takes a free port",
-            )
-            return
-    yield ok("viewer port", f"127.0.0.1:{PORT} is free")
+            state = str(error.strerror)
+    remedy = "close the other viewer; palpate takes a free port"
+    yield graded("viewer port", f"127.0.0.1:{PORT}: {state}", (Level.WARN, state != "free", remedy))
 
 
 def has_display() -> bool:
@@ -52,3 +47,9 @@ def has_display() -> bool:
 def has_vulkan_driver() -> bool:
     """Whether Vulkan can draw, if only in software."""
     return any(Path(folder).is_dir() and any(Path(folder).glob("*.json")) for folder in VULKAN_DRIVERS)
+
+
+def rerun_step(recording: Path) -> tuple[str, str]:
+    """The command that opens a recording of revisions, with what it does and what it needs."""
+    where = "" if has_display() else " (needs a display)"
+    return f"rerun {typed(recording)}", f"see the model grow, revision by revision{where}"

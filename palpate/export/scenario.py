@@ -4,9 +4,9 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from estimation.study import Revision
 from estimation.surface import Surface
 from palpate.export.terms import ARM, CONTACT, JOINT, SENSOR, Entry
-from palpate.findings.revisions import KeptRevision
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate
 from sim_backend.imperfection import Imperfection, parse_imperfection
@@ -26,7 +26,7 @@ class FittedChannel:
         joint_count: of the arm; 0 for a contact that came without one.
     """
 
-    revision: KeptRevision
+    revision: Revision
     surface: Surface | None
     joint_count: int
 
@@ -100,7 +100,7 @@ def _swallowed_n(fitted: Sequence[FittedChannel]) -> float:
     return next((effect["width"] for effect in found if effect), 0.0)
 
 
-def _by_effect(revision: KeptRevision) -> Effects:
+def _by_effect(revision: Revision) -> Effects:
     found: Effects = defaultdict(dict)
     for name, parameter in revision.parameters.items():
         effect, _, own = name.partition(".")

@@ -3,8 +3,9 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
-from palpate.arm.robots import find_robot
-from palpate.calibrating.bench import CalibrationJob, Stamp
+from palpate.runs.calibration import CalibrationJob
+from palpate.runs.calibration_file import Stamp
+from palpate.runs.robots import find_robot
 from robot_io.robot_file import RobotFile
 from robot_io.session import Session
 from sim_backend.scenario import load_scenario
@@ -18,7 +19,7 @@ def job_in(
 ) -> CalibrationJob:
     """A calibration of the follower, with its session in `folder`."""
     scenario = load_scenario({"seed": seed, "hidden": hidden})
-    return CalibrationJob(kind, robot, folder / f"{kind}-{seed}.mcap", scenario=scenario)
+    return CalibrationJob(robot, folder / f"{kind}-{seed}.mcap", kind, scenario=scenario)
 
 
 def opened(job: CalibrationJob) -> Session:
@@ -26,7 +27,7 @@ def opened(job: CalibrationJob) -> Session:
 
 
 def stamp(job: CalibrationJob) -> Stamp:
-    return Stamp(job.robot_file, job.session, NOW, 365.0)
+    return Stamp.of(job.robot_file, job.session, 365.0)
 
 
 def in_joints(effect: str, **parameters) -> list[dict]:

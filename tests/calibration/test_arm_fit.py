@@ -1,13 +1,13 @@
 """The fit recovers what synthetic drives, written down here, were given; the simulator has its own tests."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calibration.arm.excitation import TORQUE_WISH, choose_path
+from calibration.arm.excitation import TORQUE_MOTION, FourierPath, choose_path
 from calibration.arm.fit import ArmMotion, fit_arm
-from calibration.arm.fourier import FourierPath
 from calibration.arm.model import GravityBodies
 from control.arm.rigid_body import RigidBody
 from robot_io.calibration.applied import gravity_base_m_s2
@@ -20,10 +20,17 @@ BODIES = GravityBodies.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame)
 BODY = RigidBody.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame)
 
 
+HOME_RAD, UPRIGHT_RAD = np.array(ROBOT.home_rad), np.array([1.57, 0.0, 0.0])
+
+
+def chosen(start_rad=HOME_RAD, limits=ROBOT.limits):
+    rng = np.random.default_rng(0)
+    return choose_path(BODY, BODIES, start_rad, limits, settings=TORQUE_MOTION, rng=rng)
+
+
 @pytest.fixture(scope="module")
 def path():
-    start = np.array(ROBOT.home_rad)
-    return choose_path(BODY, BODIES, start, ROBOT.limits, wish=TORQUE_WISH, rng=np.random.default_rng(0))
+    return chosen()
 
 
 def measured(
@@ -48,16 +55,12 @@ def test_everything_hidden_in_the_drives_is_found_at_once(path):
         "viscous": np.array([0.3, 0.1, 0.01]),
     }
     fit = fit_arm(measured(path, np.random.default_rng(1), pitch=0.04, **hidden), BODIES)
-    for found, std, name in (
-        (fit.gain, fit.gain_std, "gain"),
-        (fit.offset_nm, fit.offset_std_nm, "offset"),
-        (fit.coulomb_nm, fit.coulomb_std_nm, "coulomb"),
-        (fit.viscous_nms_rad, fit.viscous_std_nms_rad, "viscous"),
-    ):
-        assert np.all(np.abs(found - hidden[name]) < 4 * std), name
-        assert np.all(std < 0.02), name
-    assert fit.tilt_rad[0] == pytest.approx(0.04, abs=4 * fit.tilt_std_rad[0])
-    assert fit.tilt_std_rad[0] < 1e-3
+    found = zip(hidden.items(), (fit.gain, fit.offset_nm, fit.coulomb_nm, fit.viscous_nms_rad), strict=True)
+    for (name, true), estimate in found:
+        assert np.all(np.abs(estimate.value - true) < 4 * estimate.std_err), name
+        assert np.all(estimate.std_err < 0.02), name
+    assert fit.tilt_rad.value[0] == pytest.approx(0.04, abs=4 * fit.tilt_rad.std_err[0])
+    assert fit.tilt_rad.std_err[0] < 1e-3
 
 
 def test_twice_the_uncertainty_covers_95_percent(path):
@@ -66,51 +69,26 @@ def test_twice_the_uncertainty_covers_95_percent(path):
     covered = []
     for seed in range(30):
         noise = np.random.default_rng(seed).normal(0, 0.02, clean.measured_nm.shape)
-        noisy = ArmMotion(
-            clean.time_s,
-            clean.position_rad,
-            clean.velocity_rad_s,
-            clean.acceleration_rad_s2,
-            clean.measured_nm + noise,
-            clean.sent_nm,
-        )
-        fit = fit_arm(noisy, BODIES)
-        covered += [
-            *(np.abs(fit.gain - 1) < 2 * fit.gain_std),
-            *(np.abs(fit.offset_nm) < 2 * fit.offset_std_nm),
-        ]
-        covered += [
-            *(np.abs(fit.coulomb_nm) < 2 * fit.coulomb_std_nm),
-            abs(fit.tilt_rad[0]) < 2 * fit.tilt_std_rad[0],
-        ]
+        fit = fit_arm(replace(clean, measured_nm=clean.measured_nm + noise), BODIES)
+        for estimate, true in ((fit.gain, 1.0), (fit.offset_nm, 0.0), (fit.coulomb_nm, 0.0)):
+            covered += [*(np.abs(estimate.value - true) < 2 * estimate.std_err)]
+        covered.append(abs(fit.tilt_rad.value[0]) < 2 * fit.tilt_rad.std_err[0])
     assert 0.90 < np.mean(covered) < 0.99
 
 
 def test_an_arm_that_moves_in_one_plane_does_not_feel_roll(path):
     fit = fit_arm(measured(path, np.random.default_rng(2)), BODIES)
-    assert np.isfinite(fit.tilt_rad[0])
-    assert np.isnan(fit.tilt_rad[1])
+    assert np.isfinite(fit.tilt_rad.value[0])
+    assert np.isnan(fit.tilt_rad.value[1])
 
 
 def test_late_torque_samples_are_not_taken_for_friction(path):
     motion = measured(path, np.random.default_rng(3))
-    late = ArmMotion(
-        *(part[:-3] for part in motion_parts(motion)[:4]), motion.measured_nm[3:], motion.sent_nm[3:]
-    )
+    time_s, q, v, a, measured_nm, sent_nm = vars(motion).values()
+    late = ArmMotion(*(part[:-3] for part in (time_s, q, v, a)), measured_nm[3:], sent_nm[3:])
     fit = fit_arm(late, BODIES)
-    assert fit.delay_s[0] == pytest.approx(-0.003, abs=4 * fit.delay_s[1])
-    assert np.all(np.abs(fit.viscous_nms_rad) < 4 * fit.viscous_std_nms_rad)
-
-
-def motion_parts(motion):
-    return (
-        motion.time_s,
-        motion.position_rad,
-        motion.velocity_rad_s,
-        motion.acceleration_rad_s2,
-        motion.measured_nm,
-        motion.sent_nm,
-    )
+    assert fit.delay_s.value == pytest.approx(-0.003, abs=4 * fit.delay_s.std_err)
+    assert np.all(np.abs(fit.viscous_nms_rad.value) < 4 * fit.viscous_nms_rad.std_err)
 
 
 def test_an_arm_that_stands_still_is_refused(path):
@@ -143,31 +121,14 @@ class TestPath:
             np.testing.assert_allclose(path.at(time_s).position_rad, path.centre_rad)
 
     def test_equal_seeds_choose_the_same(self, path):
-        again = choose_path(
-            BODY,
-            BODIES,
-            np.array(ROBOT.home_rad),
-            ROBOT.limits,
-            wish=TORQUE_WISH,
-            rng=np.random.default_rng(0),
-        )
-        assert np.array_equal(again.at(7.0).position_rad, path.at(7.0).position_rad)
+        assert np.array_equal(chosen().at(7.0).position_rad, path.at(7.0).position_rad)
 
     def test_is_smaller_where_there_is_less_room(self):
-        up, rng = np.array([1.57, 0.0, 0.0]), np.random.default_rng(0)
-        small = choose_path(BODY, BODIES, up, ROBOT.limits, wish=TORQUE_WISH, rng=rng)
+        small = chosen(UPRIGHT_RAD)
         for time_s in np.linspace(0, small.duration_s, 700):
             assert BODY.heights_m(small.at(time_s).position_rad)[1:].min() > 0.55 - 0.02
 
     def test_an_arm_that_stands_as_high_as_it_can_is_refused(self):
-        lowered = GravityBodies.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame)
         narrow = ROBOT.limits.model_copy(update={"position_max_rad": (1.0, 2.75, 2.85)})
         with pytest.raises(InputError, match="raise the arm first"):
-            choose_path(
-                BODY,
-                lowered,
-                np.array([1.57, 0.0, 0.0]),
-                narrow,
-                wish=TORQUE_WISH,
-                rng=np.random.default_rng(0),
-            )
+            chosen(UPRIGHT_RAD, narrow)

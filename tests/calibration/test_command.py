@@ -3,7 +3,7 @@ import shutil
 
 import pytest
 
-from palpate.arm.robots import find_robot
+from palpate.runs.robots import find_robot
 from robot_io.calibration import load_calibration
 from robot_io.session import Session
 from tests.palpate.cli import assert_refused, run
@@ -36,7 +36,7 @@ def test_somebodys_load_cell_becomes_a_file_and_a_plot(table, tmp_path):
     assert calibration.values.scale.value == pytest.approx(9.80665 / 200, rel=1e-3)
     assert calibration.raw_data.file == "cell.csv"
     assert (calibration.valid_until_utc - calibration.made_utc).days == 30
-    assert out.with_suffix(".png").stat().st_size > 10_000
+    assert out.with_suffix(".html").stat().st_size > 10_000
     assert "applied" in result.stdout
     assert "No robot can name it" in result.stderr
     assert "palpate calibrate force --robot follower --weights-kg" in result.stderr
@@ -69,12 +69,12 @@ def test_a_zero_that_is_far_off_is_pointed_at(tmp_path):
     options = ("--pose", "1.5,1.5,1.5", "-o", tmp_path / "p.yaml", "--session", tmp_path / "p.mcap")
     result = run("calibrate", "encoder", *options)
     assert result.exit_code == 0, result.stderr
-    assert "look twice" in result.stdout
+    assert "check again" in result.stdout
     offsets = load_calibration(tmp_path / "p.yaml").values.offset.value
     for joint, offset in enumerate(offsets, 1):
         assert (f"joint {joint} by" in result.stdout) == (abs(offset) > 0.2)
     near = ("--pose", "home", "-o", tmp_path / "n.yaml", "--session", tmp_path / "n.mcap")
-    assert "look twice" not in run("calibrate", "encoder", *near).stdout
+    assert "check again" not in run("calibrate", "encoder", *near).stdout
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_what_makes_no_sense_is_refused_in_one_line(tmp_path, monkeypatch, argum
     monkeypatch.chdir(tmp_path)
     assert_refused(run("calibrate", *arguments, "-o", "c.yaml"), *words)
     assert not (tmp_path / "c.yaml").exists()
-    assert not (tmp_path / "c.png").exists()
+    assert not (tmp_path / "c.html").exists()
     assert not (tmp_path / "sessions").exists()  # refused before anything is recorded
 
 
@@ -114,7 +114,7 @@ def test_a_session_of_another_kind_or_robot_is_refused(probed, tmp_path):
     assert_refused(run("calibrate", "encoder", "--from", session, *options), "'follower', not 'leader'")
 
 
-@pytest.mark.parametrize("options", [("-o", "c.png"), ("-o", "c.yaml", "--session", "c.yaml")])
+@pytest.mark.parametrize("options", [("-o", "c.html"), ("-o", "c.yaml", "--session", "c.yaml")])
 def test_files_that_would_replace_each_other_are_refused(options, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert_refused(run("calibrate", "encoder", "--pose", "home", *options), "is named twice")
@@ -179,7 +179,7 @@ def test_a_refusal_leaves_the_users_own_empty_folders(tmp_path):
     ("kind", "options", "fit"),
     [
         ("force", ("--weights-kg", "0,1,2,3,2,1,0"), "palpate.commands.calibrate.fit_force"),
-        ("encoder", ("--pose", "home"), "palpate.calibrating.run.encoder_fit_of"),
+        ("encoder", ("--pose", "home"), "palpate.runs.calibration_file.encoder_fit_of"),
     ],
 )
 def test_after_ctrl_c_what_was_recorded_is_named_also_while_it_is_worked_out(
@@ -202,7 +202,7 @@ def test_after_ctrl_c_it_says_how_things_stand(tmp_path, monkeypatch):
         job.session.write_bytes(b"")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("palpate.calibrating.run.run_motion", interrupted)
+    monkeypatch.setattr("palpate.runs.calibration.run_motion", interrupted)
     session = tmp_path / "t.mcap"
     result = run("calibrate", "torque", "--session", session, "-o", tmp_path / "t.yaml")
     assert result.exit_code == 130

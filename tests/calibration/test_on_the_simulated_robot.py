@@ -7,15 +7,18 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from calibration.arm.excitation import ExcitationWish
+from calibration.arm.excitation import ExcitationSettings
 from calibration.encoder.stop_task import StopSettings
 from calibration.force.fit import fit_force
 from calibration.force.weighing import read_weighing
 from control.probing.plan import ProbingPlan
-from palpate.arm.probing_run import ProbingJob, run_probing
-from palpate.calibrating import run as calibrating
-from palpate.calibrating.bench import open_recorded
-from palpate.findings.estimation_run import arm_of, estimate_with, load_material
+from estimation.study.estimates import estimate_with
+from estimation.study.source import arm_of, open_source
+from palpate.files import write_text
+from palpate.runs import calibration as runs
+from palpate.runs import calibration_file as fits
+from palpate.runs.calibration_file import open_recorded
+from palpate.runs.probing import ProbingJob, run_probing
 from robot_io.calibration import load_calibrations, parse_calibration
 from robot_io.errors import InputError, PalpateError
 from robot_io.robot_file import load_robot_file, parse_robot_file
@@ -24,13 +27,13 @@ from sim_backend.scenario import load_scenario
 from tests.calibration.simulated import FOLLOWER, in_joints, job_in, opened, stamp
 
 FORCES_N = [0.0, 10.0, 20.0, 40.0, 20.0, 10.0, 0.0]
-SHORT = ExcitationWish(duration_s=12.0, period_s=6.0)
+SHORT = ExcitationSettings(duration_s=12.0, period_s=6.0)
 BIAS, GAIN = "bias", "sensor_gain"
 
 
 def weighed(folder, hidden, seed, robot=FOLLOWER):
     job = job_in(folder, "force", hidden, seed, robot)
-    calibrating.run_weighing(job, FORCES_N, calibrating.put_simulated_weight, settle_s=0.02, measure_s=0.1)
+    runs.run_weighing(job, FORCES_N, runs.put_simulated_weight, settle_s=0.02, measure_s=0.1)
     return job, fit_force(read_weighing(opened(job)))
 
 
@@ -54,7 +57,7 @@ def test_a_force_sensor_is_put_right_within_its_uncertainty(tmp_path):
 def test_weights_beyond_the_limit_are_refused_before_anything_is_opened(tmp_path):
     job = job_in(tmp_path, "force", [])
     with pytest.raises(InputError, match=r"61 N: limits\.force_n of 'follower' is 60 N"):
-        calibrating.run_weighing(job, [0.0, 10.0, 61.0, 20.0, 10.0, 0.0], calibrating.put_simulated_weight)
+        runs.run_weighing(job, [0.0, 10.0, 61.0, 20.0, 10.0, 0.0], runs.put_simulated_weight)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -76,33 +79,33 @@ def excited(tmp_path_factory):
         *({"effect": BIAS, "channel": f"joint_{j + 1}", "bias": float(hidden["bias"][j])} for j in range(3)),
     ]
     job = job_in(tmp_path_factory.mktemp("excited"), "torque", effects)
-    calibrating.run_motion(job, SHORT)
-    return job, hidden, calibrating.arm_fit_of(opened(job), FOLLOWER.urdf_path, FOLLOWER.tip_frame)
+    runs.run_motion(job, SHORT)
+    return job, hidden, fits.arm_fit_of(opened(job), FOLLOWER.urdf_path, FOLLOWER.tip_frame)
 
 
 class TestDrives:
     def test_are_found_within_their_uncertainty(self, excited):
         _, hidden, fit = excited
         for found, std, true in (
-            (fit.gain, fit.gain_std, hidden["gain"]),
-            (fit.offset_nm, fit.offset_std_nm, -hidden["gain"] * hidden["bias"]),
-            (fit.command_offset_nm, fit.command_offset_std_nm, np.zeros(3)),
-            (fit.coulomb_nm, fit.coulomb_std_nm, hidden["coulomb"]),
-            (fit.viscous_nms_rad, fit.viscous_std_nms_rad, hidden["viscous"]),
+            (fit.gain.value, fit.gain.std_err, hidden["gain"]),
+            (fit.offset_nm.value, fit.offset_nm.std_err, -hidden["gain"] * hidden["bias"]),
+            (fit.command_offset_nm.value, fit.command_offset_nm.std_err, np.zeros(3)),
+            (fit.coulomb_nm.value, fit.coulomb_nm.std_err, hidden["coulomb"]),
+            (fit.viscous_nms_rad.value, fit.viscous_nms_rad.std_err, hidden["viscous"]),
         ):
             assert np.all(np.abs(found - true) < 4 * std)
-        assert np.all(fit.gain_std < 2e-3)
+        assert np.all(fit.gain.std_err < 2e-3)
 
     def test_and_so_is_the_base(self, excited):
         job, hidden, fit = excited
-        calibration = calibrating.gravity_calibration(fit, stamp(job))
+        calibration = fits.gravity_calibration(fit, stamp(job))
         pitch = calibration.values.pitch
         assert abs(pitch.value - hidden["pitch"]) < 4 * pitch.std_err < 2e-3
         assert calibration.values.roll is None  # the joints' axes are all across
 
     def test_make_a_file_that_says_where_it_comes_from(self, excited):
         job, _, fit = excited
-        calibration = calibrating.torque_calibration(fit, stamp(job))
+        calibration = fits.torque_calibration(fit, stamp(job))
         again = parse_calibration(calibration.to_yaml(), "torque.yaml")
         assert again == calibration
         assert again.raw_data.file == job.session.name
@@ -134,8 +137,8 @@ def test_zeros_are_found_at_the_hard_stops_also_under_a_careful_guard(tmp_path, 
         *in_joints("torque_gain", gain=(0.85, 1.15, 0.85)),
     ]
     job = job_in(tmp_path, "encoder", wrong, robot=careful)
-    calibrating.run_stops(job)
-    fit = calibrating.encoder_fit_of(opened(job), 3, None, 1e-4)
+    runs.run_stops(job)
+    fit = fits.encoder_fit_of(opened(job), 3, None, 1e-4)
     np.testing.assert_allclose(fit.offset_rad, -np.array(ZEROS_RAD), atol=2e-4)
     ticks = opened(job).samples("tick")
     assert np.abs(ticks["torque_sent_nm"]).max() < 0.5 * max(FOLLOWER.limits.torque_nm)
@@ -143,18 +146,18 @@ def test_zeros_are_found_at_the_hard_stops_also_under_a_careful_guard(tmp_path, 
 
 def test_a_stop_that_is_not_where_it_is_said_to_be_stops_the_arm(tmp_path):
     job = job_in(tmp_path, "encoder", [])
-    wrong = calibrating.stated_stops(None, [2.0, 2.0, 2.0])
+    wrong = (np.full(3, np.nan), np.full(3, 2.0))
     with pytest.raises(
         PalpateError, match=r"joint 1 met no stop at 2\.15\d rad, its stop is said to be at 2.*--upper-stops"
     ):
-        calibrating.run_stops(job, wrong)
+        runs.run_stops(job, wrong)
     assert opened(job).samples("tick")["guard_tripped"][-1]
 
 
 def test_zeros_are_found_in_a_known_pose_without_power(tmp_path):
     job = job_in(tmp_path, "encoder", WRONG_ZEROS)
-    calibrating.run_pose(job)
-    fit = calibrating.encoder_fit_of(opened(job), 3, FOLLOWER.home_rad, 1e-3)
+    runs.run_pose(job)
+    fit = fits.encoder_fit_of(opened(job), 3, FOLLOWER.home_rad, 1e-3)
     np.testing.assert_allclose(fit.offset_rad, -np.array(ZEROS_RAD), atol=1e-4)
     np.testing.assert_allclose(fit.std_rad, 1e-3, rtol=0.1)
     assert not opened(job).samples("tick")["torque_sent_nm"].any()
@@ -167,8 +170,8 @@ def test_zeros_are_found_in_a_known_pose_without_power(tmp_path):
 def probed(folder, robot, hidden, name):
     scenario = load_scenario({"seed": 5, "hidden": hidden})
     plan = ProbingPlan(speeds_m_s=[0.1], hold_s=0.3)
-    run_probing(ProbingJob(robot, plan, folder / name, scenario=scenario, online=None)).raise_for_failure()
-    found = estimate_with(load_material(folder / name, tared=True).channels[0], "kelvin_voigt", ["lsq"])
+    run_probing(ProbingJob(robot, folder / name, plan, scenario=scenario, online=None)).raise_for_failure()
+    found = estimate_with(open_source(folder / name).tared()[0], "kelvin_voigt", ["lsq"])
     return next(
         parameter.value for parameter in found.estimates[0].parameters if parameter.name == "stiffness.k"
     )
@@ -185,15 +188,11 @@ def test_a_probing_run_with_calibrations_estimates_better_than_without(tmp_path)
     plain = load_robot_file(tmp_path / "arm" / "follower.yaml")
     force_job, force_fit = weighed(tmp_path, hidden, 1, plain)
     encoder_job = job_in(tmp_path, "encoder", hidden, 1, plain)
-    calibrating.run_pose(encoder_job)
-    zeros = calibrating.encoder_fit_of(opened(encoder_job), 3, plain.home_rad, 1e-3)
+    runs.run_pose(encoder_job)
+    zeros = fits.encoder_fit_of(opened(encoder_job), 3, plain.home_rad, 1e-3)
     arm = tmp_path / "arm"
-    calibrating.write_calibration(
-        calibrating.force_calibration(force_fit, "N", stamp(force_job)), arm / "force.yaml"
-    )
-    calibrating.write_calibration(
-        calibrating.encoder_calibration(zeros, stamp(encoder_job)), arm / "encoder.yaml"
-    )
+    write_text(arm / "force.yaml", fits.force_calibration(force_fit, "N", stamp(force_job)).to_yaml())
+    write_text(arm / "encoder.yaml", fits.encoder_calibration(zeros, stamp(encoder_job)).to_yaml())
     named = arm / "calibrated.yaml"
     named.write_text(plain.text + "\ncalibration: {force: force.yaml, encoder: encoder.yaml}\n")
     calibrated = load_robot_file(named)
@@ -211,12 +210,12 @@ def test_a_probing_run_with_calibrations_estimates_better_than_without(tmp_path)
 def test_estimation_takes_the_tilt_from_the_session(tmp_path, excited):
     job, hidden, fit = excited
     shutil.copytree(FOLLOWER.path.parent, tmp_path / "arm")
-    calibration = calibrating.gravity_calibration(fit, stamp(job))
-    calibrating.write_calibration(calibration, tmp_path / "arm" / "gravity.yaml")
+    calibration = fits.gravity_calibration(fit, stamp(job))
+    write_text(tmp_path / "arm" / "gravity.yaml", calibration.to_yaml())
     path = tmp_path / "arm" / "tilted.yaml"
     path.write_text(FOLLOWER.text + "\ncalibration: {gravity: gravity.yaml}\n")
     pose = job_in(tmp_path, "encoder", [], robot=load_robot_file(path))
-    calibrating.run_pose(pose)
+    runs.run_pose(pose)
     gravity = arm_of(opened(pose)).gravity_m_s2
     assert gravity[0] == pytest.approx(9.81 * np.sin(hidden["pitch"]), abs=1e-2)
     assert np.linalg.norm(gravity) == pytest.approx(9.81)

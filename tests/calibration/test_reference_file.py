@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from calibration.force.fit import fit_force
-from calibration.force.reference_file import read_reference_file
+from calibration.force.plateaus import read_reference_file
 from robot_io.errors import InputError
 
 DATA = Path(os.environ.get("PALPATE_DATA", Path(__file__).resolve().parents[2] / ".." / "shared" / "data"))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.arm.wired import emulate
+from palpate.runs.robots import emulate
 from robot_io.clock import Clock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.robot import Robot, build_robot

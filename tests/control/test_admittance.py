@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.compliance import Compliance
 from control.laws.admittance import Admittance, loading_acceleration, scheduled_admittance
 from control.laws.gains import ContactGains
-from control.laws.object_guess import ObjectGuess
+from control.laws.object_guess import Compliance, ObjectGuess
 
 DT_S = 0.001
 GAINS = ContactGains()

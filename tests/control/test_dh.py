@@ -1,5 +1,7 @@
 """DH tables against Pinocchio on the URDFs that they describe."""
 
+import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -7,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from control.arm.dh import DhRow, DhTable, load_dh_table
+from control.arm.dh import DhRow, DhTable, check_dh_table, load_dh_table
 from control.arm.dh_urdf import LinkInertia, dh_to_urdf
 from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
 from robot_io.files.safe_yaml import parse_yaml
+from robot_io.robot_file import load_robot_file
 from tests.control.reference_plant import TABLE
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,6 +27,10 @@ rows = st.lists(
     min_size=1,
     max_size=6,
 ).filter(lambda found: any(kind != "fixed" for kind, *_ in found))
+ARMS = ROOT / "sim_backend" / "arms"
+ROBOT_FILES = sorted(
+    [*ARMS.glob("*/follower.yaml"), *ARMS.glob("*/leader.yaml"), *ROOT.glob("robots/*3dof.yaml")]
+)
 
 
 def table_of(found) -> DhTable:
@@ -66,7 +73,7 @@ def test_any_table_and_its_urdf_have_the_same_kinematics(found, seed):
 
 def test_one_revolute_row_by_hand():
     row = DhRow(name="j", type="revolute", theta_rad=np.pi / 2, d_m=0.1, a_m=0.3, alpha_rad=np.pi / 2)
-    frame = row.transform(0.0)
+    frame = row.transform(0.0).homogeneous
     assert frame[:3, 3] == pytest.approx((0.0, 0.3, 0.1), abs=1e-12)  # x has turned onto y
     assert frame[:3, 2] == pytest.approx((1.0, 0.0, 0.0), abs=1e-12)  # and z onto the old x
 
@@ -107,3 +114,46 @@ def test_a_bad_table_is_one_clear_line(text, message):
 def test_the_number_of_positions_must_fit():
     with pytest.raises(InputError, match="joint positions"):
         TABLE.tip_frame(np.zeros(2))
+
+
+def check(robot):
+    robot_file = load_robot_file(robot)
+    check_dh_table(robot_file, RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame))
+
+
+@pytest.fixture
+def follower(tmp_path):
+    """A copy of the follower, whose DH table may be changed."""
+    return Path(shutil.copytree(ARMS / "follower", tmp_path / "follower"))
+
+
+@pytest.mark.parametrize("robot", ROBOT_FILES, ids=lambda path: path.stem)
+def test_the_tables_in_the_tree_are_those_of_their_arms(robot):
+    assert len(ROBOT_FILES) >= 4
+    check(robot)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right", "words"),
+    [
+        ("a_m: 0.25", "a_m: 0.26", "10 mm from where the URDF puts 'tip'"),
+        (r"fixed, alpha_rad: -1\.57\d*", "fixed, alpha_rad: -1.5", "turned against"),
+        (r"name: wrist, type: revolute", "name: wrist, type: fixed", "has 2 joints, the URDF has 3"),
+        ("a_m: 0.25", "a_mm: 250", "is not known"),
+    ],
+)
+def test_another_arm_s_table_is_refused(follower, wrong, right, words):
+    table = follower / "follower.dh.yaml"
+    changed = re.sub(wrong, right, table.read_text())
+    assert changed != table.read_text()
+    table.write_text(changed)
+    with pytest.raises(InputError, match=r"follower\.dh\.yaml") as caught:
+        check(follower / "follower.yaml")
+    assert words in str(caught.value)
+
+
+def test_a_robot_file_needs_no_table(follower):
+    robot = follower / "follower.yaml"
+    robot.write_text(re.sub("^dh:.*$", "", robot.read_text(), flags=re.MULTILINE))
+    (follower / "follower.dh.yaml").unlink()
+    check(robot)

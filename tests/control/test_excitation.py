@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from control.compliance import Compliance
 from control.paths.excitation import Excitation, Profile, position_amplitude_m
 
 STEP_S = 1e-5
@@ -52,12 +51,18 @@ def test_its_power_lies_between_the_frequencies(shape):
 
 def test_position_and_force_amplitude_fit_the_object():
     excitation = Excitation(amplitude_n=1.5, high_hz=8.0)
-    stiff, offset = position_amplitude_m(excitation, Compliance(7100.0, 0.0), 10.0, 0.15)
+    stiff, offset = position_amplitude_m(
+        excitation, stiffness_n_m=7100.0, damping_n_s_m=0.0, force_limit_n=10.0, speed_limit_m_s=0.15
+    )
     assert stiff == pytest.approx(1.5 / 7100.0)
     assert offset == 1.0
-    soft, _ = position_amplitude_m(excitation, Compliance(100.0, 0.0), 10.0, 0.15)
+    soft, _ = position_amplitude_m(
+        excitation, stiffness_n_m=100.0, damping_n_s_m=0.0, force_limit_n=10.0, speed_limit_m_s=0.15
+    )
     assert soft * 2 * np.pi * 8.0 <= 0.15 + 1e-12  # the speed limit, not 15 mm
-    damped, offset = position_amplitude_m(excitation, Compliance(500.0, 50.0), 10.0, 0.15)
+    damped, offset = position_amplitude_m(
+        excitation, stiffness_n_m=500.0, damping_n_s_m=50.0, force_limit_n=10.0, speed_limit_m_s=0.15
+    )
     assert offset > 1.0
     assert damped * np.hypot(500.0, 2 * np.pi * 8.0 * 50.0) <= 1.5 + 1e-9
 

@@ -8,9 +8,8 @@ import pytest
 from control.arm.inverse_kinematics import Elbow, PlanarArm
 from control.laws.gains import Gains, TouchGains
 from control.laws.hybrid import ContactSwitch, ForceGoal, HybridController, HybridReference
-from control.paths.motion import LineState
 from control.paths.press_line import PressLine
-from control.paths.trajectory import SpeedBlend
+from control.paths.trajectory import LineState, SpeedBlend
 from robot_io.errors import InputError
 from robot_io.types import Status
 from tests.control.probing_runs import TICK_S, plant_above

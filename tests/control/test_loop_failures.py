@@ -2,6 +2,9 @@
 
 import os
 import signal
+import threading
+from functools import partial
+from itertools import count
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ import control.loop.loop
 from control.loop.loop import run_loop
 from control.loop.phases import Phase
 from control.loop.result import Outcome
+from control.loop.way_out import InterruptFlag
 from robot_io.clock import MonotonicClock
 from robot_io.errors import DeviceError, InputError, PalpateError, SafetyTripError
 from robot_io.types import Command
@@ -39,6 +43,25 @@ def assert_came_to_rest(arm, log):
     assert np.abs(arm.plant.velocity_rad_s).max() <= 0.5 * speed_rad_s
 
 
+def raising(error):
+    def fail(*_arguments):
+        raise error
+
+    return fail
+
+
+class Spoilt(Swing):
+    """From a tick on another thing is made of its output."""
+
+    def __init__(self, spoil, since=100, **options):
+        super().__init__(**{"torque_nm": 0.5} | options)
+        self.spoil, self.since = spoil, since
+
+    def step(self, measurement, dt_s):
+        output = super().step(measurement, dt_s)
+        return self.spoil(output) if self.steps >= self.since else output
+
+
 def test_an_exception_in_the_task_brakes_the_arm_and_is_chained():
     arm = Arm()
     result, log = run(arm, Swing(fail_at=100, torque_nm=0.5))
@@ -53,38 +76,32 @@ def test_an_exception_in_the_task_brakes_the_arm_and_is_chained():
     assert isinstance(raised.value.__cause__, ZeroDivisionError)
 
 
-def test_an_exception_at_the_start_of_the_task_is_passed_on_as_it_is_and_the_arm_not_powered():
-    class BadStart(Swing):
-        def start(self, measurement):
-            raise InputError("target 2 is out of reach")
-
-    arm = Arm()
+def test_what_fails_before_the_first_tick_is_passed_on_and_nothing_is_sent():
+    arm, task = Arm(), Swing()
+    task.start = raising(InputError("target 2 is out of reach"))
     with pytest.raises(InputError, match="out of reach"):
-        run(arm, BadStart())
+        run(arm, task)
     assert ("torque", "activate") not in arm.bus.calls
+    assert arm.sent_nm == []
+    arm = Arm()
+    arm.faults.refuse.add(("torque", "activate"))
+    with pytest.raises(DeviceError, match="refuses to activate"):
+        run(arm, Swing())
+    assert ("torque", "deactivate") in arm.bus.calls
     assert arm.sent_nm == []
 
 
 def test_an_exception_in_stop_is_a_reason_to_stop():
     arm = Arm()
-
-    def stop():
-        raise OSError("no such pipe")
-
-    result, log = run(arm, Swing(), stop=stop)
+    result, log = run(arm, Swing(), stop=raising(OSError("no such pipe")))
     assert result.outcome is Outcome.TRIPPED
     assert "no such pipe" in result.cause
     assert_came_to_rest(arm, log)
 
 
 def test_a_command_that_is_no_number_never_goes_out():
-    class Diverging(Swing):
-        def step(self, measurement, dt_s):
-            self.torque_nm = np.nan if self.steps >= 50 else 0.1
-            return super().step(measurement, dt_s)
-
-    arm = Arm()
-    result, log = run(arm, Diverging())
+    arm, diverged = Arm(), Command(np.full(3, np.nan))
+    result, log = run(arm, Spoilt(lambda output: output._replace(command=diverged), 50, torque_nm=0.1))
     assert result.outcome is Outcome.TRIPPED
     assert "nan" in result.cause
     assert np.isfinite(arm.sent_nm).all()
@@ -94,40 +111,30 @@ def test_a_command_that_is_no_number_never_goes_out():
 
 
 def test_a_tracking_error_is_judged_against_the_reference_of_the_tick_before():
-    class Jumping(Swing):
-        def step(self, measurement, dt_s):
-            output = super().step(measurement, dt_s)
-            jump = 2.0 if self.steps == 50 else 0.0
-            return output._replace(reference_position_rad=measurement.joint_position_rad + jump)
+    def jump(output):
+        return output._replace(reference_position_rad=output.reference_position_rad + 2.0)
 
-    arm, task = Arm(), Jumping(torque_nm=0.0)
-    result, log = run(arm, task)
+    task = Spoilt(jump, 50, torque_nm=0.0)
+    result, log = run(Arm(), task)
     assert "from its reference" in result.cause
     assert result.cause.endswith("See palpate doctor --move")  # what to do is said once, last, to everybody
     assert log.texts("trip") == [result.cause]
     assert task.steps == 50
 
 
-def test_a_failing_observer_is_switched_off_and_the_task_goes_on():
+@pytest.mark.parametrize(
+    ("observe", "error"),
+    [
+        (raising(FloatingPointError("singular")), "FloatingPointError: singular"),
+        (lambda *_: (1.0, 2.0), "ValueError"),
+    ],
+)
+def test_a_failing_observer_is_switched_off_and_the_task_goes_on(observe, error):
     calls = []
-
-    def observe(measurement, output):
-        calls.append(measurement.time_s)
-        raise FloatingPointError("singular")
-
-    arm = Arm()
-    result, log = run(arm, Swing(done_at=50), observer=observe)
-    assert result.outcome is Outcome.FINISHED
-    assert result.ticks == 50
-    assert len(calls) == 1
-    assert result.observer_error == "FloatingPointError: singular"
+    result, log = run(Arm(), Swing(done_at=50), observer=lambda *seen: calls.append(seen) or observe(*seen))
+    assert (result.outcome, result.ticks, len(calls)) == (Outcome.FINISHED, 50, 1)
+    assert error in result.observer_error
     assert len(log.texts("observer_failed")) == 1
-
-
-def test_an_observer_that_returns_nonsense_is_switched_off_too():
-    result, log = run(Arm(), Swing(done_at=5), observer=lambda *_: (1.0, 2.0))
-    assert result.outcome is Outcome.FINISHED
-    assert "ValueError" in result.observer_error
     assert np.isnan(log.column("surface_m")).all()
 
 
@@ -135,42 +142,25 @@ def test_a_log_that_fails_is_counted_and_does_not_stop_the_arm():
     arm, log = Arm(), MemoryLog()
     log.error = OSError(28, "No space left on device")
     result = run_loop(arm.robot, arm.guard, Swing(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
-    assert result.outcome is Outcome.FINISHED
-    assert (result.ticks, result.log_failures) == (50, 50)
-    assert "No space left" in result.log_error
+    assert (result.outcome, result.ticks, result.log_failures) == (Outcome.FINISHED, 50, 50)
     assert len(log.texts("log_failed")) == 1
-    assert "No space left" in result.one_line()
-
-
-def test_a_log_of_which_nothing_works_does_not_stop_the_arm_either():
-    class Broken(MemoryLog):
-        def append(self, stream_name, record):
-            raise OSError("gone")
-
-        def event(self, *_):
-            raise OSError("gone")
-
-    arm = Arm()
-    result = run_loop(arm.robot, arm.guard, Swing(done_at=50), arm.clock, Broken(), rate_hz=RATE_HZ)
-    assert result.outcome is Outcome.FINISHED
-    assert result.ticks == 50
+    assert all("No space left" in said for said in (result.log_error, result.one_line()))
+    arm, log = Arm(), MemoryLog()
+    log.append = log.event = raising(OSError("gone"))
+    result = run_loop(arm.robot, arm.guard, Swing(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
+    assert (result.outcome, result.ticks) == (Outcome.FINISHED, 50)
 
 
 def test_a_disk_that_failed_behind_the_log_is_in_the_result():
     arm, log = Arm(), MemoryLog()
-    log.failure = "the disk is full"
-    log.dropped = 7
+    log.failure, log.dropped = "the disk is full", 7
     result = run_loop(arm.robot, arm.guard, Swing(done_at=5), arm.clock, log, rate_hz=RATE_HZ)
     assert (result.log_error, result.dropped) == ("the disk is full", 7)
 
 
 def test_a_stale_sensor_trips_within_its_age_limit_and_two_ticks():
     arm, task = Arm(), Swing()
-
-    def stall():
-        arm.faults.silent = {"force"} if task.steps >= 30 else set()
-
-    arm.on_poll = stall
+    arm.on_poll = lambda: arm.faults.silent.update({"force"} if task.steps >= 30 else ())
     result, log = run(arm, task)
     assert "force sensor" in result.cause
     assert stop_began_s(log) - log.column("force_at_s")[-1] <= AGE_LIMIT_S + 2 * PERIOD_S
@@ -181,11 +171,7 @@ def test_a_stale_sensor_trips_within_its_age_limit_and_two_ticks():
 
 def test_a_bus_that_fails_in_reading_trips_and_is_named():
     arm, task = Arm(), Swing()
-
-    def unplug():
-        arm.faults.unplugged = task.steps == 30
-
-    arm.on_poll = unplug
+    arm.on_poll = lambda: setattr(arm.faults, "unplugged", task.steps == 30)
     result, log = run(arm, task)
     assert result.outcome is Outcome.TRIPPED
     assert "unplugged" in result.cause
@@ -196,12 +182,8 @@ def test_a_bus_that_fails_in_reading_trips_and_is_named():
 
 def test_a_driver_bug_in_reading_trips_and_shows_old_values_as_old():
     arm, task = Arm(), Swing()
-
-    def fail():
-        if task.steps == 30:
-            raise IndexError("bug in a driver")
-
-    arm.on_poll = fail
+    fail = raising(IndexError("bug in a driver"))
+    arm.on_poll = lambda: fail() if task.steps == 30 else None
     result, log = run(arm, task)
     assert result.cause == "reading the robot: IndexError: bug in a driver"
     assert isinstance(result.error, IndexError)
@@ -214,12 +196,8 @@ def test_a_driver_bug_in_reading_trips_and_shows_old_values_as_old():
 
 def test_commands_that_cannot_be_sent_are_tried_each_tick_and_counted():
     arm, task = Arm(), Swing()
-
-    def unplug():
-        if task.steps == 30:
-            raise DeviceError("bus off")
-
-    arm.on_flush = unplug
+    unplug = raising(DeviceError("bus off"))
+    arm.on_flush = lambda: unplug() if task.steps == 30 else None
     result, log = run(arm, task)
     assert result.outcome is Outcome.TRIPPED
     assert "bus off" in result.cause
@@ -242,24 +220,11 @@ def test_torque_that_could_not_be_switched_off_is_never_called_a_good_end():
         result.raise_for_trip()
 
 
-def test_a_robot_that_does_not_activate_is_deactivated_and_the_reason_passed_on():
-    arm = Arm()
-    arm.faults.refuse.add(("torque", "activate"))
-    with pytest.raises(DeviceError, match="refuses to activate"):
-        run(arm, Swing())
-    assert ("torque", "deactivate") in arm.bus.calls
-    assert arm.sent_nm == []
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_is_a_safe_stop_that_a_second_one_does_not_shorten(number):
     arm, task = Arm(), Swing(torque_nm=0.5)
-
-    def press():
-        if task.steps == 100:  # at each poll of the stop again
-            os.kill(os.getpid(), number)
-
-    arm.on_poll = press
+    press = partial(os.kill, os.getpid(), number)
+    arm.on_poll = lambda: press() if task.steps == 100 else None  # at each poll of the stop again
     before = signal.getsignal(number)
     result, log = run(arm, task)
     assert result.outcome is Outcome.STOPPED
@@ -284,66 +249,43 @@ def test_the_first_cause_is_kept():
     assert result.outcome is Outcome.TRIPPED
 
 
-def test_the_same_loop_runs_on_the_machine_s_clock():
+@pytest.mark.parametrize("outcome", [Outcome.FINISHED, Outcome.STOPPED])
+def test_the_same_loop_runs_and_stops_on_the_machine_s_clock(outcome):
     # no torque: an arm that a busy machine leaves alone must not reach its limits
     arm, task = Arm(MonotonicClock(), age_limit_s=1.0), Swing(done_at=50, torque_nm=0.0)
+    if outcome is Outcome.STOPPED:
+        press = partial(os.kill, os.getpid(), signal.SIGINT)
+        arm.on_poll = lambda: press() if task.steps >= 20 else None
     result, log = run(arm, task)
-    assert result.outcome is Outcome.FINISHED
-    assert len(log.records) == 50
+    assert result.outcome is outcome
+    assert len(log.records) == 50 or outcome is Outcome.STOPPED
+    assert not arm.bus.powered
+    assert (log.column("torque_sent_nm")[-1] == 0).all()
     assert (np.diff(log.column("time_s")) > 0.0).all()
     assert (log.column("lateness_s") > 0.0).any()  # nobody wakes up to the nanosecond
 
 
-def test_ctrl_c_on_the_machine_s_clock_leads_to_the_same_safe_stop():
-    arm, task = Arm(MonotonicClock(), age_limit_s=1.0), Swing(torque_nm=0.0)
-
-    def press():
-        if task.steps >= 20:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    arm.on_poll = press
-    result, log = run(arm, task)
-    assert result.outcome is Outcome.STOPPED
-    assert not arm.bus.powered
-    assert (log.column("torque_sent_nm")[-1] == 0).all()
-
-
-BAD_RESULTS = {
-    "nothing": (lambda _output: None, "step returned a NoneType"),
-    "a short reference": (
-        lambda output: output._replace(reference_position_rad=np.zeros(2)),
-        r"reference_position_rad of shape (2,), expected (3,)",
-    ),
-    "a speed that is none": (
-        lambda output: output._replace(reference_velocity_rad_s=0.0),
-        "reference_velocity_rad_s of type float",
-    ),
-    "a command of five": (lambda output: output._replace(command=Command(np.zeros(5))), "command of shape"),
-    "a command in a list": (
-        lambda output: output._replace(command=Command([0.0] * 3)),
-        "command of type list",
-    ),
-    "a bare command": (lambda output: output._replace(command=np.zeros(3)), "command of type ndarray"),
-    "a flat tip": (lambda output: output._replace(tip_position_world_m=np.zeros(2)), "tip_position_world_m"),
-    "a phase in words": (lambda output: output._replace(phase="hold"), "phase of type str"),
-    "no force": (lambda output: output._replace(desired_force_n=None), "desired_force_n of type NoneType"),
-    "a run in words": (lambda output: output._replace(run="first"), "run of type str"),
-    "no events": (lambda output: output._replace(events=None), "events of type NoneType"),
-    "an event in words": (lambda output: output._replace(events=("touch",)), "events of type str"),
-}
-
-
-@pytest.mark.parametrize("kind", BAD_RESULTS)
-def test_a_result_that_is_of_no_use_brakes_the_arm_like_an_exception(kind):
-    spoil, words = BAD_RESULTS[kind]
-
-    class Spoilt(Swing):
-        def step(self, measurement, dt_s):
-            output = super().step(measurement, dt_s)
-            return spoil(output) if self.steps >= 100 else output
-
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"reference_position_rad": np.zeros(2)}, "reference_position_rad of shape (2,), expected (3,)"),
+        ({"reference_velocity_rad_s": 0.0}, "reference_velocity_rad_s of type float"),
+        ({"command": Command(np.zeros(5))}, "command of shape"),
+        ({"command": Command([0.0] * 3)}, "command of type list"),
+        ({"command": np.zeros(3)}, "command of type ndarray"),
+        ({"tip_position_world_m": np.zeros(2)}, "tip_position_world_m"),
+        ({"phase": "hold"}, "phase of type str"),
+        ({"desired_force_n": None}, "desired_force_n of type NoneType"),
+        ({"run": "first"}, "run of type str"),
+        ({"events": None}, "events of type NoneType"),
+        ({"events": ("touch",)}, "events of type str"),
+        (None, "step returned a NoneType"),
+    ],
+)
+def test_a_result_that_is_of_no_use_brakes_the_arm_like_an_exception(changes, words):
     arm = Arm()
-    result, log = run(arm, Spoilt(torque_nm=0.5))
+    task = Spoilt(lambda output: None if changes is None else output._replace(**changes))
+    result, log = run(arm, task)
     assert result.outcome is Outcome.TRIPPED
     assert result.cause.startswith("the task: ")
     assert words in result.cause
@@ -355,16 +297,11 @@ def test_a_result_that_is_of_no_use_brakes_the_arm_like_an_exception(kind):
 
 
 def test_a_fault_of_the_loop_itself_brakes_the_arm_too(monkeypatch):
-    made = control.loop.loop.tick_record
-    calls = []
-
-    def faulty_record(*parts):
-        calls.append(parts)
-        if len(calls) == 100:
-            raise IndexError("a bug in the loop")
-        return made(*parts)
-
-    monkeypatch.setattr(control.loop.loop, "tick_record", faulty_record)
+    made, calls = control.loop.loop.tick_record, count(1)
+    fail = raising(IndexError("a bug in the loop"))
+    monkeypatch.setattr(
+        control.loop.loop, "tick_record", lambda *parts: fail() if next(calls) == 100 else made(*parts)
+    )
     arm = Arm()
     result, log = run(arm, Swing(torque_nm=0.5))
     assert result.cause == "the loop: IndexError: a bug in the loop"
@@ -388,3 +325,46 @@ def test_a_guard_that_fails_while_it_stops_the_arm_leaves_the_torque_off_at_once
     assert "a bug in the safe stop" in log.texts("failure")[0]
     assert result.ticks < 55
     assert not arm.bus.powered
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_sets_the_flag_and_raises_nothing(number):
+    with InterruptFlag() as flag:
+        assert flag.signal_name is None
+        os.kill(os.getpid(), number)
+        assert flag.signal_name == number.name
+        os.kill(os.getpid(), signal.SIGINT)
+        assert flag.signal_name == number.name  # the first is kept
+
+
+def test_former_handlers_come_back_and_ctrl_c_works_again():
+    before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    with InterruptFlag():
+        pass
+    assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_a_signal_that_was_switched_off_stays_off():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as under nohup
+    try:
+        with InterruptFlag() as flag:
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert flag.signal_name is None
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_outside_the_main_thread_handlers_are_left_alone():
+    before = signal.getsignal(signal.SIGINT)
+    seen = []
+
+    def run():
+        with InterruptFlag() as flag:
+            seen.append((signal.getsignal(signal.SIGINT), flag.signal_name))
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert seen == [(before, None)]

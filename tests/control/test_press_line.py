@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from control.arm.inverse_kinematics import Elbow, PlanarArm
-from control.paths.motion import LineState
 from control.paths.press_line import PressLine
+from control.paths.trajectory import LineState
 from robot_io.errors import InputError
 from tests.control.reference_plant import DOWN, TOOL_AXIS_TIP, test_arm
 

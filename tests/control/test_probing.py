@@ -54,18 +54,8 @@ def test_a_slow_sensor_does_not_make_it_unstable(delay_ticks):
 def test_the_phases_of_a_run_in_their_order():
     record, _ = probe()
     changes = np.flatnonzero(np.diff(record.phase)) + 1
-    order = [Phase(record.phase[i]) for i in (0, *changes)]
-    assert order == [
-        Phase.MOVE,
-        Phase.FREE_AIR,
-        Phase.APPROACH,
-        Phase.LOADING,
-        Phase.HOLD,
-        Phase.UNLOADING,
-        Phase.RETRACT,
-        Phase.MOVE,
-        Phase.IDLE,
-    ]
+    order = " ".join(Phase(record.phase[i]).name for i in (0, *changes))
+    assert order == "MOVE FREE_AIR APPROACH LOADING HOLD UNLOADING RETRACT MOVE IDLE"
     free_air = record.in_phase(Phase.FREE_AIR)
     assert free_air.sum() == pytest.approx(300, abs=2)
     assert not record.force_n[free_air].any()
@@ -192,9 +182,7 @@ def test_the_task_is_done_where_it_started_and_at_rest(plan):
 
 def test_an_arm_that_does_not_come_to_rest_is_not_let_go():
     plant = plant_above(stiffness_n_m=500.0)
-    elsewhere = (
-        (0.38, 0.0, 0.07),
-    )  # so that the way back takes longer than the controller does to the creep
+    elsewhere = ((0.38, 0.0, 0.07),)  # the way back takes longer than the controller does to the creep
     task = probing_task(ProbingPlan(speeds_m_s=(0.09,), search_depth_m=0.02, targets_world_m=elsewhere))
     truth = plant.measure
 
@@ -228,20 +216,13 @@ def test_something_in_the_way_back_ends_with_the_guard():
     assert sum(began) == 3
 
 
-def test_something_in_the_way_ends_the_task_at_rest():
+def test_for_something_in_the_way_the_arm_brakes_does_not_stop_dead_and_goes_back():
     plant = plant_above(height_m=0.12, stiffness_n_m=2000.0)
     plan = {"targets_world_m": ((0.42, 0.0, 0.02),), "approach_clearance_m": 0.02}  # hover below the surface
     record, task = probe(plant=plant, **plan)
     assert record.kinds() == ["obstacle", "probing_done"]
     assert "something is in the way" in task.failures[0]
     assert back_at_the_start(record)
-    assert record.force_n.max() < 12.0
-
-
-def test_for_something_in_the_way_the_arm_brakes_and_does_not_stop_dead():
-    plant = plant_above(height_m=0.12, stiffness_n_m=2000.0)
-    plan = {"targets_world_m": ((0.42, 0.0, 0.02),), "approach_clearance_m": 0.02, "hold_s": 0.1}
-    record, _ = probe(plant=plant, **plan)
     met = next(i for i, output in enumerate(record.outputs) if output.events)
     rate = np.array([output.reference_velocity_rad_s for output in record.outputs])
     assert np.abs(rate[met]).max() > 0.1

@@ -1,11 +1,22 @@
-"""Probing plans: order of the runs, and what is refused."""
+"""Probing plans: order of the runs, and what is refused, by the plan itself, by the guard, or in free air."""
 
+import numpy as np
 import pytest
 
+from control.laws.gains import Gains, TouchGains
+from control.loop.phases import Phase
+from control.loop.result import Outcome
+from control.paths.excitation import Excitation
 from control.probing.plan import ProbingPlan, load_probing_plan
+from control.probing.task import ProbingTask
 from robot_io.errors import InputError
+from robot_io.robot_file import load_robot_file
+from tests.control.probing_runs import WIDE, plant_above, probing_task, run_probing
+from tests.control.reference_plant import TOOL_AXIS_TIP, test_arm
+from tests.control.simulated_arms import ARMS, SimulatedArm, kelvin_voigt
 
 TARGETS = ((0.4, 0.0, 0.05), (0.42, 0.0, 0.05))
+FOLLOWER = load_robot_file(ARMS / "follower" / "follower.yaml")  # trips at 60 N and 6 rad/s
 
 
 def test_every_target_gets_every_repeat_of_every_speed():
@@ -69,3 +80,148 @@ def test_the_shortest_time_counts_every_run():
     )
     assert plan.shortest_s == pytest.approx(3 * (0.5 + 1.0 + 2 * 2.75))
     assert len(list(plan.runs())) == 6
+
+
+@pytest.mark.parametrize(
+    ("plan", "message"),
+    [
+        (
+            {"force_limit_n": 100.0},
+            r"force_limit_n 100 N: the guard of 'follower' trips at 60 N .*at most 54.5 N",
+        ),
+        ({"force_limit_n": 58.0}, "at most 54.5 N"),  # it would trip on the first overshoot
+        ({"joint_speed_rad_s": 7.0}, r"joint_speed_rad_s 7: .* trips at 6 rad/s .*at most 5.45 rad/s"),
+    ],
+)
+def test_what_the_guard_would_trip_on_is_refused_in_one_line(plan, message):
+    with pytest.raises(InputError, match=message) as refused:
+        ProbingTask.from_robot_file(FOLLOWER, ProbingPlan(**plan))
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        {"force_limit_n": 54.0, "joint_speed_rad_s": 5.4},
+        {"force_limit_n": 54.0, "excitation": Excitation(quantity="force", amplitude_n=10.0)},
+        {"force_limit_n": 54.0, "excitation": Excitation(quantity="position", amplitude_n=10.0)},
+    ],
+)
+def test_what_it_would_not_is_not(plan):
+    ProbingTask.from_robot_file(FOLLOWER, ProbingPlan(**plan))
+
+
+def test_an_excitation_of_the_force_never_goes_beyond_the_limit_that_it_rides_on():
+    ride = Excitation(quantity="force", amplitude_n=15.0, duration_s=2.0, high_hz=4.0)
+    plan = ProbingPlan(speeds_m_s=(0.05,), force_limit_n=54.0, hold_s=0.2, excitation=ride)
+    arm = SimulatedArm("follower", plan, kelvin_voigt(5000.0))
+    result = arm.run()
+    assert result.outcome is Outcome.FINISHED, result.cause
+    excited_s = next(time_s for time_s, kind, _ in arm.log.events if kind == "excitation")
+    excited = (arm.truth[:, 0] > excited_s + 0.1) & (arm.truth[:, 0] < excited_s + 2.0)
+    forces = arm.truth[excited, 2]
+    assert forces.min() < 30.0
+    assert forces.max() < 54.5
+
+
+@pytest.mark.parametrize(
+    ("plan", "name"),
+    [({"speeds_m_s": (0.1, 0.3)}, "speeds_m_s 0.3"), ({"travel_speed_m_s": 0.4}, "travel_speed")],
+)
+def test_speeds_that_a_joint_cannot_follow_are_refused_at_the_start(plan, name):
+    def start(fastest_rad_s):
+        fastest = np.full(3, fastest_rad_s)
+        task = ProbingTask(
+            test_arm(),
+            TOOL_AXIS_TIP,
+            Gains(),
+            ProbingPlan(**plan),
+            position_limits_rad=WIDE,
+            velocity_limits_rad_s=fastest,
+        )
+        task.start(plant_above().measure())
+
+    start(4.0)
+    with pytest.raises(
+        InputError, match=rf"{name}.* at target 1 joint \d would move at .* trips at 0.5 rad/s"
+    ):
+        start(0.5)
+
+
+def probe(gains: Gains | None = None, height_m: float = 0.08, plan=None, **plant):
+    plant = plant_above(height_m=height_m, stiffness_n_m=2000.0, damping_n_s_m=20.0, **plant)
+    task = probing_task(ProbingPlan(**{"speeds_m_s": (0.15,), "hold_s": 0.1} | (plan or {})), gains)
+    return run_probing(plant, task), task
+
+
+@pytest.mark.parametrize(
+    ("noise_n", "limit_n", "least_n"), [(0.8, 10.0, 13.7), (1.0, 10.0, 17.1), (0.35, 4.0, 6.0)]
+)
+def test_a_sensor_too_noisy_for_the_force_limit_presses_nothing(noise_n, limit_n, least_n):
+    record, task = probe(force_noise_n=noise_n, plan={"force_limit_n": limit_n, "speeds_m_s": (0.15, 0.09)})
+    assert record.kinds() == ["free_air", "free_air_refused", "probing_done"]
+    assert record.force_n.max() == 0.0
+    assert Phase.APPROACH not in record.phase
+    (failure,) = task.failures  # and the second speed is not tried
+    assert f"with force_limit_n {limit_n:g} N at most {0.35 * limit_n:.3g} N" in failure
+    needed_n = float(failure.split("a force_limit_n of ")[1].split(" N")[0])
+    assert needed_n == pytest.approx(least_n, rel=0.1)  # six standard deviations over 0.35
+    assert np.abs(record.position_rad[-1] - record.position_rad[0]).max() < 1e-3
+
+
+def test_the_force_limit_that_the_refusal_names_is_enough():
+    record, task = probe(force_noise_n=0.8, plan={"force_limit_n": 15.0})
+    assert task.failures == ()
+    assert record.kinds()[-1] == "probing_done"
+    assert 0.0 < record.force_n.max() < 19.0  # found late, by what the noise hides
+
+
+@pytest.mark.parametrize("force_n", [30.0, 6.0, -6.0])
+def test_a_force_before_the_arm_moves_is_not_tared_away(force_n):
+    plant = plant_above(force_bias_n=force_n)
+    task = probing_task(ProbingPlan())
+    with pytest.raises(InputError, match=rf"{force_n:g} N in free air.* at most 5 N: is the tool touched"):
+        task.start(plant.measure())
+
+
+def test_a_touch_force_above_the_plan_s_share_is_refused_before_the_arm_moves():
+    task = probing_task(ProbingPlan(force_limit_n=10.0), Gains(touch=TouchGains(touch_force_n=4.0)))
+    with pytest.raises(InputError, match=r"counts from 4 N on.* at most 3.5 N.*touch_force_n"):
+        task.start(plant_above().measure())
+
+
+def test_an_object_that_came_under_the_tool_is_not_tared_away_either():
+    """From 4 N, which is the sensor's own, to 6 N, which is not."""
+    plant = plant_above(force_bias_n=4.0)
+    task = probing_task(ProbingPlan(speeds_m_s=(0.15,)))
+    truth = plant.measure
+
+    def measure():
+        measurement = truth()
+        pushed_n = 2.0 if plant.time_s > 0.1 else 0.0
+        return measurement._replace(force_n=measurement.force_n + pushed_n)
+
+    plant.measure = measure
+    record = run_probing(plant, task)
+    assert record.kinds() == ["free_air", "free_air_refused", "probing_done"]
+    assert "6 N in free air" in task.failures[0]
+    assert record.force_n.max() == 0.0
+
+
+def test_how_much_may_be_there_is_the_robot_file_s_to_say():
+    gains = Gains(touch=TouchGains(bias_share=0.8, limit_share=0.6))
+    record, task = probe(gains, force_bias_n=6.0, force_noise_n=0.7)
+    assert task.failures == ()
+    assert record.kinds()[-1] == "probing_done"
+
+
+def test_controller_and_estimation_share_one_rule_of_touch(monkeypatch):
+    monkeypatch.setattr("control.laws.touch._NOISE_FACTOR", 12.0)
+    monkeypatch.setattr(
+        "control.laws.hybrid.release_force_n", lambda touch_n, _gains: released_below.append(touch_n) or 0.1
+    )
+    released_below: list[float] = []
+    record, _ = probe(force_noise_n=0.1)
+    assert record.event("free_air").data["touch_n"] == pytest.approx(1.2, rel=0.1)
+    assert released_below[-1] == record.event("free_air").data["touch_n"]
+    assert record.event("release").data["force_n"] < 0.1

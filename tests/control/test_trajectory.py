@@ -5,8 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.paths.motion import LineState
-from control.paths.trajectory import JointMove, LineReturn, SpeedBlend, blend_distance_m, turning_distance_m
+from control.paths.trajectory import (
+    JointMove,
+    LineReturn,
+    LineState,
+    SpeedBlend,
+    blend_distance_m,
+    turning_distance_m,
+)
 from robot_io.errors import InputError
 
 STEP_S = 1e-4

@@ -11,8 +11,8 @@ from estimation.channel import ChannelKind
 from estimation.data.contact import contact_rows, find_contacts
 from estimation.data.tick_channels import contact_channels, joint_channels
 from estimation.estimate_channel import fitting_rows
-from palpate.findings.estimation_run import estimate_with
-from palpate.text.estimate_report import remarks
+from estimation.study.estimates import estimate_with
+from palpate.render.estimates import remarks
 from robot_io.types import Status
 from tests.estimation.little_probe import NOISE_N, Probe, hunt_crossley, kelvin_voigt, probe, ticks
 

@@ -1,13 +1,10 @@
 """`palpate add` and `palpate revisions`: stages that can be gone back to."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from estimation.channel import ChannelKind
-from palpate.text.stages import fall_sentence
 from tests.palpate.cli import assert_refused, next_commands, run
 from tests.palpate.presses import write_presses
 
@@ -57,29 +54,8 @@ def test_what_is_shown_falls_to_the_floor(hardening, tmp_path):
     assert result.exit_code == 0, result.stderr
     assert "down to the noise floor" in result.stdout.replace("\n", " ")
     assert "+ cubic_stiffness" in result.stdout
-    for file in ("report.html", "waterfall.png", "revisions.rrd"):
+    for file in ("report.html", "revisions.rrd"):
         assert (tmp_path / file).is_file()
-
-
-@pytest.mark.parametrize(
-    ("errors", "told"),
-    [
-        ((0.0871, 0.01035, 0.01035), "last step, [bold]second[/bold], does next to nothing: from 0.01035 to"),
-        ((0.0871, 0.01035, 0.02), "last step, [bold]second[/bold], makes it worse: from 0.01035 to 0.02 N."),
-        ((0.0871, 0.05, 0.01), ""),
-        ((0.0871, 0.01), ""),
-    ],
-)
-def test_a_last_step_that_does_nothing_is_not_credited_with_the_fall(errors, told):
-    stages = [
-        SimpleNamespace(added=added, rmse=rmse, noise_floor=0.01)
-        for added, rmse in zip(("", "first", "second"), errors, strict=False)
-    ]
-    channel = SimpleNamespace(name="contact", kind=ChannelKind.CONTACT)
-    said = fall_sentence(SimpleNamespace(stages=stages, subject=SimpleNamespace(channel=channel)))
-    assert f"falls from 0.0871 to {errors[-1]:.3g} N" in said
-    assert told in said
-    assert ("last step" in said) == bool(told)
 
 
 @pytest.mark.parametrize(

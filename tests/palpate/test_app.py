@@ -1,6 +1,5 @@
 """The command line itself: help, unknown things, failures of every kind."""
 
-import os
 import subprocess
 import sys
 
@@ -130,12 +129,10 @@ def test_what_libraries_mutter_is_not_heard():
         "from palpate import main\n"
         "def mutter():\n"
         "    warnings.warn('overflow in square', RuntimeWarning)\n"
-        "    import matplotlib.pyplot\n"
         "    sys.exit(0)\n"
         "main.run = mutter\n"
         "main.main()\n"
     )
-    environment = os.environ | {"MPLCONFIGDIR": "/proc"}
     command = [sys.executable, "-c", program]
-    result = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (result.returncode, result.stderr) == (0, "")

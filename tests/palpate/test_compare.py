@@ -66,7 +66,7 @@ def test_a_single_run_cannot_be_judged(tmp_path):
     assert_refused(run("compare", one), "single run")
 
 
-def test_where_only_a_joint_is_missed_the_next_command_judges_it(tmp_path):
+def test_what_is_compared_is_judged_by_the_next_command(tmp_path):
     plain = write_presses(tmp_path / "plain.csv", cubic=0)
     rows = np.loadtxt(plain, delimiter=",", skiprows=1)
     t = rows[:, 0]
@@ -80,7 +80,13 @@ def test_where_only_a_joint_is_missed_the_next_command_judges_it(tmp_path):
     result = run("compare", data)
     assert "fits contact" in result.stdout
     assert "misses joint_1" in result.stdout
-    assert next_commands(result)[0][-2:] == ["--channel", "joint_1"]
+    judged = run(*next_commands(result)[0], "--json")
+    found = {one["channel"]: one for one in json.loads(judged.stdout)["channels"]}
+    compared = {one["channel"]: one for one in json.loads(run("compare", data, "--json").stdout)["channels"]}
+    assert list(found) == list(compared) == ["contact", "joint_1"]
+    for name, one in found.items():
+        assert one["baseline"]["rmse"] == compared[name]["rmse"]
+        assert one["noise_floor"] == compared[name]["noise_floor"]
 
 
 def test_what_was_added_can_be_put_beside_the_measurement_too(hardening, tmp_path):
@@ -105,7 +111,7 @@ def test_a_revision_of_other_rows_is_said_to_be_one(hardening, tmp_path):
     assert "revision 1 was kept with an error of" in " ".join(told.split())
 
 
-def test_the_floor_of_other_rows_does_not_count(hardening, tmp_path):
+def test_the_floor_is_one_number_whatever_was_kept_before(hardening, tmp_path):
     kept = [
         json.loads(run("add", data, "cubic_stiffness", *how, "--out", tmp_path, "--json").stdout)["revisions"]
         for data, how in ((hardening, ()), (write_presses(tmp_path / "other.csv", seed=5), ("--fresh",)))
@@ -115,7 +121,7 @@ def test_the_floor_of_other_rows_does_not_count(hardening, tmp_path):
         quiet = json.loads(other.read_text()) | {"noise_floor": 1e-6}
         other.write_text(json.dumps(quiet))
     (channel,) = json.loads(run("compare", hardening, "--folder", tmp_path, "--json").stdout)["channels"]
-    assert channel["noise_floor"] == pytest.approx(min(one["noise_floor"] for one in kept[0]))
+    assert {channel["noise_floor"]} == {one["noise_floor"] for one in kept[0]}
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from palpate.doctor import Level, environment, examine_all, hardware, subjects, viewer
+from palpate.doctor import Level, examine_all, machine, viewer
 from tests.palpate.cli import run
 
 
@@ -24,13 +24,13 @@ def test_json_has_a_remedy_for_everything_that_is_not_ok():
 
 def test_a_check_that_breaks_is_a_finding_and_the_exit_code_is_1(monkeypatch):
     def broken_check():
-        raise RuntimeError("engine gone")
+        raise RuntimeError("engine [x86] gone")
         yield
 
-    monkeypatch.setattr(subjects, "CHECKS", (broken_check, hardware.memory_lock))
+    monkeypatch.setattr(machine, "CHECKS", (broken_check, machine.memory_lock))
     result = run("doctor")
     assert result.exit_code == 1
-    assert "engine gone" in result.stdout
+    assert "engine [x86] gone" in result.stdout  # as it is, and not as markup
     assert "memory lock" in result.stdout
 
 
@@ -39,7 +39,7 @@ def test_a_missing_library_of_the_system_is_named_with_what_to_install(monkeypat
         raise ImportError("libgomp.so.1: cannot open shared object file: No such file or directory")
         yield
 
-    monkeypatch.setattr(subjects, "CHECKS", (no_openmp,))
+    monkeypatch.setattr(machine, "CHECKS", (no_openmp,))
     (finding,) = examine_all()
     assert finding.level is Level.FAIL
     assert "libgomp.so.1" in finding.text
@@ -47,16 +47,16 @@ def test_a_missing_library_of_the_system_is_named_with_what_to_install(monkeypat
 
 
 def test_a_missing_package_is_a_failure(monkeypatch):
-    monkeypatch.setattr(environment, "_dependencies", lambda: ["numpy", "surely-not-installed"])
-    (finding,) = environment.packages()
+    monkeypatch.setattr(machine.metadata, "requires", lambda _: ["numpy", "surely-not-installed>=1"])
+    (finding,) = machine.packages()
     assert finding.level is Level.FAIL
     assert "surely-not-installed" in finding.text
     assert "numpy" not in finding.text
 
 
 def test_an_untested_version_is_a_warning(monkeypatch):
-    monkeypatch.setattr(environment, "_pinned_versions", lambda: {"numpy": "0.0.1"})
-    (finding,) = environment.packages()
+    monkeypatch.setattr(machine, "_pinned_versions", lambda: {"numpy": "0.0.1"})
+    (finding,) = machine.packages()
     assert finding.level is Level.WARN
     assert "0.0.1" in finding.text
 

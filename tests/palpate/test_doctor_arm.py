@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from control.arm.rigid_body import RigidBody
-from palpate.doctor import Level, check_arm
-from palpate.doctor.check_arm import ArmCheck, examine_arm
-from palpate.doctor.clearance import is_still
-from palpate.doctor.devices import examine_devices
-from palpate.doctor.hand import EmulatedHand, Person
+from palpate.doctor import Level
+from palpate.doctor import arm as arm_check
+from palpate.doctor.arm import ArmCheck, examine_arm, examine_devices, examine_ports
+from palpate.doctor.hand import EmulatedHand, Hand
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.nudge import NUDGE_RAD, NudgeTask, gentle
-from palpate.doctor.ports import examine_ports
+from palpate.doctor.signs import is_still
 from palpate.words import AT_REST, FIRST_PROBE
 from robot_io.calibration import Calibrations
 from robot_io.errors import SafetyTripError
@@ -52,7 +51,7 @@ def failures(findings):
 @pytest.fixture
 def plants(monkeypatch):
     """What stood behind the emulated devices, kept to look at the torque afterwards."""
-    seen, emulate = [], check_arm.emulate
+    seen, emulate = [], arm_check.emulate
 
     def watched(*arguments, **options):
         arm = emulate(*arguments, **options)
@@ -65,7 +64,7 @@ def plants(monkeypatch):
         arm.bench.close = note_and_close
         return arm
 
-    monkeypatch.setattr(check_arm, "emulate", watched)
+    monkeypatch.setattr(arm_check, "emulate", watched)
     return seen
 
 
@@ -181,27 +180,26 @@ class ThoroughHand(EmulatedHand):
 
 
 def signs_by(hand, monkeypatch, **options):
-    monkeypatch.setattr(check_arm, "EmulatedHand", hand)
+    monkeypatch.setattr(arm_check, "EmulatedHand", hand)
     return examined(DYNAMIXEL, move=True, **options)
 
 
-def test_a_force_whose_sign_nobody_has_tried_gets_no_power(monkeypatch, plants):
-    (found,) = failures(signs_by(LazyHand, monkeypatch, may_power=lambda: pytest.fail("asked for power")))
-    assert found.subject == "sign of the force"
-    assert "too little" in found.text
-    assert not np.any(plants)
-
-
-def test_no_power_while_a_finger_is_on_the_tool(monkeypatch, plants):
-    (found,) = failures(signs_by(LastingHand, monkeypatch, may_power=lambda: pytest.fail("asked for power")))
-    assert found.subject == "hands away"
-    assert not np.any(plants)
-
-
-def test_a_touch_while_the_seconds_are_counted_keeps_the_power_off(monkeypatch, plants):
-    (found,) = failures(signs_by(ReturningHand, monkeypatch, may_power=lambda: True))
-    assert found.subject == "hands away"
-    assert "somebody touches" in found.text
+@pytest.mark.parametrize(
+    ("hand", "subject", "words"),
+    [
+        (LazyHand, "sign of the force", "too little"),
+        (LastingHand, "hands away", "left of the press"),
+        (ReturningHand, "hands away", "somebody touches"),  # while the seconds are counted
+    ],
+)
+def test_an_arm_at_which_somebody_does_not_do_as_asked_gets_no_power(
+    hand, subject, words, monkeypatch, plants
+):
+    asked = []
+    (found,) = failures(signs_by(hand, monkeypatch, may_power=lambda: asked.append(hand) or True))
+    assert found.subject == subject
+    assert words in found.text
+    assert bool(asked) == (hand is ReturningHand)
     assert not np.any(plants)
 
 
@@ -210,7 +208,7 @@ def test_a_hand_that_finishes_its_turn_is_not_taken_for_the_next_joint(monkeypat
 
 
 def test_a_person_is_told_when_to_let_go_and_when_to_stay_away(capsys):
-    person = Person()
+    person = Hand()
     person.rest()
     person.leave()
     person.count(3)
@@ -258,8 +256,7 @@ def test_samples_that_are_all_old_tell_nothing_of_rest():
 def test_the_small_motion_stops_at_a_touch_of_the_tool():
     robot_file = load_robot_file(DYNAMIXEL)
     task = NudgeTask(robot_file, RigidBody.of_robot(robot_file))
-    zeros = np.zeros(3)
-    rest = Measurement(0.0, np.array(robot_file.home_rad), zeros, zeros, 0.2, 0.0, 0.0, 0.0)
+    rest = Measurement(0.0, np.array(robot_file.home_rad), *np.zeros((2, 3)), 0.2, 0.0, 0.0, 0.0)
     task.start(rest)
     task.step(rest, 0.01)
     touched = iter([rest._replace(force_n=8.0)] * 5)
@@ -320,24 +317,21 @@ def test_a_low_supply_voltage_is_found(monkeypatch):
     assert "8.8 V" in found[0].text
 
 
-def test_limits_are_held_against_the_arms_own_masses():
-    weak = changed(DYNAMIXEL, ("torque_nm: [8.0, 8.0, 3.0]", "torque_nm: [0.5, 8.0, 3.0]"))
-    harsh = changed(DYNAMIXEL, ("damping_nms_rad: [0.5, 0.25, 0.03]", "damping_nms_rad: [0.5, 0.25, 3.0]"))
-    hasty = changed(DYNAMIXEL, ("encoder_age_s: 0.005", "encoder_age_s: 0.001"))
-    worst = [
-        [
-            finding.subject
-            for finding in examine_limits(robot_file, RigidBody.of_robot(robot_file))
-            if finding.level is not Level.OK
-        ]
-        for robot_file in (load_robot_file(DYNAMIXEL), weak, harsh, hasty)
-    ]
-    assert worst == [[], ["torque limits"], ["braking"], ["age limits"]]
+def complaints(robot_file):
+    found = examine_limits(robot_file, RigidBody.of_robot(robot_file))
+    return [finding for finding in found if finding.level is not Level.OK]
+
+
+def test_the_shipped_limits_are_good():
+    assert not complaints(load_robot_file(DYNAMIXEL))
 
 
 @pytest.mark.parametrize(
     ("old", "new", "subject", "level", "words"),
     [
+        ("torque_nm: [8.0,", "torque_nm: [0.5,", "torque limits", Level.FAIL, "the weight needs up to"),
+        ("[0.5, 0.25, 0.03]", "[0.5, 0.25, 3.0]", "braking", Level.WARN, "damping 0.5, 0.25, 3"),
+        ("encoder_age_s: 0.005", "encoder_age_s: 0.001", "age limits", Level.WARN, "encoder 1 ms"),
         ("force_n: 40.0", "force_n: 200.0", "force limit", Level.FAIL, "200 N, the sensor ends at 100 N"),
         ("capacity_n: 100.0", "capacity_n: 30.0", "force limit", Level.FAIL, "ends at 30 N"),
         ("torque_nm: [8.0,", "torque_nm: [80.0,", "highest torques", Level.FAIL, "80, 8, 3 N m"),
@@ -355,12 +349,7 @@ def test_limits_are_held_against_the_arms_own_masses():
     ],
 )  # fmt: skip
 def test_a_limit_that_is_none_is_found(old, new, subject, level, words):
-    robot_file = changed(DYNAMIXEL, (old, new))
-    (found,) = (
-        finding
-        for finding in examine_limits(robot_file, RigidBody.of_robot(robot_file))
-        if finding.level is not Level.OK
-    )
+    (found,) = complaints(changed(DYNAMIXEL, (old, new)))
     assert (found.subject, found.level) == (subject, level)
     assert words in found.text
     assert found.remedy
@@ -374,15 +363,14 @@ def test_much_more_torque_than_the_weight_needs_is_found(tmp_path):
         ("urdf: dynamixel_3dof.urdf", f"urdf: {tmp_path / 'strong.urdf'}"),
         ("torque_nm: [8.0, 8.0,", "torque_nm: [80.0, 80.0,"),
     )
-    found = [f for f in examine_limits(strong, RigidBody.of_robot(strong)) if f.level is not Level.OK]
-    assert [finding.subject for finding in found] == ["highest torques"]
-    assert "the weight needs 1.99 N m" in found[0].text
+    (found,) = complaints(strong)
+    assert found.subject == "highest torques"
+    assert "the weight needs 1.99 N m" in found.text
 
 
 @pytest.mark.parametrize("path", [ODRIVE, CUBEMARS], ids=lambda path: path.stem)
 def test_the_capacity_is_known_of_each_shipped_sensor(path):
-    robot_file = changed(path, ("force_n: 60.0", "force_n: 100.0"))
-    found = [f for f in examine_limits(robot_file, RigidBody.of_robot(robot_file)) if f.level is Level.FAIL]
+    found = failures(complaints(changed(path, ("force_n: 60.0", "force_n: 100.0"))))
     assert [finding.subject for finding in found] == ["force limit"]
 
 
@@ -478,7 +466,7 @@ def test_an_arm_that_stands_far_from_home_is_told_that_nothing_drives_it_there()
 def test_zeros_that_a_calibration_moves_far_are_told(monkeypatch):
     robot_file = load_robot_file(DYNAMIXEL)
     applied = Calibrations(encoder=calibration_of("encoder", robot_file))
-    monkeypatch.setattr(check_arm, "load_calibrations", lambda *_, **__: applied)
+    monkeypatch.setattr(arm_check, "load_calibrations", lambda *_, **__: applied)
     (found,) = (finding for finding in examined(DYNAMIXEL) if finding.subject == "zeros")
     assert found.level is Level.WARN
     assert "joint 3 by +0.3 rad" in found.text

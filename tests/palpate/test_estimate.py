@@ -7,8 +7,8 @@ import pytest
 
 from estimation.estimate import ParameterEstimate
 from estimation.estimators import ESTIMATORS
-from palpate.findings.estimation_run import choose_estimators
-from palpate.text.estimate_report import with_interval
+from estimation.study.estimates import choose_estimators
+from palpate.render.estimates import with_interval
 from palpate.words import significant
 from tests.palpate.cli import assert_refused, run
 from tests.palpate.presses import write_presses

@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 
 from control.loop.phases import Phase
-from estimation.data.import_options import ImportOptions
 from estimation.effects import EFFECTS
+from estimation.study.revisions import KeptParameter, Revision
 from estimation.surface import Surface
 from palpate.export import export_scenario
 from palpate.export.scenario import FittedChannel
 from palpate.export.terms import ARM, CONTACT, JOINT, SENSOR
-from palpate.findings.effect_library import library_with
-from palpate.findings.estimation_run import load_material
-from palpate.findings.growth import Wish, grow
-from palpate.findings.revisions import KeptParameter, KeptRevision, RevisionShelf
+from palpate.study import Study
 from robot_io.errors import InputError
 from robot_io.session import Session
 from sim_backend.imperfection import IMPERFECTIONS
@@ -29,7 +26,7 @@ def revision(channel, **parameters):
         name.replace("__", "."): KeptParameter(value=value, std_err=None, unit="")
         for name, value in parameters.items()
     }
-    return KeptRevision(
+    return Revision(
         number=0,
         parent=None,
         channel=channel,
@@ -41,6 +38,7 @@ def revision(channel, **parameters):
         rmse=1.0,
         noise_floor=1.0,
         parameters=kept,
+        data_sha256="",
         created_utc="",
         software_version="",
     )
@@ -172,11 +170,10 @@ def test_revisions_of_other_rows_are_not_gone_on_from(tmp_path, monkeypatch):
     header, *first = hard.read_text().splitlines()
     rows = [f"{row},A" for row in first] + [f"{row},B" for row in soft.read_text().splitlines()[1:]]
     (tmp_path / "two.csv").write_text("\n".join([f"{header},specimen", *rows]) + "\n")
-    shelf, library = RevisionShelf(tmp_path / "two-palpate"), library_with(None)
 
     def grown(name, *effects, start=None):
-        rows = load_material(tmp_path / "two.csv", ImportOptions(where={"specimen": name}))
-        return grow(rows, rows.arm, shelf, library, Wish(effects, start=start)).kept
+        rows = Study("two.csv", where={"specimen": name})
+        return rows.add(*effects, start=start).revisions
 
     of_a, of_b = (("export", "two.csv", "--where", f"specimen={name}") for name in "AB")
     grown("A", "cubic_stiffness")

@@ -5,8 +5,7 @@ import pytest
 
 from estimation.channel import ChannelKind
 from estimation.effect import AdditiveEffect, Parameter
-from palpate.findings.guarded_effect import guarded
-from palpate.findings.rehearsal import rehearse
+from palpate.user_effects.guard import rehearse, watched
 from robot_io.errors import InputError
 from tests.estimation.presses import session
 
@@ -49,7 +48,7 @@ WRONG = {
 @pytest.mark.parametrize("words", WRONG)
 def test_what_a_rehearsal_does_not_come_to_is_one_clear_line_all_the_same(words):
     found = type("Wrong", (Power,), {"goes_wrong": staticmethod(WRONG[words])})
-    effect, before = guarded(found)(), DATA.effort.copy()
+    effect, before = watched(found()), DATA.effort.copy()
     rehearse(effect, DATA)
     with pytest.raises(InputError, match=f"effect 'power' on channel 'contact'.*{words}"):
         effect.columns(DATA, {"d": 0.018})
@@ -57,7 +56,7 @@ def test_what_a_rehearsal_does_not_come_to_is_one_clear_line_all_the_same(words)
 
 
 def test_a_sound_effect_gives_what_it_gave_before_and_keeps_its_module():
-    effect = guarded(Power)()
+    effect = watched(Power())
     assert np.array_equal(effect.columns(DATA, {"d": 0.018}), Power().columns(DATA, {"d": 0.018}))
     assert type(effect).__module__ == Power.__module__
     assert isinstance(effect, Power)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from control.probing.plan import ProbingPlan
-from palpate.arm.hiding import hide
-from palpate.arm.new_session import new_session
-from palpate.arm.probing_run import ProbingJob, run_probing
-from palpate.arm.robots import find_robot
+from palpate.runs.hiding import hide
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import find_robot
+from palpate.runs.session import ArmJob, begun_session
 from robot_io.errors import InputError, SessionError
 from robot_io.session import Session, SessionMetadata
 from sim_backend import Scenario, load_scenario
@@ -146,11 +146,10 @@ def test_a_file_where_the_answer_would_be_is_kept_and_nothing_is_probed(tmp_path
 def test_a_session_that_is_there_already_gets_no_other_answer(tmp_path, mystery):
     """Whoever loses the race for the session's name seals nothing."""
     answer = sealed_path(mystery).read_text()
+    job = ArmJob(find_robot("follower"), mystery)
     with (
         pytest.raises(SessionError, match="exists already"),
-        new_session(
-            mystery, [], SessionMetadata(), load_scenario({"hidden": BIAS}), None, wait_for_room=True
-        ),
+        begun_session(job, 3, SessionMetadata(), load_scenario({"hidden": BIAS})),
     ):
         pass
     assert sealed_path(mystery).read_text() == answer
@@ -216,7 +215,7 @@ def test_the_arm_probes_to_the_end_whatever_is_hidden(name, channel, tmp_path):
     entry = IMPERFECTIONS[name].at_strength(16.0, channel, noise_scale(scenario), np.random.default_rng(5))
     plan = ProbingPlan(speeds_m_s=(0.15, 0.06), hold_s=0.3)
     job = ProbingJob(
-        find_robot("follower"), plan, tmp_path / "a.mcap", scenario.with_hidden([entry]), online=None
+        find_robot("follower"), tmp_path / "a.mcap", plan, scenario=scenario.with_hidden([entry]), online=None
     )
     outcome = run_probing(job)
     outcome.loop.raise_for_trip()

@@ -72,3 +72,12 @@ def test_events_are_told_from_the_start_and_not_from_the_machines(tmp_path):
     assert "0.000 s" in said
     assert "1.500 s" in said
     assert json.loads(run("info", path, "--json").stdout)["events"][1]["time_s"] == 50_001.75
+
+
+def test_names_in_a_session_s_metadata_are_shown_and_not_obeyed(tmp_path):
+    path = tmp_path / "foreign.mcap"
+    write_session(path, [], SessionMetadata(extra={"[red]key\x1b[2J": "value"}))
+    said = run("info", path)
+    assert said.exit_code == 0, said.stderr
+    assert "[red]key" in said.stdout
+    assert "\x1b" not in said.stdout

@@ -85,13 +85,13 @@ def test_where_revisions_are_kept_the_report_is_renewed(presses, tmp_path):
 def test_plots_and_pictures_replace_nothing_unasked_nor_each_other(session, tmp_path):
     folder = tmp_path / "plots"
     folder.mkdir()
-    (folder / "force-time.png").write_text("precious")
+    page = folder / "plots.html"
+    page.write_text("precious")
     asked = ("inspect", session, "--save", tmp_path / "x.rrd")
-    assert_refused(run(*asked, "--plots", folder), "force-time.png", "exists already", "--force")
-    assert (folder / "force-time.png").read_text() == "precious"
+    assert_refused(run(*asked, "--plots", folder), "plots.html", "exists already", "--force")
+    assert page.read_text() == "precious"
     assert_refused(run(*asked, "--screenshot", tmp_path / "x.rrd"), "is named twice")
-    torque = folder / "torque.png"
-    assert_refused(run(*asked, "--plots", folder, "--screenshot", torque, "--force"), "is named twice")
+    assert_refused(run(*asked, "--plots", folder, "--screenshot", page, "--force"), "is named twice")
     assert not (tmp_path / "x.rrd").exists()
     different_files(tmp_path / "a", None, tmp_path / "b", None)
 

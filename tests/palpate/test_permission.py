@@ -4,8 +4,8 @@ import io
 
 import pytest
 
-from palpate.arm import permission
-from palpate.arm.permission import ask_for_pose, ask_for_power
+from palpate.runs import permission
+from palpate.runs.permission import ask_for_pose, ask_for_power
 from robot_io.errors import InputError
 from tests.mock_robot import MockTorque, write_mock_files
 from tests.palpate.cli import ROOT, assert_refused, run

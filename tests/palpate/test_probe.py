@@ -15,8 +15,8 @@ from control.arm.rigid_body import RigidBody
 from control.loop.phases import Phase
 from control.probing.plan import ProbingPlan
 from estimation.data import session_channels
-from palpate.arm.probing_run import PLAN, ProbingJob, Watcher, run_probing
-from palpate.arm.robots import find_robot
+from palpate.runs.probing import PLAN, ProbingJob, Watcher, run_probing
+from palpate.runs.robots import find_robot
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
 from sim_backend.scenario import MOST_SEED, parse_scenario
@@ -103,7 +103,7 @@ def test_equal_seeds_give_equal_measurements_and_others_do_not(tmp_path):
 
 
 def test_an_arm_of_ones_own_is_probed_by_the_same_code_in_real_time(tmp_path, monkeypatch):
-    monkeypatch.setattr("palpate.arm.permission.COUNTDOWN_S", 0)
+    monkeypatch.setattr("palpate.runs.permission.COUNTDOWN_S", 0)
     robot, path = write_mock_files(tmp_path), tmp_path / "own.mcap"
     patient = robot.read_text().replace("_age_s: 0.005", "_age_s: 1.0")  # a busy machine is no failure
     robot.write_text(patient)
@@ -218,7 +218,7 @@ def test_whether_the_object_was_met_is_known_of_a_run_that_was_stopped(tmp_path,
                 signal.raise_signal(signal.SIGINT)
 
     plan = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1)
-    job = ProbingJob(find_robot("follower"), plan, tmp_path / "s.mcap", online=None)
+    job = ProbingJob(find_robot("follower"), tmp_path / "s.mcap", plan, online=None)
     outcome = run_probing(job, Stopper())
     assert str(outcome.loop.outcome) == "stopped"
     assert outcome.touched is touched
@@ -233,7 +233,7 @@ def test_as_a_process_json_is_all_that_stdout_holds(tmp_path):
 
 PLANS = {
     "targets_world_m: [[4, 0, 0.05]]": "out of reach",
-    "search_depth_m: 1.0e-6": "search_depth_m 1e-06 m",
+    "search_depth_m: 1.0e-6": "search_depth_m 1e-06 m is too short",
     "force_limit_n: 60": "(limits.force_n); at most 54.5 N",
     "hold_s: 1.0e+7": "plan fewer runs",
     "speeds_m_s: [1.0e-9]": "plan fewer runs",

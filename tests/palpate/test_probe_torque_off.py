@@ -7,9 +7,9 @@ import pytest
 from control.loop.result import LoopResult, Outcome
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
-from palpate.arm.probing_run import ProbingJob, ProbingOutcome, run_probing
-from palpate.arm.robots import find_robot
 from palpate.commands import probe as command
+from palpate.runs.probing import ProbingJob, ProbingOutcome, run_probing
+from palpate.runs.robots import find_robot
 from robot_io.errors import DeviceError, SafetyTripError
 from robot_io.session import SessionWriter
 from sim_backend.drivers.devices import SimTorque
@@ -39,7 +39,7 @@ def refusals(monkeypatch):
 
 def probe(tmp_path):
     plan = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.05)
-    return run_probing(ProbingJob(find_robot("follower"), plan, tmp_path / "x.mcap", online=None))
+    return run_probing(ProbingJob(find_robot("follower"), tmp_path / "x.mcap", plan, online=None))
 
 
 def test_the_next_try_does_not_wait_for_the_log(tmp_path, refusals):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from palpate.views.recording import arm, write_recording
-from palpate.views.recording.dimple import Block
-from palpate.views.scene import Scene
+from palpate.render.recording import arm
+from palpate.render.recording.block import Block
+from palpate.render.recording.scene import PICTURES_HZ, Scene
+from palpate.render.recording.session import record_session
 from robot_io.errors import InputError
 from robot_io.session import Event
 from tests.palpate import synthetic
@@ -26,7 +27,7 @@ def scene():
 @pytest.fixture(scope="module")
 def recording(scene, tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "test.rrd"
-    write_recording(scene, path)
+    record_session(scene, path)
     return path
 
 
@@ -73,15 +74,15 @@ def test_the_arm_moves_through_all_its_joints_in_order():
 
 
 def test_pictures_are_few_and_include_the_last_tick(scene):
-    rows = arm.picture_rows(scene)
+    rows = scene.picture_rows
     assert rows[-1] == len(scene.time_s) - 1
-    assert len(rows) == pytest.approx(arm.RATE_HZ * scene.time_s[-1], rel=0.02)
+    assert len(rows) == pytest.approx(PICTURES_HZ * scene.time_s[-1], rel=0.02)
 
 
 def test_a_session_without_contact_and_urdf_is_recorded_too(tmp_path):
     ticks = synthetic.ticks((0.15,))
     free = {name: values[:200] for name, values in ticks.items()}
-    write_recording(Scene("free", free, ""), tmp_path / "free.rrd")
+    record_session(Scene("free", free, ""), tmp_path / "free.rrd")
     assert column_values(tmp_path / "free.rrd", "/contact/force", "Scalars:scalars")
     assert not column_values(tmp_path / "free.rrd", "/contact/displacement", "Scalars:scalars")
 
@@ -97,14 +98,14 @@ def test_a_stopped_arm_without_reference_is_recorded_too(scene, tmp_path):
         ticks[name][-50:] = np.nan
     ticks["phase"][-50:] = 8
     stopped = Scene("stopped", ticks, synthetic.urdf(), surface_m=-synthetic.SURFACE_M)
-    write_recording(stopped, tmp_path / "stopped.rrd")
+    record_session(stopped, tmp_path / "stopped.rrd")
     heights = np.array(column_values(tmp_path / "stopped.rrd", "/object/top", "Mesh3D:vertex_positions")[0])
     assert np.isfinite(heights).all()
 
 
 def test_a_folder_that_is_not_there_is_refused_and_nothing_is_left(scene, tmp_path):
     with pytest.raises(InputError, match="cannot write"):
-        write_recording(scene, tmp_path / "none" / "x.rrd")
+        record_session(scene, tmp_path / "none" / "x.rrd")
     assert not list(tmp_path.iterdir())
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from estimation.channel import ChannelKind
 from estimation.effects import EFFECTS
-from palpate.findings.rehearsal import rehearse
+from palpate.user_effects.guard import rehearse, watched
 from tests.estimation.presses import kelvin_voigt, session
 
 DATA = session(1, lambda t, x, v, run: kelvin_voigt(x, v))
@@ -15,4 +15,4 @@ DATA = session(1, lambda t, x, v, run: kelvin_voigt(x, v))
 @pytest.mark.parametrize("kind", ChannelKind)
 @pytest.mark.parametrize("name", EFFECTS)
 def test_palpates_own_effects_pass(name, kind):
-    rehearse(EFFECTS[name](), replace(DATA, kind=kind))
+    rehearse(watched(EFFECTS[name]()), replace(DATA, kind=kind))

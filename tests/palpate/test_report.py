@@ -1,23 +1,24 @@
-"""The HTML report: whole, offline, harmless, and drawn by a real browser."""
+"""The HTML report: whole, offline, harmless, and drawn by a real browser, in the light and in the dark."""
 
 import re
 import shutil
 import subprocess
+from dataclasses import replace
+from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from estimation.diagnosis.search.library import library
-from palpate.findings.effect_library import library_with
-from palpate.findings.estimation_run import load_material
-from palpate.findings.story import diagnose_subjects, tell_story
-from palpate.findings.subject import subjects_of
-from palpate.report import Report
-from palpate.report.outcome import write_outcome
-from palpate.report.section import SECTIONS, in_order
-from palpate.report.sections.equations import typeset, written_out
-from palpate.report.write import document
+from estimation.diagnosis.candidates import library
+from palpate.outcome import write_outcome
+from palpate.render import figures
+from palpate.render.build import equation_of
+from palpate.render.report import bold, document, typeset, write_report
+from palpate.render.view import StudyView
+from palpate.study import Study
+from palpate.study_view import result_view
+from robot_io.errors import InputError
 from tests.palpate.presses import write_presses
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -25,51 +26,72 @@ FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"),
     *("--disable-sync", "--hide-scrollbars", "--virtual-time-budget=8000"),
 )
+DARK = "--blink-settings=preferredColorScheme=0"
 
 
 @pytest.fixture(scope="module")
-def material(tmp_path_factory):
-    return load_material(write_presses(tmp_path_factory.mktemp("report") / "<b>hard.csv"))
+def study(tmp_path_factory):
+    return Study(write_presses(tmp_path_factory.mktemp("report") / "<b>hard.csv"), keep=False)
 
 
 @pytest.fixture(scope="module")
-def story(material):
-    (subject,) = subjects_of(material, None, material.arm)
-    effects = library_with(None).effects
-    (found,) = diagnose_subjects([subject], effects, lambda what, share: None, "x").channels
-    return tell_story(subject, found, ["cubic_stiffness"], effects)
+def result(study):
+    (found,) = study.diagnose().channels
+    return study.result(study.channel(), ["cubic_stiffness"], found)
 
 
 @pytest.fixture(scope="module")
-def page(material, story, tmp_path_factory):
+def page(study, result, tmp_path_factory):
     folder = tmp_path_factory.mktemp("written")
-    return write_outcome(folder, material, [story], ["palpate add <data> cubic_stiffness"])["report"]
+    return write_outcome(folder, study, [result], ["palpate add <data> cubic_stiffness"])["report"]
 
 
-@pytest.mark.parametrize("name", list(SECTIONS))
-def test_every_section_has_the_form_and_tells_something(name, story):
-    section = SECTIONS[name]()
-    assert re.fullmatch(r"[a-z_]+", section.name)
-    assert section.title
-    told = section.html(Report("file", {}, (story,), ("palpate diagnose file",)))
-    assert told or name == "next_experiment"
-    assert section.html(Report("file", {}, (), ())) == "" or name == "reproduce"
-
-
-def test_the_verdict_comes_first_and_places_are_distinct():
-    places = [section.place for section in in_order()]
-    assert in_order()[0].name == "verdict"
-    assert len(set(places)) == len(places)
+def own(text):
+    """The page without its scripts, of which the largest is plotly's."""
+    return re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
 
 
 def test_the_page_brings_everything_and_names_no_other_place(page):
     text = page.read_text()
-    own = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
     assert text.count("plotly.js v") == 1
-    assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//""", own)
-    assert "default-src 'none'" in own
-    for words in ("cubic_stiffness", "noise floor", "F</i> =", "k<sub>3</sub>", "palpate add &lt;data&gt;"):
-        assert words in own
+    assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//""", own(text))
+    assert "default-src 'none'" in text
+    for words in ("cubic_stiffness", "noise floor", "F =", "k<sub>3</sub>", "palpate add &lt;data&gt;"):
+        assert words in own(text)
+
+
+def test_a_reader_meets_verdict_fall_parameters_failures_and_then_what_to_do(result):
+    found = result.diagnosis.model_copy(
+        update={
+            "next_experiment": {"purpose": "tell more", "separates": [], "instruction": "press", "probe": {}}
+        }
+    )
+    told = own(
+        document(StudyView("f", (result_view(replace(result, diagnosis=type(found)(**dict(found)))),)))
+    )
+    titles = ("MISSING", "How the error falls", "Parameters", "Where the model fails", "Next experiment")
+    places = [told.index(title) for title in (*titles, "Evidence", "The fitted model")]
+    assert places == sorted(places)
+
+
+def test_the_page_is_well_formed(page):
+    class Balanced(HTMLParser):
+        VOID = ("meta", "br", "link", "img", "hr")
+
+        def __init__(self):
+            super().__init__()
+            self.open = []
+
+        def handle_starttag(self, tag, _attributes):
+            if tag not in self.VOID:
+                self.open.append(tag)
+
+        def handle_endtag(self, tag):
+            assert self.open.pop() == tag
+
+    parser = Balanced()
+    parser.feed(own(page.read_text()))
+    assert parser.open == []
 
 
 def test_names_from_files_are_only_text(page):
@@ -77,32 +99,41 @@ def test_names_from_files_are_only_text(page):
     assert "&lt;b&gt;hard" in page.read_text()
 
 
+def test_names_are_bold_as_words_and_everything_else_is_escaped():
+    assert bold("bias <b> biased, bias", ["bias"]) == "<b>bias</b> &lt;b&gt; biased, <b>bias</b>"
+    assert bold("a<i> (or <i>)", ["<i>"]) == "a&lt;i&gt; (or <b>&lt;i&gt;</b>)"
+
+
 def test_equations_are_typeset():
-    assert typeset("F = k1 x^n + b x^(n+1), tau < 1") == (
-        "F = k<sub>1</sub> x<sup>n</sup> + b x<sup>(n+1)</sup>, τ &lt; 1"
+    assert typeset("F = k1 x^n + b x^(n+1), tau < 1\nwith mu") == (
+        "F = k<sub>1</sub> x<sup>n</sup> + b x<sup>(n+1)</sup>, τ &lt; 1<br>with μ"
     )
 
 
-def test_every_effect_can_be_written_out(story):
-    base = story.stages[0].model
+def test_every_effect_can_be_written_out(result):
+    base = result.stages[0].fitted.model
     names = {effect.name for effect in base.effects}
     for effect in library():
         if effect.name not in names:
-            line = written_out(base.with_effect(effect))
-            assert line.count("<span") == line.count("</span>")
-            assert "F</i> = " in line
+            lines = equation_of(base.with_effect(effect)).splitlines()
+            assert lines[0].startswith("F = k x + c v")
+            assert all(
+                line.startswith(("with ", "on the motion ", "springs fade as ", "seen as "))
+                for line in lines[1:]
+            )
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here (apt install chromium)")
-def test_a_browser_without_network_draws_the_plots(page, tmp_path):
+@pytest.mark.parametrize(("look", "is_paper"), [((), lambda p: p > 235), ((DARK,), lambda p: p < 60)])
+def test_a_browser_without_network_draws_the_plots(page, tmp_path, look, is_paper):
     picture = tmp_path / "page.png"
-    dumped = browse(page, tmp_path, "--dump-dom")
-    assert dumped.count('class="main-svg"') >= 6  # three figures of two layers each
-    assert "Error" not in re.sub(r"<script>.*?</script>", "", dumped, flags=re.DOTALL)
-    browse(page, tmp_path, "--window-size=1120,2400", f"--screenshot={picture}")
+    dumped = browse(page, tmp_path, *look, "--dump-dom")
+    assert dumped.count('class="main-svg"') >= 8  # four figures of two layers each
+    assert "Error" not in re.sub(r"<script.*?</script>", "", dumped, flags=re.DOTALL)
+    browse(page, tmp_path, *look, "--window-size=1120,2400", f"--screenshot={picture}")
     pixels = np.asarray(Image.open(picture).convert("RGB")).reshape(-1, 3)
-    assert np.mean((pixels > 245).all(axis=1)) > 0.6  # light and tidy
-    measured = np.abs(pixels.astype(int) - (0x2A, 0x6F, 0xB0)).sum(axis=1) < 12
+    assert np.mean(is_paper(pixels).all(axis=1)) > 0.6  # tidy
+    measured = np.abs(pixels.astype(int) - (0x3F, 0x86, 0xC8)).sum(axis=1) < 12
     assert measured.sum() > 500  # the blue of what was measured
 
 
@@ -115,17 +146,61 @@ def browse(page, folder, *arguments):
     return done.stdout
 
 
-def test_nothing_is_left_where_it_cannot_be_written(material, story, tmp_path):
+def test_nothing_is_left_where_it_cannot_be_written(result, tmp_path):
     (tmp_path / "report.html").mkdir()
-    with pytest.raises(Exception, match=r"report\.html"):
-        write_outcome(tmp_path, material, [story], [])
+    with pytest.raises(InputError, match=r"report\.html"):
+        write_report(StudyView("f", (result_view(result),)), tmp_path / "report.html")
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
 
 
 def test_a_channel_that_cannot_be_judged_is_told_too(tmp_path):
-    one = load_material(write_presses(tmp_path / "one.csv", speeds_m_s=(0.02,)))
-    (subject,) = subjects_of(one, None, one.arm)
-    (found,) = diagnose_subjects([subject], library(), lambda what, share: None, "x").channels
-    told = document(Report("one", {}, (tell_story(subject, found, [], ()),), ()))
+    one = Study(write_presses(tmp_path / "one.csv", speeds_m_s=(0.02,)), keep=False)
+    (found,) = one.diagnose().channels
+    told = document(StudyView("one", (result_view(one.result(one.channel(), (), found)),)))
     assert "INSUFFICIENT" in told
     assert "single run" in told
+
+
+class TestFigures:
+    """What is drawn is what the view holds."""
+
+    def test_bars_are_the_errors_and_the_line_is_the_floor(self, result):
+        view = result_view(result)
+        shown = figures.fall_figure(view)
+        np.testing.assert_allclose(shown.data[0].x, [stage.rmse for stage in result.stages])
+        assert shown.layout.shapes[0].x0 == view.floor
+
+    def test_curves_over_time_are_measured_first_and_last_model_with_what_they_leave(self, result):
+        shown = figures.time_figure(result_view(result))
+        names = ["measured", *("kelvin_voigt", "with cubic_stiffness") * 2]
+        assert [trace.name for trace in shown.data] == names
+        assert np.nanmax(shown.data[0].y) == pytest.approx(result.channel.data.effort.max(), rel=1e-6)
+        assert shown.layout.yaxis.title.text == "contact force [N]"
+
+    def test_what_is_not_judged_is_shaded_and_leaves_no_residual(self, result):
+        view = result_view(result)
+        judged = view.time_s > 0.3 * view.time_s[-1]
+        shown = figures.time_figure(replace(view, judged=judged))
+        shades = [shape for shape in shown.layout.shapes if shape.type == "rect"]
+        assert min(shade.x0 for shade in shades) == view.time_s[0]
+        assert max(shade.x1 for shade in shades) == pytest.approx(0.3 * view.time_s[-1], rel=0.02)
+        left = shown.data[-1]
+        assert left.x[np.isfinite(left.y)].min() >= 0.3 * view.time_s[-1] - 1e-4
+
+    def test_measured_curves_over_the_state_are_coloured_by_speed(self, result):
+        view = result_view(result)
+        words = list(dict.fromkeys(view.speeds.values()))
+        traces = [trace for trace in figures.state_figure(view).data if trace.name.startswith("measured, ")]
+        assert [trace.name for trace in traces[: len(words)]] == [f"measured, {word}" for word in words]
+        assert len({trace.line.color for trace in traces}) == len(words) > 1
+
+    def test_both_maps_share_one_scale(self, result):
+        first, last = figures.map_figure(result_view(result)).data
+        assert (first.zmin, first.zmax) == (last.zmin, last.zmax)
+        assert np.nanstd(last.z) < 0.5 * np.nanstd(first.z)
+
+    def test_one_figure_of_everything_is_made_for_a_notebook(self, result):
+        shown = figures.figure(StudyView("f", (result_view(result),)))
+        assert {trace.type for trace in shown.data} == {"bar", "scatter"}
+        titles = [note.text for note in shown.layout.annotations]
+        assert {"Error in held-out runs", "Over the state", "Over time"} <= set(titles)

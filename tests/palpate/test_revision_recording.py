@@ -4,27 +4,24 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from palpate.findings.effect_library import library_with
-from palpate.findings.estimation_run import load_material
-from palpate.findings.story import tell_story
-from palpate.findings.subject import subjects_of
-from palpate.views.recording.chart import HEIGHT, WIDTH, Chart
-from palpate.views.recording.revisions import write_revisions
-from palpate.views.residual_grid import residual_grid
+from palpate.render.recording.chart import HEIGHT, WIDTH, Chart, ticks
+from palpate.render.recording.revisions import record_rerun
+from palpate.render.view import StudyView
+from palpate.study import Study
+from palpate.study_view import result_view
 from tests.palpate.presses import write_presses
 
 
 @pytest.fixture(scope="module")
-def story(tmp_path_factory):
-    material = load_material(write_presses(tmp_path_factory.mktemp("grown") / "hard.csv"))
-    (subject,) = subjects_of(material, None, material.arm)
-    return tell_story(subject, None, ["layered_stiffness", "cubic_stiffness"], library_with(None).effects)
+def result(tmp_path_factory):
+    study = Study(write_presses(tmp_path_factory.mktemp("grown") / "hard.csv"), keep=False)
+    return study.result(study.channel(), ["layered_stiffness", "cubic_stiffness"])
 
 
 @pytest.fixture(scope="module")
-def chunks(story, tmp_path_factory):
+def chunks(result, tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "grown.rrd"
-    write_revisions("grown", [story], path)
+    record_rerun(StudyView("grown", (result_view(result),)), path)
     return [
         chunk for chunk in RrdReader(path).stream().to_chunks() if chunk.entity_path.startswith("/contact")
     ]
@@ -54,16 +51,20 @@ def test_each_revision_has_its_own_curve_and_the_measurement_is_always_there(chu
 def test_the_last_model_lies_on_the_measurement_and_the_first_does_not(chunks):
     (_, measured), *_ = rows_of(chunks, "/contact/effort/a_measured", "LineStrips2D:strips")
     models = [strips for _, strips in rows_of(chunks, "/contact/effort/model", "LineStrips2D:strips")]
-    distance = [
-        max(np.abs(np.subtract(a, b)).max() for a, b in zip(model, measured, strict=True)) for model in models
-    ]
+
+    def off(model, run):
+        """The largest distance between two curves, each thinned in its own way, over the same time."""
+        (x, y), (at, measured) = np.transpose(model), np.transpose(run)
+        return np.abs(np.interp(at, x, y) - measured).max()
+
+    distance = [max(off(*pair) for pair in zip(model, measured, strict=True)) for model in models]
     assert distance[2] < distance[0] / 3
 
 
-def test_the_bar_falls_beside_the_first_which_stays(story, chunks):
+def test_the_bar_falls_beside_the_first_which_stays(result, chunks):
     bars = dict(rows_of(chunks, "/contact/error/now", "LineStrips2D:strips"))
     heights = [HEIGHT - min(point[1] for line in bars[n] for point in line) for n in range(3)]
-    errors = [stage.rmse for stage in story.stages]
+    errors = [stage.rmse for stage in result.stages]
     np.testing.assert_allclose(np.divide(heights, heights[0]), np.divide(errors, errors[0]), rtol=0.02)
     ((revision, first),) = rows_of(chunks, "/contact/error/first", "LineStrips2D:strips")
     assert revision is None
@@ -73,7 +74,7 @@ def test_the_bar_falls_beside_the_first_which_stays(story, chunks):
 def test_words_say_what_was_added(chunks):
     texts = dict(rows_of(chunks, "/contact/words", "TextDocument:text"))
     assert "base model" in texts[0][0]
-    assert "added **cubic_stiffness**" in texts[2][0]
+    assert "**+ cubic_stiffness**" in texts[2][0]
 
 
 def test_a_chart_puts_its_corners_into_the_corners():
@@ -82,12 +83,22 @@ def test_a_chart_puts_its_corners_into_the_corners():
     np.testing.assert_allclose(placed, [[0, HEIGHT], [WIDTH, 0]])
 
 
-def test_a_residual_map_averages_what_is_in_a_cell(story):
-    data = story.subject.channel
-    grid = residual_grid(data, np.full(len(data), 0.3), 8)
-    seen = grid.mean[np.isfinite(grid.mean)]
-    assert len(seen) > 8
-    np.testing.assert_allclose(seen, 0.3)
-    signs = residual_grid(data, np.sign(data.velocity), 9).mean
-    assert np.nanmin(signs[-2:]) == 1
-    assert np.nanmax(signs[:2]) == -1
+@pytest.mark.parametrize(
+    ("span", "expected"),
+    [
+        ((0.0, 10.0), [0, 2, 4, 6, 8, 10]),
+        ((-0.3, 0.72), [-0.25, 0.0, 0.25, 0.5]),
+        ((1234.0, 1239.0), [1234, 1235, 1236, 1237, 1238, 1239]),
+    ],
+)
+def test_rules_stand_at_round_values_within_the_frame(span, expected):
+    np.testing.assert_allclose(ticks(*span), expected)
+
+
+def test_every_sample_is_there_over_time_with_both_models_and_what_they_leave(result, chunks):
+    effort = np.array([row for _, row in rows_of(chunks, "/contact/time/effort", "Scalars:scalars")])
+    assert effort.shape == (len(result.channel.data), 3)
+    np.testing.assert_allclose(effort[:, 0], result.channel.data.effort)
+    np.testing.assert_allclose(effort[:, 2], result.stages[-1].fitted.predicted)
+    left = np.array([row for _, row in rows_of(chunks, "/contact/time/residual", "Scalars:scalars")])
+    np.testing.assert_allclose(left[:, 1], result.stages[-1].fitted.residual)

@@ -5,10 +5,10 @@ import io
 import pytest
 from rich.console import Console
 
+from estimation.study import Revision
 from palpate import console
-from palpate.findings.kept_revision import KeptRevision
-from palpate.text.bars import LONGEST, Bar
-from palpate.text.stages import revision_table
+from palpate.render.build import revision_rows
+from palpate.render.terminal import print_revisions
 from palpate.words import safe
 
 
@@ -18,10 +18,16 @@ def printed(what, width):
     return out.getvalue()
 
 
+def listed(kept, width):
+    out = io.StringIO()
+    print_revisions(Console(file=out, width=width), revision_rows(kept))
+    return out.getvalue()
+
+
 @pytest.mark.parametrize("width", [40, 60, 100])
 def test_a_table_that_is_too_wide_is_folded_and_not_cut(width):
-    table = console.table("", "what is measured", "value", "", right=("value",))
-    table.add_row("viscoelasticity of a long and soft thing", "-123456.7 ± 89.1", Bar(0.5, "red"))
+    table = console.table("", "what is measured", "value", right=("value",))
+    table.add_row("viscoelasticity of a long and soft thing", "-123456.7 ± 89.1")
     shown = printed(table, width)
     assert "…" not in shown
     assert all(len(line) <= width for line in shown.splitlines())
@@ -32,25 +38,13 @@ def test_a_table_that_is_too_wide_is_folded_and_not_cut(width):
     assert "viscoelasticityofalongandsoftthing" in text
 
 
-@pytest.mark.parametrize(("share", "drawn"), [(0.0, ""), (0.5, "█" * 9), (1.0, "█" * 18), (7.0, "█" * 18)])
-def test_a_bar_is_as_long_as_its_share(share, drawn):
-    assert printed(Bar(share, "red"), 100).strip() == drawn
-
-
-def test_a_bar_makes_room_for_words():
-    table = console.table("", "what", "")
-    table.add_row("0123456789 " * 4, Bar(1.0, "red"))
-    assert printed(table, 100).count("█") == LONGEST
-    assert printed(table, 44).count("█") < LONGEST / 4
-
-
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_the_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
     told = {"user_effects": [], "effort_unit": "N m", "rmse": 0.06928, "noise_floor": 0.05}
     when = {"created_utc": "2026-01-02T03:04:05", "software_version": "0", "parameters": {}}
     effects = ["force_deadband", "load_dependent_friction"]
     kept = [
-        KeptRevision(
+        Revision(
             number=number,
             parent=number - 1 if number else None,
             channel="joint_1",
@@ -62,7 +56,7 @@ def test_the_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
         )
         for number in range(3)
     ]
-    words = printed(revision_table(kept, width), width).split()
+    words = listed(kept, width).split()
     assert {"joint_1", "rigid_body", "force_deadband", "load_dependent_friction", "0.06928", "1.39"} <= set(
         words
     )
@@ -74,7 +68,7 @@ def test_the_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
 def test_a_revision_that_was_edited_by_hand_is_shown_and_not_obeyed(text, width):
     told = {"number": 0, "parent": None, "added": text, "rmse": 1.0, "noise_floor": 0.5, "parameters": {}}
     names = dict.fromkeys(("channel", "model", "effort_unit", "created_utc", "software_version"), text)
-    kept = KeptRevision(effects=[text], user_effects=[], **names, **told)
-    shown = printed(revision_table([kept], width), width)
+    kept = Revision(effects=[text], user_effects=[], **names, **told)
+    shown = listed([kept], width)
     assert shown.replace("\n", "").isprintable()
     assert shown.count(safe(text).replace("\\[", "[").replace("\\\\", "\\")) == (5 if width > 100 else 4)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from control.probing.plan import ProbingPlan
-from palpate.arm.probing_run import ProbingJob, run_probing
-from palpate.arm.robots import find_robot
-from palpate.findings.estimation_run import load_material
+from estimation.study.source import open_source
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import find_robot
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import load_scenario
 from tests.palpate.cli import run
@@ -23,7 +23,7 @@ def session(tmp_path_factory):
     hidden = [IMPERFECTIONS["bias"](channel="contact", bias=BIAS_N)]
     plan = ProbingPlan(speeds_m_s=(0.15, 0.06), hold_s=0.2)
     scenario = load_scenario("default").with_hidden(hidden)
-    run_probing(ProbingJob(find_robot("follower"), plan, path, scenario, seed=3, online=None))
+    run_probing(ProbingJob(find_robot("follower"), path, plan, scenario=scenario, seed=3, online=None))
     return path
 
 
@@ -43,6 +43,6 @@ def test_the_table_says_so(session):
 
 
 def test_who_looks_for_a_bias_gets_the_force_as_it_was_measured(session):
-    channel = load_material(session).channels[0]
+    channel = open_source(session).channels[0]
     assert channel.tare is None
     assert np.mean(channel.effort[:100]) == pytest.approx(BIAS_N, abs=0.01)

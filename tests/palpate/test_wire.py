@@ -1,14 +1,18 @@
-"""`palpate probe --wire`: a whole run through the real drivers, as a user starts it."""
+"""Real drivers on emulated devices: whole runs and calibrations, as a user starts them."""
 
 import json
+import re
 
 import pytest
 
 from estimation.data import session_channels
-from palpate.arm.hiding import open_answer
-from palpate.arm.wired import EMULATED
-from palpate.findings.estimation_run import estimate_with
-from palpate.findings.truth import true_parameters
+from estimation.study.estimates import estimate_with
+from palpate.runs.hiding import open_answer
+from palpate.runs.robots import EMULATED, is_simulated
+from palpate.truth import true_parameters
+from palpate.words import FIRST_PROBE
+from robot_io.calibration import load_calibration
+from robot_io.errors import InputError
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
 from sim_backend.secret import sealed_path
@@ -20,6 +24,7 @@ SHARES = {  # of stiffness and damping: what each arm's steps at the tip leave u
     "cubemars_3dof": (0.003, 0.005),
     "dynamixel_3dof": (0.01, 0.03),
 }
+SERVOS = ROOT / "robots" / "dynamixel_3dof.yaml"
 
 
 def estimates_of(path):
@@ -70,3 +75,89 @@ def test_a_scenario_for_real_devices_is_refused_with_the_way_out(tmp_path):
     robot = ROOT / "robots/odrive_3dof.yaml"
     assert_refused(run("probe", "--robot", robot, "--scenario", "stiff", "-o", path), "--wire")
     assert not path.exists()
+
+
+@pytest.fixture
+def mixed(tmp_path):
+    """Real servos, and a simulated force."""
+    text = SERVOS.read_text(encoding="utf-8")
+    urdf = parse_robot_file(text, SERVOS).urdf_path
+    text = re.sub("^urdf: .*$", f"urdf: {urdf}", text, flags=re.MULTILINE)
+    text = re.sub("^dh: .*$", "", text, flags=re.MULTILINE)
+    text = text.replace("encoder: {driver", "  world: {driver: pybullet}\n\nencoder: {driver", 1)
+    text = re.sub(r"force: \{driver: loadstar.*\}", "force: {driver: sim_force, bus: world}", text)
+    path = tmp_path / "mixed.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_robot_is_simulated_as_a_whole_or_not_at_all(mixed):
+    assert not is_simulated(parse_robot_file(SERVOS.read_text(encoding="utf-8"), SERVOS))
+    with pytest.raises(
+        InputError, match=r"bus 'world' is simulated \(pybullet\) and bus 'motors' \(dynamixel"
+    ):
+        is_simulated(parse_robot_file(mixed.read_text(encoding="utf-8"), mixed))
+
+
+@pytest.mark.parametrize("options", [(), ("--wire",), ("--realtime",)])
+def test_real_servos_with_a_simulated_force_are_refused_before_anything_is_opened(mixed, tmp_path, options):
+    out = tmp_path / "x.mcap"
+    assert_refused(run("probe", "--robot", mixed, "-o", out, *options), "mixed.yaml", "'motors'", "is not")
+    assert not out.exists()
+
+
+def test_the_doctor_and_the_calibration_refuse_them_too(mixed, tmp_path):
+    said = run("doctor", "--robot", mixed)
+    assert said.exit_code == 2
+    assert "bus 'world' is simulated" in said.stderr
+    said = run("calibrate", "torque", "--robot", mixed, "-o", tmp_path / "c.yaml")
+    assert said.exit_code == 2
+    assert "bus 'world' is simulated" in said.stderr
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    """A robot file of real drivers that names a calibration made with --wire."""
+    folder = tmp_path_factory.mktemp("wired")
+    shipped = (ROOT / "robots/dynamixel_3dof.yaml").read_text()
+    path = folder / "arm.yaml"
+    path.write_text(shipped.replace(": dynamixel_3dof.", f": {ROOT}/robots/dynamixel_3dof."))
+    out = folder / "e.yaml"
+    options = ("--wire", "--pose", "home", "-o", out, "--session", folder / "e.mcap")
+    result = run("calibrate", "encoder", "--robot", path, *options)
+    assert result.exit_code == 0, result.stderr
+    assert "on the arm itself refused" in result.stderr
+    assert f"palpate probe --robot {path} --wire {FIRST_PROBE}" in result.stderr
+    assert "once the robot file names it" in result.stderr
+    path.write_text(path.read_text() + "\ncalibration: {encoder: e.yaml}\n")
+    return path
+
+
+def test_it_says_so(arm):
+    assert load_calibration(arm.parent / "e.yaml").source == "emulated"
+
+
+@pytest.mark.parametrize("command", [("probe",), ("calibrate", "torque")], ids=" ".join)
+def test_the_arm_itself_refuses_it(arm, command, tmp_path):
+    result = run(*command, "--robot", arm, "-o", tmp_path / "x", "--yes")
+    assert_refused(result, "calibration.encoder", "'e.yaml'", "emulated devices", "palpate calibrate encoder")
+
+
+def test_the_emulated_devices_take_it(arm, tmp_path):
+    short = ("--speed-mm-s", 100, "--hold-s", 0.05, "--online", "none")
+    result = run("probe", "--robot", arm, "--wire", "-o", tmp_path / "x.mcap", *short)
+    assert result.exit_code == 0, result.stderr
+    assert "encoder" in run("info", tmp_path / "x.mcap", "--json").stdout
+
+
+def test_so_does_the_doctor(arm):
+    assert run("doctor", "--robot", arm, "--wire").exit_code == 0
+    result = run("doctor", "--robot", arm)
+    assert result.exit_code == 2
+    assert "emulated devices" in result.stderr
+
+
+def test_a_simulated_robots_says_so_too(tmp_path):
+    options = ("--pose", "home", "-o", tmp_path / "e.yaml", "--session", tmp_path / "e.mcap")
+    assert run("calibrate", "encoder", *options).exit_code == 0
+    assert load_calibration(tmp_path / "e.yaml").source == "simulated"

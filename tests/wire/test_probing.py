@@ -11,7 +11,7 @@ from control.loop.tick_record import tick_stream
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from estimation.data.channels import session_channels
-from palpate.findings.estimation_run import estimate_with
+from estimation.study.estimates import estimate_with
 from robot_io import Session, SessionMetadata, SessionWriter
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue

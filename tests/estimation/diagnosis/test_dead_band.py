@@ -9,9 +9,9 @@ from estimation.diagnosis.judged import Judged
 from estimation.effects import EFFECTS
 from estimation.effects.contact_offset import ContactOffset
 from estimation.model import Model
-from estimation.revision import revise
 from tests.estimation.diagnosis.test_robot import ARM
 from tests.estimation.diagnosis.test_true_force import EVERY, STIFFNESS_N_M, WIDTH_N, pressing
+from tests.estimation.fits import fits
 
 SPRING = (EFFECTS["stiffness"](), EFFECTS["damping"](), ContactOffset())
 KELVIN_VOIGT = Model("kelvin_voigt", SPRING)
@@ -47,7 +47,7 @@ def test_the_contact_is_judged_again_under_the_sensor_that_the_joint_shows(seen)
 
 def test_what_is_refitted_stage_by_stage_has_that_width_too(seen):
     contact = again(seen)[0]
-    last = revise(contact.data, contact.model, ["deadband"], EVERY)[-1]
+    last = fits(contact.data, contact.model, ["deadband"], EVERY)[-1]
     width = contact.found.accepted[0].parameters["width"].value
     assert last.parameters["deadband.width"].value == pytest.approx(width)
     assert last.parameters["stiffness.k"].value == pytest.approx(STIFFNESS_N_M, rel=0.01)
@@ -72,7 +72,7 @@ def fail(*_):
 def test_an_effect_of_known_width_stays_there_and_finds_its_way_from_nothing(seen):
     marked = swallowing(seen[0].data, WIDTH_N, 0.01)
     known = EFFECTS["deadband"]().suited_to(marked)
-    (base,) = revise(marked, Model("known", (*SPRING, known)), ())
+    (base,) = fits(marked, Model("known", (*SPRING, known)), ())
     width = base.parameters["deadband.width"]
     assert (width.value, width.std_err) == (WIDTH_N, 0.01)
     assert base.parameters["stiffness.k"].value == pytest.approx(STIFFNESS_N_M, rel=0.01)
@@ -84,6 +84,6 @@ def test_how_deep_the_surface_lies_is_no_surer_than_the_width_that_was_told(seen
     for std_err_n in (0.0, 0.05):
         marked = swallowing(seen[0].data, WIDTH_N, std_err_n)
         offsets.append(
-            revise(marked, KELVIN_VOIGT, ["deadband"], FEW)[-1].parameters["contact_offset.offset"]
+            fits(marked, KELVIN_VOIGT, ["deadband"], FEW)[-1].parameters["contact_offset.offset"]
         )
     assert offsets[1].std_err == pytest.approx(np.hypot(offsets[0].std_err, 0.05 / STIFFNESS_N_M), rel=0.05)

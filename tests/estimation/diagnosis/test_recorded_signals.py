@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from estimation.base_model import ModelContext
-from estimation.comparison import compare
 from estimation.diagnosis import Verdict, diagnose
 from estimation.models import MODELS
-from estimation.revision import revise
 from robot_io.errors import InputError
-from tests.estimation.presses import session
+from tests.estimation.diagnosis.presses import session
+from tests.estimation.fits import compare, fits
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 
@@ -46,7 +45,7 @@ def test_an_object_that_softens_with_warmth_is_an_effect_that_depends_on_the_rec
 
 
 def test_runs_that_differ_for_no_known_reason_are_no_noise_of_a_revision():
-    revisions = revise(softened(session(11)), MODEL, ["cubic_stiffness"])
+    revisions = fits(softened(session(11)), MODEL, ["cubic_stiffness"])
     assert all(0.04 < revision.noise_floor < 0.5 * revision.rmse for revision in revisions)
 
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.comparison import compare
 from estimation.diagnosis import Verdict, diagnose
 from estimation.fit.standing import stand
 from estimation.diagnosis.judgement.unlike_noise import unlike_noise
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.diagnosis.test_diagnose import MODEL
+from tests.estimation.fits import compare
 
 
 def humming(t, x, v, run):

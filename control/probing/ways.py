@@ -1,0 +1,196 @@
+"""Routes in free air that stay above the object, and the swings before a run.
+
+Joints that move in proportion swing the tip on an arc. Between two targets it bulges by up to centimetres,
+more than a tool is lifted between runs: where the tip would dip, it goes up first.
+
+A press moves the joints little and reverses them under load only. What friction, a gap, a lag and a weight
+each leave in a joint's torque differs when it reverses in free air, and at two speeds: so the arm may swing
+up from the start of the approach and back down, slowly and fast.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from control.arm.inverse_kinematics import PlanarArm
+from control.arm.rigid_body import RigidBody
+from control.paths.trajectory import JointPath
+from control.probing.plan import ProbingPlan
+from control.probing.sites import ProbingSite
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+_STEPS = 40  # places on a route, and moments of a swing, that are looked at
+_KEPT_SHARE = 0.5  # of the clearance between tool and object, on the route as well
+_MOST_LIFTS = 5  # that are tried
+_LIFT_MARGIN_M = 0.002
+_ROUNDING_M = 1e-6
+
+
+class Place(NamedTuple):
+    """Where a route begins or ends: joint positions (3,) [rad], and the target whose approach starts there.
+
+    Without a site the tip cannot be lifted along a press line.
+    """
+
+    position_rad: FloatArray
+    site: ProbingSite | None = None
+
+
+class Route(NamedTuple):
+    """Points (3,) [rad], at rest in between, and how far its lowest place is too low, 0 if it is not [m]."""
+
+    points_rad: tuple[FloatArray, ...]
+    too_low_m: float
+
+    def problem(self, where: str) -> str:
+        """That it is too low, in words, and what would help."""
+        return (
+            f"on the way {where} the tip would come {1e3 * self.too_low_m:.1f} mm too near to the object and "
+            "cannot be lifted more: give targets nearer to each other, or more approach_clearance_m and "
+            "retract_m"
+        )
+
+    def refuse_if_low(self, where: str) -> None:
+        """Raise `InputError` if it is too low."""
+        if self.too_low_m > 0.0:
+            raise InputError(self.problem(where))
+
+
+class Swing(NamedTuple):
+    """Half a swing, up or down: its start, points (3,) from there on [rad], and its fastest joint's speed."""
+
+    start: Place
+    points_rad: tuple[FloatArray, ...]
+    speed_rad_s: float
+
+
+class Routes:
+    """Finds routes and swings for a plan, whose press direction is "down"."""
+
+    def __init__(self, arm: PlanarArm, plan: ProbingPlan) -> None:
+        self._arm, self._plan = arm, plan
+        u, w, _ = arm.plane_direction(np.array(plan.press_direction_world))
+        self._down = np.array((u, w))
+        self._spare_m = (1.0 - _KEPT_SHARE) * min(plan.retract_m, plan.approach_clearance_m)
+        self._shares = np.linspace(0.0, 1.0, _STEPS)[:, None]
+
+    def find(self, start: Place, end: Place) -> Route:
+        """The route with the least lifting that keeps clear of the object, or the highest there is.
+
+        Between two targets the higher one counts; to or from any other place, the lower end.
+        """
+        ends = (start, end)
+        depths_m = self._depths_m(np.array([start.position_rad, end.position_rad]))
+        top_m = float(depths_m.min() if start.site and end.site else depths_m.max())
+        best, level_m = self._at_level(ends, math.inf, top_m), top_m
+        for _ in range(_MOST_LIFTS):
+            if best.too_low_m <= 0.0:
+                break
+            route = self._at_level(ends, level_m, top_m)
+            level_m -= max(route.too_low_m, 0.0) + _LIFT_MARGIN_M
+            best = min(best, route, key=lambda found: found.too_low_m)
+        return best
+
+    def check(self, start: Place, sites: Sequence[ProbingSite]) -> None:
+        """Refuse with `InputError` if the tip comes too near to where an object is expected.
+
+        Looks at the routes from the start to all sites in turn and back.
+        """
+        here, where = start, ""
+        for number, site in enumerate(sites, 1):
+            here, before = Place(site.joint_position_rad(here.position_rad), site), here
+            where = f"target {number}"
+            self.find(before, here).refuse_if_low(f"to {where}")
+        self.find(here, start).refuse_if_low(f"back from {where}")
+
+    def swings_at(self, site: ProbingSite, near_rad: FloatArray) -> list[Swing]:
+        """All swings before a run at a site; none if the plan has none, or the way up is too near the object.
+
+        They begin and end where the next approach starts; `near_rad` are present joint positions, (3,) [rad].
+        """
+        if not self._plan.free_air_swing_m:
+            return []
+        low, up = self._way_up(site, near_rad)
+        if up.too_low_m > 0.0:
+            return []
+        halves = ((low, up.points_rad), (Place(up.points_rad[-1], site), up.points_rad[::-1]))
+        return [Swing(*half, speed) for speed in self._plan.free_air_swing_speeds_rad_s for half in halves]
+
+    def check_swings(
+        self,
+        sites: Sequence[ProbingSite],
+        near_rad: FloatArray,
+        body: RigidBody,
+        torque_limits_nm: FloatArray | None,
+    ) -> None:
+        """Refuse with `InputError` swings for which the arm lacks room or torque, or that touch the object.
+
+        `near_rad` are the present joint positions, torque limits hold for each joint (None: any), (3,) each.
+        """
+        plan = self._plan
+        if not plan.free_air_swing_m:
+            return
+        for number, site in enumerate(sites, 1):
+            what = f"free_air_swing_m {plan.free_air_swing_m:g} m: at target {number}"
+            if site.lift_room_m < plan.free_air_swing_m - _ROUNDING_M:
+                raise InputError(
+                    f"{what} the arm can be lifted by {1e3 * site.lift_room_m:.0f} mm only within its joint "
+                    f"limits; at most {site.lift_room_m:.3g} m"
+                )
+            low, up = self._way_up(site, near_rad)
+            up.refuse_if_low(f"up from target {number}")
+            near_rad = low.position_rad
+            if torque_limits_nm is not None:
+                _check_torques(what, up.points_rad, plan, body, torque_limits_nm)
+
+    def _way_up(self, site: ProbingSite, near_rad: FloatArray) -> tuple[Place, Route]:
+        low = Place(site.joint_position_rad(near_rad), site)
+        high_rad = site.lifted_rad(self._plan.free_air_swing_m, low.position_rad)
+        return low, self.find(low, Place(high_rad))
+
+    def _at_level(self, ends: tuple[Place, Place], level_m: float, top_m: float) -> Route:
+        """The route whose ends are lifted to a level [m] where they are lower, and the site allows it."""
+        start, end = ends
+        up, over = self._lifted_rad(start, level_m), self._lifted_rad(end, level_m)
+        across = up + self._shares * (over - up)
+        too_low_m = float(self._depths_m(across).max()) - top_m - self._spare_m
+        points = [start.position_rad]
+        points += [up] if up is not start.position_rad else []
+        points += [over] if over is not end.position_rad else []
+        return Route((*points, end.position_rad), max(too_low_m, 0.0))
+
+    def _lifted_rad(self, place: Place, level_m: float) -> FloatArray:
+        if place.site is None:
+            return place.position_rad
+        lift_m = float(self._depths_m(place.position_rad[None])[0]) - level_m
+        if lift_m <= _ROUNDING_M:
+            return place.position_rad
+        return place.site.lifted_rad(lift_m, place.position_rad)
+
+    def _depths_m(self, position_rad: FloatArray) -> FloatArray:
+        """How far down the tip is, shape (k,) [m], for joint positions of shape (k, 3) [rad]."""
+        return np.asarray(self._arm.tips_in_plane(position_rad) @ self._down)
+
+
+def _check_torques(
+    what: str,
+    points_rad: Sequence[FloatArray],
+    plan: ProbingPlan,
+    body: RigidBody,
+    torque_limits_nm: FloatArray,
+) -> None:
+    speed_rad_s = max(plan.free_air_swing_speeds_rad_s)
+    for points in (points_rad, points_rad[::-1]):
+        path = JointPath(points, speed_rad_s, plan.joint_acceleration_rad_s2)
+        for time_s in np.linspace(0.0, path.duration_s, _STEPS):
+            torque_nm = np.abs(body.inverse_dynamics(*path.at(float(time_s))))
+            joint = int((torque_nm / torque_limits_nm).argmax())
+            if torque_nm[joint] > torque_limits_nm[joint]:
+                raise InputError(
+                    f"{what} joint {joint + 1} would need {torque_nm[joint]:.3g} N m, its limit is "
+                    f"{torque_limits_nm[joint]:g} N m (limits.torque_nm): swing less far or slower, or with "
+                    "less joint_acceleration_rad_s2"
+                )

@@ -1,0 +1,28 @@
+"""One study of one measurement."""
+
+from estimation.study.channels import StudyChannel
+from estimation.study.comparison import Comparison, Comparisons, Part
+from estimation.study.engine import Fitted
+from estimation.study.estimates import ChannelEstimates
+from estimation.study.results import Change, ChannelResult, Stage, StudyDiagnosis
+from estimation.study.revisions import Revision, Revisions
+from estimation.study.source import Arm, Source
+from estimation.study.study import Study
+
+__all__ = [
+    "Arm",
+    "Change",
+    "ChannelEstimates",
+    "ChannelResult",
+    "Comparison",
+    "Comparisons",
+    "Fitted",
+    "Part",
+    "Revision",
+    "Revisions",
+    "Source",
+    "Stage",
+    "Study",
+    "StudyChannel",
+    "StudyDiagnosis",
+]

@@ -1,0 +1,149 @@
+"""The channels of a study, each with its base model and the hash by which its data is known."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import Effect
+from estimation.model import Model
+from estimation.models import MODELS
+from estimation.study.source import Arm, Source
+from robot_io.errors import InputError
+
+CONTACT_MODEL = "kelvin_voigt"
+ARM_MODEL = "rigid_body"
+FITTED_ARM_MODEL = "rigid_body_fitted"
+LOOSE_JOINT_MODEL = "inertia"
+ALL_CHANNELS = "all"
+_IN_WORDS = {
+    ChannelKind.CONTACT: "contact",
+    ChannelKind.PRISMATIC: "prismatic joint",
+    ChannelKind.REVOLUTE: "revolute joint",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class StudyChannel:
+    """One channel with its base model.
+
+    Attributes:
+        data: with the signals that the model needs.
+        model: the base model, as built for this channel.
+        sha256: of all arrays as they were measured and, for a joint, of the arm.
+    """
+
+    data: ChannelData
+    model: Model
+    sha256: str
+
+    @property
+    def name(self) -> str:
+        """Such as "contact" or "joint_1"."""
+        return self.data.name
+
+    @property
+    def effort_unit(self) -> str:
+        """Unit of all errors."""
+        return self.data.kind.effort_unit
+
+    def __repr__(self) -> str:
+        samples, runs = len(self.data), len(self.data.runs)
+        return f"{self.name}: {self.model.name}, {runs} runs, {samples} samples, {self.sha256[:12]}"
+
+
+def channel_of(data: ChannelData, model: str, arm: Arm) -> StudyChannel:
+    """A channel with a base model.
+
+    Raises:
+        InputError: the model is unknown, or lacks something.
+    """
+    base, context = MODELS[model](), arm.context_of(data)
+    built = base.build(context)
+    return StudyChannel(base.prepare(data, context), built, data_sha256(data, arm))
+
+
+def usual_model(channel: ChannelData, arm: Arm) -> str:
+    """The model that one would start from: a spring and damper, or the arm as its URDF has it."""
+    if channel.kind is ChannelKind.CONTACT:
+        return CONTACT_MODEL
+    return ARM_MODEL if arm.urdf else LOOSE_JOINT_MODEL
+
+
+def model_to_estimate(source: Source, model: str | None) -> dict[str, str]:
+    """Models to estimate by channel: of contacts where there are any or were to be, else of joints.
+
+    Raises:
+        InputError: the model is unknown, or describes none of the channels.
+    """
+    contacts = any(channel.kind is ChannelKind.CONTACT for channel in source.channels)
+    if model is None and (contacts or source.probed):
+        model = CONTACT_MODEL
+    if model is not None:
+        return {channel.name: model for channel in described_by(source, model)}
+    joints = FITTED_ARM_MODEL if source.arm.urdf else LOOSE_JOINT_MODEL
+    return {channel.name: joints for channel in source.channels}
+
+
+def described_by(source: Source, model: str) -> tuple[ChannelData, ...]:
+    """The channels that a base model describes.
+
+    Raises:
+        InputError: there is no such model, or it describes none of the channels.
+    """
+    kinds = MODELS[model].channels
+    found = tuple(channel for channel in source.channels if channel.kind in kinds)
+    if found:
+        return found
+    wanted = " or ".join(_IN_WORDS[kind] for kind in sorted(kinds))
+    there = ", ".join(f"{channel.name} ({channel.kind})" for channel in source.channels)
+    hint = "." if source.session is None or ChannelKind.CONTACT not in kinds else "; was anything touched?"
+    valid = [n for n in MODELS if MODELS[n].channels & {channel.kind for channel in source.channels}]
+    raise InputError(
+        f"{source.path or source.name}: model '{model}' describes a {wanted}, its channels are: "
+        f"{there}{hint} Choose with --model: {', '.join(valid)}"
+    )
+
+
+def unapplicable(effect: Effect, data: ChannelData) -> str:
+    """Why an effect cannot be in a channel, in a few words; empty where it can."""
+    if effect.applies_to(data):
+        return ""
+    lacking = [signal for signal in effect.needs if signal not in data.context]
+    which = "this" if data.kind in effect.channels else f"a {data.kind.value}"
+    why = f"needs {', '.join(lacking)}" if lacking else f"is not for {which} channel"
+    return f"effect '{effect.name}' {why} (channel '{data.name}')"
+
+
+def data_sha256(data: ChannelData, arm: Arm) -> str:
+    """SHA-256 of all that a fit depends on but its model: arrays, and for a joint the arm."""
+    digest = hashlib.sha256()
+    _feed(digest, data)
+    if data.kind is not ChannelKind.CONTACT:
+        _feed(digest, (arm.urdf, arm.tip_frame, arm.gravity_m_s2))
+    return digest.hexdigest()
+
+
+def _feed(digest: "hashlib._Hash", value: object) -> None:
+    """Each value with its type and size, so that no two different ones are fed the same bytes."""
+    match value:
+        case np.ndarray():
+            digest.update(f"{value.dtype.str}{value.shape}".encode())
+            digest.update(np.ascontiguousarray(value).tobytes())
+        case Mapping():
+            _feed(digest, [(key, value[key]) for key in sorted(value)])
+        case frozenset():
+            _feed(digest, sorted(value))
+        case str():
+            digest.update(f"{len(value)}:{value}".encode())
+        case Sequence():
+            digest.update(f"[{len(value)}".encode())
+            for one in value:
+                _feed(digest, one)
+        case _ if is_dataclass(value):
+            for field in fields(value):
+                _feed(digest, (field.name, getattr(value, field.name)))
+        case _:
+            digest.update(f"{type(value).__name__}={value!r};".encode())

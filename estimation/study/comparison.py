@@ -1,0 +1,195 @@
+"""Model against measurement: how large the held-out error is, and in which part of the data."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.estimate import ParameterEstimate
+from estimation.study.engine import Fitted
+from estimation.study.html import html_table
+from estimation.study.split import splits
+from robot_io.types import BoolArray, FloatArray
+
+AT_FLOOR = 1.1  # times the noise floor, below which an error passes for noise
+_MOST_SPLITS = 3  # that are put into words
+
+
+@dataclass(frozen=True)
+class Part:
+    """The error in one part of the data.
+
+    Attributes:
+        label: such as "moving in" or "0.01 to 0.05 m/s".
+        samples: how many.
+        rmse: root mean square of the residual.
+        mean: mean of the residual; positive where the measurement is above the model.
+        energy: share of the whole squared error.
+        excess: rmse over the noise floor.
+    """
+
+    label: str
+    samples: int
+    rmse: float
+    mean: float
+    energy: float
+    excess: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A fitted model beside a measurement.
+
+    Attributes:
+        channel: its name.
+        effort_unit: unit of all errors.
+        model: its name, with the effects that were added.
+        fitted: the model; what it leaves is on runs that the fit has not seen.
+        noise_floor: of the channel, whatever the model: see `Study.noise_floor`.
+        parts: by way of splitting (phase, run, direction, speed, depth or position, effort, load).
+        words: how far off the model is, and where first, in sentences.
+    """
+
+    channel: str
+    effort_unit: str
+    model: str
+    fitted: Fitted
+    noise_floor: float
+    parts: Mapping[str, tuple[Part, ...]]
+    words: tuple[str, ...]
+
+    @property
+    def rmse(self) -> float:
+        """Error in held-out runs."""
+        return self.fitted.rmse
+
+    @property
+    def lack_of_fit(self) -> float:
+        """Error over noise floor: 1 where nothing is missing."""
+        return self.rmse / self.noise_floor if self.noise_floor > 0.0 else float("inf")
+
+    @property
+    def parameters(self) -> Mapping[str, ParameterEstimate]:
+        """By "effect.parameter"."""
+        return self.fitted.parameters
+
+    @property
+    def judged(self) -> BoolArray:
+        """Samples that count in the error, shape (n,)."""
+        return self.fitted.judged
+
+    @property
+    def not_judged(self) -> str:
+        """How many samples the error says nothing of, in a sentence; empty where it is about all."""
+        count, whole = int(np.count_nonzero(~self.judged)), len(self.judged)
+        if not count:
+            return ""
+        return (
+            f"{count:,} of {whole:,} samples ({100 * count / whole:.1f} %) are not judged: a joint at rest, "
+            "the border of a contact, the end of a run, or a reading that is not fit for use."
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (by, part.label, f"{part.rmse:.3g}", f"{part.mean:+.2g}", f"{part.excess:.1f}")
+            for by, parts in self.parts.items()
+            for part in parts
+        ]
+        unit = self.effort_unit
+        caption = f"{self.model} beside {self.channel}. {' '.join(self.words[:1])} {self.not_judged}"
+        return html_table(caption, ("by", "where", f"rmse [{unit}]", f"mean [{unit}]", "x floor"), rows)
+
+
+@dataclass(frozen=True)
+class Comparisons:
+    """The channels of a study beside their models.
+
+    Attributes:
+        channels: one for each channel that can be judged.
+        failures: why the others cannot, by name.
+    """
+
+    channels: tuple[Comparison, ...]
+    failures: Mapping[str, str]
+
+    def __getitem__(self, channel: str) -> Comparison:
+        """The comparison of one channel.
+
+        Raises:
+            KeyError: there is none.
+        """
+        return {one.channel: one for one in self.channels}[channel]
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                one.channel,
+                one.model,
+                f"{one.rmse:.3g} {one.effort_unit}",
+                f"{one.lack_of_fit:.2f}",
+                one.not_judged,
+            )
+            for one in self.channels
+        ]
+        rows += [(name, "", "", "", why) for name, why in self.failures.items()]
+        columns = ("channel", "model", "held-out error", "x noise floor", "not judged")
+        return html_table("Models beside the measurement", columns, rows)
+
+
+def compare(fitted: Fitted, model: str, noise_floor: float) -> Comparison:
+    """Put a fitted model beside the measurement, and split the error.
+
+    Args:
+        fitted: the model.
+        model: its name, with the effects that were added.
+        noise_floor: of the channel, in the unit of the effort.
+    """
+    data, unit = fitted.data, fitted.data.kind.effort_unit
+    parts = _parts(fitted, noise_floor)
+    words = _words(fitted.rmse, noise_floor, parts, unit)
+    return Comparison(data.name, unit, model, fitted, noise_floor, parts, words)
+
+
+def _parts(fitted: Fitted, floor: float) -> dict[str, tuple[Part, ...]]:
+    """The error by each way of splitting that leaves more than one part with samples."""
+    found = {}
+    for by, masks in splits(fitted.data).items():
+        every = (_part(label, fitted.residual, mask & fitted.judged, floor) for label, mask in masks.items())
+        occupied = tuple(part for part in every if part is not None)
+        if len(occupied) > 1:
+            found[by] = occupied
+    return found
+
+
+def _part(label: str, residual: FloatArray, mask: BoolArray, floor: float) -> Part | None:
+    own = residual[mask]
+    if not len(own):
+        return None
+    size = float(np.sqrt(np.mean(own**2)))
+    energy = float(np.sum(own**2) / np.nansum(residual**2))
+    excess = size / floor if floor > 0.0 else float("inf")
+    return Part(label, len(own), size, float(own.mean()), energy, excess)
+
+
+def _words(error: float, floor: float, parts: Mapping[str, tuple[Part, ...]], unit: str) -> tuple[str, ...]:
+    """The overall judgement, then the splits in which the error is most uneven."""
+    if error < AT_FLOOR * floor:
+        return (f"The error of {error:.3g} {unit} is noise: the noise floor is {floor:.3g} {unit}.",)
+    times = error / floor if floor > 0.0 else float("inf")
+    said = [f"The error of {error:.3g} {unit} is {times:.1f} times the noise floor of {floor:.3g} {unit}."]
+    for by in sorted(parts, key=lambda by: -_contrast(parts[by]))[:_MOST_SPLITS]:
+        worst = max(parts[by], key=lambda part: part.rmse)
+        side = "above" if worst.mean > 0.0 else "below"
+        said.append(
+            f"By {by}, it is largest at {worst.label}: {worst.rmse:.3g} {unit}, the measurement "
+            f"{abs(worst.mean):.3g} {unit} {side} the model on average."
+        )
+    return tuple(said)
+
+
+def _contrast(parts: tuple[Part, ...]) -> float:
+    """How unevenly the error is spread over the parts."""
+    sizes = np.array([part.rmse for part in parts])
+    means = np.array([part.mean for part in parts])
+    whole = float(np.sqrt(np.mean(sizes**2))) or 1.0
+    return float((np.std(sizes) + np.std(means)) / whole)

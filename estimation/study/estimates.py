@@ -1,0 +1,146 @@
+"""Parameters of a channel by every estimator."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.estimate import Estimate
+from estimation.estimate_channel import estimate_channel, fitting_rows
+from estimation.estimators import ESTIMATORS
+from estimation.model import Model
+from estimation.models import MODELS
+from estimation.study.html import html_table
+from estimation.study.source import NO_ARM, Arm
+from estimation.surface import Surface
+from robot_io.errors import InputError
+from robot_io.types import BoolArray, FloatArray
+
+BEST = ("robust", "weighted", "lsq")  # whose estimate is shown where there is room for one
+MOST = 0.8  # of the samples
+ALL = "all"
+SEED = 1  # of the random choices of RANSAC
+OFFSET = "contact_offset.offset"
+
+
+@dataclass(frozen=True)
+class ChannelEstimates:
+    """One channel with what the estimators made of it.
+
+    Attributes:
+        channel: all samples.
+        rows: samples that were fitted, shape (n,).
+        model: what was fitted.
+        estimates: one for each estimator that could work on these samples; at least one.
+        failures: why the others could not, by name.
+    """
+
+    channel: ChannelData
+    rows: BoolArray
+    model: Model
+    estimates: tuple[Estimate, ...]
+    failures: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def best(self) -> Estimate:
+        """The first of `BEST` that was asked for and used most of the samples, or the first of all.
+
+        A robust method that sets many samples aside says that the model is wrong, not that they are.
+        """
+        by_name = {estimate.estimator: estimate for estimate in self.estimates}
+        ranked = [by_name[name] for name in BEST if name in by_name]
+        trusted = [estimate for estimate in ranked if np.mean(estimate.inliers) >= MOST]
+        return (trusted or ranked or list(self.estimates))[0]
+
+    def surface_of(self, estimate: Estimate) -> Surface | None:
+        """The surface as this estimate has it, not below the touch; None where depth was given."""
+        surface = self.channel.surface
+        if surface is None:
+            return None
+        offset = next((parameter for parameter in estimate.parameters if parameter.name == OFFSET), None)
+        if offset is None:
+            return surface
+        std_err_m = offset.std_err if np.isfinite(offset.std_err) else surface.std_err_m
+        position_m = min(surface.position_m + offset.value, surface.deepest_m)
+        return replace(surface, position_m=position_m, std_err_m=std_err_m)
+
+    def prediction(self) -> FloatArray:
+        """The best estimate's effort for the whole channel, shape (n,)."""
+        return self.model.predict(self.channel, {p.name: p.value for p in self.best.parameters})
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (one.estimator, p.name, f"{p.value:.5g} {p.unit}", f"{p.interval[0]:.5g} to {p.interval[1]:.5g}")
+            for one in self.estimates
+            for p in one.parameters
+        ]
+        columns = ("estimator", "parameter", "value", "95 % interval")
+        return html_table(f"{self.model.name} of {self.channel.name}", columns, rows)
+
+
+def choose_estimators(names: str) -> list[str]:
+    """Names of estimators from "all" or a list with commas.
+
+    Raises:
+        InputError: one of them is not known.
+    """
+    if names == ALL:
+        return list(ESTIMATORS)
+    chosen = [name.strip() for name in names.split(",") if name.strip()]
+    if not chosen:
+        raise InputError(f"estimator '{names}': give names with commas between them, or {ALL}")
+    if twice := {name for name in chosen if chosen.count(name) > 1}:
+        raise InputError(f"estimator '{names}': {min(twice)} is there twice")
+    return [ESTIMATORS[name].name for name in chosen]
+
+
+def only_runs(channel: ChannelData, runs: Sequence[int] | None) -> ChannelData:
+    """The channel with only these runs; all for None.
+
+    Raises:
+        InputError: the channel has no such run, or a run is there twice.
+    """
+    if runs is None:
+        return channel
+    typed = ",".join(map(str, runs))
+    if len(set(runs)) < len(runs):
+        raise InputError(f"--run {typed}: a run is there twice")
+    if missing := sorted(set(runs) - set(channel.runs.tolist())):
+        there = ", ".join(str(run) for run in channel.runs.tolist()[:20])
+        raise InputError(
+            f"--run {typed}: channel '{channel.name}' has no run {missing[0]}. There are: {there}"
+        )
+    return channel.of_runs(np.array(runs))
+
+
+def estimate_with(
+    channel: ChannelData, model_name: str, estimators: Sequence[str], arm: Arm = NO_ARM
+) -> ChannelEstimates:
+    """Fit one model to one channel with several estimators.
+
+    Args:
+        channel: of a kind that the model describes.
+        model_name: a base model.
+        estimators: names.
+        arm: what the channel belongs to, for models that need it.
+
+    Raises:
+        InputError: the model lacks something or has nothing to estimate, or no estimator can work.
+    """
+    base, context = MODELS[model_name](), arm.context_of(channel)
+    model = base.build(context)
+    if not model.gains:
+        raise InputError(f"model '{model_name}' has no free parameter: there is nothing to estimate")
+    channel = base.prepare(channel, context)
+    rows = fitting_rows(channel)
+    estimates, failures = [], {}
+    for name in estimators:
+        try:
+            rng = np.random.default_rng(SEED)
+            estimates.append(estimate_channel(channel, model, ESTIMATORS[name](), rng=rng, rows=rows))
+        except InputError as error:
+            failures[name] = str(error)
+    if not estimates:
+        raise InputError(next(iter(failures.values())))
+    return ChannelEstimates(channel, rows, model, tuple(estimates), failures)

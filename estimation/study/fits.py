@@ -1,0 +1,184 @@
+"""Models of one measurement, each fitted once."""
+
+from collections.abc import Sequence
+from threading import RLock
+
+from estimation.channel import ChannelData
+from estimation.diagnosis.candidates import library
+from estimation.effect import Effect
+from estimation.effects import EFFECTS
+from estimation.study import engine
+from estimation.study.channels import (
+    ALL_CHANNELS,
+    StudyChannel,
+    channel_of,
+    described_by,
+    unapplicable,
+    usual_model,
+)
+from estimation.study.comparison import Comparison, Comparisons, compare
+from estimation.study.engine import Fitted
+from estimation.study.html import html_table
+from estimation.study.source import Source
+from robot_io.errors import InputError
+
+About = tuple[str, str, str]  # channel, base model, SHA-256 of the data
+_Key = tuple[About, tuple[str, ...]]  # and the effects that were added
+
+
+class Fits:
+    """Models of one measurement, each fitted once and beside the measurement; from any thread.
+
+    Args:
+        source: what was measured.
+        model: base model; None for what suits each channel.
+        effects: of the user's own.
+
+    Raises:
+        InputError: the model is unknown, does not describe the data, or lacks something.
+    """
+
+    def __init__(self, source: Source, model: str | None, effects: Sequence[Effect]) -> None:
+        self.source = source
+        self._model = model
+        self._library = {effect.name: effect for effect in (*library(), *effects)}
+        self._lock = RLock()
+        self._channels: dict[tuple[str, str], StudyChannel] = {}
+        self._fits: dict[_Key, Fitted] = {}
+        self._comparisons: dict[tuple[_Key, float], Comparison] = {}
+        measured = source.channels if model is None else described_by(source, model)
+        self.channels = tuple(self._channel(one, model) for one in measured)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """All effects that are tried: palpate's and the user's own."""
+        return tuple(self._library.values())
+
+    def channel(self, name: str | None = None) -> StudyChannel:
+        """A channel by its name; the only one without.
+
+        Raises:
+            InputError: there is none, or there are several.
+        """
+        chosen = self.chosen(name)
+        if len(chosen) > 1:
+            there = ", ".join(one.name for one in chosen)
+            raise InputError(f"several channels: {there}; choose one with --channel")
+        return chosen[0]
+
+    def chosen(self, name: str | None) -> tuple[StudyChannel, ...]:
+        """The channel of this name; all of them without one, or for "all".
+
+        Raises:
+            InputError: there is none.
+        """
+        chosen = tuple(one for one in self.channels if name in {None, ALL_CHANNELS, one.name})
+        if not chosen:
+            there = ", ".join(one.name for one in self.channels)
+            raise InputError(f"--channel {name}: no such channel. There are: {there}")
+        return chosen
+
+    def with_model(self, name: str, model: str) -> StudyChannel:
+        """A channel with another base model than the study's own.
+
+        Raises:
+            InputError: there is no such channel, or the model is unknown, or lacks something.
+        """
+        data = next((one for one in self.source.channels if one.name == name), None)
+        if data is None:
+            there = ", ".join(one.name for one in self.source.channels)
+            raise InputError(f"channel '{name}' is not there. There are: {there}")
+        return self._channel(data, model)
+
+    def fit(self, channel: StudyChannel | str, effects: Sequence[str] = ()) -> Fitted:
+        """The base model of a channel with effects added in this order; fitted once.
+
+        Raises:
+            InputError: the channel cannot be judged, or an effect is unknown, there, or does not apply.
+        """
+        one = self.channel(channel) if isinstance(channel, str) else channel
+        key = _key(one, effects)
+        with self._lock:
+            if key not in self._fits:
+                self._fits[key] = self._fit(one, list(effects))
+            return self._fits[key]
+
+    def noise_floor(self, channel: StudyChannel | str) -> float:
+        """The error that a complete model would leave, in the unit of the effort.
+
+        Raises:
+            InputError: the channel cannot be judged.
+        """
+        return self.fit(channel).noise_floor
+
+    def compare(self, channel: str | None = None) -> Comparisons:
+        """Put the base models beside the measurement.
+
+        Raises:
+            InputError: there is no such channel, or none can be judged.
+        """
+        found, failures = [], {}
+        for one in self.chosen(channel):
+            try:
+                found.append(self.comparison(one))
+            except InputError as error:
+                failures[one.name] = str(error)
+        if not found:
+            raise InputError(next(iter(failures.values())))
+        return Comparisons(tuple(found), failures)
+
+    def comparison(self, channel: StudyChannel, effects: Sequence[str] = ()) -> Comparison:
+        """One model beside the measurement; see `fit`."""
+        with self._lock:
+            fitted, floor = self.fit(channel, effects), self.noise_floor(channel)
+            key = _key(channel, effects), floor
+            if key not in self._comparisons:
+                name = " + ".join([channel.model.name, *effects])
+                self._comparisons[key] = compare(fitted, name, floor)
+            return self._comparisons[key]
+
+    def _loaded(self, one: StudyChannel) -> ChannelData:
+        """The channel with the signals that a fit derives, such as the load of a joint."""
+        try:
+            return self.fit(one).data
+        except InputError:  # it cannot be judged, which the user is told where it is chosen
+            return one.data
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (one.name, one.model.name, len(one.data.runs), len(one.data), one.sha256[:12])
+            for one in self.channels
+        ]
+        return html_table(self.source.name, ("channel", "base model", "runs", "samples", "SHA-256"), rows)
+
+    @property
+    def _file(self) -> str:
+        return str(self.source.path or self.source.name)
+
+    def _channel(self, data: ChannelData, model: str | None) -> StudyChannel:
+        name = model or usual_model(data, self.source.arm)
+        if (data.name, name) not in self._channels:
+            self._channels[data.name, name] = channel_of(data, name, self.source.arm)
+        return self._channels[data.name, name]
+
+    def _fit(self, one: StudyChannel, effects: list[str]) -> Fitted:
+        if not effects:
+            return engine.fit(one.data, one.model)
+        parent, effect = self.fit(one, effects[:-1]), self._effect(effects[-1])
+        if why := unapplicable(effect, parent.data):
+            raise InputError(why)
+        return engine.fit(one.data, parent.model.with_effect(effect.suited_to(parent.data)), parent)
+
+    def _effect(self, name: str) -> Effect:
+        if name not in self._library:
+            raise InputError(EFFECTS.unknown(name))
+        return self._library[name]
+
+
+def about(channel: StudyChannel) -> About:
+    """What a fit is about but for the effects that were added."""
+    return channel.name, channel.model.name, channel.sha256
+
+
+def _key(channel: StudyChannel, effects: Sequence[str]) -> _Key:
+    return about(channel), tuple(effects)

@@ -1,0 +1,74 @@
+"""Makes a diagnosis state the study's own numbers, so that no other command can state others."""
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+
+from estimation.diagnosis import ChannelDiagnosis
+from estimation.diagnosis.result import Accepted, ParameterValue, Ranked
+from estimation.diagnosis.result import Fitted as FittedEntry
+from estimation.estimate import ParameterEstimate
+from estimation.study.channels import StudyChannel
+from estimation.study.engine import Fitted
+from estimation.study.fits import Fits
+from robot_io.errors import InputError
+
+MOST_RANKED = 5  # candidates that are shown, and so fitted as `add` would
+
+
+def reconcile(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
+    """The answer with errors, parameters and floor from the fits that all other commands show."""
+    if found.baseline is None or found.noise_floor is None:
+        return found
+    names = [entry.effect for entry in found.accepted]
+    fits = [study.fit(channel, names[:count]) for count in range(len(names) + 1)]
+    accepted = [_accepted(*one) for one in zip(found.accepted, fits, fits[1:], strict=False)]
+    last = fits[-1].rmse
+    value = last if found.complete else found.noise_floor
+    times = last / value if value > 0.0 else 1.0
+    floor, left = found.floor, found.remaining
+    return found.model_copy(
+        update={
+            "floor": floor and floor.model_copy(update={"value": value}),
+            "remaining": left and left.model_copy(update={"rmse": last, "times_floor": times}),
+            "noise_floor": value,
+            "baseline": _entry(fits[0]),
+            "final": _entry(fits[-1]),
+            "accepted": accepted,
+            "ranking": _ranking(study, channel, found.ranking),
+        }
+    )
+
+
+def _accepted(entry: Accepted, before: Fitted, after: Fitted) -> Accepted:
+    prefix = f"{entry.effect}."
+    own = {n.removeprefix(prefix): p for n, p in _values(after.parameters).items() if n.startswith(prefix)}
+    return entry.model_copy(
+        update={"rmse_before": before.rmse, "rmse_after": after.rmse, "parameters": own or entry.parameters}
+    )
+
+
+def _ranking(study: Fits, channel: StudyChannel, ranked: Sequence[Ranked]) -> list[Ranked]:
+    """Best first, where the first `MOST_RANKED` have errors of the study's fits."""
+    base, waiting, fitted = study.fit(channel).rmse, list(ranked), list[Ranked]()
+    while waiting and len([one for one in fitted if one.score >= waiting[0].score]) < MOST_RANKED:
+        entry = waiting.pop(0)
+        try:
+            error = study.fit(channel, [entry.effect]).rmse
+        except InputError:  # it cannot be fitted alone
+            error = entry.rmse_held_out
+        score = 1.0 - error / base if base > 0.0 else 0.0
+        fitted.append(entry.model_copy(update={"rmse_held_out": error, "score": score}))
+        if len(fitted) >= 2 * MOST_RANKED:
+            break
+    return [*sorted(fitted, key=lambda entry: entry.rmse_held_out), *waiting]
+
+
+def _entry(fitted: Fitted) -> FittedEntry:
+    return FittedEntry(rmse=fitted.rmse, parameters=_values(fitted.parameters))
+
+
+def _values(parameters: Mapping[str, ParameterEstimate]) -> dict[str, ParameterValue]:
+    return {
+        name: ParameterValue(value=p.value, std_err=p.std_err if isfinite(p.std_err) else None, unit=p.unit)
+        for name, p in parameters.items()
+    }

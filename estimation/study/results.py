@@ -1,0 +1,138 @@
+"""What a study hands out: small frozen objects, which a notebook shows as tables."""
+
+from dataclasses import dataclass
+
+from estimation.diagnosis import ChannelDiagnosis, Diagnosis
+from estimation.estimate import ParameterEstimate
+from estimation.study.channels import StudyChannel
+from estimation.study.comparison import Comparison
+from estimation.study.engine import Fitted
+from estimation.study.html import html_table
+from estimation.study.revisions import Revision
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One stage of a model.
+
+    Attributes:
+        fitted: the model at this stage.
+        added: effect that this stage added; empty for the base model.
+        number: of the revision that it is kept as; None where it is not kept.
+    """
+
+    fitted: Fitted
+    added: str = ""
+    number: int | None = None
+
+    @property
+    def rmse(self) -> float:
+        """Error in held-out runs."""
+        return self.fitted.rmse
+
+    @property
+    def parameters(self) -> dict[str, ParameterEstimate]:
+        """By "effect.parameter"."""
+        return dict(self.fitted.parameters)
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelResult:
+    """One channel with all that is known about it.
+
+    Attributes:
+        channel: the channel and its base model.
+        diagnosis: what is missing; None where nobody asked.
+        comparison: the base model beside the measurement; None where the data cannot be judged.
+        stages: the base model, and one stage for each effect added; empty where the data cannot be judged.
+        grown: the last stage beside the measurement; None where nothing was added.
+        noise_floor: of the channel, by which all its stages are measured; None as for the comparison.
+        reason: why there is no comparison, or why what was added is left out; empty else.
+    """
+
+    channel: StudyChannel
+    diagnosis: ChannelDiagnosis | None = None
+    comparison: Comparison | None = None
+    stages: tuple[Stage, ...] = ()
+    grown: Comparison | None = None
+    noise_floor: float | None = None
+    reason: str = ""
+
+    @property
+    def added(self) -> list[str]:
+        """Effects that were added to the base model, in order."""
+        return [stage.added for stage in self.stages[1:]]
+
+    @property
+    def left_out(self) -> bool:
+        """Whether more was added than is shown; `reason` says why."""
+        return bool(self.stages and self.reason)
+
+    @property
+    def shown(self) -> Comparison | None:
+        """The fullest model beside the measurement."""
+        return self.grown or self.comparison
+
+    def _repr_html_(self) -> str:
+        floor, unit = self.noise_floor or float("nan"), self.channel.effort_unit
+        rows = [
+            (
+                "" if one.number is None else one.number,
+                f"+ {one.added}" if one.added else one.fitted.model.name,
+                f"{one.rmse:.4g} {unit}",
+                f"{one.rmse / floor:.2f}",
+            )
+            for one in self.stages
+        ]
+        caption = f"{self.channel.name}: noise floor {floor:.4g} {unit}. {self.reason}"
+        return html_table(caption, ("revision", "model", "held-out error", "x noise floor"), rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What adding or removing effects did.
+
+    Attributes:
+        result: all stages of the channel, from the base model on.
+        revisions: those that are new.
+        parent: the revision that was continued; None for a new beginning.
+    """
+
+    result: ChannelResult
+    revisions: tuple[Revision, ...]
+    parent: Revision | None
+
+    def _repr_html_(self) -> str:
+        return self.result._repr_html_()
+
+
+class StudyDiagnosis(Diagnosis):
+    """A diagnosis whose errors and parameters are those of the study's own fits."""
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (one.channel, one.verdict, ", ".join(entry.effect for entry in one.accepted), one.reason)
+            for one in self.channels
+        ]
+        return html_table(f"What is missing in {self.model}", ("channel", "verdict", "effects", "why"), rows)
+
+
+class RevisionTable(tuple[Revision, ...]):
+    """Revisions, oldest first."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                one.number,
+                "" if one.parent is None else one.parent,
+                one.channel,
+                " + ".join([one.model, *one.effects]),
+                f"{one.rmse:.4g} {one.effort_unit}",
+                one.created_utc,
+            )
+            for one in self
+        ]
+        columns = ("revision", "from", "channel", "model", "held-out error", "made")
+        return html_table("Revisions", columns, rows)

@@ -1,0 +1,220 @@
+"""Stages of models, kept so that one can go back to any of them: in files, or in memory."""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from estimation.base_model import ModelContext
+from estimation.effects import EFFECTS
+from estimation.models import MODELS
+from robot_io.errors import InputError
+
+FOLDER = "revisions"
+
+
+class KeptParameter(BaseModel):
+    """One parameter; `std_err` is None where the data do not determine it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    value: float
+    std_err: float | None
+    unit: str
+
+
+class Revision(BaseModel):
+    """One stage of one channel's model.
+
+    Attributes:
+        number: of the revision, unique within a study.
+        parent: the revision that it was made of; None for a base model.
+        channel: its name.
+        model: name of the base model.
+        added: effect that this stage added; empty for a base model, and where one was removed.
+        removed: effect that this stage took away again.
+        effects: all beside the base model, in order.
+        user_effects: effects of the user's own among them, as FILE.py:Class.
+        effort_unit: unit of the errors.
+        rmse: error in held-out runs.
+        noise_floor: error that a complete model would leave.
+        parameters: by "effect.parameter".
+        data_sha256: of the channel that it was fitted to.
+        created_utc: when.
+        software_version: by which palpate.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    number: int
+    parent: int | None
+    channel: str
+    model: str
+    added: str
+    removed: str = ""
+    effects: list[str]
+    user_effects: list[str]
+    effort_unit: str
+    rmse: float
+    noise_floor: float
+    parameters: dict[str, KeptParameter]
+    data_sha256: str
+    created_utc: str
+    software_version: str
+
+
+class Revisions:
+    """All revisions of a study; several programs may keep some in one folder, and none is lost.
+
+    Args:
+        folder: where the folder of revisions is or will be; None to keep them in memory.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = None if folder is None else folder / FOLDER
+        self._in_memory: list[Revision] = []
+
+    @property
+    def is_there(self) -> bool:
+        """Whether any revision was ever kept in the folder."""
+        return self._folder is not None and self._folder.is_dir()
+
+    def all(self) -> tuple[Revision, ...]:
+        """Every revision, oldest first.
+
+        Raises:
+            InputError: a file is not a revision.
+        """
+        if self._folder is None:
+            return tuple(self._in_memory)
+        files = self._folder.glob("[0-9]*.json") if self._folder.is_dir() else ()
+        own = [file for file in files if file.stem.isdecimal() and file.name == _name(int(file.stem))]
+        return tuple(_read(file) for file in sorted(own, key=lambda file: int(file.stem)))
+
+    def get(self, number: int) -> Revision:
+        """One revision.
+
+        Raises:
+            InputError: there is no such revision.
+        """
+        known = {revision.number: revision for revision in self.all()}
+        if number not in known:
+            there = ", ".join(str(n) for n in known) or "none yet"
+            raise InputError(f"no revision {number} in {self._folder or 'memory'}. There are: {there}")
+        return known[number]
+
+    def keep(self, make: Callable[[int], Revision]) -> Revision:
+        """Keep one more revision, by the next number that no other program has taken.
+
+        Args:
+            make: the revision with this number.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        number = max((revision.number for revision in self.all()), default=-1) + 1
+        if self._folder is None:
+            self._in_memory.append(make(number))
+            return self._in_memory[-1]
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            while not _write_new(self._folder / _name(number), make(number).model_dump_json(indent=2) + "\n"):
+                number += 1
+        except OSError as error:
+            raise InputError(f"cannot write {self._folder}: {error.strerror or error}") from error
+        return make(number)
+
+
+def own_effects(revisions: Sequence[Revision]) -> list[str]:
+    """All effects of the user's own in these, as FILE.py:Class, each once."""
+    return list(dict.fromkeys(text for revision in revisions for text in revision.user_effects))
+
+
+def _name(number: int) -> str:
+    return f"{number:04d}.json"
+
+
+def _write_new(path: Path, text: str) -> bool:
+    """Write a file, whole or not at all, unless one is there; of several writers, one alone is told True."""
+    unfinished = path.with_name(f".{os.getpid()}.{os.urandom(4).hex()}.part.json")
+    try:
+        unfinished.write_text(text, encoding="utf-8")
+        try:
+            os.link(unfinished, path)
+        except FileExistsError:
+            return False
+        except OSError:  # a file system without links
+            return _renamed(unfinished, path)
+        return True
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _renamed(unfinished: Path, path: Path) -> bool:
+    """Give a file its name while a second file holds that name for this writer; False if it was taken."""
+    taken = path.with_suffix(".taken")
+    try:
+        taken.touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    try:
+        if path.exists():
+            return False
+        unfinished.replace(path)
+        return True
+    finally:
+        taken.unlink()
+
+
+def _read(file: Path) -> Revision:
+    if not file.is_file():  # a pipe might never end
+        raise _damaged(file, "it is no regular file")
+    try:
+        revision = Revision.model_validate_json(file.read_text(encoding="utf-8"))
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise _damaged(file, f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise _damaged(file, "it cannot be read") from error
+    if wrong := next(_flaws(revision, int(file.stem)), None):
+        raise _damaged(file, wrong)
+    return revision
+
+
+def _damaged(file: Path, why: str) -> InputError:
+    return InputError(f"revision {file}: is damaged: {why}; delete it to go on without it")
+
+
+def _flaws(revision: Revision, number: int) -> Iterator[str]:
+    """What makes no sense in a revision, which may have been edited by hand, in a few words each."""
+    if revision.number != number:
+        yield f"its number is {revision.number}"
+    if revision.parent is not None and not 0 <= revision.parent < number:
+        yield f"its parent is {revision.parent}, which is no earlier revision"
+    if revision.model not in MODELS:
+        yield MODELS.unknown(revision.model)
+        return
+    effects = revision.effects
+    last = "" if revision.removed else "".join(effects[-1:])
+    if len(set(effects)) < len(effects) or revision.added != last or revision.removed in effects:
+        yield f"its effects are {', '.join(effects) or 'none'}, and it added '{revision.added}'"
+    unknown = [name for name in effects if name not in EFFECTS]
+    if len(unknown) > len(revision.user_effects):
+        yield EFFECTS.unknown(unknown[-1])
+    if len(unknown) < len(revision.user_effects):
+        return  # one of the user's own has the name of another effect, with parameters of its own
+    if lacking := sorted(_wanted(revision) - set(revision.parameters)):
+        yield f"its parameter {lacking[0]} is missing"
+
+
+def _wanted(revision: Revision) -> set[str]:
+    """Parameters that the base model and all effects have, "effect.parameter"."""
+    names = {*revision.effects, *(name.partition(".")[0] for name in revision.parameters)}
+    fixed = [EFFECTS[name] for name in names if name in EFFECTS]
+    own = {f"{effect.name}.{p.name}" for effect in fixed for p in (*effect.gains, *effect.inner)}
+    try:
+        base = MODELS[revision.model]().build(ModelContext())
+    except InputError:  # needs an arm, which says what parameters there are
+        return own
+    return own | {*base.gains, *base.inner}

@@ -1,0 +1,161 @@
+"""What a study is about: a session, a data file, or measurements that are in memory already."""
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from control.loop.tick_record import STREAM_NAME
+from estimation.base_model import ModelContext
+from estimation.channel import ChannelData
+from estimation.data.channels import is_session, session_channels
+from estimation.data.import_file import Imported, import_file, import_table
+from estimation.data.import_options import ImportOptions
+from estimation.data.table import table_of
+from robot_io.calibration import NO_CALIBRATIONS, parse_calibrations
+from robot_io.errors import InputError
+from robot_io.robot_file import parse_robot_file
+from robot_io.session import Session
+
+NO_OPTIONS = ImportOptions()
+IN_MEMORY = "data"  # what measurements without a file are called
+
+
+@dataclass(frozen=True)
+class Arm:
+    """The arm that was measured.
+
+    Attributes:
+        urdf: text of its URDF, empty where it is not known.
+        tip_frame: the tip's frame in it.
+        origin: where the URDF comes from, for errors.
+        gravity_m_s2: shape (3,), fall acceleration in the axes of its base [m/s^2].
+    """
+
+    urdf: str = ""
+    tip_frame: str = ""
+    origin: str = "URDF text"
+    gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
+
+    def context_of(self, channel: ChannelData) -> ModelContext:
+        """What a base model may need to know beside a channel."""
+        joint = re.fullmatch(r"joint_(\d+)", channel.name)
+        return ModelContext(
+            joint=int(joint[1]) - 1 if joint else None,
+            urdf=self.urdf,
+            tip_frame=self.tip_frame,
+            urdf_origin=self.origin,
+            gravity_m_s2=self.gravity_m_s2,
+            surface_found=channel.surface is not None,
+        )
+
+
+NO_ARM = Arm()
+
+
+@dataclass(frozen=True)
+class Source:
+    """What was measured.
+
+    Attributes:
+        name: of the file, for people.
+        channels: efforts with their motion, as they were measured.
+        arm: what the channels belong to.
+        path: session or data file; None for measurements in memory.
+        session: None if it is none.
+        unused: columns of numbers that nothing was made of.
+    """
+
+    name: str
+    channels: tuple[ChannelData, ...]
+    arm: Arm = NO_ARM
+    path: Path | None = None
+    session: Session | None = None
+    unused: tuple[str, ...] = ()
+
+    @property
+    def probed(self) -> bool:
+        """Whether an arm was to touch something."""
+        return self.session is not None and STREAM_NAME in self.session.stream_names
+
+    def tared(self) -> tuple[ChannelData, ...]:
+        """The channels with the force in free air taken off that of a probing, which a stiffness needs."""
+        return self.channels if self.session is None else session_channels(self.session, tared=True)
+
+
+def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None = None) -> Source:  # noqa: ANN401
+    """Read whatever a user has.
+
+    Args:
+        data: path of a session or data file; a table (pandas, pyarrow, or a dict of arrays (n,)), whose
+            columns are called as those of a file; one channel or several.
+        options: how to read a file or table; none for a session or channels.
+        arm: what the channels belong to, where the data does not say or the user knows better.
+
+    Raises:
+        InputError: it cannot be used.
+    """
+    source = _read(data, options)
+    return source if arm is None else replace(source, arm=arm)
+
+
+def _read(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
+    match data:
+        case Source():
+            return data
+        case str() | os.PathLike():
+            return _of_file(Path(data), options)
+        case ChannelData():
+            return Source(IN_MEMORY, (data,))
+        case list() | tuple() if data and all(isinstance(one, ChannelData) for one in data):
+            return Source(IN_MEMORY, tuple(data))
+    imported = import_table(table_of(_arrow(data), Path(IN_MEMORY)), options)
+    return Source(IN_MEMORY, imported.channels, unused=imported.unused)
+
+
+def _of_file(path: Path, options: ImportOptions) -> Source:
+    if not is_session(path):
+        imported: Imported = import_file(path, options)
+        return Source(path.name, imported.channels, path=path, unused=imported.unused)
+    if options != NO_OPTIONS:
+        raise InputError(
+            f"{path}: is a session; --column, --unit, --where, --context and --fresh-runs are for data files"
+        )
+    session = Session.open(path)
+    return Source(path.name, session_channels(session), arm_of(session), path, session)
+
+
+def _arrow(data: Any) -> pa.Table:  # noqa: ANN401
+    """A table of any library: by Arrow's own interface, else column by column."""
+    names = list(data) if isinstance(data, Mapping) else list(getattr(data, "columns", ()))
+    try:
+        if isinstance(data, pa.Table):
+            return data
+        if hasattr(data, "__arrow_c_stream__"):
+            return pa.table(data)
+        if names:
+            return pa.table({str(name): pa.array(np.asarray(data[name])) for name in names})
+    except (pa.ArrowException, TypeError, ValueError) as error:
+        raise InputError(f"{IN_MEMORY}: is no table: {' '.join(str(error).split())[:200]}") from error
+    raise InputError(
+        f"data of type {type(data).__name__}: give the path of a session or data file, a table "
+        "(pandas, pyarrow, or a dict of arrays), or channels"
+    )
+
+
+def arm_of(session: Session) -> Arm:
+    """The arm as the session keeps it.
+
+    Raises:
+        InputError: its copy of the robot file is not valid.
+    """
+    text = session.metadata.robot_file
+    tip_frame = parse_robot_file(text, f"{session.path}, its robot file").tip_frame if text else ""
+    calibrations = parse_calibrations(session.metadata.calibration, f"{session.path}, its calibration")
+    origin = f"{session.path}, its URDF"
+    return Arm(session.metadata.urdf, tip_frame, origin, calibrations.gravity_base_m_s2)

@@ -1,1 +1,0 @@
-"""Arms: where they are found, emulated, probed, calibrated."""

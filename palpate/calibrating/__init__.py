@@ -1,1 +1,0 @@
-"""Calibrations of an arm from the command line: its bench, the runs, and what comes of them."""

@@ -1,0 +1,199 @@
+"""This machine: interpreter and packages, simulation, and what a real arm needs.
+
+Simulation needs nothing of the last, so that nothing there is a failure.
+"""
+
+import os
+import re
+import resource
+import sys
+from collections.abc import Callable, Iterator
+from importlib import metadata
+from pathlib import Path
+
+from palpate import preflight
+from palpate.doctor.finding import Finding, Level, fail, graded, ok, warn
+from palpate.doctor.viewer import rerun, viewer_port
+
+CONSTRAINTS = Path(__file__).resolve().parents[2] / "constraints.txt"
+GRAVITY = 9.81  # [m/s2]
+ARPHRD_CAN = "280"  # kernel's hardware type of a CAN interface, include/uapi/linux/if_arp.h
+USB_LATENCY_MS = 1
+_WARN, _FAIL = Level.WARN, Level.FAIL
+DIALOUT = "sudo usermod -aG dialout $USER, log in again"
+RIGHTS = (
+    "add '@realtime - rtprio 95' and '@realtime - memlock unlimited' to /etc/security/limits.conf, "
+    "join the group 'realtime', log in again"
+)
+
+
+def python() -> Iterator[Finding]:
+    """CPython 3.11, in an environment of its own."""
+    version = ".".join(str(part) for part in sys.version_info[:3])
+    problem = preflight.python_problem((sys.version_info[0], sys.version_info[1])) or ""
+    bare = "not a virtual environment: make env, then use .venv/bin/palpate"
+    value = f"{version} in {sys.prefix}"
+    yield graded("python", value, (_FAIL, problem, problem), (_WARN, sys.prefix == sys.base_prefix, bare))
+
+
+def control_package() -> Iterator[Finding]:
+    """The name `control` belongs to palpate here."""
+    found = preflight.find_control()
+    problem, both = preflight.control_problem(found) or "", _installed_version("control")
+    remedy = "python-control is installed too: pip uninstall control"
+    yield graded("control package", str(found), (_FAIL, problem, problem), (_WARN, both, remedy))
+
+
+def packages() -> Iterator[Finding]:
+    """Every dependency is there, in the version that the project is tested with."""
+    pinned = _pinned_versions()
+    required = [line for line in metadata.requires("palpate") or [] if "extra ==" not in line]
+    wanted = [re.split(r"[^\w.-]", line)[0].lower() for line in required]
+    found = {name: _installed_version(name) for name in wanted}
+    missing = [name for name, version in found.items() if version is None]
+    other = [
+        f"{name} {version} (tested: {pinned[name]})"
+        for name, version in found.items()
+        if version is not None and pinned.get(name, version) != version
+    ]
+    if missing:
+        yield fail("packages", f"not installed: {', '.join(missing)}", "make clean env")
+    if other:
+        yield warn("packages", f"other versions than tested: {', '.join(other)}", "make clean env")
+    if not missing and not other:
+        yield ok("packages", f"all {len(wanted)} there" + (", in the tested versions" if pinned else ""))
+
+
+def _pinned_versions() -> dict[str, str]:
+    """Versions by package; empty where palpate is installed without its source tree."""
+    if not CONSTRAINTS.is_file():
+        return {}
+    lines = CONSTRAINTS.read_text(encoding="utf-8").splitlines()
+    pairs = (line.split("==") for line in lines if "==" in line)
+    return {name.strip().lower(): version.strip() for name, version in pairs}
+
+
+def _installed_version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def pybullet() -> Iterator[Finding]:
+    """The physics engine does its work: a dropped body falls as it should."""
+    from sim_backend.bullet import bullet as engine  # noqa: PLC0415, an import that fails is a finding
+
+    client = engine.connect(engine.DIRECT)
+    try:
+        body = engine.createMultiBody(baseMass=1.0, physicsClientId=client)
+        engine.setGravity(0, 0, -GRAVITY, physicsClientId=client)
+        step_s = engine.getPhysicsEngineParameters(physicsClientId=client)["fixedTimeStep"]
+        engine.stepSimulation(physicsClientId=client)
+        speed = engine.getBaseVelocity(body, physicsClientId=client)[0][2]
+    finally:
+        engine.disconnect(client)
+    expected = -GRAVITY * step_s
+    value = (
+        f"{metadata.version('pybullet')}, a dropped body falls at {speed:.4f} m/s, expected {expected:.4f}"
+    )
+    yield graded("pybullet", value, (_FAIL, abs(speed - expected) > 0.01 * abs(expected), "make clean env"))
+
+
+def pinocchio() -> Iterator[Finding]:
+    """A rigid-body model can be built and evaluated."""
+    import numpy as np  # noqa: PLC0415
+    import pinocchio as pin  # noqa: PLC0415
+
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "joint")
+    torque = pin.rnea(model, model.createData(), np.zeros(1), np.zeros(1), np.zeros(1))
+    value = f"{metadata.version('pin')}, torques of one joint: {len(torque)}; {os.cpu_count()} processors"
+    yield graded("pinocchio", value, (_FAIL, torque.shape != (1,), "make clean env"))
+
+
+def real_time() -> Iterator[Finding]:
+    """The loop may run under SCHED_FIFO, on a kernel that is made for it."""
+    is_made = _text(Path("/sys/kernel/realtime")) == "1" or "PREEMPT_RT" in os.uname().version
+    kernel = "real-time kernel" if is_made else "ordinary kernel (expect rare late ticks)"
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:  # for a moment
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except OSError:
+        yield warn("real time", f"SCHED_FIFO not permitted, {kernel}: ticks come late under load", RIGHTS)
+    else:
+        os.sched_setscheduler(0, policy, parameters)
+        yield ok("real time", f"SCHED_FIFO permitted, {kernel}")
+
+
+def memory_lock() -> Iterator[Finding]:
+    """The loop's memory can be kept from being swapped out."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    limited = os.geteuid() != 0 and soft != resource.RLIM_INFINITY
+    value = f"limited to {soft // 2**20} MiB" if limited else "unlimited"
+    yield graded("memory lock", value, (_WARN, limited, RIGHTS))
+
+
+def serial_ports() -> Iterator[Finding]:
+    """USB serial adapters, the right to open them, and their buffering time."""
+    ports = sorted(Path("/dev").glob("ttyUSB*")) + sorted(Path("/dev").glob("ttyACM*"))
+    if not ports:
+        yield ok("serial ports", "none connected (only a real arm needs one)")
+    yield from (serial_port("serial ports", port, Level.WARN) for port in ports)
+
+
+def serial_port(subject: str, port: Path, denied: Level) -> Finding:
+    """Whether a port that is there may be opened (else `denied`), and whether its adapter collects bytes."""
+    if not os.access(port, os.R_OK | os.W_OK):
+        return Finding(subject, denied, f"{port}: permission denied", DIALOUT)
+    name = port.resolve().name
+    latency_ms = _text(Path("/sys/bus/usb-serial/devices") / name / "latency_timer")
+    if latency_ms.isdigit() and int(latency_ms) > USB_LATENCY_MS:
+        setting = f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer"
+        return warn(subject, f"{port}: the adapter waits {latency_ms} ms before it delivers", setting)
+    return ok(subject, f"{port}: may be opened")
+
+
+def can_interfaces() -> Iterator[Finding]:
+    """SocketCAN interfaces and whether they are up."""
+    types = sorted(Path("/sys/class/net").glob("*/type"))
+    names = [entry.parent.name for entry in types if _text(entry) == ARPHRD_CAN]
+    if not names:
+        yield ok("CAN", "no interface (only a real arm on CAN needs one)")
+    yield from (can_interface("CAN", name, Level.WARN) for name in names)
+
+
+def can_interface(subject: str, name: str, down: Level) -> Finding:
+    """Whether a CAN interface is there, and up (else `down`)."""
+    interface, bring_up = (
+        Path("/sys/class/net") / name,
+        f"sudo ip link set {name} up type can bitrate 1000000",
+    )
+    if _text(interface / "type") != ARPHRD_CAN:
+        return fail(subject, f"{name}: no such CAN interface", f"plug the adapter in; then: {bring_up}")
+    state = _text(interface / "operstate")
+    return graded(subject, f"{name} is {state}", (down, state != "up", bring_up))
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except OSError:
+        return ""
+
+
+CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
+    *(python, control_package, packages, pybullet, pinocchio, rerun, viewer_port),
+    *(real_time, memory_lock, serial_ports, can_interfaces),
+)
+
+
+def examine_all() -> Iterator[Finding]:
+    """Run every check; one that breaks is itself a finding, never the end of the examination."""
+    for check in CHECKS:
+        try:
+            yield from check()
+        except Exception as error:
+            subject = check.__name__.replace("_", " ")
+            remedy = preflight.library_remedy(error) if isinstance(error, ImportError) else None
+            yield fail(subject, f"{type(error).__name__}: {error}", remedy or "run: make clean env")

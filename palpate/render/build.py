@@ -1,0 +1,308 @@
+"""Makes the view of results: of a model's stages, a comparison and a diagnosis of one channel."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+
+from control.loop.phases import Phase
+from estimation.channel import ChannelData, ChannelKind
+from estimation.diagnosis import ChannelDiagnosis, Verdict
+from estimation.effect import AdditiveEffect, MemoryEffect, MotionEffect, SensorEffect
+from estimation.model import Model
+from estimation.study import Revision
+from estimation.study.comparison import Part
+from palpate.render import sentences
+from palpate.render.view import (
+    AcceptedView,
+    Axes,
+    ChannelView,
+    EffectView,
+    NextView,
+    ParameterView,
+    PartView,
+    RankedView,
+    RevisionRow,
+    StageView,
+    VerdictView,
+)
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+SIGMAS_95 = 1.96
+_MILLI = 1e3
+_GAP = 0.05  # of the mean run, left between two runs on the time axis
+_QUICK = 0.9  # the quantile of inward velocity that stands for the speed of a run without phases
+_TERM = re.compile(r"[,;] (?![^(]*\))")  # between a term and its conditions, not within parentheses
+
+
+class Found(Protocol):
+    """A parameter's value with standard error; its 95 % `interval` is taken where it has one."""
+
+    @property
+    def value(self) -> float: ...  # noqa: D102
+
+    @property
+    def std_err(self) -> float | None: ...  # noqa: D102
+
+    @property
+    def unit(self) -> str: ...  # noqa: D102
+
+
+class Stage(Protocol):
+    """A model fitted to a channel; see `StageView` for the arrays."""
+
+    @property
+    def model(self) -> Model: ...  # noqa: D102
+
+    @property
+    def parameters(self) -> Mapping[str, Found]: ...  # noqa: D102
+
+    @property
+    def predicted(self) -> FloatArray: ...  # noqa: D102
+
+    @property
+    def residual(self) -> FloatArray: ...  # noqa: D102
+
+    @property
+    def rmse(self) -> float: ...  # noqa: D102
+
+
+def channel_view(
+    data: ChannelData,
+    stages: Sequence[Stage],
+    labels: Sequence[str],
+    noise_floor: float,
+    *,
+    parts: Mapping[str, Sequence[Part]] | None = None,
+    words: Sequence[str] = (),
+    diagnosis: ChannelDiagnosis | None = None,
+    judged: BoolArray | None = None,
+    not_judged: str = "",
+    numbers: Sequence[int | None] = (),
+    notes: Sequence[str] = (),
+) -> ChannelView:
+    """Put together what is known about one channel.
+
+    Args:
+        data: the measurement, n samples.
+        stages: of its model, the base model first; none where the data cannot be judged.
+        labels: one a stage, see `StageView.label`.
+        noise_floor: error that a complete model would leave.
+        parts: the last stage's error by way of splitting.
+        words: where the last stage fails, in sentences.
+        diagnosis: what is missing, if that was asked.
+        judged: samples whose error counts (n,); by default those where the last stage has a residual.
+        not_judged: a sentence on the others; by default their share.
+        numbers: of the kept revisions, one a stage; by default none is kept.
+        notes: further sentences.
+    """
+    scale = 1.0 if data.kind is ChannelKind.REVOLUTE else _MILLI
+    if judged is None:
+        judged = np.isfinite(stages[-1].residual) if stages else np.ones(len(data), dtype=np.bool_)
+    shown = tuple(map(stage_view, stages, labels, numbers or [None] * len(stages)))
+    view = ChannelView(
+        name=data.name,
+        axes=axes_of(data.kind),
+        time_s=one_after_the_other(data),
+        position=scale * data.position,
+        velocity=scale * data.velocity,
+        effort=data.effort,
+        run=data.run,
+        engaged=data.engaged,
+        judged=judged,
+        speeds=run_speeds(data),
+        stages=shown,
+        fall=_fall(shown, diagnosis),
+        parameters=_parameters(shown, diagnosis),
+        floor=noise_floor,
+        verdict=VerdictView("", ""),
+    )
+    verdict = _verdict(view, words, diagnosis)
+    left_out = [not_judged] if not_judged else _left_out(judged)
+    verdict = replace(verdict, remarks=(*verdict.remarks, *notes, *left_out))
+    view = replace(view, verdict=verdict, parts=_parts(parts or {}, view))
+    return view if diagnosis is None else _with_evidence(view, diagnosis)
+
+
+def stage_view(stage: Stage, label: str, number: int | None = None) -> StageView:
+    """One stage of a model, kept as revision `number`."""
+    return StageView(
+        number=number,
+        label=label,
+        rmse=stage.rmse,
+        predicted=stage.predicted,
+        residual=stage.residual,
+        parameters=tuple(parameter_view(name, found) for name, found in stage.parameters.items()),
+        effects=tuple(EffectView(e.name, e.equation, e.physics, e.source) for e in stage.model.effects),
+        equation=equation_of(stage.model),
+    )
+
+
+def parameter_view(name: str, found: Found) -> ParameterView:
+    """One parameter from its "effect.parameter" name."""
+    effect, _, parameter = name.rpartition(".")
+    error = SIGMAS_95 * (found.std_err if found.std_err is not None else float("nan"))
+    lower, upper = getattr(found, "interval", (found.value - error, found.value + error))
+    return ParameterView(effect, parameter, found.value, lower, upper, found.unit)
+
+
+def axes_of(kind: ChannelKind) -> Axes:
+    """A contact and a sliding joint are shown in millimetres, a turning joint in radians."""
+    unit = kind.effort_unit
+    match kind:
+        case ChannelKind.CONTACT:
+            return Axes(f"contact force [{unit}]", unit, "depth [mm]", "velocity inwards [mm/s]")
+        case ChannelKind.PRISMATIC:
+            return Axes(f"force [{unit}]", unit, "position [mm]", "velocity [mm/s]")
+    return Axes(f"torque [{unit}]", unit, "position [rad]", "velocity [rad/s]")
+
+
+def one_after_the_other(data: ChannelData) -> FloatArray:
+    """Time of each sample (n,) on one axis, with the runs behind each other: each may begin at zero [s]."""
+    blocks = list(stretches(data.run))
+    lengths = [float(data.time_s[past - 1] - data.time_s[first]) for first, past in blocks]
+    gap_s = _GAP * float(np.mean(lengths)) if lengths else 0.0
+    time_s, start_s = np.empty(len(data)), 0.0
+    for (first, past), length_s in zip(blocks, lengths, strict=True):
+        time_s[first:past] = start_s + data.time_s[first:past] - data.time_s[first]
+        start_s += length_s + gap_s
+    return time_s
+
+
+def stretches(values: IntArray | BoolArray) -> Iterator[tuple[int, int]]:
+    """Half-open index ranges (first, past the last) in which `values` stays the same."""
+    if len(values):
+        edges = np.flatnonzero(values[1:] != values[:-1]) + 1
+        yield from pairwise([0, *edges.tolist(), len(values)])
+
+
+def run_speeds(data: ChannelData) -> dict[int, str]:
+    """Words for the speed of each run, the slowest first; empty where all runs have the same."""
+    if data.kind is not ChannelKind.CONTACT:
+        return {}
+    speeds = {
+        int(data.run[first]): _MILLI * _approach_speed(data.velocity[first:past], data.phase[first:past])
+        for first, past in stretches(data.run)
+        if data.run[first] >= 0
+    }
+    words = {
+        run: f"{speed:.0f} mm/s" if speed >= 10 else f"{speed:.2g} mm/s"
+        for run, speed in sorted(speeds.items(), key=lambda pair: pair[1])
+    }
+    return words if len(set(words.values())) > 1 else {}
+
+
+def _approach_speed(velocity: FloatArray, phase: IntArray) -> float:
+    """Inward speed of a run before the touch, or the quick part of it where phases are unknown [m/s]."""
+    approaching = velocity[phase == Phase.APPROACH]
+    if len(approaching):
+        return float(np.median(approaching))
+    inward = velocity[velocity > 0.0]
+    return float(np.quantile(inward, _QUICK)) if len(inward) else 0.0
+
+
+def equation_of(model: Model) -> str:
+    """The whole model: what adds up, on which motion, seen through which sensor; one line each."""
+    terms = [effect for effect in model.effects if isinstance(effect, AdditiveEffect)]
+    sides = [effect.equation.partition("=") for effect in terms]
+    parts = [_TERM.split(right.strip(), maxsplit=1) for _, _, right in sides]
+    left = sides[0][0].strip() if sides else "effort"
+    total = f"{left} = " + " + ".join(part[0].removeprefix("effort + ") for part in parts)
+    moved = [f"on the motion {e.equation}" for e in model.effects if isinstance(e, MotionEffect)]
+    faded = [f"springs fade as {e.equation}" for e in model.effects if isinstance(e, MemoryEffect)]
+    sensed = [f"seen as {e.equation}" for e in model.effects if isinstance(e, SensorEffect)]
+    given = (f"with {part[1]}" for part in parts if len(part) > 1)
+    return "\n".join([total, *given, *moved, *faded, *sensed])
+
+
+def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosis | None) -> VerdictView:
+    """What was diagnosed, or how the last stage compares; and what was added since."""
+    if diagnosis is None and not view.stages:
+        return VerdictView("", f"{view.name}: nothing was fitted.")
+    labels, errors = [stage.label for stage in view.stages], [stage.rmse for stage in view.stages]
+    unit, changes = view.axes.effort_unit, [label.removeprefix("+ ") for label in labels[1:]]
+    fall = (sentences.falling(view.name, errors, changes, view.floor, unit),) if changes else ()
+    if diagnosis is None:
+        verdict = sentences.compared(view.name, " ".join(labels), errors[-1], view.floor, unit)
+        return replace(verdict, remarks=(*fall, *(words if verdict.word == "misses" else ())))
+    verdict = sentences.diagnosed(diagnosis)
+    as_found = changes == [entry.effect for entry in diagnosis.accepted]
+    since = tuple(f"Added since: {sentence}" for sentence in fall if not as_found)
+    return replace(verdict, remarks=(*since, *verdict.remarks))
+
+
+def _fall(stages: Sequence[StageView], found: ChannelDiagnosis | None) -> tuple[tuple[str, float], ...]:
+    """Label and error of each stage; as the diagnosis has them, where no stages were worked out."""
+    if stages or found is None or found.baseline is None:
+        return tuple((stage.label, stage.rmse) for stage in stages)
+    steps = ((f"+ {entry.effect}", entry.rmse_after) for entry in found.accepted)
+    return (("base model", found.baseline.rmse), *steps)
+
+
+def _parameters(stages: Sequence[StageView], found: ChannelDiagnosis | None) -> tuple[ParameterView, ...]:
+    if stages or found is None or found.final is None:
+        return stages[-1].parameters if stages else ()
+    return tuple(parameter_view(name, value) for name, value in found.final.parameters.items())
+
+
+def _left_out(judged: BoolArray) -> Iterator[str]:
+    share = 100.0 * (1.0 - float(np.mean(judged))) if len(judged) else 0.0
+    if share >= 0.05:
+        yield f"{share:.2g} % of the samples are not judged; the report shades them."
+
+
+def _parts(parts: Mapping[str, Sequence[Part]], view: ChannelView) -> tuple[PartView, ...]:
+    return tuple(
+        PartView(by, part.label, part.rmse, part.mean, view.times_floor(part.rmse))
+        for by, several in parts.items()
+        for part in several
+    )
+
+
+def _with_evidence(view: ChannelView, found: ChannelDiagnosis) -> ChannelView:
+    accepted = tuple(
+        AcceptedView(
+            e.effect,
+            e.rmse_before,
+            e.rmse_after,
+            e.p_value,
+            tuple(e.confused_with),
+            e.physics,
+            e.equation,
+            e.signature,
+        )
+        for e in found.accepted
+    )
+    ranking = tuple(RankedView(e.effect, e.rmse_held_out, e.score) for e in found.ranking)
+    plan = found.next_experiment
+    wanted = plan is not None and found.verdict is not Verdict.ADEQUATE
+    return replace(
+        view,
+        accepted=accepted,
+        ranking=ranking if found.verdict is not Verdict.ADEQUATE else (),
+        next_experiment=NextView(plan.instruction, plan.purpose, dict(plan.probe))
+        if plan and wanted
+        else None,
+    )
+
+
+def revision_rows(kept: Sequence[Revision]) -> tuple[RevisionRow, ...]:
+    """Kept revisions beside the lowest noise floor of their channel: a better model sees it more clearly."""
+    floors: dict[str, float] = {}
+    for one in kept:
+        floors[one.channel] = min(one.noise_floor, floors.get(one.channel, float("inf")))
+    return tuple(
+        RevisionRow(
+            number=one.number,
+            parent=one.parent,
+            channel=one.channel,
+            terms=(one.model, *one.effects),
+            error=f"{one.rmse:.4g} {one.effort_unit}",
+            times=one.rmse / floors[one.channel] if floors[one.channel] > 0.0 else float("inf"),
+            made=one.created_utc[:16].replace("T", " "),
+        )
+        for one in kept
+    )

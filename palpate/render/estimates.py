@@ -1,0 +1,315 @@
+"""Estimates: as a table for people, in sentences, as plain data, and as a view to be drawn."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from estimation.channel import ChannelData
+from estimation.estimate import Estimate, Identifiability, ParameterEstimate
+from estimation.fitting.misfit import Misfit, misfit
+from estimation.gate.gate import spoilt
+from estimation.model import Model
+from estimation.rounding import in_steps, steps_spanned
+from estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
+from estimation.surface import FEWEST_STEPS
+from palpate.console import table
+from palpate.render.build import channel_view
+from palpate.render.view import ChannelView, VerdictView
+from palpate.truth import SURFACE
+from palpate.words import NOT_DETERMINED, count, safe, significant
+from robot_io.calibration import parse_calibrations
+from robot_io.session import Session
+from robot_io.types import FloatArray
+
+MILLI = 1e3
+PERCENT = 100.0
+SIGMAS_95 = 1.96
+NOTABLE = 4.0  # standard errors of a force in free air that is worth a sentence
+FEW_STEPS = 20.0  # of an encoder, that are worth a sentence
+POOR = 4.0  # times the noise: right models stay below 2.6, also on objects of 1e5 N/m or 200 N s/m
+_WIDE, _NARROW = 104, 80  # columns of a terminal for all columns of the table, and for the errors
+_MOST_ABREAST = 3  # parameters that stand side by side
+_GRADES = {
+    Identifiability.GOOD: "[green]good[/green]",
+    Identifiability.WEAK: "[yellow]weak[/yellow]",
+    Identifiability.NONE: "[bold red]none[/bold red]",
+}
+Truth = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class _Fit:
+    model: Model
+    parameters: Mapping[str, ParameterEstimate]
+    predicted: FloatArray
+    residual: FloatArray
+    rmse: float
+
+
+def print_estimates(console: Console, found: ChannelEstimates, truth: Truth) -> None:
+    """One channel's parameters by every estimator, and what the table does not say."""
+    console.print(estimate_table(found, truth, console.width))
+    for remark in remarks(found, truth):
+        console.print(f"  {safe(remark)}")
+
+
+def estimates_view(found: ChannelEstimates, truth: Truth) -> ChannelView:
+    """The best estimate as a view; the residual is that of the samples that were fitted."""
+    best, predicted = found.best, found.prediction()
+    residual = np.where(found.rows, found.channel.effort - predicted, np.nan)
+    fit = _Fit(found.model, {p.name: p for p in best.parameters}, predicted, residual, best.rmse)
+    noise, unit = misfit_of(found).noise, found.channel.kind.effort_unit
+    told = (
+        f"{found.channel.name}: {found.model.name} by estimator {best.estimator} leaves {best.rmse:.3g} "
+        f"{unit}; the noise from sample to sample is {noise:.3g} {unit}."
+    )
+    share = PERCENT * (1.0 - float(np.mean(found.rows)))
+    unfitted = f"{share:.2g} % of the samples are not part of the fit; they are shaded" if share else ""
+    view = channel_view(found.channel, [fit], [found.model.name], noise, judged=found.rows)
+    word = "misses" if misfit_of(found).times > POOR or spoilt_by(found) else "fits"
+    names = (found.channel.name, found.model.name)
+    verdict = VerdictView(word, told, (*remarks(found, truth), unfitted), names)
+    return replace(view, fall=(), verdict=verdict)
+
+
+def estimate_table(found: ChannelEstimates, truth: Truth, width: int) -> Table:
+    """Every estimator's parameters with their 95 % intervals; errors where the truth is known.
+
+    Args:
+        found: a channel with its estimates.
+        truth: true parameters, as far as they are known.
+        width: of the terminal [characters]; a narrow one gets fewer columns.
+    """
+    runs, samples = len(found.channel.runs), int(np.count_nonzero(found.rows))
+    title = f"{found.channel.name}: {found.model.name}, {count(runs, 'run')}, {count(samples, 'sample')}"
+    if len(shown_parameters(found.estimates[0])) > _MOST_ABREAST:
+        return _one_row_a_parameter(found, title)
+    return _one_row_an_estimator(found, truth, width, title)
+
+
+def _one_row_an_estimator(found: ChannelEstimates, truth: Truth, width: int, title: str) -> Table:
+    parameters = shown_parameters(found.estimates[0])
+    known = {p.name for p in parameters if p.name in truth}
+    erring = known if width >= _NARROW else set()
+    columns = ["estimator"]
+    for parameter in parameters:
+        columns += [
+            safe(f"{short_name(parameter.name)}\n[{parameter.unit}]"),
+            *["error"] * (parameter.name in erring),
+        ]
+    columns += [safe(f"rmse\n[{found.channel.kind.effort_unit}]"), "cond.", "used"] if width >= _WIDE else []
+    made = table(title, *columns, "determined", right=columns[1:])
+    for estimate in found.estimates:
+        cells = [estimate.estimator]
+        for p in shown_parameters(estimate):
+            cells += [with_interval(p), error_text(p, truth)] if p.name in erring else [with_interval(p)]
+        cells += _quality(estimate) if width >= _WIDE else []
+        made.add_row(*cells, _GRADES[estimate.identifiability])
+    if known:
+        cells = ["[dim]truth[/dim]"]
+        for p in parameters:
+            true = f"[dim]{truth[p.name]:g}[/dim]" if p.name in truth else ""
+            cells += [true, *[""] * (p.name in erring)]
+        made.add_section()
+        made.add_row(*cells)
+    return made
+
+
+def _one_row_a_parameter(found: ChannelEstimates, title: str) -> Table:
+    """For models with many parameters, each estimator's below those of the one before."""
+    made = table(title, "estimator", "parameter", "value", "unit", "determined", right=("value",))
+    unit = found.channel.kind.effort_unit
+    for estimate in found.estimates:
+        first = (estimate.estimator, _GRADES[estimate.identifiability])
+        for p in shown_parameters(estimate):
+            made.add_row(first[0], short_name(p.name), with_interval(p), p.unit, first[1])
+            first = ("", "")
+        rmse, condition, used = _quality(estimate)
+        made.add_row("", "[dim]rmse[/dim]", f"[dim]{rmse}[/dim]", f"[dim]{unit}[/dim]")
+        made.add_row("", "[dim]cond., used[/dim]", f"[dim]{condition}, {used}[/dim]", end_section=True)
+    return made
+
+
+def _quality(estimate: Estimate) -> list[str]:
+    used = f"{PERCENT * np.mean(estimate.inliers):.0f} %"
+    return [f"{estimate.rmse:.4f}", f"{estimate.condition_number:.2f}", used]
+
+
+def remarks(found: ChannelEstimates, truth: Truth) -> list[str]:
+    """What the table does not say: the surface, and what speaks against the estimates."""
+    return [*_on_data(found, truth), *_on_fit(found), *_on_estimates(found)]
+
+
+def spoilt_by(found: ChannelEstimates) -> str | None:
+    """What is wrong with the data, so that no estimate of them means anything; None if nothing shows."""
+    return spoilt(found.channel, found.model)
+
+
+def misfit_of(found: ChannelEstimates) -> Misfit:
+    """What the best estimate leaves beside the noise."""
+    best = found.best
+    return misfit(best.residuals, found.channel.run[found.rows], best.inliers)
+
+
+def _on_data(found: ChannelEstimates, truth: Truth) -> Iterator[str]:
+    reason, surface, channel = spoilt_by(found), found.surface_of(found.best), found.channel
+    if reason is not None:
+        yield f"do not rely on these estimates: {reason}"
+    if surface is not None:
+        sure = f" ± {MILLI * SIGMAS_95 * surface.std_err_m:.3f} mm" if np.isfinite(surface.std_err_m) else ""
+        true = f" (truth {MILLI * truth[SURFACE]:.3f} mm)" if SURFACE in truth else ""
+        yield f"surface found at {MILLI * surface.position_m:.3f} mm along the press direction{sure}{true}"
+    tare = channel.tare
+    if tare is not None and np.any(np.abs(tare.effort) > NOTABLE * tare.std_err):
+        mean = significant(float(np.mean(tare.effort)), float(np.max(tare.std_err)))
+        yield f"the force in free air, {mean} N, was subtracted"
+    if FEWEST_STEPS <= steps_spanned(channel, found.rows) < FEW_STEPS:
+        steps = in_steps(channel, found.rows)
+        yield f"{steps}: the intervals allow for them, but a damping from so few comes out too low"
+
+
+def _on_fit(found: ChannelEstimates) -> Iterator[str]:
+    left, best, unit = misfit_of(found), found.best, found.channel.kind.effort_unit
+    if left.times > POOR:
+        sizes = (
+            f"{best.rmse:.2g} {unit} (rms), and the noise from sample to sample is {left.noise:.2g} {unit}"
+        )
+        yield (
+            f"{best.estimator} leaves {sizes}: {found.model.name} does not describe these data, whatever the "
+            "intervals say"
+        )
+    surface, offset = found.channel.surface, next((p for p in best.parameters if p.name == OFFSET), None)
+    if surface is not None and offset is not None:
+        deeper_m = surface.position_m + offset.value - surface.deepest_m
+        if deeper_m > NOTABLE * offset.std_err:
+            yield (
+                f"the force of {found.model.name} begins {MILLI * deeper_m:.2g} mm below the touch: an "
+                "attraction that the model lacks, or an object that begins softly"
+            )
+
+
+def _on_estimates(found: ChannelEstimates) -> Iterator[str]:
+    yield from (f"{name}: {problem}" for name, problem in found.failures.items())
+    against: dict[str, list[str]] = {}
+    for estimate in found.estimates:
+        left_out = 1.0 - float(np.mean(estimate.inliers))
+        if estimate.estimator == BEST[0] and left_out > 1.0 - MOST:
+            share = f"{PERCENT * left_out:.0f} % of the samples"
+            yield f"{estimate.estimator} set {share} aside: the model does not describe them"
+        if estimate.identifiability is not Identifiability.GOOD or estimate.unphysical:
+            against.setdefault(estimate.note, []).append(estimate.estimator)
+    yield from (f"{', '.join(names)}: {note}" for note, names in against.items())
+
+
+def calibration_remark(session: Session | None) -> list[str]:
+    """What calibrations leave uncertain: one error in all samples, so that no interval holds it."""
+    if session is None:
+        return []
+    used = parse_calibrations(session.metadata.calibration, f"{session.path}, its calibration")
+    left = []
+    if used.force is not None:
+        scale = used.force.values.scale
+        left.append(f"{PERCENT * scale.std_err / scale.value:.2g} % of the force")
+    if used.encoder is not None:
+        left.append(f"{MILLI * max(used.encoder.values.offset.std_err):.2g} mrad of the joints' zeros")
+    if not left:
+        return []
+    return [
+        f"the intervals hold noise and steps; what the calibration leaves uncertain comes on top: "
+        f"{' and '.join(left)} (one standard error)"
+    ]
+
+
+def as_data(found: ChannelEstimates, truth: Truth) -> dict[str, Any]:
+    """One channel's outcome as plain data; the keys are stable."""
+    return {
+        "channel": found.channel.name,
+        "runs": len(found.channel.runs),
+        "samples": int(np.count_nonzero(found.rows)),
+        "truth": dict(truth),
+        "tare": _tare_data(found.channel),
+        "spoilt": spoilt_by(found),
+        "failures": found.failures,
+        "misfit": vars(misfit_of(found)),
+        "estimates": [_estimate_data(found, estimate, truth) for estimate in found.estimates],
+    }
+
+
+def _tare_data(channel: ChannelData) -> list[dict[str, float]] | None:
+    if channel.tare is None:
+        return None
+    columns = (getattr(channel.tare, name).tolist() for name in ("run", "effort", "std_err"))
+    return [
+        {"run": run, "effort": effort, "std_err": error} for run, effort, error in zip(*columns, strict=True)
+    ]
+
+
+def _estimate_data(found: ChannelEstimates, estimate: Estimate, truth: Truth) -> dict[str, Any]:
+    surface = found.surface_of(estimate)
+    return {
+        "estimator": estimate.estimator,
+        "surface": vars(surface) if surface is not None else None,
+        "parameters": {p.name: _parameter_data(p, truth) for p in estimate.parameters},
+        "rmse": estimate.rmse,
+        "condition_number": estimate.condition_number,
+        "inliers": int(np.count_nonzero(estimate.inliers)),
+        "identifiability": str(estimate.identifiability),
+        "note": estimate.note,
+        "details": estimate.details,
+    }
+
+
+def _parameter_data(p: ParameterEstimate, truth: Truth) -> dict[str, Any]:
+    data = {"value": p.value, "std_err": p.std_err, "interval": list(p.interval), "unit": p.unit}
+    if p.name in truth:
+        data |= {"truth": truth[p.name], "error_percent": error_percent(p, truth)}
+    return data
+
+
+def markdown_summary(found: ChannelEstimates, truth: Truth, heading: str) -> str:
+    """The best estimate as a small table, for Rerun's summary."""
+    best = found.best
+    rows = [f"**{heading}**: model `{found.model.name}`, estimator `{best.estimator}`", ""]
+    rows += ["| | found | 95 % interval | truth | error |", "|---|---|---|---|---|"]
+    for p in shown_parameters(best):
+        interval = f"{significant(p.interval[0], p.std_err)} … {significant(p.interval[1], p.std_err)}"
+        true, error = (f"{truth[p.name]:g}", error_text(p, truth)) if p.name in truth else ("–", "–")
+        value = significant(p.value, p.std_err)
+        rows.append(f"| {short_name(p.name)} [{p.unit}] | {value} | {interval} | {true} | {error} |")
+    return "\n".join([*rows, "", *(f"- {remark}" for remark in remarks(found, truth))])
+
+
+def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
+    """All but the surface, which has its own sentence."""
+    return [parameter for parameter in estimate.parameters if parameter.name != OFFSET]
+
+
+def short_name(parameter: str) -> str:
+    """The symbol that the equations use, such as "k" for "stiffness.k"."""
+    return parameter.rpartition(".")[2]
+
+
+def with_interval(parameter: ParameterEstimate) -> str:
+    """Value and half of its 95 % interval."""
+    lower, upper = parameter.interval
+    half = (upper - lower) / 2
+    if not np.isfinite(half):
+        return f"{significant(parameter.value)} ({NOT_DETERMINED})"
+    return f"{significant(parameter.value, half)} ± {significant(half, half)}"
+
+
+def error_percent(parameter: ParameterEstimate, truth: Truth) -> float:
+    """Deviation from the truth [%]; NaN where the truth is zero."""
+    true = truth[parameter.name]
+    return PERCENT * (parameter.value - true) / true if true else float("nan")
+
+
+def error_text(parameter: ParameterEstimate, truth: Truth) -> str:
+    """Deviation from the truth in percent, absolute where the truth is zero."""
+    if truth[parameter.name] == 0:
+        return f"{parameter.value:+.2g}"
+    return f"{error_percent(parameter, truth):+.2f} %"

@@ -1,0 +1,175 @@
+"""Makes everything that can be looked at from a session: the Rerun recording and a page of plots."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.channels import session_channels
+from estimation.study.channels import CONTACT_MODEL
+from estimation.study.estimates import BEST, ChannelEstimates, estimate_with
+from palpate.render.build import channel_view
+from palpate.render.estimates import estimates_view, markdown_summary
+from palpate.render.recording.revisions import record_rerun
+from palpate.render.recording.scene import Columns, Scene, has_ticks, last_known, tick_columns
+from palpate.render.recording.session import record_session
+from palpate.render.report import write_report
+from palpate.render.view import ChannelView, StudyView, VerdictView
+from palpate.truth import SURFACE, true_parameters
+from palpate.words import count
+from robot_io.errors import InputError
+from robot_io.session import Session
+from robot_io.types import FloatArray
+
+RECORDING = "recording.rrd"  # its name in a session's folder, if nobody says another
+PLOTS = ("plots.html",)  # what `Inspection.plot` writes
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """A session with what was estimated from it, ready to be shown.
+
+    Attributes:
+        session: what happened.
+        view: its channels with the estimate of the first place that was touched.
+        scene: for the views of an arm; None where the session was imported.
+    """
+
+    session: Session
+    view: StudyView
+    scene: Scene | None
+
+    def record(self, path: Path) -> float:
+        """Write the Rerun recording.
+
+        Returns:
+            A moment worth a picture [s].
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        if self.scene is None:
+            record_rerun(self.view, path)
+            return float(self.view.channels[0].time_s[-1] / 2)
+        record_session(self.scene, path)
+        return self.scene.picture_moment_s
+
+    def plot(self, folder: Path) -> list[Path]:
+        """Save a page of plots in a folder that is there; returns the file.
+
+        Raises:
+            InputError: nothing was touched, or the file cannot be written.
+        """
+        if not any(channel.stages for channel in self.view.channels):
+            raise InputError(f"{self.session.path}: nothing was touched, so there is nothing to plot")
+        return [write_report(self.view, folder / PLOTS[0])]
+
+
+def look_into(session: Session, found: ChannelEstimates | None = None) -> Inspection:
+    """Work out what is to be shown.
+
+    Args:
+        session: a probing session or an imported one.
+        found: estimates, if they were made already.
+
+    Raises:
+        InputError: the session holds nothing that can be shown.
+    """
+    channels = _channels(session)
+    found, truth = found or _estimates(channels), true_parameters(session)
+    ticks = tick_columns(session) if has_ticks(session) else None
+    if ticks is None and not channels:
+        raise InputError(f"{session.path}: holds nothing that can be shown")
+    view = StudyView(
+        session.path.name,
+        tuple(_view(each, found, truth, ticks) for each in channels),
+        _facts(session, channels),
+    )
+    if ticks is None:
+        return Inspection(session, view, None)
+    surface = found.surface_of(found.best) if found else None
+    scene = Scene(
+        name=session.path.stem,
+        ticks=ticks,
+        urdf=session.metadata.urdf,
+        events=session.events,
+        estimate=found.best if found else None,
+        surface_m=surface.position_m if surface else last_known(ticks["surface_m"]),
+        truth={name: value for name, value in truth.items() if name != SURFACE},
+        summary=_summary(session, found),
+    )
+    return Inspection(session, view, scene)
+
+
+def _view(
+    channel: ChannelData, found: ChannelEstimates | None, truth: Mapping[str, float], ticks: Columns | None
+) -> ChannelView:
+    """A channel with its estimates, if it is theirs, and with what was wanted of it."""
+    if found is not None and channel.name == found.channel.name:
+        view = estimates_view(found, truth)
+        return view if ticks is None else replace(view, wanted=("aimed at", _aimed_at(ticks, found.channel)))
+    view = channel_view(channel, (), (), float("nan"))
+    joint = re.fullmatch(r"joint_(\d+)", channel.name)
+    if ticks is None or joint is None:
+        return view
+    commanded = _commanded(ticks, channel, int(joint[1]) - 1)
+    rms = float(np.sqrt(np.nanmean((channel.effort - commanded) ** 2)))
+    told = (
+        f"{channel.name}: measured and commanded torque differ by {rms:.3g} {channel.kind.effort_unit} (rms)."
+    )
+    return replace(view, verdict=VerdictView("", told), wanted=("commanded", commanded))
+
+
+def _aimed_at(ticks: Columns, channel: ChannelData) -> FloatArray:
+    """The force aimed at when each of the channel's samples was taken, shape (n,) [N]; NaN where free."""
+    tick = np.searchsorted(ticks["time_s"], channel.time_s)
+    desired: FloatArray = ticks["desired_force_n"][np.minimum(tick, len(ticks["time_s"]) - 1)]
+    return desired
+
+
+def _commanded(ticks: Columns, channel: ChannelData, joint: int) -> FloatArray:
+    """The command that held when each sample was taken, shape (n,) [N m]; NaN before the first.
+
+    What is read in a tick was sampled before that tick's own command went out.
+    """
+    held = np.searchsorted(ticks["time_s"], channel.time_s) - 1
+    sent: FloatArray = np.where(held >= 0, ticks["torque_sent_nm"][held, joint], np.nan)
+    return sent
+
+
+def _facts(session: Session, channels: tuple[ChannelData, ...]) -> dict[str, str]:
+    facts = {"recorded": session.metadata.created_utc, "by": session.metadata.command_line}
+    if channels:
+        facts = {
+            "data": f"{count(len(channels[0].runs), 'run')}, {count(len(channels[0]), 'sample')}"
+        } | facts
+    return {name: value for name, value in facts.items() if value}
+
+
+def _channels(session: Session) -> tuple[ChannelData, ...]:
+    """The channels; none where the session ended before the first run was whole."""
+    try:
+        return session_channels(session, tared=True)
+    except InputError:
+        return ()
+
+
+def _estimates(channels: tuple[ChannelData, ...]) -> ChannelEstimates | None:
+    """Of the first place that was touched; None where nothing was, or too little to estimate from."""
+    contact = next((channel for channel in channels if channel.kind is ChannelKind.CONTACT), None)
+    if contact is None:
+        return None
+    try:
+        return estimate_with(contact, CONTACT_MODEL, BEST)
+    except InputError:
+        return None
+
+
+def _summary(session: Session, found: ChannelEstimates | None) -> str:
+    name = session.path.stem
+    if found is None:
+        return f"**{name}**: nothing was touched"
+    return markdown_summary(found, true_parameters(session), name)

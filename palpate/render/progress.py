@@ -1,0 +1,179 @@
+"""Progress for the person who waits, on stderr, by rich; nothing is drawn where stderr is no terminal.
+
+A real arm gets words instead of a bar: drawing would take time from its control loop.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from control.loop.phases import Phase
+from control.loop.task import TaskOutput
+from control.probing.plan import ProbingPlan
+from palpate import console
+from palpate.runs.probing import Watcher
+from palpate.words import count
+from robot_io.types import Measurement
+
+Report = Callable[[str, float], None]  # what is done, and the share of it that is done
+MakeWatcher = Callable[[float], Watcher]  # from the duration of a motion [s]
+_REFRESH_S = 0.1
+_MILLI = 1e3
+_SHARE_DONE = {  # of a run, when a phase begins
+    Phase.FREE_AIR: 0.1,
+    Phase.APPROACH: 0.25,
+    Phase.LOADING: 0.4,
+    Phase.HOLD: 0.5,
+    Phase.UNLOADING: 0.75,
+    Phase.RETRACT: 0.9,
+}
+
+
+@contextmanager
+def diagnosis_progress(channels: Sequence[str]) -> Iterator[Report]:
+    """Show what is being tried, with a bar for each channel.
+
+    A bar fills once for each effect found, so the end is not known.
+    """
+    columns = BarColumn(bar_width=24), TimeElapsedColumn(), TextColumn("{task.description}")
+    with Progress(*columns, console=console.stderr(), transient=True) as progress:
+        tasks: dict[str, TaskID] = {}
+        ready = progress.add_task("getting ready", total=1.0)
+
+        def report(what: str, share: float) -> None:
+            channel = what.partition(":")[0]
+            if channel not in tasks:
+                progress.update(ready, visible=False)
+                tasks[channel] = progress.add_task(what, total=1.0)
+            which = f"{channels.index(channel) + 1} of {len(channels)}, " if channel in channels else ""
+            progress.update(tasks[channel], completed=share, description=f"{which}{what}")
+
+        yield report
+
+
+@contextmanager
+def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iterator[Watcher]:
+    """Show how far the runs have come.
+
+    Args:
+        plan: what is going to be done.
+        live: draw a bar that moves. Never with a real arm.
+        remark: a line to say first, once the arm is ready.
+    """
+    runs = list(plan.runs())
+    if not live:
+        yield _Announcer(f"probing, {count(len(runs), 'run')}; Ctrl-C brings the arm to rest")
+        return
+
+    newest = 0
+
+    def share(measurement: Measurement, output: TaskOutput) -> tuple[float, str]:
+        nonlocal newest
+        newest = max(newest, output.run)
+        speed_mm_s = _MILLI * runs[newest].speed_m_s
+        words = (
+            f"run {newest + 1} of {len(runs)} at {speed_mm_s:.0f} mm/s, {measurement.time_s:.1f} s simulated"
+        )
+        return (newest + _SHARE_DONE.get(output.phase, 0.0)) / len(runs), words
+
+    with _bar("starting", wait=True) as bar:
+        yield _Mover(bar, share, remark)
+
+
+@contextmanager
+def motion_progress(what: str, *, live: bool) -> Iterator[MakeWatcher]:
+    """Show how far a motion has come.
+
+    Args:
+        what: is being done.
+        live: draw a bar that moves. Never with a real arm.
+    """
+    if not live:
+        yield lambda _duration_s: _Announcer(f"{what}; keep clear. Ctrl-C brings the arm to rest")
+        return
+    with _bar(what) as bar:
+
+        def watcher(duration_s: float) -> Watcher:
+            return _Mover(
+                bar, lambda m, _: (min(m.time_s / duration_s, 1.0), f"{what}, {m.time_s:.0f} s simulated")
+            )
+
+        yield watcher
+
+
+@contextmanager
+def weighing_progress(number: int, *, live: bool) -> Iterator[Callable[[float], None] | None]:
+    """Show how many weights have been read; with hardware the prompts say it."""
+    if not live:
+        yield None
+        return
+    with _bar("weighing") as bar:
+        yield lambda share: bar.update(share, f"weight {round(share * number)} of {number}")
+
+
+class _Drawn:
+    """One bar, drawn at each update."""
+
+    def __init__(self, progress: Progress, what: str) -> None:
+        self.progress = progress
+        self._task = progress.add_task(what, total=1.0)
+        self._share = 0.0
+
+    def update(self, share: float, words: str) -> None:
+        """Move the bar to a share, never back, with words beside it."""
+        self._share = max(self._share, share)
+        self.progress.update(self._task, completed=self._share, description=words)
+        self.progress.refresh()
+
+
+@contextmanager
+def _bar(what: str, *, wait: bool = False) -> Iterator[_Drawn]:
+    """A bar, shown at once, or with `wait` when its progress is started."""
+    talk = console.stderr()
+    columns = BarColumn(bar_width=32), TextColumn("{task.description}")
+    progress = Progress(
+        *columns, console=talk, transient=True, auto_refresh=False, disable=not talk.is_terminal
+    )
+    bar = _Drawn(progress, what)
+    if not wait:
+        progress.start()
+    try:
+        yield bar
+    finally:
+        progress.stop()
+
+
+class _Announcer(Watcher):
+    """Says what begins, and nothing while it lasts."""
+
+    def __init__(self, words: str) -> None:
+        self._words = words
+
+    def started(self) -> None:
+        """See `Watcher.started`."""
+        console.stderr().print(self._words)
+
+
+class _Mover(Watcher):
+    """Moves a bar, at most every `_REFRESH_S`."""
+
+    def __init__(
+        self, bar: _Drawn, share: Callable[[Measurement, TaskOutput], tuple[float, str]], remark: str = ""
+    ) -> None:
+        self._bar, self._share, self._remark = bar, share, remark
+        self._next_s = 0.0
+
+    def started(self) -> None:
+        """See `Watcher.started`; what is refused before leaves nothing but its error on stderr."""
+        if self._remark:
+            console.stderr().print(self._remark)
+        self._bar.progress.start()
+
+    def tick(self, measurement: Measurement, output: TaskOutput) -> None:
+        """See `Watcher.tick`."""
+        now_s = time.monotonic()
+        if now_s >= self._next_s:
+            self._next_s = now_s + _REFRESH_S
+            self._bar.update(*self._share(measurement, output))

@@ -1,0 +1,114 @@
+"""The arm in 3D, moved by the measured joint positions; the object and the force on it."""
+
+import tempfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.urdf import UrdfJoint, UrdfTree
+
+from palpate.render.recording.block import Block
+from palpate.render.recording.scene import Scene
+from palpate.render.recording.stream import BACKGROUND, time_column
+from robot_io.errors import InputError
+
+ROOT_FRAME = "world"  # of everything that is drawn and is no part of the arm
+_ARM, _OBJECT, _TIP = "arm", "object", "tip"
+_ARROW_M_PER_N, _ARROW_RADIUS_M = 0.012, 0.004
+_ARROW_ASIDE_M = 0.05  # beside the tool, which would hide it
+_ARROW = (240, 92, 84)
+_GRID = (120, 134, 150, 60)
+_EYE_DIRECTION = np.array([0.35, -1.0, 0.42])  # from the side: the arm moves in the x-z plane
+_EYE_DISTANCE = 1.5  # in sizes of the scene
+# Rerun draws a URDF's cylinders and boxes as wire frames unless it is told otherwise.
+_SOLID = [shape.from_fields(fill_mode="solid") for shape in (rr.Cylinders3D, rr.Boxes3D, rr.Ellipsoids3D)]
+
+
+def log_arm(recording: rr.RecordingStream, scene: Scene) -> None:
+    """Log the links once and the joints' motion; nothing where the session holds no URDF.
+
+    Raises:
+        InputError: what it holds is no URDF.
+    """
+    if not scene.urdf:
+        return
+    try:
+        tree = load_urdf(scene.urdf)
+    except (RuntimeError, ValueError, UnicodeEncodeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"session '{scene.name}': its URDF cannot be shown ({reason:.200})") from error
+    tree.log_urdf_to_recording(recording)
+    root = rr.Transform3D(parent_frame=ROOT_FRAME, child_frame=tree.root_link().name)
+    recording.log(f"{_ARM}/root", root, static=True)
+    rows = scene.picture_rows
+    for joint, angles in zip(moving_joints(tree), scene.ticks["joint_position_rad"][rows].T, strict=False):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # a measured angle may lie a little past its limit
+            columns = joint.compute_transform_columns(angles.tolist(), clamp=False)
+        recording.send_columns(f"{_ARM}/motion/{joint.name}", time_column(scene.time_s[rows]), columns)
+
+
+def load_urdf(text: str) -> UrdfTree:
+    """Read a URDF from its text; Rerun takes files only."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_text(text, encoding="utf-8")
+        return UrdfTree.from_file_path(path, entity_path_prefix=_ARM)
+
+
+def moving_joints(tree: UrdfTree) -> list[UrdfJoint]:
+    """The joints that move, from the base outwards."""
+    inward = {joint.child_link: joint for joint in tree.joints()}
+
+    def distance(joint: UrdfJoint) -> int:
+        return 1 + distance(inward[joint.parent_link]) if joint.parent_link in inward else 0
+
+    moving = [joint for joint in tree.joints() if joint.joint_type in {"revolute", "continuous", "prismatic"}]
+    return sorted(moving, key=distance)
+
+
+def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
+    """Log the force with which the object pushes back, beside the tip, and the object that gives way."""
+    rows = scene.picture_rows
+    rows = rows[scene.known_tip[rows]]
+    press, tips = scene.press_direction_world[rows], scene.ticks["tip_position_world_m"][rows]
+    vectors = -_ARROW_M_PER_N * np.nan_to_num(scene.ticks["force_n"][rows])[:, None] * press
+    outwards = tips - np.einsum("ij,ij->i", tips, press)[:, None] * press
+    outwards = outwards / np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-9)
+    recording.log(_TIP, rr.CoordinateFrame(ROOT_FRAME), static=True)
+    recording.log(_TIP, rr.Arrows3D.from_fields(radii=_ARROW_RADIUS_M, colors=[_ARROW]), static=True)
+    arrows = rr.Arrows3D.columns(origins=tips + _ARROW_ASIDE_M * outwards, vectors=vectors)
+    recording.send_columns(_TIP, time_column(scene.time_s[rows]), arrows)
+    point, depth_m = scene.touch_point_world_m, scene.depth_m
+    if point is None or depth_m is None:
+        return
+    block = Block(point, scene.main_press_direction_world)
+    for entity, mesh in (("sides", block.sides()), ("top", block.top())):
+        recording.log(f"{_OBJECT}/{entity}", rr.CoordinateFrame(ROOT_FRAME), mesh, static=True)
+    rows = block.rows_that_differ(rows, depth_m)
+    vertices, normals = block.pressed(scene.ticks["tip_position_world_m"][rows], depth_m[rows])
+    columns = rr.Mesh3D.columns(
+        vertex_positions=vertices.reshape(-1, 3), vertex_normals=normals.reshape(-1, 3)
+    ).partition([vertices.shape[1]] * len(rows))
+    recording.send_columns(f"{_OBJECT}/top", time_column(scene.time_s[rows]), columns)
+
+
+def view_3d(scene: Scene) -> rrb.Spatial3DView:
+    """The arm from the side, with base and all places of the tip in sight."""
+    points = np.vstack([np.zeros(3), scene.ticks["tip_position_world_m"]])
+    lower, upper = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    size = max(float(np.linalg.norm(upper - lower)), 0.2)
+    target = (lower + upper) / 2 + np.array([0.0, 0.0, 0.2 * size])
+    eye = target + _EYE_DISTANCE * size * _EYE_DIRECTION / np.linalg.norm(_EYE_DIRECTION)
+    return rrb.Spatial3DView(
+        origin="/",
+        name="Arm",
+        contents=[f"{_ARM}/**", f"{_OBJECT}/**", f"{_TIP}/**"],
+        background=rrb.Background(color=BACKGROUND),
+        defaults=_SOLID,
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.1, color=_GRID),
+        spatial_information=rrb.SpatialInformation(target_frame=ROOT_FRAME),
+        eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0)),
+    )

@@ -1,0 +1,176 @@
+"""A probing session in Rerun: the arm in 3D; force, depth, phases, torques, estimates, events over time."""
+
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from palpate.render import palette
+from palpate.render.build import stretches
+from palpate.render.recording.arm import log_arm, log_object, view_3d
+from palpate.render.recording.scene import Scene
+from palpate.render.recording.stream import TIME, plot, recording_file, send_lines, shown_on, time_column
+
+_MILLI, _MICRO = 1e3, 1e6
+_FORCE, _DEPTH, _PHASE = "contact/force", "contact/displacement", "phase"
+_TORQUE, _POSITION, _TRACKING, _TIMING = "torque", "position", "tracking", "timing"
+_EVENTS, _SUMMARY = "events", "summary"
+_PARAMETERS = {  # entity: name offline, column online, title
+    "estimate/stiffness": ("stiffness.k", "stiffness_n_m", "Stiffness [N/m]"),
+    "estimate/damping": ("damping.c", "damping_n_s_m", "Damping [N s/m]"),
+}
+_SECTIONS = ("read_s", "control_s", "guard_s", "write_s", "observer_s", "log_s")
+_LOWEST, _HIGHEST = 0.7, 1.8  # of an estimate's levels: the range that is shown, with room for the legend
+_ABOVE, _BELOW = 1.0, 1.1  # range of displacement shown, in greatest depths
+_TROUBLE = ("stop", "failure", "log_failed", "observer_failed", "obstacle", "missed_surface")
+_LEVELS = {"trip": rr.TextLogLevel.ERROR} | dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN)
+_LEFT_TOP, _RIGHT_TOP = rrb.Corner2D.LeftTop, rrb.Corner2D.RightTop
+
+
+def record_session(scene: Scene, path: Path) -> None:
+    """Write the recording of a probing session; the file appears whole or not at all.
+
+    Raises:
+        InputError: the file cannot be written, or the session's URDF cannot be shown.
+    """
+    layers = (log_arm, log_object, _log_contact, _log_joints, _log_estimates, _log_notes, _log_timing)
+    with recording_file(scene.name, path, _blueprint(scene)) as recording:
+        for log in layers:
+            log(recording, scene)
+
+
+def _log_contact(recording: rr.RecordingStream, scene: Scene) -> None:
+    """Force, displacement and phase over time."""
+    force = {
+        "desired [N]": (scene.ticks["desired_force_n"], palette.TRUTH, 1.5),
+        "measured [N]": (scene.ticks["force_n"], palette.MEASURED, 1.5),
+    }
+    send_lines(recording, _FORCE, scene.time_s, force)
+    if scene.depth_m is not None:
+        depth = {"into the object [mm]": (_MILLI * scene.depth_m, palette.MEASURED, 1.5)}
+        send_lines(recording, _DEPTH, scene.time_s, depth)
+    phases = scene.ticks["phase"]
+    first = np.array([start for start, _ in stretches(phases)])
+    told = [palette.phase(int(number)) for number in phases[first]]
+    colors = {name: palette.rgb(color) for name, color in told}
+    known = rr.StateConfiguration(values=list(colors), labels=list(colors), colors=list(colors.values()))
+    recording.log(_PHASE, known, static=True)
+    changes = rr.StateChange.columns(state=[name for name, _ in told])
+    recording.send_columns(_PHASE, time_column(scene.time_s[first]), changes)
+
+
+def _log_joints(recording: rr.RecordingStream, scene: Scene) -> None:
+    """One entity a joint for torque and one for position, each with what was wanted; and all errors."""
+    ticks = scene.ticks
+    position, wanted = np.degrees(ticks["joint_position_rad"]), np.degrees(ticks["reference_position_rad"])
+    lines = zip((position - wanted).T, cycle(palette.JOINTS), strict=False)
+    tracking = {f"joint {n}": (error, color, 1.5) for n, (error, color) in enumerate(lines, 1)}
+    send_lines(recording, _TRACKING, scene.time_s, tracking)
+    for joint in range(scene.joints):
+        for entity, measured, commanded, name in (
+            (_TORQUE, ticks["torque_measured_nm"], ticks["torque_sent_nm"], "commanded"),
+            (_POSITION, position, wanted, "aimed at"),
+        ):
+            curves = {
+                "measured": (measured[:, joint], palette.MEASURED, 2.0),
+                name: (commanded[:, joint], palette.MODEL, 1.0),
+            }
+            send_lines(recording, f"{entity}/joint_{joint + 1}", scene.time_s, curves)
+
+
+def _log_estimates(recording: rr.RecordingStream, scene: Scene) -> None:
+    """Online estimates as curves; what was found afterwards, with its interval, and the truth as levels."""
+    ends = scene.time_s[[0, -1]]
+    for entity, (name, column, _) in _PARAMETERS.items():
+        online = {"online": (scene.ticks[column], palette.MEASURED, 4.0)}
+        send_lines(recording, f"{entity}/online", scene.time_s, online)
+        found = scene.found(name)
+        if found is not None:
+            levels = {"afterwards": found.value, "95 % from": found.interval[0], "95 % to": found.interval[1]}
+            looks = ((palette.FLOOR, 2.0), (palette.BAND, 1.0), (palette.BAND, 1.0))
+            lines = {
+                word: (np.full(2, value), *look)
+                for (word, value), look in zip(levels.items(), looks, strict=True)
+            }
+            send_lines(recording, f"{entity}/afterwards", ends, lines)
+        if name in scene.truth:
+            truth = {"truth": (np.full(2, scene.truth[name]), palette.TRUTH, 1.0)}
+            send_lines(recording, f"{entity}/truth", ends, truth)
+
+
+def _log_notes(recording: rr.RecordingStream, scene: Scene) -> None:
+    """Each event at its time, and the summary once."""
+    if scene.summary:
+        summary = rr.TextDocument(scene.summary, media_type=rr.MediaType.MARKDOWN)
+        recording.log(_SUMMARY, summary, static=True)
+    if scene.events:
+        times = np.array([event.time_s for event in scene.events]) - scene.ticks["time_s"][0]
+        columns = rr.TextLog.columns(
+            text=[f"{event.kind}: {event.text}" for event in scene.events],
+            level=[_LEVELS.get(event.kind, rr.TextLogLevel.INFO) for event in scene.events],
+        )
+        recording.send_columns(_EVENTS, time_column(times), columns)
+
+
+def _log_timing(recording: rr.RecordingStream, scene: Scene) -> None:
+    """How long the loop's sections took, and how late it woke up."""
+    present = [name for name in _SECTIONS if name in scene.ticks]
+    sections = {
+        name.removesuffix("_s"): (_MICRO * scene.ticks[name], color, 1.0)
+        for name, color in zip(present, palette.JOINTS, strict=False)
+    }
+    if sections:
+        send_lines(recording, f"{_TIMING}/sections", scene.time_s, sections)
+    if "lateness_s" in scene.ticks:
+        late = {"lateness": (_MICRO * scene.ticks["lateness_s"], palette.TRUTH, 1.0)}
+        send_lines(recording, f"{_TIMING}/lateness", scene.time_s, late)
+
+
+def _blueprint(scene: Scene) -> rrb.Blueprint:
+    """Arm, notes and estimates on the left, curves on the right; further tabs for positions and timing."""
+    estimates = [
+        plot(entity, title, _estimate_span(scene, entity), legend=_RIGHT_TOP if number == 0 else None)
+        for number, (entity, (_, _, title)) in enumerate(_PARAMETERS.items())
+    ]
+    notes = rrb.Tabs(
+        rrb.TextDocumentView(origin=_SUMMARY, name="Summary"), rrb.TextLogView(origin=_EVENTS, name="Events")
+    )
+    left = rrb.Vertical(view_3d(scene), rrb.Horizontal(*estimates), notes, row_shares=[4.7, 2.6, 2.9])
+    joints = [plot(f"{_POSITION}/joint_{j + 1}", f"Joint {j + 1} [°]") for j in range(scene.joints)]
+    tracking = plot(_TRACKING, "Tracking error: measured less aimed at [°]", legend=_LEFT_TOP)
+    sections = plot(f"{_TIMING}/sections", "Time in each section [µs]", legend=_LEFT_TOP)
+    return shown_on(
+        rrb.Horizontal(left, _curves(scene), column_shares=[5, 6], name="Probing"),
+        rrb.Vertical(tracking, *joints, name="Joints"),
+        rrb.Vertical(sections, plot(f"{_TIMING}/lateness", "Woken up late by [µs]"), name="Loop"),
+        timeline=TIME,
+    )
+
+
+def _curves(scene: Scene) -> rrb.Vertical:
+    deepest_mm = _MILLI * float(np.nanmax(scene.depth_m)) if scene.depth_m is not None else 0.0
+    span = (-_ABOVE * deepest_mm, _BELOW * deepest_mm) if deepest_mm > 0 else None
+    torques = [
+        plot(f"{_TORQUE}/joint_{j + 1}", f"Joint {j + 1} torque [N m]", legend=None if j else _LEFT_TOP)
+        for j in range(scene.joints)
+    ]
+    return rrb.Vertical(
+        plot(_FORCE, "Contact force [N]", legend=_LEFT_TOP),
+        rrb.StateTimelineView(origin=_PHASE, name="Phase"),
+        plot(_DEPTH, "Displacement [mm]", span),
+        *torques,
+        row_shares=[4, 1.6, 3] + [2.6] * scene.joints,
+    )
+
+
+def _estimate_span(scene: Scene, entity: str) -> tuple[float, float] | None:
+    """Vertical range that shows where an estimate ends up, rather than its first wild guesses."""
+    name, column, _ = _PARAMETERS[entity]
+    found = scene.found(name)
+    levels = [scene.truth[name]] if name in scene.truth else []
+    levels += [found.value] if found is not None else []
+    online = scene.ticks[column][np.isfinite(scene.ticks[column])]
+    levels += [float(np.median(online))] if len(online) else []
+    return (_LOWEST * min(levels), _HIGHEST * max(levels)) if levels and min(levels) > 0 else None

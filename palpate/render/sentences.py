@@ -1,0 +1,110 @@
+"""Verdicts and falling errors in sentences, the same in every medium."""
+
+from collections.abc import Iterator, Sequence
+
+from estimation.diagnosis import ChannelDiagnosis, Verdict
+from estimation.diagnosis.result import Accepted
+from palpate.render.view import NOISE, VerdictView
+
+_NO_FALL = 0.98  # of the error before: less is no fall
+
+
+def enumerated(names: Sequence[str], last: str = "and") -> str:
+    """Names with commas, and a word before the last."""
+    return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} {last} {names[-1]}"
+
+
+def diagnosed(found: ChannelDiagnosis) -> VerdictView:
+    """The verdict of a diagnosis."""
+    names = tuple(entry.effect for entry in found.accepted)
+    return VerdictView(str(found.verdict), _sentence(found), tuple(_remarks(found)), names)
+
+
+def _sentence(found: ChannelDiagnosis) -> str:
+    if found.verdict is Verdict.INSUFFICIENT:
+        return f"{found.channel}: this data cannot say: {_ended(found.reason)}"
+    if found.verdict is Verdict.ADEQUATE:
+        return f"{found.channel}: nothing is missing that this data can show. {_error(found)}"
+    if not found.accepted:
+        return (
+            f"{found.channel}: something is missing that no known effect explains; it depends on "
+            f"{enumerated(found.depends_on) or 'no single signal'}. {_error(found)}"
+        )
+    names = enumerated([_with_rivals(entry) for entry in found.accepted])
+    verb = "is" if len(found.accepted) == 1 else "are"
+    return f"{found.channel}: {names} {verb} missing from the model. {_error(found)}{_rest(found)}"
+
+
+def _with_rivals(entry: Accepted) -> str:
+    return (
+        f"{entry.effect} (or {enumerated(entry.confused_with, 'or')})"
+        if entry.confused_with
+        else entry.effect
+    )
+
+
+def _error(found: ChannelDiagnosis) -> str:
+    unit, before, after = found.effort_unit, found.baseline, found.final
+    if before is None or after is None:
+        return ""
+    floor = "" if found.noise_floor is None else f" (noise floor {found.noise_floor:.3g} {unit})"
+    if not found.accepted:
+        return f"The error in held-out runs is {after.rmse:.3g} {unit}{floor}."
+    added = "it" if len(found.accepted) == 1 else "them"
+    if after.rmse > _NO_FALL * before.rmse:
+        return f"With {added}, the error in held-out runs stays at {after.rmse:.3g} {unit}{floor}."
+    fall = f"from {before.rmse:.3g} to {after.rmse:.3g} {unit}"
+    return f"With {added}, the error in held-out runs falls {fall}{floor}."
+
+
+def _rest(found: ChannelDiagnosis) -> str:
+    """What is left beside the established effects, and how large it is."""
+    if found.complete is not False or found.remaining is None:
+        return ""
+    signals = found.remaining.depends_on
+    on = f", depends on {enumerated(signals)}" if signals else ""
+    return f" Something more is left: {found.remaining.times_floor:.2g} times the floor{on}."
+
+
+def _remarks(found: ChannelDiagnosis) -> Iterator[str]:
+    if found.verdict is Verdict.UNEXPLAINED:
+        yield f"Why: {_ended(found.reason)}"
+
+
+def _ended(reason: str) -> str:
+    """A reason as a sentence, with one mark at its end: some end with a question."""
+    return reason if reason.endswith(("?", ".")) else f"{reason}."
+
+
+def compared(channel: str, model: str, error: float, floor: float, unit: str) -> VerdictView:
+    """Whether a model fits: its error in held-out runs beside that of a complete model, in the same unit."""
+    times = error / floor if floor > 0.0 else float("inf")
+    fits = times < NOISE
+    word = "fits" if fits else "misses"
+    told = f"{model} {word} {channel}: {error:.3g} {unit} in held-out runs, noise floor {floor:.3g} {unit}"
+    told += "." if fits else f", {times:.1f} times the floor."
+    return VerdictView(word, told, (), (channel, model))
+
+
+def falling(channel: str, errors: Sequence[float], added: Sequence[str], floor: float, unit: str) -> str:
+    """What added effects did to the error, in one or two sentences.
+
+    Args:
+        channel: its name.
+        errors: of each stage, the base model's first.
+        added: effects, one fewer.
+        floor: error that a complete model would leave.
+        unit: of the errors.
+    """
+    first, last = errors[0], errors[-1]
+    whole = f"{channel} with {enumerated(added)}: the error in held-out runs"
+    if last > _NO_FALL * first:
+        return f"{whole} does not fall: from {first:.3g} to {last:.3g} {unit}."
+    times = last / floor if floor > 0.0 else float("inf")
+    ends = "down to the noise floor" if times < NOISE else f"to {times:.1f} times the noise floor"
+    falls = f"{whole} falls from {first:.3g} to {last:.3g} {unit}, {ends}."
+    before = errors[-2]
+    if last <= _NO_FALL * before:
+        return falls
+    does = "makes it worse" if last * _NO_FALL > before else "does next to nothing"
+    return f"{falls} The last step, {added[-1]}, {does}: from {before:.4g} to {last:.4g} {unit}."

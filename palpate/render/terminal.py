@@ -1,0 +1,226 @@
+"""Comparison, diagnosis and revisions in a terminal, drawn by rich."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from rich.bar import Bar
+from rich.console import Console, Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from palpate.console import table
+from palpate.render.view import (
+    FAR,
+    NOISE,
+    AcceptedView,
+    ChannelView,
+    ParameterView,
+    RevisionRow,
+    StudyView,
+    VerdictView,
+)
+from palpate.words import NOT_DETERMINED, chance, safe, shown, significant
+
+COLORS = {
+    "adequate": "green",
+    "fits": "green",
+    "missing": "yellow",
+    "misses": "yellow",
+    "unexplained": "red",
+    "insufficient": "magenta",
+}
+_ROOMY, _NARROW = 100, 80  # columns of a terminal
+_MOST_RANKED = 5
+_LOPSIDED = 0.1  # of half an interval, by which its middle is off the value
+
+
+def print_diagnosis(console: Console, view: StudyView) -> None:
+    """Each channel's verdict, how the error falls, parameters, where it fails, what to do next, evidence."""
+    for number, channel in enumerate(view.channels):
+        if number:
+            console.print()
+        console.print(headline(channel.verdict))
+        parts: list[RenderableType] = [Text(safe_text(remark)) for remark in channel.verdict.remarks]
+        if channel.accepted:
+            parts += [fall_table(channel, console.width), *map(_signature, channel.accepted)]
+        if channel.parameters and (channel.accepted or channel.verdict.word != "unexplained"):
+            parts.append(parameter_table(channel.parameters))
+        if channel.ranking:
+            parts.append(_ranking(channel, console.width))
+        if channel.next_experiment is not None:
+            plan = channel.next_experiment
+            parts.append(
+                Text.from_markup(
+                    f"[bold]next experiment[/bold]: {safe(plan.instruction)}, to {safe(plan.purpose)}"
+                )
+            )
+        console.print(Padding(Group(*parts), (0, 0, 0, 2)))
+
+
+def print_comparison(console: Console, view: StudyView) -> None:
+    """Each channel's error beside the noise floor, and where it is largest; tables where a model misses."""
+    for channel in view.channels:
+        _print_verdict(console, channel.verdict)
+        if channel.parts and (channel.verdict.word != "fits" or len(view.channels) == 1):
+            console.print(parts_table(channel, console.width))
+
+
+def print_stages(console: Console, channel: ChannelView) -> None:
+    """How the error falls with what was added, and the parameters of the last stage."""
+    _print_verdict(console, channel.verdict)
+    console.print(fall_table(channel, console.width))
+    console.print(parameter_table(channel.parameters))
+
+
+def print_revisions(console: Console, rows: Sequence[RevisionRow]) -> None:
+    """All revisions of a session; one effect a line and no dates where there are few columns."""
+    roomy = console.width >= _ROOMY
+    numbers = ("revision", "from") if roomy else ("no.",)
+    errors, when = ("held-out\nerror", "× floor"), ("made",) if roomy else ()
+    words = ("channel", "model") if roomy else ("model",)
+    made = table("", *numbers, *words, *errors, *when, right=(*numbers, *errors))
+    for row in rows:
+        before = "" if row.parent is None else str(row.parent)
+        number = [str(row.number), before] if roomy else [f"{before} → {row.number}".removeprefix(" → ")]
+        model = safe((" + " if roomy else "\n+ ").join(row.terms))
+        last = [f"[dim]{safe(row.made)}[/dim]"] if roomy else []
+        times = f"[{grade(row.times)}]{row.times:.2f}[/]"
+        words = (safe(row.channel), model) if roomy else (f"[bold]{safe(row.channel)}[/bold]\n{model}",)
+        made.add_row(*number, *words, safe(row.error), times, *last)
+    console.print(made)
+
+
+def print_files(console: Console, written: Mapping[str, Path]) -> None:
+    """The files that were written, one a line."""
+    for what, path in written.items():
+        console.print(f"{what:<10} [bold]{shown(path)}[/bold]", soft_wrap=True)
+
+
+def _print_verdict(console: Console, verdict: VerdictView) -> None:
+    console.print(headline(verdict))
+    for remark in verdict.remarks:
+        console.print(Padding(Text(safe_text(remark)), (0, 0, 0, 2)))
+
+
+def headline(verdict: VerdictView) -> Text:
+    """The verdict as a coloured word, and its sentence with the effects in bold."""
+    color = f"bold {COLORS.get(verdict.word, '')}"
+    text = emphasised(verdict.sentence, (*verdict.names, verdict.sentence.partition(":")[0]))
+    if verdict.tag:
+        return Text(f"{verdict.tag}  ", style=color) + text
+    text.highlight_words([f" {verdict.word} "], color)
+    return text
+
+
+def emphasised(sentence: str, names: Iterable[str]) -> Text:
+    """A sentence with names in bold."""
+    text = Text(safe_text(sentence))
+    for name in filter(None, names):
+        text.highlight_regex(rf"(?<!\w){re.escape(name)}(?!\w)", "bold")
+    return text
+
+
+def safe_text(text: str) -> str:
+    """Text from a file without escape sequences, where no markup is read."""
+    return Text.from_markup(safe(text)).plain
+
+
+def grade(times: float) -> str:
+    """Colour of an error by how many times the noise floor it is."""
+    return "green" if times < NOISE else "yellow" if times < FAR else "red"
+
+
+def fall_table(channel: ChannelView, width: int) -> Table:
+    """The error in held-out runs, one row a stage, down to the noise floor."""
+    error = safe(f"held-out\nerror [{channel.axes.effort_unit}]")
+    kept = ["" if stage.number is None else str(stage.number) for stage in channel.stages]
+    number = ("revision",) if any(kept) else ()
+    evidence = {f"+ {entry.effect}": chance(entry.p_value) for entry in channel.accepted}
+    last = ("p",) if evidence else ()
+    right = ("revision", error, "× floor", "p")
+    made = table("", *number, "model", error, "× floor", "", *last, right=right)
+    worst = max(value for _, value in channel.fall)
+    for row, (label, value) in enumerate(channel.fall):
+        times = channel.times_floor(value)
+        name = f"{safe(label[:2])}[bold]{safe(label[2:])}[/bold]" if row else safe(label)
+        made.add_row(
+            *kept[row : row + len(number)],
+            name,
+            f"{value:.4g}",
+            f"{times:.2f}",
+            _bar(value / worst, grade(times), width),
+            *[evidence.get(label, "")] * len(last),
+        )
+    floor, bar = f"[dim]{channel.floor:.4g}[/dim]", _bar(channel.floor / worst, "bright_black", width)
+    made.add_row(*[""] * len(number), "[dim]noise floor[/dim]", floor, "", bar)
+    return made
+
+
+def parameter_table(parameters: Sequence[ParameterView]) -> RenderableType:
+    """Parameters with 95 % intervals."""
+    if not parameters:
+        return Text("The model has no free parameter.", style="dim")
+    made = table("", "parameter", "value", "95 % interval", "unit", right=("value", "95 % interval"))
+    for one in parameters:
+        value, half = with_interval(one)
+        name = f"[dim]{safe(one.effect)}.[/dim]{safe(one.name)}"
+        made.add_row(name, value, half, safe(one.unit))
+    return made
+
+
+def with_interval(one: ParameterView) -> tuple[str, str]:
+    """A value and half of its 95 % interval, or both ends of a lopsided one, with as many digits as count."""
+    if not one.half < float("inf"):  # NaN is not
+        return significant(one.value), NOT_DETERMINED
+    value, half = significant(one.value, one.half), significant(one.half, one.half)
+    if abs(one.upper + one.lower - 2 * one.value) < _LOPSIDED * one.half:
+        return value, f"± {half}"
+    return value, f"{significant(one.lower, one.half)} … {significant(one.upper, one.half)}"
+
+
+def parts_table(channel: ChannelView, width: int) -> Table:
+    """The error part by part, each beside the noise floor; the worst of each kind in bold."""
+    unit = channel.axes.effort_unit
+    numbers = (safe(f"rmse\n[{unit}]"), safe(f"mean\n[{unit}]"), "× floor")
+    made = table("", "by", "where", *numbers, "", right=numbers)
+    most = max(part.rmse for part in channel.parts)
+    for kind, parts in channel.parts_by():
+        worst = max(parts, key=lambda part: part.rmse)
+        for row, part in enumerate(parts):
+            bold = part is worst and part.times > NOISE
+            label = f"[bold]{safe(part.label)}[/bold]" if bold else safe(part.label)
+            cells = f"[dim]{safe(kind)}[/dim]" if row == 0 else "", label, f"{part.rmse:.3g}"
+            bar = _bar(part.rmse / most, grade(part.times), width)
+            last = row == len(parts) - 1
+            made.add_row(*cells, f"{part.mean:+.2g}", f"{part.times:.1f}", bar, end_section=last)
+    return made
+
+
+def _signature(entry: AcceptedView) -> Text:
+    rivals = f"\n  [yellow]this data cannot tell it from {safe(', '.join(entry.rivals))}[/yellow]"
+    return Text.from_markup(
+        f"[bold]{safe(entry.effect)}[/bold]: {safe(entry.physics)}\n"
+        f"  [dim]signature[/dim] {safe(entry.signature)}\n  [dim]equation[/dim] {safe(entry.equation)}"
+        + (rivals if entry.rivals else "")
+    )
+
+
+def _ranking(channel: ChannelView, width: int) -> Table:
+    error, falls = safe(f"held-out\nerror [{channel.axes.effort_unit}]"), "error\nfalls by"
+    made = table("", "alone beside the base model", error, falls, "", right=(error, falls))
+    for entry in channel.ranking[:_MOST_RANKED]:
+        bar = _bar(entry.falls, "blue", width)
+        made.add_row(safe(entry.effect), f"{entry.rmse:.4g}", f"{100 * entry.falls:z.0f} %", bar)
+    return made
+
+
+def _bar(share: float, color: str, width: int) -> Bar:
+    return Bar(
+        1.0,
+        0.0,
+        min(max(share, 0.0), 1.0),
+        width=18 if width >= _ROOMY else 8 if width >= _NARROW else 3,
+        color=color,
+    )

@@ -1,0 +1,52 @@
+"""Fewer points in a curve, so that a browser stays quick and every peak is still seen."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robot_io.types import FloatArray, IntArray
+
+MOST_POINTS = 4000
+MOST_RUNS = 60
+_FEWEST = 16  # points of a run
+
+
+def peaks(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
+    """Rows of `values` (n,) to draw: the least and the greatest of each of `most` / 2 equal stretches.
+
+    A stretch without finite values keeps one of them, which leaves a gap in the curve.
+    """
+    n = len(values)
+    if n <= most:
+        return np.arange(n)
+    width = -(-n // (most // 2))
+    padded = np.full(-(-n // width) * width, np.nan)
+    padded[:n] = values
+    stretches = padded.reshape(-1, width)
+    first = np.arange(len(stretches)) * width
+    lows = first + np.where(np.isfinite(stretches), stretches, np.inf).argmin(axis=1)
+    highs = first + np.where(np.isfinite(stretches), stretches, -np.inf).argmax(axis=1)
+    return np.unique(np.concatenate([lows, highs, [0, n - 1]]))
+
+
+def rows_by_run(run: IntArray, most: int = MOST_RUNS) -> dict[int, IntArray]:
+    """Rows of each run by its number; of very many runs, evenly chosen ones."""
+    numbers = np.unique(run)
+    chosen = numbers[np.unique(np.linspace(0, len(numbers) - 1, min(len(numbers), most)).round().astype(int))]
+    return {number: np.flatnonzero(run == number) for number in chosen.tolist()}
+
+
+def run_curves(
+    x: FloatArray, y: FloatArray, runs: Sequence[IntArray], most: int = MOST_POINTS
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Each run's curve (x, y), with few enough points for all of them together and the peaks of both."""
+    share = max(most // (2 * max(len(runs), 1)), _FEWEST)
+    kept = (rows[np.union1d(peaks(x[rows], share), peaks(y[rows], share))] for rows in runs)
+    return [(x[rows], y[rows]) for rows in kept]
+
+
+def joined(curves: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
+    """Curves as one, with a gap (NaN) after each."""
+    gap = np.array([np.nan])
+    x, y = ([part for curve in curves for part in (curve[axis], gap)] for axis in (0, 1))
+    return (np.concatenate(x), np.concatenate(y)) if curves else (gap, gap)

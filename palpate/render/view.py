@@ -1,0 +1,271 @@
+"""What is known about a model and its measurement, as arrays and words; every medium draws from this.
+
+Positions and velocities are in the units that people read (mm for lengths); efforts and errors are in SI.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+NOISE = 1.1  # times the noise floor, below which an error passes for noise
+_MOST_PARTS = 8
+FAR = 3.0  # times the noise floor, above which a model is far off
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Names of a channel's quantities with their units, and the effort's unit alone."""
+
+    effort: str
+    effort_unit: str
+    position: str
+    velocity: str
+
+
+@dataclass(frozen=True)
+class ParameterView:
+    """One parameter with its 95 % interval, NaN where the data do not determine it."""
+
+    effect: str
+    name: str
+    value: float
+    lower: float
+    upper: float
+    unit: str
+
+    @property
+    def half(self) -> float:
+        """Half of the interval; NaN where it is not known or has no end."""
+        half = (self.upper - self.lower) / 2
+        return half if np.isfinite(half) else float("nan")
+
+
+@dataclass(frozen=True)
+class EffectView:
+    """One term of a model: its name, equation, physics and source."""
+
+    name: str
+    equation: str
+    physics: str
+    source: str
+
+
+@dataclass(frozen=True)
+class StageView:
+    """One stage of a model.
+
+    Attributes:
+        number: of the revision that it is kept as; None where it is not kept.
+        label: the base model's name, or "+ " with the effect that was added, or "− " with one removed.
+        rmse: error in held-out runs, in the effort's unit.
+        predicted: effort that it expects, shape (n,).
+        residual: measured less predicted from the other runs, shape (n,); NaN where it is not judged.
+        parameters: in the order of the model.
+        effects: the terms of the model.
+        equation: all terms in one line.
+    """
+
+    number: int | None
+    label: str
+    rmse: float
+    predicted: FloatArray
+    residual: FloatArray
+    parameters: tuple[ParameterView, ...]
+    effects: tuple[EffectView, ...]
+    equation: str
+
+    @property
+    def name(self) -> str:
+        """The stage beside its curve: "with damping" for "+ damping"."""
+        return self.label.replace("+ ", "with ", 1).replace("− ", "without ", 1)
+
+
+@dataclass(frozen=True)
+class PartView:
+    """The error in one part of the data; `times` is the rmse over the noise floor."""
+
+    by: str
+    label: str
+    rmse: float
+    mean: float
+    times: float
+
+
+@dataclass(frozen=True)
+class AcceptedView:
+    """An established effect with its evidence; errors are of held-out runs."""
+
+    effect: str
+    before: float
+    after: float
+    p_value: float
+    rivals: tuple[str, ...]
+    physics: str
+    equation: str
+    signature: str
+
+
+@dataclass(frozen=True)
+class RankedView:
+    """A candidate alone beside the base model: its held-out error, and the share by which that falls."""
+
+    effect: str
+    rmse: float
+    falls: float
+
+
+@dataclass(frozen=True)
+class VerdictView:
+    """The answer for one channel.
+
+    Attributes:
+        word: adequate, missing, unexplained or insufficient; or fits or misses, where only compared.
+        sentence: what it means for this channel.
+        remarks: further sentences.
+        names: effects in the sentence, to be set in bold.
+    """
+
+    word: str
+    sentence: str
+    remarks: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+
+    @property
+    def tag(self) -> str:
+        """The word that is set before the sentence; empty where the sentence says it."""
+        return "" if self.word in {"fits", "misses"} else self.word.upper()
+
+
+@dataclass(frozen=True)
+class NextView:
+    """What to record next: in words, why, and as settings of `palpate probe --experiment`."""
+
+    instruction: str
+    purpose: str
+    settings: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ChannelView:
+    """One channel: the measurement, the stages of its model, and what was found out.
+
+    Attributes:
+        name: such as "contact".
+        axes: names and units.
+        time_s: with the runs one after the other, shape (n,) [s].
+        position: in the unit that is shown, shape (n,).
+        velocity: likewise.
+        effort: as measured, shape (n,).
+        run: number of the run, shape (n,).
+        engaged: where the object can push, shape (n,).
+        judged: samples whose error counts, shape (n,); the others are shaded.
+        speeds: words for the speed of each run, by its number.
+        stages: base model first; empty where the data cannot be judged.
+        fall: label and error of each stage.
+        parameters: of the last stage.
+        floor: error that a complete model would leave.
+        verdict: the answer.
+        parts: the last model's error by phase, run, speed and so on.
+        accepted: established effects.
+        ranking: candidates beside the base model, best first.
+        next_experiment: what to record next; None for nothing.
+        wanted: what was commanded or aimed at, with its name, shape (n,); None where nothing is known.
+    """
+
+    name: str
+    axes: Axes
+    time_s: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    effort: FloatArray
+    run: IntArray
+    engaged: BoolArray
+    judged: BoolArray
+    speeds: Mapping[int, str]
+    stages: tuple[StageView, ...]
+    fall: tuple[tuple[str, float], ...]
+    parameters: tuple[ParameterView, ...]
+    floor: float
+    verdict: VerdictView
+    parts: tuple[PartView, ...] = ()
+    accepted: tuple[AcceptedView, ...] = ()
+    ranking: tuple[RankedView, ...] = ()
+    next_experiment: NextView | None = None
+    wanted: tuple[str, FloatArray] | None = None
+
+    def times_floor(self, error: float) -> float:
+        """An error over the noise floor."""
+        return error / self.floor if self.floor > 0.0 else float("inf")
+
+    def parts_by(self) -> Iterator[tuple[str, list[PartView]]]:
+        """The parts of each kind with its name; of very many, such as runs, only the worst."""
+        for kind in dict.fromkeys(part.by for part in self.parts):
+            parts = [part for part in self.parts if part.by == kind]
+            if len(parts) > _MOST_PARTS:
+                worst = sorted(parts, key=lambda part: -part.rmse)[: _MOST_PARTS - 2]
+                yield f"{kind}, worst {len(worst)} of {len(parts)}", [p for p in parts if p in worst]
+            else:
+                yield kind, parts
+
+    @property
+    def shown_stages(self) -> tuple[StageView, ...]:
+        """The first and the last stage, which curves and maps compare; one where nothing was added."""
+        return self.stages if len(self.stages) < 2 else (self.stages[0], self.stages[-1])
+
+
+@dataclass(frozen=True)
+class StudyView:
+    """All channels of a file, what was recorded when and how, and the commands that lead here."""
+
+    file: str
+    channels: tuple[ChannelView, ...]
+    facts: Mapping[str, str] = field(default_factory=dict)
+    commands: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RevisionRow:
+    """A kept revision in a list: the terms of its model, its error in words, and over the noise floor."""
+
+    number: int
+    parent: int | None
+    channel: str
+    terms: tuple[str, ...]
+    error: str
+    times: float
+    made: str
+
+
+@dataclass(frozen=True)
+class ResidualMap:
+    """Mean residual over the state: cell centres (p,) and (v,), mean (v, p), NaN where too few samples."""
+
+    position: FloatArray
+    velocity: FloatArray
+    mean: FloatArray
+
+
+_CELLS, _OUTER, _LEAST = 36, 0.002, 3  # per axis; share beyond each end; samples in a cell that is shown
+
+
+def residual_map(channel: ChannelView, residual: FloatArray) -> ResidualMap:
+    """Average a residual (n,) over position and velocity; a contact only while pressed."""
+    used = np.isfinite(residual) & channel.engaged & channel.judged
+    velocity, position = channel.velocity[used], channel.position[used]
+    edges = [_edges(velocity), _edges(position)]
+    counts = np.histogram2d(velocity, position, edges)[0]
+    sums = np.histogram2d(velocity, position, edges, weights=residual[used])[0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.where(counts >= _LEAST, sums / counts, np.nan)
+    centres = [(edge[1:] + edge[:-1]) / 2 for edge in edges]
+    return ResidualMap(centres[1], centres[0], mean)
+
+
+def _edges(values: FloatArray) -> FloatArray:
+    if not len(values):
+        return np.linspace(0.0, 1.0, _CELLS + 1)
+    low, high = np.quantile(values, [_OUTER, 1.0 - _OUTER])
+    return np.linspace(low, high if high > low else low + 1.0, _CELLS + 1)

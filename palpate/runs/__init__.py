@@ -1,0 +1,1 @@
+"""Runs of an arm, real, emulated or simulated: how it is found, opened, probed and calibrated."""

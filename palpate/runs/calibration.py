@@ -1,0 +1,243 @@
+"""Runs that record what an arm is calibrated from: motions in free air, hard stops, a known pose, weights."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import KW_ONLY, dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+
+from calibration.arm.excitation import GRAVITY_MOTION, TORQUE_MOTION, ExcitationSettings, choose_path
+from calibration.arm.free_motion import PathTask
+from calibration.arm.model import GravityBodies
+from calibration.arm.room import paced, travel_speed_rad_s
+from calibration.encoder.stop_plan import plan_stops, with_room_for_stops
+from calibration.encoder.stop_task import PUSH_SHARE, StopSettings, StopTask
+from calibration.force.fit import check_references
+from calibration.force.weighing import weigh
+from calibration.still import StillRobot
+from control.arm.rigid_body import RigidBody
+from control.laws.gains import gains_of
+from control.loop.loop import run_loop
+from control.loop.realtime import realtime
+from control.loop.result import Outcome
+from control.loop.task import Task, TaskOutput
+from control.loop.tick_record import NO_ESTIMATE, Estimates
+from palpate.runs.probing import NOBODY, Watcher
+from palpate.runs.session import ArmJob, ArmSession, arm_session, checked_body, released
+from robot_io.calibration import load_calibrations
+from robot_io.errors import InputError
+from robot_io.guard import Guard, Limits
+from robot_io.types import FloatArray, Measurement
+
+KIND = "calibration_kind"  # key of what was calibrated in the session's metadata
+MOTIONS = {"torque": TORQUE_MOTION, "gravity": GRAVITY_MOTION}
+SPEED_MARGIN = 1.5  # of the guard over the motion's own speed
+STOP_SPEED_RAD_S = 3.0  # of the guard at stops; a light wrist is jerked when the shoulder stops
+BEYOND_RAD = 0.05  # of the guard over where the search for a stop gives up by itself
+POSE_S = 1.0
+_FAR_RAD = 100.0  # more than any encoder counts
+
+
+@dataclass(frozen=True)
+class CalibrationJob(ArmJob):
+    """What is to be calibrated; the robot's own calibration of this kind is left out meanwhile."""
+
+    kind: str  # force, encoder, torque or gravity
+    _: KW_ONLY
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A robot ready to be calibrated, torque off; the body is as the calibrations that are applied say."""
+
+    job: CalibrationJob
+    arm: ArmSession
+    body: RigidBody
+
+    def guard(self, limits: Limits) -> Guard:
+        """A guard that holds the arm to these limits."""
+        robot_file = self.job.robot_file
+        return Guard(limits, robot_file.safe_state, robot_file.joint_count, self.body.gravity)
+
+    def still(self) -> StillRobot:
+        """The robot without power, in whatever pose it is."""
+        limits, n = self.job.robot_file.limits, self.job.robot_file.joint_count
+        anywhere = {"position_min_rad": (-_FAR_RAD,) * n, "position_max_rad": (_FAR_RAD,) * n}
+        guard = self.guard(limits.model_copy(update=anywhere))
+        return StillRobot(
+            self.arm.robot, guard, self.arm.clock, self.arm.log, self.job.robot_file.control_rate_hz
+        )
+
+    def start_rad(self) -> FloatArray:
+        """Joint positions before anything moves, shape (n,) [rad]."""
+        return self.still().await_samples().joint_position_rad
+
+    def run(self, task: Task, limits: Limits, watcher: Watcher = NOBODY) -> None:
+        """Run a task in the loop, under a guard with these limits.
+
+        Raises:
+            KeyboardInterrupt: the user stopped it.
+            PalpateError: the arm was stopped.
+        """
+
+        def observe(measurement: Measurement, output: TaskOutput) -> Estimates:
+            watcher.tick(measurement, output)
+            return NO_ESTIMATE
+
+        arm, guard, rate_hz = self.arm, self.guard(limits), self.job.robot_file.control_rate_hz
+        watcher.started()
+        with ExitStack() as stack:
+            if not self.job.simulated:
+                stack.enter_context(realtime())
+            result = run_loop(arm.robot, guard, task, arm.clock, arm.log, rate_hz=rate_hz, observer=observe)
+            result = released(arm.robot, result)
+        if result.outcome is Outcome.STOPPED and not result.deactivation_error:
+            raise KeyboardInterrupt
+        result.raise_for_trip()
+
+
+Place = Callable[[Bench, int, float], None]
+MakeWatcher = Callable[[float], Watcher]  # from the duration of a motion, about [s]
+
+
+@contextmanager
+def calibration_bench(job: CalibrationJob, now_utc: datetime | None = None) -> Iterator[Bench]:
+    """Set everything up; the session file is complete when the context ends.
+
+    Raises:
+        InputError: robot file, calibrations and scenario do not fit each other, a device could not be opened,
+            or the session cannot be written.
+    """
+    now_utc = now_utc or datetime.now(UTC)
+    calibrations = load_calibrations(job.robot_file, now_utc, leave_out=(job.kind,), emulated=job.wired)
+    body = checked_body(job.robot_file, calibrations)
+    with arm_session(job, calibrations, {KIND: job.kind}, now_utc) as arm:
+        yield Bench(job, arm, body)
+
+
+def motion_in_words(kind: str, limits: Limits) -> str:
+    """What the arm does to have its encoders, drives or base calibrated, as a person reads it beforehand."""
+    travel_rad_s = travel_speed_rad_s(limits)
+    if kind in MOTIONS:
+        motion = MOTIONS[kind]
+        fastest_rad_s = max(float(paced(motion.speed_rad_s, limits).max()), travel_rad_s)
+        return (
+            f"all joints at once in free air, up to {fastest_rad_s:.3g} rad/s, for "
+            f"{motion.duration_s:g} s and the ways there and back"
+        )
+    settings = StopSettings.within(limits)
+    trips_rad_s = max(_slowed(limits, STOP_SPEED_RAD_S).velocity_rad_s)
+    return (
+        f"all joints at up to {settings.travel_rad_s:.3g} rad/s to where there is room, then each at "
+        f"{settings.speed_rad_s:.2g} rad/s against its hard stops, pushing with {100 * PUSH_SHARE:g} % of "
+        f"its torque limit; its guard stops it beyond {trips_rad_s:.3g} rad/s"
+    )
+
+
+def run_motion(
+    job: CalibrationJob,
+    settings: ExcitationSettings | None = None,
+    watcher: MakeWatcher = lambda _s: NOBODY,
+    now_utc: datetime | None = None,
+) -> None:
+    """Excite the arm in free air and log it: for torque and gravity, with the usual motion of the kind.
+
+    Raises:
+        InputError: as `calibration_bench`, or no motion is clear of the ground.
+        PalpateError: the arm was stopped.
+        KeyboardInterrupt: the user stopped it.
+    """
+    settings, robot_file = settings or MOTIONS[job.kind], job.robot_file
+    limits = robot_file.limits
+    with calibration_bench(job, now_utc) as bench:
+        bodies = GravityBodies.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
+        rng = np.random.default_rng(0)
+        path = choose_path(bench.body, bodies, bench.start_rad(), limits, settings=settings, rng=rng)
+        task = PathTask(bench.body, gains_of(robot_file).tracking, path, travel_speed_rad_s(limits))
+        guarded = _slowed(limits, SPEED_MARGIN * max(settings.speed_rad_s, 1.0))
+        bench.run(task, guarded, watcher(settings.duration_s + 10.0))
+
+
+def run_stops(
+    job: CalibrationJob,
+    stops_rad: tuple[FloatArray, FloatArray] | None = None,
+    watcher: MakeWatcher = lambda _s: NOBODY,
+    now_utc: datetime | None = None,
+) -> None:
+    """Touch the joints' hard stops and log it; lower and upper stops, (n,) each, are by default the URDF's.
+
+    Raises:
+        InputError: as `calibration_bench`, or a stop cannot be reached.
+        PalpateError: the arm was stopped.
+        KeyboardInterrupt: the user stopped it.
+    """
+    limits = job.robot_file.limits
+    settings = StopSettings.within(limits)
+    with calibration_bench(job, now_utc) as bench:
+        stops_rad = stops_rad or bench.body.position_limits_rad
+        start_rad = bench.start_rad()
+        up_rad, approaches = plan_stops(bench.body, start_rad, limits, stops_rad, settings.reach_rad)
+        task = StopTask(bench.body, gains_of(job.robot_file).tracking, up_rad, approaches, settings)
+        opened = with_room_for_stops(limits, approaches, settings.reach_rad + BEYOND_RAD)
+        bench.run(task, _slowed(opened, STOP_SPEED_RAD_S), watcher(12.0 * len(approaches)))
+
+
+def run_pose(job: CalibrationJob, now_utc: datetime | None = None) -> None:
+    """Read the encoders of an arm that is held in a known pose, without power, and log it.
+
+    Raises:
+        InputError: as `calibration_bench`.
+        SafetyTripError: a sample is missing or old.
+    """
+    with calibration_bench(job, now_utc) as bench:
+        still = bench.still()
+        still.await_samples()
+        still.watch(POSE_S, 0)
+
+
+def run_weighing(
+    job: CalibrationJob,
+    forces_n: Sequence[float],
+    place: Place,
+    *,
+    settle_s: float = 1.0,
+    measure_s: float = 1.0,
+    progress: Callable[[float], None] | None = None,
+    now_utc: datetime | None = None,
+) -> None:
+    """Put known forces on the sensor of an arm without power, one after the other, and log it.
+
+    `place` sees to it that force number i [N], positive in compression, is there; see `weigh` for the rest.
+
+    Raises:
+        InputError: as `calibration_bench`, or there are too few forces, or one is beyond the robot's limit.
+        SafetyTripError: a sample is missing, old or beyond a limit.
+        KeyboardInterrupt: the user stopped it.
+    """
+    check_references(forces_n)
+    limit_n = job.robot_file.limits.force_n
+    if max(map(abs, forces_n)) >= limit_n:
+        raise InputError(
+            f"{max(forces_n, key=abs):.4g} N: limits.force_n of '{job.robot_file.name}' is {limit_n:g} N"
+        )
+    with calibration_bench(job, now_utc) as bench:
+        still = bench.still()
+        still.await_samples()
+
+        def put(number: int, force_n: float) -> None:
+            place(bench, number, force_n)
+
+        weigh(still, forces_n, put, settle_s=settle_s, measure_s=measure_s, progress=progress)
+
+
+def put_simulated_weight(bench: Bench, number: int, force_n: float) -> None:
+    """Put a force on the simulated sensor."""
+    if bench.arm.world is not None:
+        bench.arm.world().sensor_load_n = force_n
+
+
+def _slowed(limits: Limits, speed_rad_s: float) -> Limits:
+    """The limits with no joint faster than this."""
+    velocity_rad_s = np.minimum(limits.velocity_rad_s, speed_rad_s).tolist()
+    return limits.model_copy(update={"velocity_rad_s": tuple(velocity_rad_s)})

@@ -1,0 +1,201 @@
+"""From a recording to a calibration file: which sessions serve, and what the file says."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from calibration.arm.fit import ArmFit, fit_arm, motion_of
+from calibration.arm.model import GravityBodies
+from calibration.encoder.fit import EncoderFit, fit_pose, fit_stops
+from calibration.force.fit import ForceFit
+from calibration.statistics import Estimate
+from control.loop.tick_record import STREAM_NAME
+from estimation.data.tick_check import checked_ticks
+from palpate.files import open_session
+from palpate.runs.calibration import KIND
+from palpate.runs.robots import EMULATED
+from palpate.runs.session import SOURCE
+from robot_io.calibration import (
+    EncoderCalibration,
+    ForceCalibration,
+    GravityCalibration,
+    RawData,
+    TorqueCalibration,
+    device_identity,
+    first_difference,
+    parse_calibrations,
+    urdf_sha256,
+)
+from robot_io.errors import InputError
+from robot_io.files.file_model import validate
+from robot_io.robot_file import RobotFile, parse_robot_file
+from robot_io.session import Session
+from robot_io.types import FloatArray
+
+_FAMILY = {"gravity": "torque"}  # kinds whose sessions serve each other
+
+
+def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
+    """A session to work a calibration of this kind and robot out from.
+
+    Raises:
+        InputError: it was not made for that, is of another robot or device, or such a calibration was applied
+            in it.
+    """
+    session = open_session(path)
+    made_for = session.metadata.extra.get(KIND)
+    if made_for is None or _FAMILY.get(made_for, made_for) != _FAMILY.get(kind, kind):
+        made = f"palpate calibrate {made_for}" if made_for else "no calibration"
+        raise InputError(f"session {path}: is from {made}; palpate calibrate {kind} cannot work on it")
+    recorded = parse_robot_file(session.metadata.robot_file, robot_file.path)
+    if recorded.name != robot_file.name:
+        raise InputError(
+            f"session {path}: is of the robot '{recorded.name}', not '{robot_file.name}' (see --robot)"
+        )
+    if changed := first_difference(device_identity(recorded, kind), device_identity(robot_file, kind)):
+        raise InputError(f"session {path}: was recorded with another device: {changed}")
+    if kind in parse_calibrations(session.metadata.calibration, f"{path}, its calibration").kinds:
+        raise InputError(f"session {path}: a calibration of kind '{kind}' was applied in it already")
+    if STREAM_NAME in session.stream_names:
+        checked_ticks(session)
+    return session
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """What every calibration file says of where it comes from."""
+
+    robot_file: RobotFile  # of the robot that it is for
+    raw: Path  # session or data file that it was worked out from
+    now_utc: datetime  # date of the calibration
+    valid_days: float  # how long it may be used
+    source: str | None = "measured"  # or simulated, or emulated
+    made_with: tuple[str, ...] = ()  # calibrations that were applied meanwhile
+
+    @classmethod
+    def of(cls, robot_file: RobotFile, raw: Path, valid_days: float) -> "Stamp":
+        """As the session says; somebody's data file says nothing, and is taken as measured now."""
+        if raw.suffix != ".mcap":
+            return cls(robot_file, raw, datetime.now(UTC), valid_days)
+        metadata = Session.open(raw).metadata
+        said = metadata.extra.get(SOURCE)
+        source = "emulated" if said == EMULATED else said if said in ("measured", "simulated") else None
+        names = [line.rstrip(":") for line in metadata.calibration.splitlines() if line[:1].strip()]
+        made_utc = datetime.fromisoformat(metadata.created_utc)
+        return cls(robot_file, raw, made_utc, valid_days, source, tuple(names))
+
+    def content(self, kind: str) -> dict[str, object]:
+        """Everything but the values; `InputError` if the raw data or the URDF cannot be read."""
+        with self.raw.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        content: dict[str, object] = {
+            "palpate_calibration": 1,
+            "kind": kind,
+            "robot": self.robot_file.name,
+            "device": device_identity(self.robot_file, kind),
+            "source": self.source,
+            "made_utc": self.now_utc.isoformat(timespec="seconds"),
+            "valid_until_utc": (self.now_utc + timedelta(days=self.valid_days)).isoformat(timespec="seconds"),
+            "software_version": version("palpate"),
+            "raw_data": RawData(file=self.raw.name, sha256=sha256).model_dump(),
+            "made_with": self.made_with,
+        }
+        if kind in ("torque", "gravity"):
+            content["urdf_sha256"] = urdf_sha256(self.robot_file)
+        return content
+
+
+def arm_fit_of(session: Session, urdf: str | Path, tip_frame: str) -> ArmFit:
+    """Gains, offsets, friction and tilt from a session of `run_motion`.
+
+    Raises:
+        InputError: it is no such session, or does not determine a joint's gain.
+    """
+    return fit_arm(motion_of(session.samples("tick")), GravityBodies.from_urdf(urdf, tip_frame))
+
+
+def encoder_fit_of(
+    session: Session, joint_count: int, pose_rad: Sequence[float] | None, known_std_rad: float
+) -> EncoderFit:
+    """Zeros from a session of `run_stops`, or of `run_pose` in this pose; `InputError` if it is none."""
+    if pose_rad is not None:
+        return fit_pose(session, np.array(pose_rad, dtype=np.float64), known_std_rad)
+    try:
+        return fit_stops(session, joint_count, known_std_rad)
+    except InputError as error:
+        raise InputError(f"{error}; if the arm was held in a pose, say in which: --pose") from error
+
+
+def force_calibration(fit: ForceFit, reading_unit: str, stamp: Stamp) -> ForceCalibration:
+    """The file's content."""
+    values = {"zero": _entry(fit.zero, reading_unit), "scale": _entry(fit.scale, f"N/{reading_unit}")}
+    if fit.curvature:
+        values["curvature"] = _entry(fit.curvature, f"N/{reading_unit}^2")
+    findings = {
+        "hysteresis": _entry(fit.hysteresis_n, "N"),
+        "nonlinearity": _entry(fit.nonlinearity, "1"),
+        "residual_rms": _entry(Estimate(fit.rms_n, 0.0), "N"),
+        "range": _entry(Estimate(list(fit.range_n), [0.0, 0.0]), "N"),
+    }
+    content = stamp.content("force") | {"reading_unit": reading_unit, "values": values, "findings": findings}
+    return validate(ForceCalibration, content)
+
+
+def encoder_calibration(fit: EncoderFit, stamp: Stamp) -> EncoderCalibration:
+    """The file's content."""
+    values = {"offset": _entry(Estimate(fit.offset_rad, fit.std_rad), "rad")}
+    findings = {"repeatability": _exact(fit.repeatability_rad, "rad")}
+    return validate(EncoderCalibration, stamp.content("encoder") | {"values": values, "findings": findings})
+
+
+def torque_calibration(fit: ArmFit, stamp: Stamp) -> TorqueCalibration:
+    """The file's content; friction is a finding."""
+    values = {
+        "gain": _entry(fit.gain, "1"),
+        "offset": _entry(fit.offset_nm, "N m"),
+        "command_offset": _entry(fit.command_offset_nm, "N m"),
+    }
+    findings = {
+        "coulomb_friction": _entry(fit.coulomb_nm, "N m"),
+        "viscous_friction": _entry(fit.viscous_nms_rad, "N m s/rad"),
+        "residual_rms": _exact(_rms(fit.residual_nm), "N m"),
+    }
+    return validate(TorqueCalibration, stamp.content("torque") | {"values": values, "findings": findings})
+
+
+def gravity_calibration(fit: ArmFit, stamp: Stamp) -> GravityCalibration:
+    """The file's content; an angle that the arm does not feel is left out.
+
+    Raises:
+        InputError: the arm feels no tilt at all.
+    """
+    tilt = zip(("pitch", "roll"), fit.tilt_rad.value.tolist(), fit.tilt_rad.std_err.tolist(), strict=True)
+    values = {name: _entry(Estimate(angle, std), "rad") for name, angle, std in tilt if np.isfinite(angle)}
+    if not values:
+        raise InputError("no joint of this arm carries weight: it cannot feel how its base stands")
+    findings = {
+        "torque_gain": _entry(fit.gain, "1"),
+        "coulomb_friction": _entry(fit.coulomb_nm, "N m"),
+        "residual_rms": _exact(_rms(fit.residual_nm), "N m"),
+    }
+    return validate(GravityCalibration, stamp.content("gravity") | {"values": values, "findings": findings})
+
+
+def _rms(residual: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(np.nanmean(residual**2, axis=0)))
+
+
+def _exact(values: FloatArray, unit: str) -> dict[str, object]:
+    return _entry(Estimate(values, np.zeros_like(values)), unit)
+
+
+def _entry(
+    estimate: Estimate[FloatArray] | Estimate[float] | Estimate[list[float]], unit: str
+) -> dict[str, object]:
+    value, std_err = (np.asarray(part).tolist() for part in (estimate.value, estimate.std_err))
+    return {"value": value, "std_err": std_err, "unit": unit}

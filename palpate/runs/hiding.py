@@ -1,0 +1,82 @@
+"""Hides effects in a simulated world, and seals what they are beside the session."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from palpate.files import existing_file
+from robot_io.errors import InputError
+from robot_io.files.file_model import FileModel, validate
+from robot_io.files.safe_yaml import load_yaml
+from robot_io.session import Session, SessionMetadata
+from sim_backend.hidden import draw_hidden
+from sim_backend.imperfection import IMPERFECTIONS
+from sim_backend.scenario import Hidden, Scenario
+from sim_backend.secret import Answer, seal, sealed_path, unseal
+
+RANDOM = "random"
+SEALED = "(sealed)"  # what stands in a command line for what is hidden
+SEAL = "seal"  # key in a session's metadata of the mark that its sealed answer has as well
+
+
+class HiddenFile(FileModel):
+    """A YAML file that says what to hide, as in a scenario."""
+
+    hidden: tuple[Hidden, ...]
+
+
+def hide(scenario: Scenario, what: str) -> Scenario:
+    """The same world with other hidden effects; its seed decides what is drawn.
+
+    They are "random"; the name of an effect, whose place and strength are then random; or a YAML file with a
+    list `hidden`.
+
+    Raises:
+        InputError: no such effect or file, or they do not fit the world.
+    """
+    if what == RANDOM or what in IMPERFECTIONS:
+        effect = None if what == RANDOM else what
+        return scenario.with_hidden(draw_hidden(scenario.seed, effect=effect, scenario=scenario))
+    if not Path(what).suffix:
+        raise InputError(f"hidden '{what}': {IMPERFECTIONS.unknown(what)}; or {RANDOM}, or a YAML file")
+    document = load_yaml(existing_file(Path(what), "hidden"))
+    return scenario.with_hidden(validate(HiddenFile, document.data, document).hidden)
+
+
+def seal_hidden(
+    session: Path, scenario: Scenario, what: str | None, metadata: SessionMetadata
+) -> Path | None:
+    """Write what is hidden in the world of a session beside it: a sealed file, or None where nothing is.
+
+    `what` is how it was chosen, as for `hide`, or None if the scenario says so itself. The session's metadata
+    has the mark that binds the answer to it.
+
+    Raises:
+        InputError: such a file is there already, or it cannot be written.
+    """
+    if not scenario.hidden:
+        return None
+    drawn = what is not None and not Path(what).suffix
+    return seal(session, Answer(scenario.hidden, scenario.seed if drawn else None, *_mark(metadata)))
+
+
+def open_answer(session: Session) -> Answer:
+    """What was hidden in a session.
+
+    Raises:
+        InputError: there is no sealed answer, it is damaged, or it is that of another session.
+    """
+    path = existing_file(sealed_path(session.path), "sealed answer")
+    answer = unseal(path)
+    if (answer.made_utc, answer.mark) != _mark(session.metadata):
+        raise InputError(f"sealed answer {path}: is that of another session, made at {answer.made_utc}")
+    return answer
+
+
+def _mark(metadata: SessionMetadata) -> tuple[str, str]:
+    return metadata.created_utc, metadata.extra.get(SEAL, "")
+
+
+def command_line(arguments: Sequence[str], hidden: str | None) -> str:
+    """How the program was started, for a session to keep: it does not tell what is hidden."""
+    line = " ".join(["palpate", *arguments])
+    return line if hidden in (None, "", RANDOM) else line.replace(str(hidden), SEALED)

@@ -1,0 +1,198 @@
+"""Options that every command with an arm shares, and what they mean."""
+
+import functools
+import inspect
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import numpy as np
+import typer
+
+from control.arm.rigid_body import RigidBody
+from palpate.runs.hiding import command_line
+from palpate.runs.robots import DEFAULT, find_robot, importable, shipped_robots
+from robot_io.errors import InputError
+from robot_io.robot_file import RobotFile
+from robot_io.types import FloatArray
+from sim_backend.scenario import load_scenario, shipped_scenarios
+
+SESSIONS = Path("sessions")
+YEAR_DAYS = 365.0
+SHARES = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0)  # of the force limit, simulated weights
+BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, which are not quite where the URDF says
+_ROBOT = f"Robot file, or a shipped arm: {', '.join(shipped_robots())}."
+_SCENARIO = f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}."
+_HIDDEN = "Hide effects in the simulated world: random, one's name, or a YAML file with a list."
+_WIRE = "Real drivers, byte by byte, but emulated devices: no hardware is touched."
+_DRIVERS = "Python package with drivers of your own."
+YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before a real arm gets power.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """Which arm runs, real, emulated or simulated."""
+
+    robot: Annotated[str, typer.Option(help=_ROBOT)] = DEFAULT
+    scenario: Annotated[str | None, typer.Option(help=_SCENARIO)] = None
+    seed: Annotated[int | None, typer.Option(help="Seed of all simulated noise.", min=0)] = None
+    hidden: Annotated[str | None, typer.Option(help=_HIDDEN, metavar="WHAT")] = None
+    wire: Annotated[bool, typer.Option("--wire", help=_WIRE)] = False
+    realtime: Annotated[bool, typer.Option("--realtime", help="Simulate no faster than time passes.")] = False
+    drivers: Annotated[list[str] | None, typer.Option(help=_DRIVERS, metavar="PACKAGE")] = None
+    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False
+
+    @functools.cached_property
+    def robot_file(self) -> RobotFile:
+        """The arm's file."""
+        return find_robot(self.robot)
+
+    @property
+    def job(self) -> dict[str, Any]:
+        """What they say of an `ArmJob`."""
+        return {
+            "scenario": load_scenario(self.scenario) if self.scenario is not None else None,
+            "seed": self.seed,
+            "hidden": self.hidden,
+            "wired": self.wire,
+            "paced": self.realtime,
+            "drivers": importable(self.drivers or []),
+            "command_line": command_line(sys.argv[1:], self.hidden),
+        }
+
+    def stamped_name(self, kind: str = "") -> str:
+        """A name for a file of this arm that nobody has used yet."""
+        stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+        return "-".join(filter(None, (stamp, self.robot_file.name, kind)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateOptions(RunOptions):
+    """What a calibration is worked out from, and where it goes."""
+
+    from_: Annotated[
+        Path | None,
+        typer.Option("--from", help="Work it out from this file; nothing moves.", metavar="FILE"),
+    ] = None
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Calibration file to write (YAML).")] = None
+    session: Annotated[Path | None, typer.Option(help="Session file to write.")] = None
+    valid_days: Annotated[
+        float, typer.Option(help="How long it may be used.", metavar="DAYS", min=0.01, max=3650)
+    ] = YEAR_DAYS
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionOptions(CalibrateOptions):
+    """The same, for what gives a real arm power."""
+
+    yes: YesOption = False
+
+
+def takes(options: type[RunOptions]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Gives a command one option for each field of `options`; they come as its first argument."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        names, hints = [field.name for field in fields(options)], get_type_hints(options, include_extras=True)
+        own = list(inspect.signature(command).parameters.values())[1:]
+        shared = [
+            inspect.Parameter(
+                f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name]
+            )
+            for f in fields(options)
+        ]
+
+        @functools.wraps(command)
+        def call(**values: Any) -> None:  # noqa: ANN401
+            command(options(**{name: values.pop(name) for name in names}), **values)
+
+        parameters = [*shared, *(p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own)]
+        call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        call.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+        return call
+
+    return decorate
+
+
+def numbers(option: str, text: str, example: str = "") -> list[float]:
+    """Numbers with commas between them; `InputError` if they are none, or not finite."""
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"{option} {text!r}: give numbers with commas between them{example}") from None
+    if not all(abs(number) < 1e6 for number in found):  # also NaN
+        raise InputError(f"{option} {text!r}: give finite numbers")
+    return found
+
+
+def joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:
+    """One angle per joint [rad], or those of home; `InputError` if they are none, or of another number."""
+    if text == "home":
+        return list(robot_file.home_rad)
+    angles = numbers(option, text)
+    if len(angles) != robot_file.joint_count:
+        raise InputError(
+            f"{option} {text!r}: {len(angles)} angles, the robot has {robot_file.joint_count} joints"
+        )
+    return angles
+
+
+def stops_of(
+    lower: str | None, upper: str | None, robot_file: RobotFile
+) -> tuple[FloatArray, FloatArray] | None:
+    """Lower and upper stops that are stated, (n,) each [rad], NaN on a side that is not; None for the URDF's.
+
+    Raises:
+        InputError: one of them is no list of angles, or a lower stop is not below its upper one.
+    """
+    if lower is None and upper is None:
+        return None
+    none = [np.nan] * robot_file.joint_count
+    low_rad = none if lower is None else joint_angles("--lower-stops", lower, robot_file)
+    high_rad = none if upper is None else joint_angles("--upper-stops", upper, robot_file)
+    for joint, (low, high) in enumerate(zip(low_rad, high_rad, strict=True), 1):
+        if low >= high:
+            raise InputError(
+                f"--lower-stops {lower!r}: {low:g} rad of joint {joint} is not below its upper stop, "
+                f"{high:g} rad"
+            )
+    return np.array(low_rad), np.array(high_rad)
+
+
+def pose_of(pose: str | None, robot_file: RobotFile) -> list[float] | None:
+    """The pose that is stated, (n,) [rad]; None where none is.
+
+    Raises:
+        InputError: it is no list of angles, or no joint of this arm can be turned so far.
+    """
+    if pose is None:
+        return None
+    angles = joint_angles("--pose", pose, robot_file)
+    lower_rad, upper_rad = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame).position_limits_rad
+    for joint, (angle, low, high) in enumerate(zip(angles, lower_rad, upper_rad, strict=True), 1):
+        if not low - BEYOND_STOPS_RAD <= angle <= high + BEYOND_STOPS_RAD:
+            raise InputError(
+                f"--pose {pose!r}: joint {joint} turns from {low:g} to {high:g} rad by the URDF, "
+                f"not to {angle:g}"
+            )
+    return angles
+
+
+def forces_of(
+    weights_kg: str | None, robot_file: RobotFile, gravity_m_s2: float, *, simulated: bool
+) -> list[float]:
+    """The forces that are put on, one after the other [N].
+
+    Raises:
+        InputError: nobody said which, and they cannot be chosen; or one is negative.
+    """
+    if weights_kg is not None:
+        masses_kg = numbers("--weights-kg", weights_kg)
+        if min(masses_kg) < 0:
+            raise InputError(f"--weights-kg {weights_kg!r}: no mass is below 0 kg")
+        return [mass_kg * gravity_m_s2 for mass_kg in masses_kg]
+    if not simulated:
+        raise InputError("--weights-kg: say which masses you have, up and down, such as 0,0.5,1,2,1,0.5,0")
+    return [share * robot_file.limits.force_n for share in SHARES]

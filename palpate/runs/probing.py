@@ -1,0 +1,134 @@
+"""Puts a probing run together: robot, clock, guard, task, loop, session log, online estimation."""
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import KW_ONLY, dataclass, field
+from pathlib import Path
+
+import yaml
+
+from control.laws.gains import TouchGains, gains_of
+from control.loop.journal import Observer
+from control.loop.loop import run_loop
+from control.loop.phases import Phase
+from control.loop.realtime import realtime
+from control.loop.result import LoopResult, Outcome
+from control.loop.task import TaskOutput
+from control.loop.tick_record import NO_ESTIMATE, Estimates
+from control.probing.plan import ProbingPlan
+from control.probing.task import ProbingTask
+from estimation.estimator import OnlineEstimator
+from estimation.estimators import ESTIMATORS
+from estimation.online import OnlineContactEstimator
+from palpate.runs.session import ArmJob, arm_session, checked_body, released
+from palpate.words import count
+from robot_io.calibration import load_calibrations
+from robot_io.errors import InputError, PalpateError
+from robot_io.guard import Guard
+from robot_io.types import Measurement
+
+PLAN = "plan"  # key of the plan's text in the session's metadata
+MOST_TICKS = 10_000_000  # of up to 400 bytes: a session of more than 4 GiB is not read
+
+
+@dataclass(frozen=True)
+class ProbingJob(ArmJob):
+    """What is to be probed, how, and where to."""
+
+    plan: ProbingPlan  # speeds, forces, repeats
+    _: KW_ONLY
+    online: str | None = "rls"  # name of the online estimator, or None for none
+    extra: Mapping[str, str] = field(default_factory=dict)  # further texts for the session's metadata
+
+
+class Watcher:
+    """Somebody who looks on; this one does nothing."""
+
+    def started(self) -> None:
+        """The arm is ready, and begins to move after this."""
+
+    def tick(self, measurement: Measurement, output: TaskOutput) -> None:
+        """A tick has passed. With a real arm, take no time here."""
+
+
+NOBODY = Watcher()
+
+
+@dataclass(frozen=True)
+class ProbingOutcome:
+    """How a probing run ended."""
+
+    session: Path  # the session file; it holds what happened until the end, also after a trip
+    loop: LoopResult
+    failures: tuple[str, ...]  # one line for each run that failed, such as one that touched nothing
+    sealed: Path | None = None  # file with what was hidden in the simulated world, None if nothing was
+    touched: bool = True  # whether the object was met: else there is nothing to estimate
+
+    def raise_for_failure(self) -> None:
+        """Raise if the session does not hold all that was planned.
+
+        Raises:
+            SafetyTripError: the torque may still be on, or a limit was exceeded.
+            KeyboardInterrupt: the user stopped it.
+            PalpateError: the arm was stopped, or a run gave no data.
+        """
+        if self.loop.outcome is Outcome.STOPPED and not self.loop.deactivation_error:
+            raise KeyboardInterrupt
+        self.loop.raise_for_trip()
+        if self.failures:
+            text = count(len(self.failures), "failure")
+            raise PalpateError(f"{text} while probing: {self.failures[0]}")
+
+
+def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
+    """Probe, and write the session file; it is complete when this returns.
+
+    Raises:
+        InputError: robot file, plan and scenario do not fit each other, or the session cannot be written;
+            nothing has moved then, and no session is left. Or a device could not be opened.
+    """
+    robot_file, rate_hz = job.robot_file, job.robot_file.control_rate_hz
+    if job.plan.shortest_s * rate_hz > MOST_TICKS:
+        raise InputError(
+            f"the plan takes {job.plan.shortest_s / 3600:.3g} h or more, and a session holds "
+            f"{MOST_TICKS / rate_hz / 3600:.3g} h at {rate_hz:g} Hz: plan fewer runs, shorter holds "
+            "or faster approaches"
+        )
+    estimate = _online_observer(job.online, gains_of(robot_file).touch)
+    phases: set[Phase] = set()
+
+    def observe(measurement: Measurement, output: TaskOutput) -> Estimates:
+        phases.add(output.phase)
+        watcher.tick(measurement, output)
+        return estimate(measurement, output)
+
+    calibrations = load_calibrations(robot_file, emulated=job.wired)
+    task = ProbingTask.from_robot_file(robot_file, job.plan, calibrations)
+    body = checked_body(robot_file, calibrations)  # the guard has a model of its own of the arm's weight
+    guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
+    plan = yaml.safe_dump(job.plan.model_dump(mode="json"), sort_keys=False)
+    with ExitStack() as stack:
+        arm = stack.enter_context(arm_session(job, calibrations, {PLAN: plan, **job.extra}))
+        if not job.simulated:
+            stack.enter_context(realtime())
+        watcher.started()
+        # An InputError from here: the plan does not suit where the arm stands, and nothing has moved.
+        result = run_loop(arm.robot, guard, task, arm.clock, arm.log, rate_hz=rate_hz, observer=observe)
+        result = released(arm.robot, result)
+    touched = Phase.LOADING in phases or bool(result.observer_error)  # who sees nothing more says nothing
+    return ProbingOutcome(job.session, result, task.failures, arm.sealed, touched)
+
+
+def online_estimators() -> list[str]:
+    """Names of the estimators that can run while the arm is probing."""
+    return [name for name, estimator in ESTIMATORS.items() if issubclass(estimator, OnlineEstimator)]
+
+
+def _online_observer(name: str | None, touch: TouchGains) -> Observer:
+    if name is None:
+        return lambda _measurement, _output: NO_ESTIMATE
+    estimator = ESTIMATORS[name]()
+    if not isinstance(estimator, OnlineEstimator):
+        valid = ", ".join(online_estimators())
+        raise InputError(f"estimator '{name}' needs all samples at once. Online: {valid}")
+    return OnlineContactEstimator(estimator, touch).observe

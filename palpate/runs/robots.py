@@ -1,0 +1,142 @@
+"""Finds robot files and drivers, and emulates devices: real drivers talk to them as to hardware, by bytes."""
+
+import importlib.util
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+import sim_backend
+from palpate.foreign_code import foreign_code
+from robot_io.clock import Clock
+from robot_io.driver import DriverCatalogue
+from robot_io.errors import InputError
+from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
+from sim_backend.drivers.pybullet_bus import PyBulletBus
+from sim_backend.emulators.faults import Faults
+from sim_backend.emulators.wiring import WiredArm, wire_up
+from sim_backend.scenario import Scenario
+
+ARMS = Path(sim_backend.__file__).parent / "arms"
+DEFAULT = "follower"
+DEFAULT_SCENARIO = "default"
+EMULATED = "simulated, emulated devices"  # what a session says of its source
+
+
+def shipped_robots() -> dict[str, Path]:
+    """Robot files that come with palpate, by name."""
+    return {path.parent.name: path for path in sorted(ARMS.glob("*/*.yaml")) if path.stem == path.parent.name}
+
+
+def find_robot(robot: str) -> RobotFile:
+    """The robot file of a shipped arm, by its name, or that at a path; `InputError` if there is none."""
+    shipped = shipped_robots()
+    if robot in shipped:
+        return load_robot_file(shipped[robot])
+    path = Path(robot)
+    if not path.is_file():
+        names = ", ".join(shipped)
+        raise InputError(f"robot '{robot}': no such robot file, and those shipped are {names}")
+    return load_robot_file(path)
+
+
+def importable(packages: list[str]) -> tuple[str, ...]:
+    """The packages, if Python finds them and they hold drivers.
+
+    Raises:
+        InputError: one is not found, fails, or holds no driver.
+    """
+    for package in packages:
+        if package.endswith(".py"):
+            raise InputError(f"--drivers {package}: give its name without .py (and its folder in PYTHONPATH)")
+        if not _is_there(package):
+            raise InputError(f"--drivers {package}: Python finds no such package (see PYTHONPATH)")
+        with foreign_code(f"--drivers {package}"):
+            own = _number_of_drivers(DriverCatalogue(package)) - _number_of_drivers(DriverCatalogue())
+        if not own:
+            raise InputError(f"--drivers {package}: holds no driver (docs/hardware.md says what one is)")
+    return tuple(packages)
+
+
+def _is_there(package: str) -> bool:
+    """Whether Python finds it; the package around it is run for that."""
+    with foreign_code(f"--drivers {package}"):
+        try:
+            return importlib.util.find_spec(package) is not None
+        except ModuleNotFoundError as error:
+            if error.name and f"{package}.".startswith(f"{error.name}."):
+                return False
+            raise
+        except ValueError:
+            return False
+
+
+def _number_of_drivers(drivers: DriverCatalogue) -> int:
+    return len(drivers.bus) + len(drivers.encoder) + len(drivers.torque) + len(drivers.force)
+
+
+def is_simulated(robot_file: RobotFile) -> bool:
+    """Whether the robot's bus is a simulated world, without devices.
+
+    Raises:
+        InputError: it is, but there is another bus too: devices would run on the time of a simulation.
+    """
+    worlds = [name for name, bus in robot_file.buses.items() if bus.driver == PyBulletBus.name]
+    others = [name for name in robot_file.buses if name not in worlds]
+    if worlds and others:
+        raise InputError(
+            f"{robot_file.path}: bus '{worlds[0]}' is simulated ({PyBulletBus.name}) and bus '{others[0]}' "
+            f"({robot_file.buses[others[0]].driver}) is not: simulated time passes as fast as can be, "
+            "which no device could follow; let all be simulated, or none"
+        )
+    return bool(worlds)
+
+
+def check_can_be_emulated(robot_file: RobotFile) -> None:
+    """Refuse with `InputError` a robot whose world is simulated without wires."""
+    if is_simulated(robot_file):
+        raise InputError(
+            f"robot '{robot_file.name}' is simulated without wires: --wire is for robots of hardware "
+            "drivers, such as robots/dynamixel_3dof.yaml"
+        )
+
+
+def emulate(
+    robot_file: RobotFile,
+    scenario: Scenario,
+    clock: Clock,
+    *,
+    as_built: RobotFile | None = None,
+    faults: Mapping[str, Faults] | None = None,
+) -> WiredArm:
+    """Put emulated devices at the far end of every bus of a robot; close its bench at the end.
+
+    On a simulated clock the devices run in lock-step with it. They are as `as_built` says, by default as the
+    robot file does; `faults` go wrong, by bus name.
+
+    Raises:
+        InputError: a bus cannot be emulated, or the two files do not have the same buses.
+    """
+    check_can_be_emulated(robot_file)
+    if as_built is None:
+        return wire_up(robot_file, scenario, clock, faults)
+    check_can_be_emulated(as_built)
+    if as_built.buses.keys() != robot_file.buses.keys():
+        raise InputError(f"{as_built.path}: its buses are not those of {robot_file.path}")
+    arm = wire_up(as_built, scenario, clock, faults)
+    data: Any = deepcopy(robot_file.document.data)
+    for name, bus in arm.robot_file.buses.items():  # only what leads to the emulated devices
+        known = as_built.buses[name].settings.items()
+        data["buses"][name].update(dict(item for item in bus.settings.items() if item not in known))
+    led = parse_robot_file(yaml.safe_dump(data, sort_keys=False), robot_file.path)
+    return replace(arm, robot_file=led)
+
+
+def wires_in_words(robot_file: RobotFile) -> str:
+    """What is emulated, such as "motors (dynamixel_bus), load_cell (serial_line); no hardware is touched"."""
+    check_can_be_emulated(robot_file)
+    buses = ", ".join(f"{name} ({bus.driver})" for name, bus in robot_file.buses.items())
+    return f"{buses}; no hardware is touched"

@@ -1,0 +1,219 @@
+"""From what a user asked for to an open robot and a session file, for probing and for calibrating."""
+
+import secrets
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import KW_ONLY, dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from control.arm.dh import check_dh_table
+from control.arm.rigid_body import RigidBody
+from control.loop.result import LoopResult
+from control.loop.tick_record import tick_stream
+from palpate.runs.hiding import SEAL, hide, seal_hidden
+from palpate.runs.permission import Permission, without_question
+from palpate.runs.robots import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
+from palpate.words import as_shell_word
+from robot_io.calibration import Calibrations
+from robot_io.clock import Clock, MonotonicClock, SimulatedClock
+from robot_io.driver import DriverCatalogue
+from robot_io.errors import DeviceError, InputError
+from robot_io.robot import Robot, build_robot
+from robot_io.robot_file import RobotFile
+from robot_io.session import SessionMetadata, SessionWriter
+from sim_backend.drivers.pybullet_bus import PyBulletBus
+from sim_backend.scenario import Scenario, load_scenario
+from sim_backend.world import World
+
+SIMULATED_DRIVERS = "sim_backend.drivers"
+SOURCE = "source"  # key of where the samples come from, in the session's metadata
+
+
+@dataclass(frozen=True)
+class ArmJob:
+    """What is common to every run of an arm."""
+
+    robot_file: RobotFile
+    session: Path  # the new session file
+    _: KW_ONLY
+    scenario: Scenario | None = None  # simulated world instead of the one that the robot file names
+    seed: int | None = None  # of all simulated noise instead of the scenario's
+    hidden: str | None = None  # what to hide in the simulated world, see `palpate.runs.hiding`
+    wired: bool = False  # emulate the devices of a robot of hardware drivers, and the world behind them
+    paced: bool = False  # let simulated time pass as fast as real time, not as fast as possible
+    drivers: tuple[str, ...] = ()  # packages or modules with drivers beside palpate's own
+    command_line: str = ""  # how the program was started
+    permission: Permission = without_question  # called before a real arm is opened; may refuse by raising
+
+    @property
+    def simulated(self) -> bool:
+        """Whether nothing but simulated or emulated devices stand behind it."""
+        return self.wired or is_simulated(self.robot_file)
+
+
+@dataclass(frozen=True)
+class ArmSession:
+    """A robot whose devices are open and without power, and the session that is being written."""
+
+    robot: Robot
+    clock: Clock
+    log: SessionWriter
+    sealed: Path | None  # file with what is hidden in the simulated world, None if nothing is
+    world: Callable[[], World] | None  # gives the simulated world, None with hardware
+
+
+def checked_body(robot_file: RobotFile, calibrations: Calibrations) -> RigidBody:
+    """The arm, once it is known that its masses and its DH table can be relied on.
+
+    Raises:
+        InputError: the URDF is not valid, says nothing of the arm's masses, or is not the DH table's arm.
+    """
+    body = RigidBody.of_robot(robot_file, calibrations)
+    if joint := body.weightless_joint:
+        raise InputError(
+            f"{robot_file.urdf_path}: joint '{joint}' moves no mass; give its links an <inertial>"
+        )
+    check_dh_table(robot_file, body)
+    return body
+
+
+@contextmanager
+def arm_session(
+    job: ArmJob, calibrations: Calibrations, extra: Mapping[str, str], now_utc: datetime | None = None
+) -> Iterator[ArmSession]:
+    """Open the robot and begin the session file, which is complete when the context ends.
+
+    `extra` are further texts for the session's metadata; `now_utc` stands for the machine's wall clock.
+
+    Raises:
+        InputError: robot file, drivers and scenario do not fit each other, a device could not be opened, or
+            the session cannot be written; nothing has moved then, and no session is left.
+    """
+    if job.simulated:
+        clock: Clock = SimulatedClock(MonotonicClock() if job.paced else None)
+    else:
+        clock = MonotonicClock()
+    with ExitStack() as stack:
+        robot, scenario, world = _set_up(job, clock, calibrations, stack)
+        if not job.simulated:
+            job.permission()
+        try:
+            stack.enter_context(robot)
+        except DeviceError as error:
+            path = job.robot_file.path
+            remedy = f"palpate doctor --robot {as_shell_word(str(path))} says what is there"
+            raise InputError(f"{path}: {error}; {remedy}") from error
+        metadata = _metadata(job, scenario, calibrations, extra, now_utc or datetime.now(UTC))
+        log, sealed = stack.enter_context(begun_session(job, robot.joint_count, metadata, scenario))
+        yield ArmSession(robot, clock, log, sealed, world)
+
+
+def released(robot: Robot, result: LoopResult) -> LoopResult:
+    """Let go of the robot; where its torque could not be switched off, this is the next try.
+
+    To be called before the session is closed, which may wait for its disk.
+
+    Raises:
+        DeviceError: the torque is off, but a device could not be released; says why the arm was stopped, too.
+    """
+    try:
+        robot.deactivate()
+    except DeviceError as error:
+        with suppress(DeviceError):
+            robot.close()
+        return replace(result, deactivation_error=str(error))
+    try:
+        robot.close()
+    except DeviceError as error:
+        if not result.cause:
+            raise
+        raise DeviceError(f"the arm was stopped: {result.cause}; then: {error}") from error
+    return replace(result, deactivation_error="")
+
+
+@contextmanager
+def begun_session(
+    job: ArmJob, joint_count: int, metadata: SessionMetadata, scenario: Scenario | None
+) -> Iterator[tuple[SessionWriter, Path | None]]:
+    """Begin the session file of a job, complete when the context ends; gives its writer and sealed answer.
+
+    The session file is made before the answer is sealed, and neither replaces anything: of two programs that
+    want the same name, one is refused before it has written anything.
+
+    Raises:
+        InputError: from here, or from within the context, where it says that nothing has moved; neither of
+            the two files is left.
+        SessionError: the session file is there already, or cannot be written.
+    """
+    mark = {SEAL: secrets.token_hex(16)} if scenario is not None and scenario.hidden else {}
+    metadata = replace(metadata, extra={**metadata.extra, **mark})
+    waits = job.simulated and not job.paced
+    sealed = None
+    with SessionWriter(job.session, [tick_stream(joint_count)], metadata, wait_for_room=waits) as log:
+        try:
+            sealed = (
+                seal_hidden(job.session, scenario, job.hidden, metadata) if scenario is not None else None
+            )
+            yield log, sealed
+        except InputError:
+            log.close()
+            for file in filter(None, (job.session, sealed)):
+                file.unlink(missing_ok=True)
+            raise
+
+
+def _set_up(
+    job: ArmJob, clock: Clock, calibrations: Calibrations, stack: ExitStack
+) -> tuple[Robot, Scenario | None, Callable[[], World] | None]:
+    """The robot, and what is simulated for it, which ends with `stack`; None with hardware."""
+    drivers = DriverCatalogue(SIMULATED_DRIVERS, *job.drivers)
+    drivers.check_names(job.robot_file)
+    if job.wired:
+        scenario = _altered(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
+        arm = emulate(job.robot_file, scenario, clock)
+        stack.callback(arm.bench.close)
+        return build_robot(arm.robot_file, drivers, clock, calibrations), scenario, lambda: arm.plant.world
+    robot = build_robot(job.robot_file, drivers, clock, calibrations)
+    bus = next((bus for bus in robot.buses.values() if isinstance(bus, PyBulletBus)), None)
+    if bus is None:
+        if any(option is not None for option in (job.scenario, job.seed, job.hidden)):
+            raise InputError(
+                f"robot '{job.robot_file.name}' is not simulated: scenario, seed and hidden effects mean "
+                "nothing to it, unless its devices are emulated (--wire)"
+            )
+        return robot, None, None
+    scenario = _altered(job.scenario or bus.scenario, job)
+    bus.use_scenario(scenario)
+    return robot, scenario, lambda: bus.world
+
+
+def _altered(scenario: Scenario, job: ArmJob) -> Scenario:
+    """The scenario with the seed and the hidden effects that are asked for."""
+    if job.seed is not None:
+        scenario = scenario.with_seed(job.seed)
+    return scenario if job.hidden is None else hide(scenario, job.hidden)
+
+
+def _metadata(
+    job: ArmJob,
+    scenario: Scenario | None,
+    calibrations: Calibrations,
+    extra: Mapping[str, str],
+    now_utc: datetime,
+) -> SessionMetadata:
+    source = EMULATED if job.wired else "simulated" if scenario else "measured"
+    python = ".".join(str(part) for part in sys.version_info[:3])
+    return SessionMetadata(
+        robot_file=job.robot_file.text,
+        urdf=job.robot_file.urdf_path.read_text(encoding="utf-8"),
+        calibration=calibrations.text,
+        scenario=scenario.public_yaml() if scenario else "",
+        software_version=version("palpate"),
+        seed=scenario.seed if scenario else None,
+        created_utc=now_utc.isoformat(timespec="seconds"),
+        command_line=job.command_line,
+        extra={SOURCE: source, "python": python, **extra},
+    )

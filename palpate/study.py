@@ -1,0 +1,205 @@
+"""The way in: one study of one measurement, with tables, pictures, a report, and a simulated world of it."""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from control.arm.rigid_body import RigidBody
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.import_options import ImportOptions
+from estimation.effect import Effect
+from estimation.study import Arm, Revision
+from estimation.study import Study as StudyBase
+from palpate.derived import derived_folder
+from palpate.export import Export, export_scenario
+from palpate.export.scenario import FittedChannel
+from palpate.files import existing_file, write_text
+from palpate.study_view import view_of
+from palpate.truth import scenario_of, true_parameters
+from palpate.user_effects import load_user_effects
+from palpate.user_effects.guard import rehearse, watched
+from robot_io.errors import InputError
+from robot_io.files.safe_yaml import read_text
+from sim_backend.scenario import Scenario
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+TIP_FRAME = "tip"
+
+
+class Study(StudyBase):
+    """Compare models with a measurement, find what is missing, add it, and go back.
+
+    Of a file, revisions and diagnosis are kept in the folder of its name, where the commands keep theirs.
+
+    >>> import numpy as np
+    >>> rng, t = np.random.default_rng(1), np.arange(0, 1, 0.002)
+    >>> runs = []
+    >>> for run, speed in enumerate((6.0, 9.0, 12.0, 15.0)):  # four presses at different speeds
+    ...     x = 0.004 * (1 - np.cos(speed * t)) - 0.001
+    ...     v = 0.004 * speed * np.sin(speed * t)
+    ...     force = np.where(x > 0, 400 * x + 3 * v + 3e6 * x**3, 0).clip(0) + rng.normal(0, 0.02, len(t))
+    ...     runs.append({"time_s": t, "displacement_m": x, "force_N": force, "run": np.full(len(t), run)})
+    >>> press = {name: np.concatenate([run[name] for run in runs]) for name in runs[0]}
+    >>> study = Study(press, model="kelvin_voigt")
+    >>> study.channels
+    (contact: kelvin_voigt, 4 runs, 2000 samples, ...,)
+    >>> study.compare()["contact"].lack_of_fit > 5
+    True
+    >>> found = study.diagnose().channels[0]
+    >>> found.verdict.value, [entry.effect for entry in found.accepted]
+    ('missing', ['cubic_stiffness'])
+    >>> change = study.add("cubic_stiffness")
+    >>> change.result.stages[1].parameters["cubic_stiffness.k3"].interval  # N/m^3, 95 %
+    (2..., 3...)
+    >>> study.remove("cubic_stiffness").revisions[0].effects
+    []
+    >>> [revision.number for revision in study.revisions]
+    [0, 1, 2]
+
+    Args:
+        data: path of a session or data file; a table (pandas, pyarrow, or a dict of arrays); or channels.
+        model: base model; None for what suits each channel.
+        columns: of a file or table, see `estimation.data.import_options.ImportOptions`; as are the next four.
+        units: such as {"force": "mN"}.
+        where: only rows with this text in a column.
+        context: further columns of numbers to keep.
+        fresh: each run met an object that was never pressed before.
+        arm: what the channels belong to: an `Arm`, or the path of a URDF with a frame "tip".
+        effects: of your own, beside palpate's: objects, or "my_effects.py:MyEffect".
+        folder: where revisions and the diagnosis are kept; None for the usual place.
+        keep: False to keep them in memory only.
+
+    Raises:
+        InputError: the data cannot be used, or the model does not describe it.
+    """
+
+    def __init__(
+        self,
+        data: Any,  # noqa: ANN401, whatever a user has
+        model: str | None = None,
+        *,
+        columns: Mapping[str, str] | None = None,
+        units: Mapping[str, str] | None = None,
+        where: Mapping[str, str] | None = None,
+        context: Sequence[str] = (),
+        fresh: bool = False,
+        arm: Arm | Path | str | None = None,
+        effects: Sequence[str | Effect] = (),
+        folder: Path | str | None = None,
+        keep: bool = True,
+    ) -> None:
+        own = load_user_effects([one for one in effects if isinstance(one, str)])
+        own |= {_place(one): watched(one) for one in effects if isinstance(one, Effect)}
+        place = None if folder is None else Path(folder)
+        if isinstance(data, str | Path):
+            data = existing_file(Path(data), "session or data file")
+            place = (place or derived_folder(data)) if keep else None
+        super().__init__(
+            data,
+            model,
+            options=ImportOptions(columns or {}, units or {}, where or {}, tuple(context), fresh),
+            arm=arm_from_urdf(Path(arm)) if isinstance(arm, str | Path) else arm,
+            effects=own,
+            folder=place,
+        )
+        for (text, effect), channel in product(own.items(), self.channels):
+            try:
+                rehearse(effect, channel.data)
+            except InputError as error:
+                raise InputError(f"--effect {text}: {error}") from error
+
+    def plot(self, channel: str | None = None) -> "go.Figure":
+        """The error as it falls, and curves of measurement and model, of one channel.
+
+        Raises:
+            InputError: there is no such channel, or there are several.
+        """
+        from palpate.render.figures import figure  # noqa: PLC0415, plotly takes half a second to import
+
+        return figure(view_of(self, [self._newest_result(self._current(self.channel(channel)))]).channels[0])
+
+    def report(self, path: Path | str, commands: Sequence[str] = ()) -> Path:
+        """Write all that is known as one HTML file.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        from palpate.render.report import write_report  # noqa: PLC0415, as above
+
+        return write_report(view_of(self, commands=commands), Path(path))
+
+    def export(self, path: Path | str, revisions: Sequence[int] = ()) -> Export:
+        """Write the fitted models as a simulated world.
+
+        Args:
+            path: the scenario file, replaced if it is there.
+            revisions: their numbers; by default each channel's newest of this data, and the contact's base
+                model where nothing was added to that.
+
+        Raises:
+            InputError: a revision is of other data, several are of one place, there is nothing to write, or
+                the file cannot be written.
+        """
+        made = self.exported(self.to_export(revisions))
+        write_text(Path(path), made.scenario.to_yaml())
+        return made
+
+    def to_export(self, numbers: Sequence[int] = ()) -> list[Revision]:
+        """The revisions that `export` writes; see there."""
+        if numbers:
+            chosen = [self._revisions.get(number) for number in numbers]
+        else:
+            newest = (self.newest(one) or self._newest_of_any_data(one.name) for one in self.channels)
+            chosen = [revision for revision in newest if revision is not None]
+        for revision in chosen:
+            self.check(revision)
+        contacts = [one for one in self.source.channels if one.kind is ChannelKind.CONTACT]
+        if len(contacts) == 1 and not any(one.channel == contacts[0].name for one in chosen):
+            base = self.channel(contacts[0].name)
+            self._keep(base, [], None)
+            chosen = [kept for kept in [self.latest(base)] if kept is not None] + chosen
+        names = {one.name for one in contacts}
+        places = ["contact" if one.channel in names else one.channel for one in chosen]
+        if twice := {place for place in places if places.count(place) > 1}:
+            raise InputError(f"several revisions for one {twice.pop()}: choose one with --revision")
+        if not chosen:
+            raise InputError(
+                f"{self._file}: no revision to write; add something first (palpate diagnose --apply)"
+            )
+        return chosen
+
+    def exported(self, revisions: Sequence[Revision]) -> Export:
+        """The simulated world of these revisions; see `export`."""
+        joints = sum(one.name.startswith("joint_") for one in self.source.channels)
+        fitted = [FittedChannel(one, self.channel_of(one).data.surface, joints) for one in revisions]
+        session = self.source.session
+        base = (scenario_of(session) if session is not None else None) or Scenario()
+        models = (f"{one.channel} {' + '.join([one.model, *one.effects])}" for one in revisions)
+        return export_scenario(base, fitted, f"as measured in {self.source.name}: {'; '.join(models)}")
+
+    def truth_of(self, channel: ChannelData) -> Mapping[str, float]:
+        """True parameters of a simulated session: those of the object, not of the joints."""
+        session = self.source.session
+        return true_parameters(session) if session and channel.kind is ChannelKind.CONTACT else {}
+
+    def _newest_of_any_data(self, channel: str) -> Revision | None:
+        return next((one for one in reversed(self.revisions) if one.channel == channel), None)
+
+
+def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:
+    """The arm of a URDF file.
+
+    Raises:
+        InputError: the file is not there, is no URDF, or has no such frame.
+    """
+    RigidBody.from_urdf(
+        existing_file(path, "URDF"), tip_frame or TIP_FRAME
+    )  # also where no model asks for it
+    return Arm(read_text(path), tip_frame or TIP_FRAME, str(path))
+
+
+def _place(effect: Effect) -> str:
+    return f"{type(effect).__module__}:{type(effect).__qualname__}"

@@ -1,0 +1,54 @@
+"""The view of a study, from which terminal, report and recording draw."""
+
+from collections.abc import Sequence
+
+from estimation.study import ChannelResult, Study
+from palpate.render.build import channel_view
+from palpate.render.view import ChannelView, StudyView
+from palpate.words import count
+
+
+def view_of(
+    study: Study, results: Sequence[ChannelResult] | None = None, commands: Sequence[str] = ()
+) -> StudyView:
+    """All that is known of a study.
+
+    Args:
+        study: what was measured.
+        results: what to show of it; None for all.
+        commands: that lead to the same.
+    """
+    shown = study.results() if results is None else results
+    return StudyView(study.source.name, tuple(map(result_view, shown)), _facts(study, shown), tuple(commands))
+
+
+def result_view(result: ChannelResult) -> ChannelView:
+    """All that is known of one channel."""
+    compared, stages = result.shown, [stage.fitted for stage in result.stages]
+    labels = [f"+ {stage.added}" if stage.added else stage.fitted.model.name for stage in result.stages]
+    return channel_view(
+        result.channel.data,
+        stages,
+        labels,
+        result.noise_floor or float("nan"),
+        parts=compared.parts if compared is not None else None,
+        words=compared.words[1:] if compared is not None else (),
+        diagnosis=result.diagnosis,
+        not_judged=compared.not_judged if compared is not None else "",
+        numbers=[stage.number for stage in result.stages],
+        notes=(result.reason,) if result.reason else (),
+    )
+
+
+def _facts(study: Study, results: Sequence[ChannelResult]) -> dict[str, str]:
+    channels = [one.channel for one in results]
+    facts = {
+        "channels": ", ".join(one.name for one in channels),
+        "data": f"{count(len(channels[0].data.runs), 'run')}, {count(len(channels[0].data), 'sample')}",
+        "base model": ", ".join(dict.fromkeys(one.model.name for one in channels)),
+        "SHA-256": ", ".join(f"{one.name} {one.sha256[:12]}" for one in channels),
+    }
+    if study.source.session is not None:
+        metadata = study.source.session.metadata
+        facts |= {"recorded": metadata.created_utc, "by": metadata.command_line}
+    return {name: value for name, value in facts.items() if value}

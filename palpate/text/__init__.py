@@ -1,1 +1,0 @@
-"""Results in words and tables, and progress for the person who waits."""

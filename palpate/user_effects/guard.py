@@ -1,0 +1,133 @@
+"""Watches over a user's effect: whatever it does wrong is one clear line that says whose it is."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.effect import AdditiveEffect, Effect, MotionEffect, SensorEffect
+from estimation.effects import EFFECTS
+from palpate.foreign_code import foreign_code
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+_CALLED = (
+    *("columns", "known", "simpler", "move", "sense", "slope", "follow", "starts", "is_misnamed"),
+    *("applies_to", "suited_to"),
+)
+_MOTION = ("position", "velocity", "acceleration", "effort")
+_REAL = "fiub"  # kinds of dtype: floats, whole numbers, truth values
+_Shape = tuple[int, ...]
+
+
+def watched(effect: Effect) -> Effect:
+    """The effect, whose methods raise an `InputError` where they fail or give what cannot be used."""
+    found = type(effect)
+
+    def watch(method: str) -> Callable[..., Any]:
+        def call(one: Effect, *args: Any, **by_name: Any) -> Any:  # noqa: ANN401
+            channel = next((a for a in args if isinstance(a, ChannelData)), None)
+            where = f"effect '{one.name}'" + (f" on channel '{channel.name}'" if channel else "")
+            with foreign_code(where):
+                made = getattr(super(watching, one), method)(*args, **by_name)
+                made = tuple(made) if method == "starts" else made
+                wrong = _flaw(one, method, args, made)
+            if wrong:
+                at = f", at {dict(args[-1])}" if args and isinstance(args[-1], Mapping) and args[-1] else ""
+                raise InputError(f"{where}: {wrong}{at}")
+            return made
+
+        return call
+
+    methods = {method: watch(method) for method in _CALLED if hasattr(found, method)}
+    watching: type[Effect] = type(found.__name__, (found,), {**methods, "__module__": found.__module__})
+    made = object.__new__(watching)
+    vars(made).update(vars(effect))
+    return made
+
+
+def rehearse(effect: Effect, data: ChannelData) -> None:
+    """Call each method of a watched effect once on a channel, before a search relies upon it.
+
+    Raises:
+        InputError: a method fails there, or gives what cannot be used.
+    """
+    if not effect.applies_to(data):
+        return
+    effect = effect.suited_to(data)
+    starts = list(effect.starts(data))
+    inner, both = starts[len(starts) // 2], _frozen(np.column_stack([data.effort, np.ones(len(data))]))
+    match effect:
+        case AdditiveEffect():
+            effect.known(data, inner)
+            effect.simpler(_frozen(effect.columns(data, inner)))
+        case MotionEffect():
+            effect.move(data, inner)
+        case SensorEffect():
+            effect.sense(data.effort, data, inner)
+            effect.slope(data.effort, both, data, inner)
+            effect.follow(data.effort, both, data, inner)
+    usual = _usual(*(EFFECTS[name]() for name in EFFECTS), effect)
+    noise = 0.01 * float(np.std(data.effort))
+    effect.is_misnamed(data, usual, lambda: {name: 0.1 * abs(value) for name, value in usual.items()}, noise)
+
+
+def _flaw(effect: Effect, method: str, args: tuple[Any, ...], made: Any) -> str | None:  # noqa: ANN401
+    """What is wrong with what a method gave, in words; None if nothing is."""
+    if method == "suited_to" and not (isinstance(made, Effect) and made.name == effect.name):
+        return f"suited_to gives {made!r}, wanted is an effect of the same name"
+    wanted = {parameter.name for parameter in effect.inner}
+    if method == "starts" and not (made and all(set(start) == wanted for start in made)):
+        values = ", ".join(sorted(wanted)) or "nothing: ({},)"
+        return f"starts gives {list(made[:1])}, wanted are values for {values}"
+    for what, array, shape in _arrays(effect, method, args, made):
+        if wrong := _wrong_array(array, shape):
+            return f"{what} gives {wrong}"
+    return None
+
+
+def _arrays(
+    effect: Effect,
+    method: str,
+    args: tuple[Any, ...],
+    made: Any,  # noqa: ANN401, as the user's code has it
+) -> Iterator[tuple[str, FloatArray, _Shape]]:
+    """The arrays in what a method gave: what each is, and the shape that it should have."""
+    match method, args:
+        case "columns", (ChannelData() as data, *_):
+            yield method, made, (len(data), len(effect.gains))
+        case "known", (ChannelData() as data, *_):
+            yield method, made, (len(data),)
+        case "simpler", (np.ndarray() as columns, *_):
+            yield method, made, (len(columns), min(np.shape(made)[-1], len(effect.gains)))
+        case "move", (ChannelData() as data, *_):
+            yield from ((f"{what} of move", getattr(made, what), (len(data),)) for what in _MOTION)
+        case "sense", (np.ndarray() as effort, *_):
+            yield method, made, effort.shape
+        case "slope", (_, np.ndarray() as columns, *_):
+            yield method, made, columns.shape
+        case "follow", (np.ndarray() as effort, np.ndarray() as columns, *_):
+            yield "slopes of follow", made[0], columns.shape
+            yield "effort of follow", made[1], effort.shape
+
+
+def _wrong_array(made: FloatArray, shape: _Shape) -> str | None:
+    kind = np.asarray(made).dtype
+    if kind.kind not in _REAL:
+        return f"values of type {kind}, wanted are real numbers"
+    if np.shape(made) != shape:
+        return f"an array of shape {np.shape(made)}, wanted is {shape}"
+    return None if np.isfinite(made).all() else "values that are not finite"
+
+
+def _usual(*effects: Effect) -> dict[str, float]:
+    """All parameters, each in the middle of its typical range."""
+    parameters = ((effect.name, p) for effect in effects for p in (*effect.gains, *effect.inner))
+    return {f"{name}.{p.name}": float(p.spread(3)[1]) for name, p in parameters}
+
+
+def _frozen(values: FloatArray) -> FloatArray:
+    view = np.asarray(values).view()
+    view.setflags(write=False)
+    return view

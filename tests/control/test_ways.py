@@ -1,0 +1,308 @@
+"""In free air the arm stays above what it presses on: between targets, and when it swings before a run."""
+
+import numpy as np
+import pytest
+
+from control.arm.inverse_kinematics import PlanarArm
+from control.arm.rigid_body import RigidBody
+from control.loop.phases import Phase
+from control.loop.result import Outcome
+from control.paths.trajectory import JointPath, LineState
+from control.probing.plan import ProbingPlan
+from control.probing.sites import probing_sites
+from control.probing.task import ProbingTask
+from control.probing.ways import Place, Routes
+from robot_io.errors import InputError
+from robot_io.robot_file import load_robot_file
+from robot_io.types import Measurement
+from tests.control.probing_runs import WIDE, plant_above, probing_task, run_probing
+from tests.control.reference_plant import TOOL_AXIS_TIP, test_arm
+from tests.control.simulated_arms import ARMS, NAMES, SimulatedArm, kelvin_voigt
+
+SWING_M = 0.06
+SHORT = {"speeds_m_s": (0.1,), "repeats": 2, "hold_s": 0.05, "settle_s": 0.05, "free_air_s": 0.1}
+SWINGING = SHORT | {"free_air_swing_m": SWING_M, "free_air_swing_speeds_rad_s": (0.5, 1.5)}
+SURFACE_M = 0.05
+FAR_APART = [(0.25, 0.45, 0.005), (0.2, 0.5, 0.015), (0.16, 0.5, 0.03), (0.45, 0.25, 0.005)]
+
+
+def started(plan, **limits):
+    """A task that has looked at its plan, on the reference arm."""
+    task = ProbingTask(
+        test_arm(),
+        TOOL_AXIS_TIP,
+        probing_task(plan)._gains,
+        plan,
+        **{"position_limits_rad": WIDE} | limits,
+    )
+    plant = plant_above()
+    task.start(plant.measure())
+    return task
+
+
+def test_the_tip_swings_up_and_back_at_both_speeds_before_every_run():
+    plant = plant_above(stiffness_n_m=2000.0, damping_n_s_m=20.0)
+    task = probing_task(ProbingPlan(**SWINGING))
+    record = run_probing(plant, task)
+    assert task.failures == ()
+    assert "no_swing" not in record.kinds()
+    heights = np.array([output.tip_position_world_m[2] for output in record.outputs])
+    speeds = np.array([np.abs(output.reference_velocity_rad_s).max() for output in record.outputs])
+    for run in (0, 1):
+        begin = 0 if run == 0 else int(np.flatnonzero(record.run == 0)[-1]) + 1
+        end = int(np.flatnonzero(record.run == run)[0])
+        assert (record.phase[begin:end] == Phase.MOVE).all()
+        way = heights[begin:end]
+        assert way.max() == pytest.approx(way[-1] + SWING_M, abs=1e-3)
+        assert way.min() > way[-1] - 1e-3  # never towards the object
+        assert (np.diff((way > way[-1] + 0.5 * SWING_M).astype(int)) == 1).sum() == 2
+        halves = np.split(speeds[begin:end], np.flatnonzero(speeds[begin:end] == 0.0))
+        peaks = [half.max() for half in halves if len(half) > 50]
+        assert peaks[:2] == pytest.approx([0.5, 0.5], rel=0.01)
+        assert all(0.5 < peak < 1.51 for peak in peaks[2:4])
+        assert record.force_n[begin:end].max() == 0.0
+
+
+def test_without_it_nothing_moves_but_what_did():
+    records = [
+        run_probing(plant_above(stiffness_n_m=2000.0, damping_n_s_m=20.0), probing_task(ProbingPlan(**plan)))
+        for plan in (SHORT, SWINGING)
+    ]
+    torques = [record.torque_nm[record.run == 0] for record in records]
+    plain_s, swung_s = (record.time_s[-1] for record in records)
+    assert swung_s > plain_s + 2.0
+    np.testing.assert_allclose(*torques, atol=0.02)  # the runs themselves are the same
+
+
+def test_what_is_met_on_a_swing_sends_the_arm_home():
+    plant = plant_above(stiffness_n_m=2000.0, damping_n_s_m=20.0)
+    truth, pushed = plant.measure, []
+
+    def measure():
+        """A hand, for five ticks, when the tip comes up."""
+        measurement = truth()
+        if plant.body.tip_pose(plant.position_rad)[0][2] > 0.08 + 0.7 * SWING_M and len(pushed) < 5:
+            pushed.append(plant.time_s)
+            return measurement._replace(force_n=measurement.force_n + 7.0)
+        return measurement
+
+    plant.measure = measure
+    task = probing_task(ProbingPlan(**SWINGING))
+    record = run_probing(plant, task)
+    assert record.kinds() == ["obstacle", "probing_done"]
+    assert len(task.failures) == 1
+    assert np.abs(record.position_rad[-1] - record.position_rad[0]).max() < 1e-3
+    assert record.time_s[-1] < pushed[0] + 3.0  # by the shortest way
+
+
+def test_a_swing_beyond_what_the_joints_may_is_refused_before_anything_moves():
+    home = plant_above().position_rad
+    narrow = home - 0.5, home + np.array((0.2, 0.5, 0.5))
+    plan = {**SHORT, "search_depth_m": 0.03, "max_depth_m": 0.01}
+    started(ProbingPlan(**plan), position_limits_rad=narrow)
+    with pytest.raises(
+        InputError, match=r"free_air_swing_m 0.3 m: at target 1 .* lifted by \d+ mm only"
+    ) as one:
+        started(ProbingPlan(**plan, free_air_swing_m=0.3), position_limits_rad=narrow)
+    assert "\n" not in str(one.value)
+
+
+def test_a_swing_that_takes_more_torque_than_there_is_is_refused():
+    plan = ProbingPlan(**SWINGING, joint_acceleration_rad_s2=4.0)
+    started(plan, torque_limits_nm=np.full(3, 1e3))
+    with pytest.raises(
+        InputError, match=r"free_air_swing_m 0.06 m: .* joint 1 would need .* its limit is 0.5 N m"
+    ):
+        started(plan, torque_limits_nm=np.full(3, 0.5))
+
+
+def test_a_swing_at_which_the_guard_trips_is_refused_and_one_not_asked_for_is_not():
+    follower = load_robot_file(ARMS / "follower" / "follower.yaml")
+    fast = {"free_air_swing_speeds_rad_s": (0.3, 7.0)}
+    ProbingTask.from_robot_file(follower, ProbingPlan(**fast))
+    with pytest.raises(InputError, match=r"free_air_swing_speeds_rad_s 7: the guard .* at most 5.45 rad/s"):
+        ProbingTask.from_robot_file(follower, ProbingPlan(**fast, free_air_swing_m=0.1))
+
+
+def test_the_guard_stays_quiet_on_a_joint_with_friction_that_nobody_knows_of():
+    quick = {"repeats": 1, "speeds_m_s": (0.15,), "free_air_swing_speeds_rad_s": (2.0,)}
+    plan = ProbingPlan(**SWINGING | quick)
+    arm = SimulatedArm(
+        "follower", plan, {"hidden": [{"effect": "coulomb_friction", "joint": 2, "coulomb_nm": 0.3}]}
+    )
+    result = arm.run()
+    assert result.outcome is Outcome.FINISHED, result.cause
+    assert arm.task.failures == ()
+    moving = arm.log.column("phase") == Phase.MOVE
+    turned = np.diff(np.sign(arm.log.column("reference_velocity_rad_s")[moving][:, 1]))
+    assert (turned != 0).sum() >= 2
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("free_air_swing_m", -0.1),
+        ("free_air_swing_m", 0.6),
+        ("free_air_swing_speeds_rad_s", []),
+        ("free_air_swing_speeds_rad_s", [0.01]),
+    ],
+)
+def test_swings_that_make_no_sense_are_refused(key, value):
+    with pytest.raises(ValueError, match=key):
+        ProbingPlan(**{key: value})
+
+
+def plan_of(targets, clearance_m, **more) -> ProbingPlan:
+    return ProbingPlan(
+        speeds_m_s=(0.05,),
+        retract_m=clearance_m,
+        approach_clearance_m=clearance_m,
+        targets_world_m=tuple((x_m, 0.0, z_m) for x_m, z_m in targets),
+        **more,
+    )
+
+
+class Bench:
+    """Sites and ways of a shipped arm that stands at home."""
+
+    def __init__(self, name: str, plan: ProbingPlan) -> None:
+        self.robot_file = load_robot_file(ARMS / name / f"{name}.yaml")
+        self.body = RigidBody.of_robot(self.robot_file)
+        arm = PlanarArm(self.body, np.array(self.robot_file.sensor_axis_tip))
+        limits = self.robot_file.limits
+        home = np.array(self.robot_file.home_rad)
+        bounds = np.array(limits.position_min_rad), np.array(limits.position_max_rad)
+        self.sites = probing_sites(arm, plan, self.body.tip_pose(home)[0], home, bounds)
+        self.routes = Routes(arm, plan)
+        here, self.places = home, []
+        for site in self.sites:
+            here = site.joint_position_rad(here)
+            self.places.append(Place(here, site))
+
+    def heights_m(self, points_rad) -> np.ndarray:
+        """Of the tip on a way, by the forward kinematics of the URDF."""
+        way = JointPath(points_rad, 1.0, 4.0)
+        times = np.linspace(0.0, way.duration_s, 500)
+        return np.array([self.body.tip_pose(way.at(t).position_rad)[0][2] for t in times])
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("x1", "x2", "clearance_m"), FAR_APART)
+def test_half_of_the_clearance_is_kept_on_the_way(name, x1, x2, clearance_m):
+    bench = Bench(name, plan_of([(x1, SURFACE_M), (x2, SURFACE_M)], clearance_m))
+    passage = bench.routes.find(*bench.places)
+    assert passage.too_low_m == 0.0
+    assert passage.points_rad[0] is bench.places[0].position_rad
+    assert passage.points_rad[-1] is bench.places[1].position_rad
+    heights = bench.heights_m(passage.points_rad)
+    assert heights.min() >= SURFACE_M + 0.5 * clearance_m - 1e-4
+    assert heights.max() < SURFACE_M + clearance_m + 0.03  # and no higher than it needs
+
+
+def test_straight_where_that_is_clear():
+    bench = Bench("follower", plan_of([(0.4, SURFACE_M), (0.44, SURFACE_M)], 0.03))
+    assert len(bench.routes.find(*bench.places).points_rad) == 2
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_up_a_step_before_it_and_down_a_step_behind_it(order):
+    low, high = (0.36, SURFACE_M), (0.42, SURFACE_M + 0.06)
+    bench = Bench("follower", plan_of([low, high][::order], 0.02))
+    points = bench.routes.find(*bench.places).points_rad
+    tips = np.array([bench.body.tip_pose(point)[0] for point in points])
+    beside = np.argmin(tips[:, 2])  # at the low target; the way goes straight up from there
+    above = beside + order
+    assert tips[above, 0] == pytest.approx(tips[beside, 0], abs=1e-6)
+    assert tips[above, 2] >= high[1] + 0.02 - 1e-6
+
+
+@pytest.mark.parametrize(("x1", "x2", "clearance_m"), FAR_APART[:2])
+def test_nothing_is_touched_on_the_way(x1, x2, clearance_m):
+    plan = plan_of(
+        [(x1, SURFACE_M), (x2, SURFACE_M)], clearance_m, hold_s=0.05, free_air_s=0.1, travel_speed_m_s=0.1
+    )
+    arm = SimulatedArm("follower", plan, kelvin_voigt(2000.0))
+    result = arm.run()
+    assert result.outcome is Outcome.FINISHED, result.cause
+    assert arm.task.failures == ()
+    phase, time_s = arm.log.column("phase"), arm.log.column("time_s")
+    moving = np.isin(np.round(arm.truth[:, 0], 6), np.round(time_s[phase == Phase.MOVE], 6))
+    assert moving.sum() > 1000
+    assert arm.truth[moving, 2].max() == 0.0
+    assert arm.truth[moving, 1].min() > SURFACE_M + 0.3 * clearance_m
+
+
+def test_targets_between_which_the_tip_cannot_be_lifted_are_refused():
+    plan = plan_of([(0.2, SURFACE_M), (0.5, SURFACE_M)], 0.015, search_depth_m=0.02, max_depth_m=0.01)
+    bench = Bench("follower", plan)
+    pressed = [
+        site.line.joint_motion(LineState(0.03), near_rad).position_rad for near_rad, site in bench.places
+    ]
+    postures = np.array([*(place.position_rad for place in bench.places), *pressed])
+    limits = postures.min(axis=0) - 0.01, postures.max(axis=0) + 0.01
+    axis = np.array(bench.robot_file.sensor_axis_tip)
+    task = ProbingTask.from_robot_file(bench.robot_file, plan)
+    task = ProbingTask(bench.body, axis, task._gains, plan, position_limits_rad=limits)
+    at, still = bench.places[0].position_rad, np.zeros(3)
+    with pytest.raises(InputError, match=r"on the way to target 2 the tip would come .* mm too near"):
+        task.start(Measurement(0.0, at, still, still, 0.0, 0.0, 0.0, 0.0))
+
+
+def test_tips_in_the_plane_are_those_of_the_urdf():
+    rng = np.random.default_rng(3)
+    for name in NAMES:
+        robot_file = load_robot_file(ARMS / name / f"{name}.yaml")
+        body = RigidBody.of_robot(robot_file)
+        arm = PlanarArm(body, np.array(robot_file.sensor_axis_tip))
+        position_rad = rng.uniform(-3.0, 3.0, (20, 3))
+        expected = [arm.plane_point(body.tip_pose(row)[0]) for row in position_rad]
+        np.testing.assert_allclose(arm.tips_in_plane(position_rad), expected, atol=1e-12)
+
+
+TWO = {"targets_world_m": ((0.40, 0.0, SURFACE_M), (0.44, 0.0, SURFACE_M)), "speeds_m_s": (0.09,)}
+
+
+def test_what_is_met_between_two_targets_sends_the_arm_back_as_it_came_and_home():
+    plant = plant_above(height_m=0.15, x_m=0.36, stiffness_n_m=2000.0, damping_n_s_m=20.0)
+    task = probing_task(ProbingPlan(**TWO, hold_s=0.05, settle_s=0.05, free_air_s=0.1))
+    truth, pushed = plant.measure, []
+
+    def measure():
+        """A hand, for five ticks, when the tip is half way."""
+        measurement = truth()
+        x_m = plant.body.tip_pose(plant.position_rad)[0][0]
+        if x_m > 0.42 and len(pushed) < 5:
+            pushed.append(x_m)
+            return measurement._replace(force_n=measurement.force_n + 7.0)
+        return measurement
+
+    plant.measure = measure
+    record = run_probing(plant, task)
+    assert record.kinds()[-2:] == ["obstacle", "probing_done"]
+    assert len(task.failures) == 1
+    tips = np.array([output.tip_position_world_m for output in record.outputs])
+    assert 0.42 < tips[:, 0].max() < 0.43  # it did not go on
+    assert np.abs(record.position_rad[-1] - record.position_rad[0]).max() < 1e-3
+    met = int(np.argmax(tips[:, 0]))
+    over_the_first = met + int(np.argmin(np.linalg.norm(tips[met:, :3:2] - (0.40, 0.08), axis=1)))
+    assert tips[over_the_first, :3:2] == pytest.approx((0.40, 0.08), abs=2e-3)  # where it had come from
+    assert record.force_n[met:].max() == 0.0
+
+
+def test_a_target_to_which_there_is_no_way_any_more_is_left(monkeypatch):
+    task = probing_task(ProbingPlan(**TWO, repeats=2, hold_s=0.05, settle_s=0.05, free_air_s=0.1))
+    plant = plant_above(height_m=0.15, stiffness_n_m=2000.0, damping_n_s_m=20.0)
+    find = Routes.find
+
+    def blocked(self, start, end):
+        passage = find(self, start, end)
+        to_the_second = bool(start.site) and end.site not in (None, start.site)
+        return passage._replace(too_low_m=0.004) if to_the_second and plant.time_s > 0.0 else passage
+
+    monkeypatch.setattr(Routes, "find", blocked)
+    record = run_probing(plant, task)
+    assert [event.kind for _, event in record.events][-2:] == ["no_way", "probing_done"]
+    (failure,) = task.failures
+    assert "on the way to target 2 the tip would come 4.0 mm too near" in failure
+    assert record.event("probing_done").data["runs"] == 2
+    assert np.abs(record.position_rad[-1] - record.position_rad[0]).max() < 1e-3

@@ -1,0 +1,32 @@
+"""Models fitted to a channel as a study fits them, where a test has made the model itself."""
+
+import numpy as np
+
+from estimation.base_model import ModelContext
+from estimation.diagnosis.candidates import library
+from estimation.models import MODELS
+from estimation.study import comparison, engine
+from tests.estimation.presses import kelvin_voigt
+
+MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
+
+
+def cubic(t, x, v, run):
+    """A spring that stiffens."""
+    return kelvin_voigt(x, v, 1.5e6 * np.maximum(x, 0) ** 3)
+
+
+def fits(data, model, names=(), effects=None):
+    """The base model, and one fit more for each effect that is added."""
+    known = {effect.name: effect for effect in (library() if effects is None else effects)}
+    found = [engine.fit(data, model)]
+    for name in names:
+        effect = known[name].suited_to(found[-1].data)
+        found.append(engine.fit(data, found[-1].model.with_effect(effect), found[-1]))
+    return found
+
+
+def compare(data, model):
+    """The model beside the measurement."""
+    fitted = engine.fit(data, model)
+    return comparison.compare(fitted, model.name, fitted.noise_floor)

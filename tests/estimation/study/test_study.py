@@ -1,0 +1,237 @@
+"""One study: each number is computed once, whatever asks for it, and known by the data's own hash."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from estimation.data.import_options import ImportOptions
+from estimation.study import Study, engine
+from estimation.study.kept_diagnosis import RESULT
+from estimation.study.source import NO_ARM, Arm
+from robot_io.errors import InputError
+from tests.estimation.fits import cubic
+from tests.estimation.presses import session
+from tests.estimation.study.joints import joints
+from tests.palpate.presses import write_presses
+
+NOON = datetime(2026, 1, 2, 12, tzinfo=UTC)
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    """A stiffening object, diagnosed."""
+    study = Study(session(4, cubic), "kelvin_voigt", now=lambda: NOON)
+    return study, study.diagnose()
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """A contact that is explained and two joints of which one rubs, all diagnosed by default."""
+    study = Study([session(4), *joints(friction_nm=(0.0, 0.4))])
+    return study, study.diagnose()
+
+
+def test_one_model_has_one_fit_whatever_asks_for_it(pressed):
+    study, diagnosis = pressed
+    (found,), (one,) = diagnosis.channels, study.channels
+    base = study.fit("contact")
+    assert study.compare()["contact"].fitted is base
+    change = study.add("cubic_stiffness", fresh=True)
+    assert change.result.stages[0].fitted is base
+    assert change.result.stages[1].fitted is study.fit(one, ["cubic_stiffness"])
+    assert change.result.comparison is study.compare()["contact"]
+    (accepted,) = found.accepted
+    assert (accepted.effect, found.baseline.rmse) == ("cubic_stiffness", base.rmse)
+    added = change.result.stages[1].rmse
+    assert accepted.rmse_before == base.rmse
+    assert accepted.rmse_after == found.final.rmse == added == change.revisions[-1].rmse
+    k3 = change.revisions[-1].parameters["cubic_stiffness.k3"]
+    assert (k3.value, k3.std_err) == (accepted.parameters["k3"].value, accepted.parameters["k3"].std_err)
+
+
+def test_what_a_diagnosis_ranks_is_what_add_does(pressed):
+    study, diagnosis = pressed
+    for entry in diagnosis.channels[0].ranking[:5]:
+        assert entry.rmse_held_out == study.fit("contact", [entry.effect]).rmse
+        assert entry.score == pytest.approx(1 - entry.rmse_held_out / study.fit("contact").rmse)
+
+
+def test_a_channel_has_one_noise_floor(pressed):
+    study, diagnosis = pressed
+    change = study.add("bias", fresh=True)
+    found = diagnosis.channels[0]
+    floors = {study.compare()["contact"].noise_floor, found.noise_floor, found.floor.value}
+    floors |= {change.result.noise_floor, change.result.grown.noise_floor, study.noise_floor("contact")}
+    floors |= {revision.noise_floor for revision in study.revisions}
+    assert len(floors) == 1
+
+
+def test_every_channel_that_is_compared_is_diagnosed(arm):
+    study, diagnosis = arm
+    assert [one.channel for one in diagnosis.channels] == [one.channel for one in study.compare().channels]
+    for found in diagnosis.channels:
+        compared = study.compare()[found.channel]
+        assert (found.baseline.rmse, found.noise_floor) == (compared.rmse, compared.noise_floor)
+    assert "coulomb_friction" in [entry.effect for entry in diagnosis.channels[2].accepted]
+
+
+def test_an_effect_goes_where_it_suits_or_where_one_says(arm):
+    study, _ = arm
+    with pytest.raises(InputError, match="coulomb_friction can be in joint_1, joint_2: choose one"):
+        study.add("coulomb_friction")
+    assert study.add("bias").result.channel.name == "contact"
+    change = study.add("coulomb_friction", channel="joint_2")
+    assert change.result.stages[1].rmse < 0.2 * change.result.stages[0].rmse
+    with pytest.raises(InputError, match=r"no such channel. There are: contact, joint_1, joint_2"):
+        study.add("bias", channel="joint_9")
+
+
+def test_adding_goes_on_from_the_newest_and_removing_goes_back():
+    study = Study(session(4, cubic), now=lambda: NOON)
+    study.add("bias")
+    study.add("cubic_stiffness")
+    undone = study.remove("bias")
+    assert undone.result.added == ["cubic_stiffness"]
+    assert undone.revisions[0].rmse == study.fit("contact", ["cubic_stiffness"]).rmse
+    told = [(one.number, one.parent, one.added, one.removed, one.effects) for one in study.revisions]
+    assert told == [
+        (0, None, "", "", []),
+        (1, 0, "bias", "", ["bias"]),
+        (2, 1, "cubic_stiffness", "", ["bias", "cubic_stiffness"]),
+        (3, 2, "", "bias", ["cubic_stiffness"]),
+    ]
+    assert study.add("drift").revisions[0].effects == ["cubic_stiffness", "drift"]
+    assert study.add("drift", start=0).revisions[0].parent == 0
+    assert study.revisions[0].created_utc == "2026-01-02T12:00:00+00:00"
+    with pytest.raises(InputError, match="the newest model of none has it"):
+        study.remove("adhesion")
+
+
+@pytest.mark.parametrize(
+    ("effects", "how", "words"),
+    [
+        (["magic"], {}, "magic"),
+        (["coulomb_friction"], {}, "can be in none of the channels: contact"),
+        (["stiffness"], {}, "more than once"),
+        (["bias", "bias"], {}, "more than once"),
+        (["bias"], {"start": 3}, "no revision 3"),
+        (["bias"], {"start": 0, "fresh": True}, "leave out --fresh"),
+        (["bias"], {"start": 1}, "revision 1 has bias already"),
+    ],
+)
+def test_what_cannot_be_added_is_refused_and_nothing_is_kept(effects, how, words):
+    study = Study(session(4))
+    study.add("bias") if "start" in how else None
+    before = study.revisions
+    with pytest.raises(InputError, match=words):
+        study.add(*effects, **how)
+    assert study.revisions == before
+
+
+def test_data_is_known_by_its_arrays_and_joints_by_their_arm_too():
+    data, (joint, _) = session(4), joints()
+    moved = replace(data, effort=data.effort + np.r_[1e-12, np.zeros(len(data) - 1)])
+    (one,), (same,), (other,) = (Study(each).channels for each in (data, session(4), moved))
+    assert one.sha256 == same.sha256 != other.sha256
+    of_arms = {Study(joint, "inertia", arm=arm).channels[0].sha256 for arm in (NO_ARM, Arm(tip_frame="x"))}
+    assert len(of_arms) == 2
+    assert len({Study(data, arm=arm).channels[0].sha256 for arm in (NO_ARM, Arm(tip_frame="x"))}) == 1
+
+
+def test_what_is_kept_is_gone_on_from_only_for_the_same_data(tmp_path):
+    study = Study(session(4, cubic), folder=tmp_path)
+    found = study.diagnose(apply=True)
+    (tmp_path / RESULT).write_text(json.dumps(study.diagnosis_data(found)))
+    again, other = (Study(session(seed, cubic), folder=tmp_path) for seed in (4, 5))
+    assert again.known_diagnosis(again.channels[0]) == found.channels[0]
+    assert again.results()[0].added == ["cubic_stiffness"]
+    assert again.add("bias").parent.number == 1
+    assert other.known_diagnosis(other.channels[0]) is None
+    assert other.results()[0].added == []
+    with pytest.raises(InputError, match="revision 1 is of other data"):
+        other.add("bias", start=1)
+    assert other.add("bias").revisions[0].parent is None
+    (tmp_path / RESULT).write_text("{}")
+    with pytest.raises(InputError, match="damaged"):
+        again.results()
+
+
+def test_from_many_threads_a_model_is_fitted_once(monkeypatch):
+    fitted, plain = [], engine.fit
+
+    def counted(data, model, parent=None):
+        fitted.append(model)
+        return plain(data, model, parent)
+
+    monkeypatch.setattr(engine, "fit", counted)
+    study = Study(session(4))
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(lambda _: study.fit("contact", ["bias"]), range(16)))
+    assert len(fitted) == 2
+    assert len({id(one) for one in found}) == 1
+
+
+class Frame:
+    """What a data frame of any library has: columns by name."""
+
+    def __init__(self, columns):
+        self._columns = columns
+        self.columns = list(columns)
+
+    def __getitem__(self, name):
+        return self._columns[name]
+
+
+@pytest.mark.parametrize("made", [dict, pa.table, Frame], ids=["dict", "pyarrow", "frame"])
+def test_a_table_in_memory_is_read_like_its_file(made, tmp_path):
+    path = write_presses(tmp_path / "p.csv")
+    rows = np.loadtxt(path, delimiter=",", skiprows=1)
+    names = ("time_s", "displacement_m", "load", "run")
+    options = ImportOptions(columns={"force_N": "load"})
+    study = Study(made(dict(zip(names, rows.T, strict=True))), options=options)
+    of_file = Study(path)
+    assert study.compare()["contact"].rmse == of_file.compare()["contact"].rmse
+    assert study.channels[0].sha256 == of_file.channels[0].sha256
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (7, "data of type int: give the path"),
+        ({"time_s": [0.0, 1.0], "force_N": [0.0]}, "is no table"),
+        ({"time_s": [0.0, 1.0], "other": [0.0, 1.0]}, "no channel can be made of columns time_s, other"),
+        ({"time_s": []}, "no rows"),
+    ],
+)
+def test_what_is_no_measurement_is_refused(data, words):
+    with pytest.raises(InputError, match=words):
+        Study(data)
+
+
+def test_a_channel_that_cannot_be_judged_is_said_beside_the_others():
+    one_run = session(4)
+    study = Study([one_run.select(one_run.run == 0), *joints()])
+    found = study.compare()
+    assert [one.channel for one in found.channels] == ["joint_1", "joint_2"]
+    assert "single run" in found.failures["contact"]
+    assert "single run" in found._repr_html_()
+    assert "single run" in study.results()[0].reason
+
+
+def test_results_are_tables_in_a_notebook(pressed):
+    study, diagnosis = pressed
+    for result, words in (
+        (study, "kelvin_voigt"),
+        (study.compare(), "x noise floor"),
+        (diagnosis, "cubic_stiffness"),
+        (study.add("cubic_stiffness", fresh=True), "+ cubic_stiffness"),
+        (study.revisions, "kelvin_voigt + cubic_stiffness"),
+        (study.estimate("lsq")[0], "stiffness.k"),
+    ):
+        assert words in result._repr_html_()
+        assert result._repr_html_().startswith("<table>")

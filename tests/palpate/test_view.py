@@ -1,0 +1,211 @@
+"""The view model: sentences, curves that keep their peaks, maps of the residual, words for speeds."""
+
+import io
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.diagnosis import ChannelDiagnosis
+from palpate.render import palette, sentences, terminal
+from palpate.render.build import channel_view, one_after_the_other, parameter_view, run_speeds, stretches
+from palpate.render.thinning import joined, peaks, rows_by_run, run_curves
+from palpate.render.view import StudyView, residual_map
+from tests.palpate import synthetic
+
+STEP = {"parameters": {}, "p_value": 0.005, "physics": "p", "equation": "e", "signature": "s"}
+
+
+def accepted(effect, before, after, *rivals):
+    return {**STEP, "effect": effect, "rmse_before": before, "rmse_after": after, "confused_with": rivals}
+
+
+def diagnosis(verdict, *steps, after=0.1, floor=0.1, **more):
+    base = {"rmse": 0.5, "parameters": {}}
+    about = {"channel": "contact", "reason": "r", "effort_unit": "N", "noise_floor": floor}
+    final = {"rmse": after, "parameters": {}}
+    return ChannelDiagnosis(
+        verdict=verdict, accepted=list(steps), baseline=base, final=final, **{**about, **more}
+    )
+
+
+ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "damping")
+
+
+@pytest.mark.parametrize(
+    ("found", "words", "absent"),
+    [
+        (diagnosis("adequate", after=0.102), ("nothing is missing", "runs is 0.102 N (noise floor 0.1"), ()),
+        (diagnosis("insufficient", reason="a single run"), ("cannot say: a single run.",), ("error",)),
+        (diagnosis("insufficient", reason="which?"), ("cannot say: which?",), ("?.",)),
+        (
+            diagnosis("missing", ONE, TWO),
+            ("bias and lag (or delay or damping) are missing", "With them", "falls from 0.5 to 0.1 N"),
+            ("more is left",),
+        ),
+        (diagnosis("missing", ONE, after=0.2), ("bias is missing", "With it"), ("are missing",)),
+        (diagnosis("missing", ONE, after=0.495), ("stays at 0.495 N",), ("falls",)),
+        (
+            diagnosis("unexplained", depends_on=["a", "b"]),
+            ("something is missing that no known effect explains; it depends on a and b",),
+            (),
+        ),
+        (diagnosis("unexplained"), ("it depends on no single signal",), ()),
+    ],
+)
+def test_a_verdict_is_one_sentence_that_says_what_to_know(found, words, absent):
+    told = sentences.diagnosed(found).sentence
+    assert all(word in told for word in words)
+    assert not any(word in told for word in absent)
+
+
+@pytest.mark.parametrize(
+    ("complete", "words"), [(True, ""), (False, "Something more is left: 1.8 times the floor, depends on a.")]
+)
+def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(complete, words):
+    rest = SimpleNamespace(rmse=0.18, times_floor=1.8, depends_on=["a"])
+    known = dict(diagnosis("missing", after=0.18))
+    known["accepted"] = [SimpleNamespace(**ONE)]
+    found = SimpleNamespace(**known, complete=complete, remaining=rest)
+    told = sentences.diagnosed(found).sentence
+    assert "bias is missing from the model." in told
+    assert told.endswith(words or "(noise floor 0.1 N).")
+
+
+@pytest.mark.parametrize(
+    ("errors", "words"),
+    [
+        ((0.0871, 0.01035, 0.01035), "last step, second, does next to nothing: from 0.01035 to 0.01035 N."),
+        ((0.0871, 0.01035, 0.02), "last step, second, makes it worse: from 0.01035 to 0.02 N."),
+        ((0.0871, 0.05, 0.01), "down to the noise floor."),
+        ((0.0871, 0.03), "3.0 times the noise floor."),
+        ((0.0871, 0.0870), "does not fall: from 0.0871 to 0.087 N."),
+    ],
+)
+def test_the_last_step_is_credited_only_with_its_own_fall(errors, words):
+    added = ["first", "second"][: len(errors) - 1]
+    told = sentences.falling("contact", errors, added, 0.01, "N")
+    assert told.endswith(words)
+    assert told.startswith(f"contact with {' and '.join(added)}: the error in held-out runs")
+
+
+@pytest.mark.parametrize("n", [10, 5000, 60_001])
+def test_peaks_survive_thinning(n):
+    values = np.sin(np.linspace(0.0, 40.0, n))
+    values[n // 3], values[n // 2] = 9.0, -7.0
+    rows = peaks(values, 1000)
+    assert len(rows) <= 1002
+    assert (rows[0], rows[-1]) == (0, n - 1)
+    assert {n // 3, n // 2} <= set(rows.tolist())
+
+
+def test_a_stretch_that_is_not_judged_stays_a_gap():
+    values = np.ones(20_000)
+    values[5000:9000] = np.nan
+    rows = peaks(values, 400)
+    between = (rows > 5100) & (rows < 8900)
+    assert between.any()
+    assert np.isnan(values[rows[between]]).all()
+    assert np.isfinite(values[rows[rows < 5000]]).all()
+
+
+def test_very_many_runs_are_represented_by_a_few_and_never_joined():
+    run = np.repeat(np.arange(2000), 10)
+    rows = rows_by_run(run)
+    assert len(rows) == 60
+    assert {0, 1999} <= set(rows)
+    x, y = joined(run_curves(np.arange(20_000.0), np.ones(20_000), list(rows.values())))
+    assert np.isnan(y).sum() == 60
+    assert np.nanmax(np.diff(x)[np.isfinite(np.diff(x))]) == 1.0
+
+
+@pytest.fixture(scope="module")
+def contact():
+    ticks = synthetic.ticks()
+    depth = synthetic.SURFACE_M - ticks["tip_position_world_m"][:, 2]
+    speed = -ticks["tip_velocity_world_m_s"][:, 2]
+    acceleration = np.gradient(speed, synthetic.PERIOD_S)
+    about = (ticks["force_n"], ticks["run"], ticks["phase"])
+    return ChannelData("contact", ChannelKind.CONTACT, ticks["time_s"], depth, speed, acceleration, *about)
+
+
+def test_runs_are_named_by_their_speed_from_slow_to_fast(contact):
+    assert run_speeds(contact) == {2: "60 mm/s", 1: "90 mm/s", 0: "150 mm/s"}
+    assert run_speeds(contact.select(contact.run == 0)) == {}
+    unphased = replace(contact, phase=np.full(len(contact), -1))
+    assert list(run_speeds(unphased)) == [2, 1, 0]
+
+
+def test_runs_that_each_begin_at_zero_are_shown_one_after_the_other(contact):
+    starts = np.array([contact.time_s[contact.run == run][0] for run in contact.runs])
+    again = replace(contact, time_s=contact.time_s - starts[contact.run])
+    assert (np.diff(one_after_the_other(again)) > 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [([], []), ([3], [(0, 1)]), ([1, 1, 2, 2, 2, 1], [(0, 2), (2, 5), (5, 6)])],
+)
+def test_stretches_of_equal_values(values, expected):
+    assert list(stretches(np.array(values, int))) == expected
+
+
+def test_a_residual_map_averages_what_is_judged_in_a_cell(contact):
+    judged = contact.position < 0.01
+    view = channel_view(contact, (), (), 0.02, judged=judged)
+    flat = residual_map(view, np.where(judged, 0.3, 99.0))
+    seen = flat.mean[np.isfinite(flat.mean)]
+    assert len(seen) > 8
+    np.testing.assert_allclose(seen, 0.3)
+    signs = residual_map(view, np.sign(contact.velocity))
+    assert np.nanmin(signs.mean[signs.velocity > 5.0]) == 1.0
+    assert np.nanmax(signs.mean[signs.velocity < -5.0]) == -1.0
+    assert signs.position.max() <= 10.0  # mm
+
+
+def test_what_is_not_judged_is_said(contact):
+    view = channel_view(contact, (), (), 0.02, judged=np.arange(len(contact)) % 4 > 0)
+    assert view.verdict.remarks == ("25 % of the samples are not judged; the report shades them.",)
+    told = channel_view(contact, (), (), 0.02, judged=view.judged, not_judged="1 in 4 is not judged.")
+    assert told.verdict.remarks == ("1 in 4 is not judged.",)
+
+
+@pytest.mark.parametrize(
+    ("std_err", "interval", "shown"),
+    [
+        (0.5, None, ("12.35", "± 0.98")),
+        (0.5, (11.37, 13.33), ("12.35", "± 0.98")),
+        (0.5, (12.0, 14.0), ("12.3", "12.0 … 14.0")),
+        (None, None, ("12.346", "not determined")),
+        (float("nan"), None, ("12.346", "not determined")),
+    ],
+)
+def test_a_parameter_is_shown_with_its_interval(std_err, interval, shown):
+    found = SimpleNamespace(value=12.346, std_err=std_err, unit="N/m")
+    if interval is not None:
+        found.interval = interval
+    assert terminal.with_interval(parameter_view("stiffness.k", found)) == shown
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_a_diagnosis_fits_into_its_terminal_and_breaks_no_name(contact, width):
+    long = accepted("load_dependent_friction", 0.5, 0.2, "asymmetric_friction")
+    ranking = [{"effect": "load_dependent_friction", "rmse_held_out": 0.2, "score": 0.6}]
+    found = diagnosis("missing", long, after=0.2, ranking=ranking)
+    view = channel_view(contact, (), (), 0.1, diagnosis=found)
+    out = io.StringIO()
+    terminal.print_diagnosis(Console(file=out, width=width), StudyView("f", (view,)))
+    lines = out.getvalue().splitlines()
+    assert all(len(line) <= width for line in lines)
+    assert sum("load_dependent_friction" in line for line in lines) >= 3
+    assert any("this data cannot tell it from asymmetric_friction" in line for line in lines) or width == 60
+
+
+def test_colours_of_speeds_differ_and_run_from_slow_to_fast():
+    for count in range(2, len(palette.SPEEDS) + 1):
+        colors = list(palette.speed_colors([str(i) for i in range(count)]).values())
+        assert len(set(colors)) == count
+        assert (colors[0], colors[-1]) == (palette.SPEEDS[0], palette.SPEEDS[-1])
