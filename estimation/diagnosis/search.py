@@ -169,19 +169,28 @@ class Search:
         made = []
         for candidate in [one for one in self.screened(standing) if one.possible][:count]:
             if candidate.held_out < promising:
-                after, effect = self.with_candidate(candidate), candidate.effect
-                if is_possible(effect, after.trial, after.plain) and not is_misnamed(
-                    effect, after.trial, after.plain
-                ):
+                after = self.with_candidate(candidate)
+                if self.is_sensible(after):
                     made.append(after)
         return self.ordered(made)
+
+    def is_sensible(self, standing: Standing) -> bool:
+        """Whether all effects beside the base model's are what their names say."""
+        names = set(self.added(standing))
+        return all(
+            is_possible(effect, standing.trial, standing.plain)
+            and not is_misnamed(effect, standing.trial, standing.plain)
+            for effect in standing.trial.model.effects
+            if effect.name in names
+        )
 
     def exchanged(self, less: Standing, standing: Standing) -> list[Standing]:
         """Models with another effect in the place of one, of those that may do better, in order."""
         near = _NEAR * standing.trial.held_out
         tried = self.screened(less) if self.sketch else self.glanced(less)
         found = [one for one in tried if one.possible and one.held_out < near]
-        return self.ordered([self.with_candidate(one) for one in found[:2]])
+        made = (self.with_candidate(one) for one in found[:2])
+        return self.ordered([one for one in made if self.is_sensible(one)])
 
     def ordered(self, made: Sequence[Standing]) -> list[Standing]:
         """By the error in held-out runs; of those as good as the best, those with fewest parameters first."""
@@ -243,6 +252,8 @@ def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
         if set(sketch.added(first)) <= set(whole.added(best)):
             continue
         rough = _climb(sketch, first)
+        if not sketch.is_sensible(rough):
+            continue
         known = sketch.fitted(best.trial.model, best.trial.parameters)
         if rough.trial.held_out < (1.0 - TIE) * known.trial.held_out:
             best = whole.ordered([best, on_all(rough)])[0]

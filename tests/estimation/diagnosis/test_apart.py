@@ -10,11 +10,11 @@ from multiprocessing import Pipe
 
 import numpy as np
 import pytest
+from estimation.diagnosis.apart import Job, diagnose_apart
+from estimation.diagnosis.helping import Shared, lend_a_hand, shared
 
 from estimation.base_model import ModelContext
 from estimation.diagnosis import apart
-from estimation.diagnosis.apart import Job, diagnose_apart
-from estimation.diagnosis.helping import Shared, lend_a_hand, shared
 from estimation.effects import EFFECTS
 from estimation.effects.bias import Bias
 from estimation.models import MODELS
