@@ -107,11 +107,18 @@ class Search:
             what = f"{self.data.name}: beside {beside}"
             starts = self._shortlist(standing)
             tried = candidates(standing.data, standing.trial.model, self.effects)
+
+            def places(effect: Effect) -> Sequence[Inner]:
+                known = [] if starts is None else starts[effect.name]
+                # a form that another model's signals call for may have other parameters
+                fitting = [one for one in known if one.keys() == {p.name for p in effect.inner}]
+                return fitting or effect.starts(standing.data)
+
             self._screened[key] = try_all(
                 standing,
                 [effect for effect in tried if starts is None or effect.name in starts],
                 lambda share, name: self.progress(f"{what}: {name}", share),
-                starts=None if starts is None else lambda effect: starts[effect.name],
+                starts=places,
             )
         return self._screened[key]
 
