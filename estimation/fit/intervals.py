@@ -1,19 +1,22 @@
 """Honest intervals: from the slopes by all parameters, with the correlation of what is left.
 
-The error of a derived acceleration leaves nothing in the residual, and is added.
+Errors of the motion's readings turn parameters and leave next to nothing in the residual (W. A. Fuller,
+Measurement Error Models (1987)): they are added, from readings drawn again.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.fit.acceleration_doubt import doubted
+from estimation.fit.memory import Memory
 from estimation.fit.polish import polish
+from estimation.fit.readings import readings_of
 from estimation.fit.standing import Standing
 from estimation.fit.trial import Bench, Trial, attempt
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import FloatArray, IntArray
 
+_READINGS, _SEED = 8, 1  # of the motion, drawn again
 _NOISE_ALONE = 1.05  # times the floor: an error up to which it is noise
 _STEP = 1e-3  # of an inner parameter in a difference quotient, relative to its value or typical range
 _NOTHING = 1e-10  # of the largest eigenvalue: a way to change parameters together that changes nothing
@@ -40,8 +43,8 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     """Parameters of a trial with standard errors, by "effect.parameter".
 
     The sandwich of slopes by gains and inner parameters, around the covariance of residuals times slopes with
-    the noise's colour taken out first (Andrews and Monahan 1992). What another acceleration, or another value
-    of a parameter that is told, would turn the parameters by is added to their variance.
+    the noise's colour taken out first (Andrews and Monahan 1992). What another reading of the motion, or
+    another value of a parameter that is told, would turn the parameters by is added to their variance.
 
     Args:
         bench: where the trial was fitted.
@@ -51,7 +54,8 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     slopes = bench.whiten(np.column_stack([trial.columns, *inner_slopes(bench, trial)]))
     residual = bench.whiten(trial.residual)
     errors = _errors(slopes, residual, bench.frame.run[bench.kept])
-    for change in (_doubt(bench, trial), *_of_what_is_told(bench, trial)):
+    errors = np.hypot(errors, _by_readings(bench, trial))
+    for change in _of_what_is_told(bench, trial):
         errors = np.hypot(errors, _turned(slopes, bench.whiten(change)))
     kind = bench.frame.data.kind
     known = {**trial.model.gains, **trial.model.inner}
@@ -96,11 +100,24 @@ def _without_jumps(slope: FloatArray) -> FloatArray:
     return np.where(size > _JUMP * np.quantile(size[size > 0.0], _MOST), 0.0, slope)
 
 
-def _doubt(bench: Bench, trial: Trial) -> FloatArray:
-    """Change of the prediction by the error of the acceleration, shape (m,)."""
-    frame = bench.frame
-    other = trial.model.predict(doubted(frame.data), trial.parameters)
-    return frame.reduce(other - trial.model.predict(frame.data, trial.parameters))
+def _by_readings(bench: Bench, trial: Trial) -> FloatArray:
+    """By how much other readings of the motion would have turned each parameter, root mean square, (q,).
+
+    The model is fitted by one step of Gauss and Newton to what it expects of the smooth motion, read again.
+    """
+    readings, rng = readings_of(bench.frame.data), np.random.default_rng(_SEED)
+    expected = trial.model.predict(readings.true_motion, trial.parameters)
+    turned = []
+    for _ in range(_READINGS):
+        frame = replace(
+            bench.frame, data=replace(readings.draw(rng), effort=expected), memory=Memory(), of_load=Memory()
+        )
+        again = Bench(frame, bench.colour)
+        read = replace(trial, columns=frame.reduce(trial.model.linearise(frame.data, trial.parameters)[0]))
+        slopes = again.whiten(np.column_stack([read.columns, *inner_slopes(again, read)]))
+        left = again.whiten(frame.reduce(expected - trial.model.predict(frame.data, trial.parameters)))
+        turned.append(_turned(slopes, left))
+    return np.asarray(np.sqrt(np.mean(np.square(turned), axis=0)))
 
 
 def _of_what_is_told(bench: Bench, trial: Trial) -> list[FloatArray]:
