@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.information import Information
 from estimation.surface import Surface
 from estimation.tare import Tare
 from robot_io.errors import InputError
@@ -36,6 +37,20 @@ class ChannelKind(StrEnum):
 
 
 @dataclass(frozen=True)
+class SharedGains:
+    """What other channels of one arm say of gains that this channel shares with them.
+
+    Attributes:
+        names: of the s gains, "effect.parameter".
+        information: matrix (1 + folds, s, s) and vector (1 + folds, s), from all runs and from all but each
+            fold of runs, in units of this channel's squared residuals.
+    """
+
+    names: tuple[str, ...]
+    information: Information
+
+
+@dataclass(frozen=True)
 class ChannelData:
     """One channel's samples; all arrays have length n, belong together row by row, and are read-only.
 
@@ -60,6 +75,7 @@ class ChannelData:
             is none.
         touching: samples of a contact that are known to press, however deep they seem, shape (n,); None where
             the depth alone says so.
+        shared: what other channels say of gains; None where nothing is shared.
     """
 
     name: str
@@ -77,6 +93,7 @@ class ChannelData:
     recorded: frozenset[str] = frozenset()
     position_step: float = 0.0
     touching: BoolArray | None = None
+    shared: SharedGains | None = None
 
     def __post_init__(self) -> None:
         """Check lengths, finiteness, and that what was recorded is there.
@@ -129,6 +146,7 @@ class ChannelData:
             self,
             **arrays,
             touching=touching,
+            shared=None,
             context={name: values[rows] for name, values in self.context.items()},
         )
 

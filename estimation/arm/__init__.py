@@ -6,10 +6,10 @@ from estimation.arm.base_parameters import BaseParameters, base_parameters
 from estimation.arm.channels import rows_of_channels
 from estimation.arm.held_out import HeldOut, held_out
 from estimation.arm.identify import identify
-from estimation.arm.information import Information
 from estimation.arm.normal_equations import JointMoments, arranged, information_of_others, joint_moments
 from estimation.arm.prior import urdf_information
 from estimation.arm.rows import ArmRows, arm_rows
+from estimation.information import Information
 
 __all__ = [
     "ArmEstimate",

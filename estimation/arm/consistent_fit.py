@@ -11,8 +11,8 @@ semidefinite programs is needed.
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from estimation.arm.information import Information
 from estimation.arm.pseudo_inertia import Divergence
+from estimation.information import Information
 from robot_io.types import FloatArray
 
 _FALL = 0.05  # of the precision from one point of the path to the next

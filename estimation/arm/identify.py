@@ -17,11 +17,11 @@ from scipy.linalg import block_diag
 from estimation.arm.arm_estimate import ArmEstimate, Uncertainty
 from estimation.arm.base_parameters import BaseParameters
 from estimation.arm.consistent_fit import fit_bodies
-from estimation.arm.information import Information, pseudo_inverse
 from estimation.arm.normal_equations import JointMoments, joint_moments, own_gains, shared_information
 from estimation.arm.prior import URDF_SPREAD
 from estimation.arm.pseudo_inertia import Divergence, nearest_bodies
 from estimation.arm.rows import ArmRows
+from estimation.information import Information, pseudo_inverse
 from estimation.statistics.noise_level import robust_sigma
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.errors import InputError

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.arm.information import Information, pseudo_inverse, total_information
+from estimation.information import Information, pseudo_inverse, total_information
 from robot_io.types import FloatArray, IntArray
 
 

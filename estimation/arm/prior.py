@@ -3,8 +3,8 @@
 import numpy as np
 
 from estimation.arm.base_parameters import BaseParameters
-from estimation.arm.information import Information
 from estimation.arm.pseudo_inertia import Divergence, nearest_bodies
+from estimation.information import Information
 from robot_io.types import FloatArray
 
 URDF_SPREAD = 1.0  # a link of the URDF may be wrong by as much as it is

@@ -17,6 +17,7 @@ from estimation.diagnosis.objections import objection_to
 from estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
 from estimation.diagnosis.search import Progress, Search, search, search_of
 from estimation.effect import Effect
+from estimation.fit.arm_gains import with_shared_gains
 from estimation.fit.exact import is_exact
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import Standing
@@ -53,6 +54,7 @@ def diagnose(
     channels = [data] if isinstance(data, ChannelData) else list(data)
     models = [model] * len(channels) if isinstance(model, Model) else list(model)
     known = library() if effects is None else tuple(effects)
+    channels = with_shared_gains(channels, models)
     jobs = list(zip(channels, models, rng.spawn(len(channels)), strict=True))
     work = partial(_diagnose_job, known)
     if processes == 1 or len(jobs) == 1:

@@ -331,6 +331,7 @@ def coarse_copy(frame: Frame) -> ChannelData:
         data.surface,
         data.tare,
         data.recorded,
+        shared=data.shared,
     )
 
 

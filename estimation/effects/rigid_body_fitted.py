@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimation.arm.base_parameters import inertial_name, inertial_unit
+from estimation.arm.base_parameters import BaseParameters, inertial_name, inertial_unit
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
@@ -18,6 +18,8 @@ class RigidBodyFitted(AdditiveEffect):
     Args:
         chosen: columns of the regressor, ten a link (`control.arm.rigid_body.RigidBody.regressor`), of the
             arm's base parameters that the joint feels (`estimation.arm.base_parameters`).
+        arm: all base parameters of the arm; None where joints are fitted each by itself.
+        urdf: inertial parameters of its URDF, shape (10 links,).
     """
 
     name = "rigid_body_fitted"
@@ -35,7 +37,13 @@ class RigidBodyFitted(AdditiveEffect):
         "payload": "none in one recording: a payload belongs to the last link's parameters"
     }
 
-    def __init__(self, chosen: tuple[int, ...] = ()) -> None:
+    def __init__(
+        self,
+        chosen: tuple[int, ...] = (),
+        arm: BaseParameters | None = None,
+        urdf: FloatArray | None = None,
+    ) -> None:
+        self.arm, self.urdf = arm, urdf
         self._chosen = list(chosen)
         self.gains = tuple(  # type: ignore[misc]  # how many there are depends on the arm
             Parameter(inertial_name(i), inertial_unit(i), -1e3, 1e3, (-5.0, 5.0)) for i in chosen

@@ -46,7 +46,8 @@ def flexible(bench: Bench, trial: Trial) -> Flexible:
     base, target = trial.columns, trial.target
     blocks = signals_of(bench, trial)
     columns = np.column_stack([base, *blocks.values()])
-    moments = bench.moments(columns, target)
+    names = list(trial.model.gains)
+    moments = bench.moments(columns, target, names)
     own = base.shape[1]
     owner = np.concatenate([[-1] * own, *([i] * b.shape[1] for i, b in enumerate(blocks.values()))])
     before = float(score(moments.only(owner < 0)).held_out.sum())
@@ -56,7 +57,7 @@ def flexible(bench: Bench, trial: Trial) -> Flexible:
         name: 1.0 - one.energy / before if before > 0.0 else 0.0
         for name, one in zip(blocks, alone, strict=True)
     }
-    plain = moments if bench.colour is WHITE else Bench(frame, WHITE).moments(columns, target)
+    plain = moments if bench.colour is WHITE else Bench(frame, WHITE).moments(columns, target, names)
     residual = _held_out_residual(columns, target, frame, plain, best)
     return Flexible(best.held_out, residual, by_signal)
 

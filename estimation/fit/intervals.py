@@ -164,7 +164,7 @@ def final(standing: Standing) -> tuple[Bench, Trial]:
     Args:
         standing: the model.
     """
-    if standing.rmse > _NOISE_ALONE * standing.floor():
+    if standing.data.shared is not None or standing.rmse > _NOISE_ALONE * standing.floor():
         return standing.plain, standing.trial
     judge = standing.judge
     return judge, polish(judge, attempt(judge, standing.trial.model, standing.trial.parameters))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dposv
 
+from estimation.information import Information
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 
@@ -15,9 +16,11 @@ class Moments:
 
     Attributes:
         products: shape (folds, q + 1, q + 1); the last row and column belong to the target.
+        known: what is known of the gains from elsewhere, matrix (1 + folds, q, q), see `SharedGains`.
     """
 
     products: FloatArray
+    known: Information | None = None
 
     @property
     def energy(self) -> FloatArray:
@@ -27,7 +30,23 @@ class Moments:
     def only(self, columns: BoolArray) -> "Moments":
         """With only these columns, a mask of shape (q,), and the target."""
         kept = np.append(np.flatnonzero(columns), len(columns))
-        return Moments(self.products[:, kept[:, None], kept[None, :]])
+        known = self.known and Information(
+            self.known.matrix[:, kept[:-1, None], kept[None, :-1]], self.known.vector[:, kept[:-1]]
+        )
+        return Moments(self.products[:, kept[:, None], kept[None, :]], known)
+
+    def training(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What gains solve, of all folds and of all but each, for columns that are `scale` (q,) times these.
+
+        Returns:
+            Systems (1 + folds, q, q) and right-hand sides (1 + folds, q).
+        """
+        whole = self.products.sum(axis=0)
+        every = np.concatenate([whole[None], whole - self.products])
+        system, target = every[:, :-1, :-1], every[:, :-1, -1]
+        if self.known is not None:
+            system, target = system + self.known.matrix, target + self.known.vector
+        return system * scale[:, None] * scale, target * scale
 
 
 def moments_of(columns: FloatArray, target: FloatArray, fold: IntArray, folds: int) -> Moments:
@@ -84,11 +103,10 @@ def score(moments: Moments, ridge: float = 1e-9, dof: int = 0) -> Scores:
         dof: samples, for the standard errors; 0 if they are not wanted.
     """
     scaled, scale = _scaled(moments)
-    whole = scaled.sum(axis=0)
-    others = whole - scaled
-    every = np.concatenate([whole[None], others])
-    system = every[:, :-1, :-1] + ridge * np.eye(len(scale))
-    gains = np.linalg.solve(system, every[:, :-1, -1:])[..., 0]
+    others = scaled.sum(axis=0) - scaled
+    system, target = moments.training(scale)
+    system = system + ridge * np.eye(len(scale))
+    gains = np.linalg.solve(system, target[..., None])[..., 0]
     used = np.concatenate([np.repeat(gains[:1], len(scaled), axis=0), gains[1:], gains[1:]])
     sse, held_out, train = _sse(np.concatenate([scaled, scaled, others]), used).reshape(3, -1)
     return Scores(gains[0] * scale, gains[1:] * scale, sse, train, held_out, system[0], scale, dof)
@@ -99,11 +117,11 @@ def held_out_energy(moments: Moments, ridges: FloatArray) -> FloatArray:
 
     See `score`, which does one of them and more.
     """
-    scaled, _ = _scaled(moments)
-    others = scaled.sum(axis=0) - scaled
+    scaled, scale = _scaled(moments)
+    system, target = moments.training(scale)
     diagonals = ridges[:, :, None] * np.eye(ridges.shape[1])
     gains = [
-        [_solved(products[:-1, :-1] + diagonal, products[:-1, -1]) for products in others]
+        [_solved(one + diagonal, wanted) for one, wanted in zip(system[1:], target[1:], strict=True)]
         for diagonal in diagonals
     ]
     return _sse(scaled, np.array(gains))

@@ -1,6 +1,6 @@
 """One model tried at given inner parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -9,9 +9,10 @@ import numpy as np
 
 from estimation.channel import ChannelKind
 from estimation.fit.along import is_on_blocks
-from estimation.fit.colour import Colour
+from estimation.fit.colour import WHITE, Colour
 from estimation.fit.frame import Frame
 from estimation.fit.moments import Moments, Scores, cross_products, score
+from estimation.information import Information
 from estimation.model import Model, Parts, own
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -43,15 +44,35 @@ class Bench:
         """Blocks (m,) or (m, k) with the colour taken out, shape (w,) or (w, k)."""
         return self.colour.whiten(blocks)[self.kept]
 
-    def fit(self, columns: FloatArray, target: FloatArray) -> Scores:
-        """Linear fit of blocks (m, q) to a target (m,)."""
-        return score(self.moments(columns, target), dof=len(self._by_fold[0]))
+    def fit(self, columns: FloatArray, target: FloatArray, names: Sequence[str] = ()) -> Scores:
+        """Linear fit of blocks (m, q) to a target (m,); see `moments`."""
+        return score(self.moments(columns, target, names), dof=len(self._by_fold[0]))
 
-    def moments(self, columns: FloatArray, target: FloatArray) -> Moments:
-        """Cross products of blocks (m, q) and a target (m,) with the colour taken out, by fold."""
+    def moments(self, columns: FloatArray, target: FloatArray, names: Sequence[str] = ()) -> Moments:
+        """Cross products of blocks (m, q) and a target (m,) with the colour taken out, by fold.
+
+        Args:
+            columns: shape (m, q).
+            target: shape (m,).
+            names: of the gains of the first columns, by which others of the arm may know them.
+        """
         order, folds = self._by_fold
         white = np.take(self.colour.whiten(np.column_stack([columns, target])), order, axis=0)
-        return cross_products(white[rows] for rows in folds)
+        return Moments(
+            cross_products(white[rows] for rows in folds).products, self._known(names, columns.shape[1])
+        )
+
+    def _known(self, names: Sequence[str], count: int) -> Information | None:
+        """What other channels say of so many gains, of which the first have names; None if nothing."""
+        shared = self.frame.data.shared
+        if shared is None or self.colour is not WHITE or not set(shared.names) <= set(names):
+            return None
+        place = [list(names).index(name) for name in shared.names]
+        size = len(shared.information.matrix)
+        matrix, vector = np.zeros((size, count, count)), np.zeros((size, count))
+        matrix[:, np.array(place)[:, None], place] = shared.information.matrix
+        vector[:, place] = shared.information.vector
+        return Information(matrix, vector)
 
 
 @dataclass(frozen=True)
@@ -141,7 +162,7 @@ def attempt(
         target, columns = bench.frame.reduce(wanted), bench.frame.reduce(slopes)
         if number >= least and _energy(bench, target - columns @ gains) <= arrived * expected:
             break
-        scores = bench.fit(columns, target)
+        scores = bench.fit(columns, target, names)
         expected = float(scores.sse.sum())
         now.update(zip(names, scores.gains.tolist(), strict=True))
     return Trial(model, now, columns, target, scores)
@@ -159,7 +180,7 @@ def _sum(bench: Bench, model: Model, parameters: Mapping[str, float]) -> Trial:
         sensed = sensor.sense(np.column_stack([columns, known]), frame.data, own(sensor, inner))
         columns, known = sensed[:, :-1], sensed[:, -1]
     target = frame.effort - known
-    scores = bench.fit(columns, target)
+    scores = bench.fit(columns, target, list(model.gains))
     gains = dict(zip(model.gains, scores.gains.tolist(), strict=True))
     return Trial(model, {**gains, **inner}, columns, target, scores)
 

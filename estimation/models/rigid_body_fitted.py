@@ -21,8 +21,9 @@ class RigidBodyFittedModel(BaseModel):
     def build(self, context: ModelContext) -> Model:
         """See `BaseModel.build`."""
         body, joint = arm_of(context, self.name)
-        felt = base_parameters(body).felt_columns(joint)
-        return Model(self.name, (RigidBodyFitted(tuple(felt.tolist())), ViscousFriction()))
+        arm = base_parameters(body)
+        felt = tuple(arm.felt_columns(joint).tolist())
+        return Model(self.name, (RigidBodyFitted(felt, arm, body.parameters), ViscousFriction()))
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
         """See `BaseModel.prepare`."""

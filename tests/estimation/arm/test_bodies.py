@@ -9,7 +9,7 @@ import sim_backend
 from control.arm.rigid_body import RigidBody
 from estimation.arm.base_parameters import base_parameters
 from estimation.arm.consistent_fit import fit_bodies
-from estimation.arm.information import Information
+from estimation.information import Information
 from estimation.arm.prior import urdf_information
 from estimation.arm.pseudo_inertia import (
     Divergence,

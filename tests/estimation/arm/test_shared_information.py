@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.arm.base_parameters import base_parameters
-from estimation.arm.information import Information
+from estimation.information import Information
 from estimation.arm.normal_equations import (
     arranged,
     information_of_others,

@@ -1,0 +1,67 @@
+"""Gains that joints of one arm share: what each joint says of them enters the fit of all others.
+
+The fit of one joint with what the others say added to its normal equations is the fit of all joints together,
+see `estimation.arm.normal_equations`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.arm.normal_equations import arranged, information_of_others
+from estimation.arm.prior import urdf_information
+from estimation.channel import ChannelData, SharedGains
+from estimation.effects.rigid_body_fitted import RigidBodyFitted
+from estimation.fit.standing import Standing, stand
+from estimation.gate import refuse, usable
+from estimation.model import Model
+
+
+def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) -> list[ChannelData]:
+    """The channels, those of one fitted arm with what the others say of its base parameters.
+
+    Args:
+        channels: of one robot.
+        models: the base model of each.
+
+    Returns:
+        In the order given; as they are where fewer than two joints with fitted masses can be judged.
+    """
+    channels = [replace(one, shared=None) if one.shared else one for one in channels]
+    of_arm = [
+        number
+        for number, (data, model) in enumerate(zip(channels, models, strict=True))
+        if _body_of(model) is not None and refuse(data.select(usable(data)), model) is None
+    ]
+    if len(of_arm) < 2:
+        return list(channels)
+    effect = _body_of(models[of_arm[0]])
+    if effect is None or effect.arm is None or effect.urdf is None:
+        return list(channels)
+    names = [f"{effect.name}.{name}" for name in effect.arm.names]
+    alone = [stand(channels[n], models[n], {}, usable(channels[n])) for n in of_arm]
+    if len({one.plain.frame.folds for one in alone}) > 1:
+        return list(channels)
+    joints = [arranged(_products(one), list(one.trial.model.gains), names, _noise(one)) for one in alone]
+    others = information_of_others(joints, urdf_information(effect.arm, effect.urdf))
+    found = list(channels)
+    for number, one, said in zip(of_arm, alone, others, strict=True):
+        felt = [name for name in names if name in one.trial.model.gains]
+        kept = np.array([name in felt for name in names])
+        shared = SharedGains(tuple(felt), said.about(kept).times(_noise(one) ** 2))
+        found[number] = replace(channels[number], shared=shared)
+    return found
+
+
+def _body_of(model: Model) -> RigidBodyFitted | None:
+    return next((effect for effect in model.effects if isinstance(effect, RigidBodyFitted)), None)
+
+
+def _products(fitted: Standing) -> np.ndarray:
+    return fitted.plain.moments(fitted.trial.columns, fitted.trial.target).products
+
+
+def _noise(fitted: Standing) -> float:
+    """Root mean square of what a joint's own fit leaves on blocks."""
+    return float(np.sqrt(np.mean(fitted.trial.residual[fitted.plain.kept] ** 2)))
