@@ -89,10 +89,10 @@ def answer(found: Judgement) -> ChannelDiagnosis:
         effort_unit=search.data.kind.effort_unit,
         noise_floor=floor,
         floor=Floor(value=floor, free_air=free_air(search.data), share_left=end.left_of_blocks()),
-        baseline=fitted(search.start, complete=found.complete and not accepted),
+        baseline=fitted(search.start),
         accepted=accepted,
         ranking=_ranking(search),
-        final=fitted(end, complete=found.complete),
+        final=fitted(end),
         complete=found.complete,
         remaining=Remaining(rmse=end.rmse, times_floor=times, depends_on=found.signals),
         depends_on=found.signals,
@@ -100,13 +100,13 @@ def answer(found: Judgement) -> ChannelDiagnosis:
     )
 
 
-def fitted(standing: Standing, *, complete: bool) -> Fitted:
-    """A model's error and parameters; `complete` where nothing is missing in it, see `final`."""
-    return Fitted(rmse=standing.rmse, parameters=_parameters(standing, complete=complete))
+def fitted(standing: Standing) -> Fitted:
+    """A model's error in held-out runs and its parameters."""
+    return Fitted(rmse=standing.rmse, parameters=_parameters(standing))
 
 
-def _parameters(standing: Standing, *, complete: bool) -> dict[str, ParameterValue]:
-    found = values(*final(standing, complete=complete))
+def _parameters(standing: Standing) -> dict[str, ParameterValue]:
+    found = values(*final(standing))
     return {
         name: ParameterValue(
             value=one.value, std_err=one.std_err if np.isfinite(one.std_err) else None, unit=one.unit
@@ -117,7 +117,7 @@ def _parameters(standing: Standing, *, complete: bool) -> dict[str, ParameterVal
 
 def _accepted(found: Judgement, path: Sequence[Standing]) -> list[Accepted]:
     search, before, accepted = found.search, found.search.start, []
-    everything = _parameters(found.end, complete=found.complete) if path else {}
+    everything = _parameters(found.end) if path else {}
     by_name = {effect.name: effect for effect in search.effects}
     for after in path:
         (name,) = set(search.added(after)) - set(search.added(before))

@@ -96,8 +96,9 @@ def diagnose_channel(
     is_complete = _Completeness(tried)
     found = search(tried, is_complete)
     end = established(tried, found, is_complete.readings, complete=is_complete(found))
-    objection = None if is_exact(end) else objection_to(end)
-    complete = objection is None and is_complete(end)
+    complete = is_complete(end)
+    objection = objection_to(end) if complete and not is_exact(end) else None
+    complete = complete and objection is None
     if not complete and end is tried.start and (reason := _below_a_step(end)):
         return insufficient(data, reason)
     helping = [name for name in tried.added(found) if name not in tried.added(end)]

@@ -75,7 +75,8 @@ def established(search: Search, end: Standing, readings: Readings, *, complete: 
         readings: how the motion was read.
         complete: whether it leaves no more than draws from it do.
     """
-    if not (complete or standards(search.start, end).is_met):
+    sensible = search.is_sensible(end)
+    if not sensible or not (complete or standards(search.start, end).is_met):
         return search.start
     for part in [
         search.start,

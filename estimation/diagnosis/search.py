@@ -26,6 +26,7 @@ TIE = 0.02  # of the squared error in held-out runs, that equally good models ma
 LEVEL = 0.01  # of false alarms, over all candidates of a step
 MOST_EFFECTS = 4  # with more, almost anything can be imitated
 FITTED = 4  # candidates of a step of which all parameters are fitted together
+FITTED_IN_FULL = 2  # the same where a sketch has chosen before
 FIRSTS = 5  # first effects that are tried where the best one leads to no complete model
 BESIDE, PAIRS = 3, 4  # second effects looked at beside each first, and pairs that are fitted together
 _FOLDS = 0.6  # share of the folds in which an effect must help
@@ -35,6 +36,7 @@ SHORTLIST, _FINE = (
     8,
     4,
 )  # effects tried on all samples; blocks within which a copy of blocks hardly tells times
+_NEAR = 1.5  # times the squared error that is left, from which another effect may get below it
 FEW_STARTS = 4  # places where a second effect is tried
 Progress = Callable[[str, float], None]
 _Key = tuple[frozenset[str], tuple[str, ...]]
@@ -64,6 +66,7 @@ class Search:
     _memory: Memory = field(default_factory=Memory)
     _fits: dict[_Key, Standing] = field(default_factory=dict)
     _screened: dict[_Key, list[Candidate]] = field(default_factory=dict)
+    _glanced: dict[_Key, list[Candidate]] = field(default_factory=dict)
 
     @property
     def start(self) -> Standing:
@@ -104,11 +107,18 @@ class Search:
             what = f"{self.data.name}: beside {beside}"
             starts = self._shortlist(standing)
             tried = candidates(standing.data, standing.trial.model, self.effects)
+
+            def places(effect: Effect) -> Sequence[Inner]:
+                known = [] if starts is None else starts[effect.name]
+                # a form that another model's signals call for may have other parameters
+                fitting = [one for one in known if one.keys() == {p.name for p in effect.inner}]
+                return fitting or effect.starts(standing.data)
+
             self._screened[key] = try_all(
                 standing,
                 [effect for effect in tried if starts is None or effect.name in starts],
                 lambda share, name: self.progress(f"{what}: {name}", share),
-                starts=None if starts is None else lambda effect: starts[effect.name],
+                starts=places,
             )
         return self._screened[key]
 
@@ -132,16 +142,20 @@ class Search:
                 starts[effect.name] = [{p.name: best[f"{effect.name}.{p.name}"] for p in effect.inner}, *fine]
         return starts
 
-    def second_effects(self, first: Candidate) -> list[Candidate]:
-        """Candidates beside the base model and a first one, tried in few places."""
-        beside = self.with_candidate(first)
-        tried = candidates(beside.data, beside.trial.model, self.effects)
+    def glanced(self, beside: Standing) -> list[Candidate]:
+        """The possible candidates beside a model, tried in few places, the best first."""
+        key = _key(beside.trial.model)
+        if key not in self._glanced:
+            tried = candidates(beside.data, beside.trial.model, self.effects)
 
-        def few(effect: Effect) -> Sequence[Inner]:
-            starts = effect.starts(beside.data)
-            return starts[:: max(len(starts) // FEW_STARTS, 1)]
+            def few(effect: Effect) -> Sequence[Inner]:
+                starts = effect.starts(beside.data)
+                return starts[:: max(len(starts) // FEW_STARTS, 1)]
 
-        return [one for one in try_all(beside, tried, starts=few, refined=0) if one.possible]
+            self._glanced[key] = [
+                one for one in try_all(beside, tried, starts=few, refined=0) if one.possible
+            ]
+        return self._glanced[key]
 
     def with_candidate(self, candidate: Candidate) -> Standing:
         """The model that a candidate was tried in, with all parameters fitted together."""
@@ -158,15 +172,32 @@ class Search:
     def extensions(self, standing: Standing, count: int = FITTED) -> list[Standing]:
         """A model with one more effect, all parameters fitted together, in the order of `ordered`."""
         promising = (1.0 - TIE) * standing.trial.held_out
+        count = count if self.sketch is None else min(count, FITTED_IN_FULL)
         made = []
         for candidate in [one for one in self.screened(standing) if one.possible][:count]:
             if candidate.held_out < promising:
-                after, effect = self.with_candidate(candidate), candidate.effect
-                if is_possible(effect, after.trial, after.plain) and not is_misnamed(
-                    effect, after.trial, after.plain
-                ):
+                after = self.with_candidate(candidate)
+                if self.is_sensible(after):
                     made.append(after)
         return self.ordered(made)
+
+    def is_sensible(self, standing: Standing) -> bool:
+        """Whether all effects beside the base model's are what their names say."""
+        names = set(self.added(standing))
+        return all(
+            is_possible(effect, standing.trial, standing.plain)
+            and not is_misnamed(effect, standing.trial, standing.plain)
+            for effect in standing.trial.model.effects
+            if effect.name in names
+        )
+
+    def exchanged(self, less: Standing, standing: Standing) -> list[Standing]:
+        """Models with another effect in the place of one, of those that may do better, in order."""
+        near = _NEAR * standing.trial.held_out
+        tried = self.screened(less) if self.sketch else self.glanced(less)
+        found = [one for one in tried if one.possible and one.held_out < near]
+        made = (self.with_candidate(one) for one in found[:2])
+        return self.ordered([one for one in made if self.is_sensible(one)])
 
     def ordered(self, made: Sequence[Standing]) -> list[Standing]:
         """By the error in held-out runs; of those as good as the best, those with fewest parameters first."""
@@ -228,6 +259,8 @@ def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
         if set(sketch.added(first)) <= set(whole.added(best)):
             continue
         rough = _climb(sketch, first)
+        if not sketch.is_sensible(rough):
+            continue
         known = sketch.fitted(best.trial.model, best.trial.parameters)
         if rough.trial.held_out < (1.0 - TIE) * known.trial.held_out:
             best = whole.ordered([best, on_all(rough)])[0]
@@ -242,7 +275,7 @@ def _pairs(sketch: Search) -> Iterator[Standing]:
         (first, second)
         for first in sketch.screened(sketch.start)
         if first.possible
-        for second in sketch.second_effects(first)[:BESIDE]
+        for second in sketch.glanced(sketch.with_candidate(first))[:BESIDE]
     ]
     beside.sort(key=lambda pair: pair[1].held_out)
     for _, second in beside[:PAIRS]:
@@ -275,7 +308,7 @@ def _looked_back(search: Search, standing: Standing) -> Standing:
         if not search.is_needed(less, standing):
             standing = less
         elif len(search.added(standing)) > 1:
-            others = search.extensions(less, 2)
+            others = search.exchanged(less, standing)
             if others and others[0].trial.held_out < (1.0 - TIE) * standing.trial.held_out:
                 standing = others[0]
     return standing

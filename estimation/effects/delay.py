@@ -1,19 +1,20 @@
 """The sensor reports late."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import Inner, Parameter, SensorEffect
+from estimation.effect import Errors, Inner, Parameter, SensorEffect
 from estimation.signals.runwise import sample_time, shift
 from robot_io.types import FloatArray
 
 
 class Delay(SensorEffect):
-    """reading(t) = effort(t - T); T < 0 where it is the motion that is reported late.
+    """reading(t) = effort(t - T), also by a part of a sample, such as between converters that take turns.
 
-    Also by a part of a sample, such as between converters that take turns: see `shift`.
+    T < 0, the motion later than the effort, by no more than a sample: beyond, it only bends the effort.
     """
 
     name = "delay"
@@ -35,8 +36,14 @@ class Delay(SensorEffect):
         """See `SensorEffect.sense`."""
         return shift(effort, data.time_s, data.run, inner["time"])
 
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: the effort comes ahead of the motion by more than a sample."""
+        return parameters[f"{self.name}.time"] < -sample_time(data.time_s, data.run)
+
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a quarter of a sample to 150 samples, and to ten the other way."""
+        """See `Effect.starts`: from a quarter of a sample to 150 samples, and to one the other way."""
         step = sample_time(data.time_s, data.run)
         late = np.geomspace(0.25, 150.0, 13)
-        return tuple({"time": float(step * n)} for n in (*-late[late < 12.0][::-1], 0.0, *late))
+        return tuple({"time": float(step * n)} for n in (*-late[late < 1.0][::-1], 0.0, *late))

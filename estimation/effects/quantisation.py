@@ -13,6 +13,7 @@ _EDGES = (0.5, 1.5)  # that are near enough for noise to reach, in steps
 _FURTHEST = 8.5  # standard deviations that noise carries anything; beyond, it is less than rounding
 _SMOOTH = 0.5  # noise in steps, from which on the treads are gone
 _REACH, _TREAD = 0.2, 0.1  # in steps, about an edge where it is steep; slope elsewhere, so that none is free
+_REPEATED = 0.5  # distinct readings of all
 _SHARES = (0.01, 0.05, 0.2)  # of a step, of noise
 
 
@@ -38,6 +39,10 @@ class Quantisation(SensorEffect):
         "saturation": "vary the effort slowly over several steps",
     }
     linear = False
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`; where hardly a reading comes twice there are no steps to see."""
+        return super().applies_to(data) and len(np.unique(data.effort)) < _REPEATED * len(data)
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.sense`."""

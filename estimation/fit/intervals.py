@@ -14,6 +14,7 @@ from estimation.fit.trial import Bench, Trial, attempt
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import FloatArray, IntArray
 
+_NOISE_ALONE = 1.05  # times the floor: an error up to which it is noise
 _STEP = 1e-3  # of an inner parameter in a difference quotient, relative to its value or typical range
 _NOTHING = 1e-10  # of the largest eigenvalue: a way to change parameters together that changes nothing
 _FREE = 1e-6  # share of a parameter in such ways, from which on the data do not determine it
@@ -137,7 +138,7 @@ def _errors(slopes: FloatArray, residual: FloatArray, run: IntArray) -> FloatArr
     return np.where(free, np.nan, errors)
 
 
-def final(standing: Standing, *, complete: bool) -> tuple[Bench, Trial]:
+def final(standing: Standing) -> tuple[Bench, Trial]:
     """The last word on a model's parameters, and where it was said.
 
     With the noise's colour taken out they are most exact; but only once nothing is missing, since what is
@@ -145,9 +146,8 @@ def final(standing: Standing, *, complete: bool) -> tuple[Bench, Trial]:
 
     Args:
         standing: the model.
-        complete: whether it is.
     """
-    if not complete:
+    if standing.rmse > _NOISE_ALONE * standing.floor():
         return standing.plain, standing.trial
     judge = standing.judge
     return judge, polish(judge, attempt(judge, standing.trial.model, standing.trial.parameters))

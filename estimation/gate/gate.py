@@ -1,4 +1,4 @@
-"""Whether a channel can be diagnosed at all; if not, the reason in one sentence."""
+"""Whether a channel can be diagnosed at all; if not, the reason and the remedy in one sentence."""
 
 from collections.abc import Callable
 
@@ -8,18 +8,16 @@ from scipy.ndimage import median_filter
 from estimation.channel import ChannelData, ChannelKind
 from estimation.fit.colour import ORDER, Colour
 from estimation.fit.frame import block_length, frame_of
-from estimation.gate.copied import copied
-from estimation.gate.folded import folded
 from estimation.gate.motion_and_effort import (
+    angle_in_degrees,
     misaligned,
     mistaken_times,
     mistaken_units,
     no_contact,
 )
-from estimation.gate.readings import at_its_end, too_coarse, unchanging
-from estimation.gate.turns import strange_turns
+from estimation.gate.readings import at_its_end, copied, too_coarse, unchanging
+from estimation.gate.rectified import rectified
 from estimation.model import Model
-from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import per_run
 from robot_io.types import BoolArray
 
@@ -30,13 +28,7 @@ _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
 _SPIKE = 0.2  # of the range of the effort; what stands out by less does no harm
 _COVERED = 0.3  # of the range of positions, that each fifth of a single recording goes through to be held out
-_DEEP, _LET_GO = (
-    0.5,
-    0.1,
-)  # of the deepest indentation: a press goes from the one to the other, however shaken
-# Times that one run's samples may last longer than another's: a time constant is off by as much, which is as
-# large as the error of one that is just found; and steps by which a run tells how long they last.
-_OTHER_RATE, _FEWEST_STEPS = 1.2, 10
+_DEEP, _RELEASED = 0.5, 0.1  # of the deepest indentation: a press goes from the one to the other
 
 
 def usable(data: ChannelData) -> BoolArray:
@@ -61,7 +53,7 @@ def refuse(data: ChannelData, model: Model | None = None) -> str | None:
     """
     known = model is not None and not model.gains and not model.inner
     checks = (*_OF_THE_SESSION, *_OF_THE_SIGNALS, _blocks, *(() if known else (at_its_end,)))
-    return next(filter(None, (check(data) for check in checks)), None) or strange_turns(data, model)
+    return _first(checks, data) or angle_in_degrees(data, model)
 
 
 def spoilt(data: ChannelData, model: Model) -> str | None:
@@ -70,8 +62,7 @@ def spoilt(data: ChannelData, model: Model) -> str | None:
     Unlike `refuse`, it asks for nothing to be held out.
     """
     good = data.select(usable(data))
-    reasons = (check(good) for check in (unchanging, *_OF_THE_SIGNALS, at_its_end))
-    return next(filter(None, reasons), None) or strange_turns(good, model)
+    return _first((unchanging, *_OF_THE_SIGNALS, at_its_end), good) or angle_in_degrees(good, model)
 
 
 def _length(data: ChannelData) -> str | None:
@@ -99,9 +90,8 @@ def _runs(data: ChannelData) -> str | None:
         if presses > 1:
             return f"{SINGLE_RUN} with {presses} presses; number them in a column `run` of the data file"
         return f"{SINGLE_RUN}, so nothing can be held out to judge by; probe at least three times"
-    parts = np.array_split(data.position, 5)
-    ranges = np.array([np.ptp(part) for part in parts])
-    if ranges.min() < _COVERED * np.ptp(data.position):
+    ranges = [np.ptp(part) for part in np.array_split(data.position, 5)]
+    if min(ranges) < _COVERED * np.ptp(data.position):
         return f"{SINGLE_RUN} that goes through its motion once; record at least three runs"
     return None
 
@@ -109,21 +99,9 @@ def _runs(data: ChannelData) -> str | None:
 def _presses(data: ChannelData) -> int:
     """How often the object was pressed to half of the deepest indentation, after it was let go."""
     deepest = float(data.position.max())
-    sides = np.where(data.position > _DEEP * deepest, 1, np.where(data.position < _LET_GO * deepest, -1, 0))
+    sides = np.where(data.position > _DEEP * deepest, 1, np.where(data.position < _RELEASED * deepest, -1, 0))
     met = sides[sides != 0]
     return int(np.count_nonzero((met[1:] > 0) & (met[:-1] < 0)) + (len(met) > 0 and met[0] > 0))
-
-
-def _rates(data: ChannelData) -> str | None:
-    """What remembers (a lag, a delay, a relaxation) counts samples: these must last as long in all runs."""
-    steps = [np.diff(data.time_s[rows]) for rows in rows_of_runs(data.run)]
-    usual = np.array([np.median(step) for step in steps if len(step) >= _FEWEST_STEPS])
-    if len(usual) == 0 or usual.max() < _OTHER_RATE * usual.min():
-        return None
-    return (
-        f"runs were sampled every {1e3 * usual.min():.4g} ms and every {1e3 * usual.max():.4g} ms; resample "
-        "them to one rate, or take those of one with --where"
-    )
 
 
 def _blocks(data: ChannelData) -> str | None:
@@ -144,12 +122,16 @@ def _blocks(data: ChannelData) -> str | None:
 
 
 _Check = Callable[[ChannelData], str | None]
-_OF_THE_SESSION: tuple[_Check, ...] = (_length, _size, unchanging, _runs, copied, _rates)
+_OF_THE_SESSION: tuple[_Check, ...] = (_length, _size, unchanging, _runs, copied)
 _OF_THE_SIGNALS: tuple[_Check, ...] = (
     mistaken_units,
     mistaken_times,
     misaligned,
     no_contact,
     too_coarse,
-    folded,
+    rectified,
 )
+
+
+def _first(checks: tuple[_Check, ...], data: ChannelData) -> str | None:
+    return next(filter(None, (check(data) for check in checks)), None)

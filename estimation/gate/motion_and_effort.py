@@ -3,8 +3,11 @@
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.gate.likeness import likeness
-from estimation.signals.runwise import per_run, sample_time
+from estimation.fit.load import HEAVY
+from estimation.model import Model
+from estimation.signals.blocks import places
+from estimation.signals.runwise import sample_time
+from robot_io.types import FloatArray
 
 _LONGEST_CONTACT_M = 0.2  # deeper indentations than this are a mistaken unit
 _STIFFEST_N_M = 1e7
@@ -12,6 +15,8 @@ _SOFTEST_N_M = 1e-2
 _FASTEST_RAD_S = 300.0
 _SAME_SHAPE = 0.7  # correlation, half of the variance: it is this position's velocity, whatever its scale
 _OTHER_SCALE = 1.5  # smoothing takes less than a third off a velocity; a mistaken unit is off by ten and more
+_WAYS = tuple(2**power for power in range(12))  # samples, that a way may take
+_LEAST_WAYS = 0.5  # of the samples, at which a way must begin
 _LEAST_PRESSED = 0.01  # of the samples
 # Standard deviations of free air, that one in twenty pressed samples is above: of noise, 1 in 16 000 is.
 _ABOVE_AIR, _ONE_IN_TWENTY = 4.0, 0.95
@@ -19,6 +24,17 @@ _TO_SIGMA = 1.4826  # of the median deviation, for normal noise
 _SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # as of clocks that were started by hand
 _JOINED, _APART = 0.9, 0.5  # correlations of depth and force: any spring's is above the one
 _LEAST_EXPLAINED = 0.1  # share of a force's variance that depth and velocity explain, whatever the object is
+_SEVERAL = 2.0  # turns: with fewer, a spring and a weight may be told from each other by their shape alone
+_SLOWLY = 0.1  # of the effort's variance, a third of its amplitude, that goes slowly with the angle
+# Of what the motion leaves, that the sine in degrees leaves: what is hidden at ten times the noise stays,
+# which was up to 0.1 of a pendulum in degrees; the rest has to be slow.
+_NEARLY_ALL = 0.2
+# Times the energy left, by which a law is as good as a wider one. Chance and likeness made 1.01 in pendulums
+# in degrees; a weight in radians of half the noise, by its amplitude, makes 1.1, and a plain one hundreds.
+_AS_WELL = 1.1
+# Times the energy left, by which a law is worse. Springs, spiral or hardening, that a quadratic does not draw
+# are not drawn by a sine either, which came to 1.03; a pendulum's swings of 50 degrees came to 1.3 to 6.
+_CLEARLY = 1.5
 
 
 def mistaken_units(data: ChannelData) -> str | None:
@@ -38,14 +54,25 @@ def mistaken_units(data: ChannelData) -> str | None:
 
 
 def mistaken_times(data: ChannelData) -> str | None:
-    """The velocity must be the position's slope: else times, or units of one of them, are off."""
-    step = sample_time(data.time_s, data.run)
-    slope = per_run(lambda x: np.gradient(x, step) if len(x) > 1 else 0.0 * x, data.position, data.run)
-    energy = float(slope @ slope)
-    if energy == 0.0:
-        return None
-    ratio, alike = float(slope @ data.velocity) / energy, likeness(slope, data.velocity)
-    if alike > _SAME_SHAPE and not 1.0 / _OTHER_SCALE < ratio < _OTHER_SCALE:
+    """The velocity must be the position's slope: else times, or units of one of them, are off.
+
+    Compared are ways, as two positions have them and as the velocity leads in between, over the time that
+    makes them most alike: long enough for steps and noise of a position to count little, and short enough for
+    what integration adds up of a velocity's error.
+    """
+    steps_s, piece = np.diff(data.time_s), places(data.run)[1]
+    mean = 0.5 * (data.velocity[1:] + data.velocity[:-1])
+    led = np.concatenate([[0.0], np.cumsum(np.where(np.diff(piece) == 0, mean * steps_s, 0.0))])
+    best, ratio = 0.0, 1.0
+    for samples in _WAYS:
+        same = piece[samples:] == piece[:-samples]
+        if np.sum(same) < _LEAST_WAYS * len(data):
+            break
+        moved, by_velocity = ((x[samples:] - x[:-samples])[same] for x in (data.position, led))
+        alike = likeness(moved, by_velocity)
+        if alike > best:
+            best, ratio = alike, float(by_velocity @ by_velocity) / float(moved @ by_velocity)
+    if best > _SAME_SHAPE and not 1.0 / _OTHER_SCALE < ratio < _OTHER_SCALE:
         return f"the velocity is {ratio:.3g} times the slope of the position; check times and units"
     return None
 
@@ -80,10 +107,10 @@ def no_contact(data: ChannelData) -> str | None:
             return "no contact: the force while pressed is no more than the noise in free air"
     if likeness(np.where(pressed, data.position, 0.0), data.effort) < 0.0:
         return "force falls with depth; check the sign of force and displacement"
-    return _stranger(data)
+    return _unrelated(data)
 
 
-def _stranger(data: ChannelData) -> str | None:
+def _unrelated(data: ChannelData) -> str | None:
     """A force that has next to nothing to do with the motion."""
     pressed = data.select(data.engaged)
     motion = np.column_stack([pressed.position, pressed.velocity, np.ones(len(pressed))])
@@ -94,3 +121,81 @@ def _stranger(data: ChannelData) -> str | None:
     if share < _LEAST_EXPLAINED:
         return f"depth and velocity explain {100.0 * share:.0f} % of the force; do they belong together?"
     return None
+
+
+def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
+    """Why the angle of a joint with weight is hardly in radians; None if nothing says so.
+
+    Over several turns an arm's weight comes back with each. An effort in which nothing does, and that goes
+    slowly with the angle from one end to the other, is that of an angle in degrees, or of a motor ahead of
+    its gear. Where the weight is there as well, what goes slowly is a spring that is wound up, or a friction
+    that warms up. Beside a model that knows no weight, nothing has to come back: only what bends as the sine
+    in degrees does, and as no spiral spring, is refused.
+
+    Args:
+        data: the channel.
+        model: what is to explain it.
+    """
+    if data.kind is not ChannelKind.REVOLUTE or model is None:
+        return None
+    turns = float(np.ptp(data.position)) / (2.0 * np.pi)
+    if turns < _SEVERAL:
+        return None
+    if not _goes_in_degrees(data):
+        return None
+    if not any(effect.name in HEAVY for effect in model.effects) and not _bends_in_degrees(data):
+        return None
+    return (
+        f"the joint turns {turns:.0f} times, and its effort does not come back with each turn as weight "
+        "does; is the angle in degrees, or that of a motor ahead of its gear?"
+    )
+
+
+def _goes_in_degrees(data: ChannelData) -> bool:
+    """Whether the angle's sine in degrees draws nearly all of the effort, and in radians next to nothing."""
+    radians, degrees = _sines(data.position), _sines(np.radians(data.position))
+    moved, slow, both = (_left(data, law) for law in ([], degrees, [*degrees, *radians]))
+    if moved - slow < _SLOWLY * float(np.var(data.effort)):
+        return False
+    return slow <= _NEARLY_ALL * moved and slow <= _AS_WELL * both
+
+
+def _bends_in_degrees(data: ChannelData) -> bool:
+    """Whether the angle's sine in degrees draws the effort as well as three powers, and two do not."""
+    sine, two, three = (
+        _left(data, law) for law in (_sines(np.radians(data.position)), _powers(data)[:2], _powers(data))
+    )
+    return sine <= _AS_WELL * three and two >= _CLEARLY * sine
+
+
+def _sines(angle_rad: FloatArray) -> list[FloatArray]:
+    return [np.sin(angle_rad), np.cos(angle_rad)]
+
+
+def _powers(data: ChannelData) -> list[FloatArray]:
+    x = (data.position - data.position.mean()) / float(np.std(data.position))
+    return [x, x**2, x**3]
+
+
+def _left(data: ChannelData, law: list[FloatArray]) -> float:
+    """Mean square that a law, columns (n,), leaves of the effort beside frictions, a drift and an inertia."""
+    v = data.velocity
+    columns = [np.ones(len(data)), data.time_s - data.time_s[0], v, np.sign(v), v * np.abs(v), *law]
+    left, inertia = _fitted(data.effort, [*columns, data.acceleration])
+    # a swing's acceleration goes with its angle, but no mass is below nothing
+    return left if inertia >= 0.0 else _fitted(data.effort, columns)[0]
+
+
+def _fitted(effort: FloatArray, columns: list[FloatArray]) -> tuple[float, float]:
+    """Mean square that columns (n,) leave of an effort (n,), and the gain of the last one."""
+    size = [float(np.sqrt(np.mean(column**2))) or 1.0 for column in columns]
+    matrix = np.column_stack(columns) / size
+    gains = np.linalg.lstsq(matrix, effort, rcond=1e-9)[0]
+    return float(np.mean((effort - matrix @ gains) ** 2)), float(gains[-1])
+
+
+def likeness(one: FloatArray, other: FloatArray) -> float:
+    """Correlation of two signals (n,), 0 where one of them is constant."""
+    if len(one) == 0 or np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
+        return 0.0
+    return float(np.corrcoef(one, other)[0, 1])

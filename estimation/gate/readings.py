@@ -1,21 +1,29 @@
-"""What is wrong with a sensor's readings by themselves: constant, coarse, or at the end of its range."""
+"""What is wrong with a sensor's readings by themselves: constant, coarse, at the end of its range, copied."""
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.gate.likeness import likeness
+from estimation.signals.blocks import rows_of_runs
+from robot_io.types import FloatArray
 
 _STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was at its end
 _STILL = 1e-3  # of the range of positions, that a held one stays within
-# Free air at a sensor's lower end: how much of it, how far from zero (of all readings' range), how many of
-# the readings above are distinct, and how alike neighbouring bends of them are (-0.67 in white noise).
-_MOST_OF_AIR, _OFF_ZERO, _FINE, _NOISY = 0.7, 0.01, 0.5, -0.3
+# Free air at a sensor's lower end: how much of it, how far from zero (of all readings' range), and how many
+# of the readings above are distinct.
+_MOST_OF_AIR, _OFF_ZERO, _FINE = 0.7, 0.01, 0.5
 # Readings in all, with which a sensor says little, or is coarse. Each edge between two of them tells one
 # point of the curve: a straight one, bent by a damper, needs four to be seen to be right or wrong.
 # A joint meets each edge in many states of motion, but a single edge gives no scale.
 _TOO_FEW_LEVELS, _TOO_FEW_OF_A_JOINT, _FEW_LEVELS = 5, 3, 50
 _LOADED = 0.3  # of the largest effort
-_FEWEST_BENDS = 100  # by which noise is told
+_FEWEST_BENDS = 100  # by which noise is told from a sensor's lower end
+# Share of second differences that turn against the one before: 0.73 in white noise, 0.67 in noise as slow as
+# a random walk, and next to none in a formula's curves.
+_TURNING = 0.6
+_DIGITS = 1e-7  # of the effort: what is smaller are the last digits of the numbers, and no sensor's noise
+# Of the reader's steps, that half of the bends exceed: by chance, a reading is then the same in 1 of 3 cases.
+# Rounding alone makes bends of 0 or 1.
+_STEPS = 2.0
 
 
 def unchanging(data: ChannelData) -> str | None:
@@ -64,9 +72,49 @@ def _stuck_in_air(data: ChannelData) -> str | None:
     if share < _MOST_OF_AIR or not off_zero or len(np.unique(above)) < _FINE * len(above):
         return None
     bends = np.diff(data.effort, 2)[data.effort[1:-1] > lowest]
-    if len(bends) < _FEWEST_BENDS or likeness(bends[1:], bends[:-1]) > _NOISY:
+    if len(bends) < _FEWEST_BENDS or not _turn_like_noise(bends):
         return None
     return (
         f"{100 * share:.0f} % of free air shows exactly {lowest:.6g}, and nothing shows less: "
         "the sensor is at its lower end; shift its range, or preload it"
     )
+
+
+def copied(data: ChannelData) -> str | None:
+    """Which run is another one's copy, number for number; None if none is.
+
+    Held out, a copy tells nothing that is not known already. Times may differ. No sensor with noise reads the
+    same twice over a whole run; what was made without noise may, and so may a joint at rest whose reader is
+    coarse.
+    """
+    range_of_all = float(np.ptp(data.position)) if len(data) else 0.0
+    seen: dict[tuple[bytes, bytes], int] = {}
+    for rows in rows_of_runs(data.run):
+        effort, position = data.effort[rows], data.position[rows]
+        if np.ptp(position) <= _STILL * range_of_all or not _is_noisy(effort):
+            continue
+        run = int(data.run[rows[0]])
+        first = seen.setdefault((effort.tobytes(), position.tobytes()), run)
+        if first != run:
+            return (
+                f"run {run} is a copy of run {first}, number for number, and says nothing of its own; leave "
+                "it out, or record it again"
+            )
+    return None
+
+
+def _is_noisy(effort: FloatArray) -> bool:
+    """Whether a run's readings (n,) are so noisy that they hardly come out the same twice."""
+    bends = np.diff(effort, 2)
+    steps = np.diff(np.unique(effort))
+    if len(bends) < 2 or len(steps) == 0:
+        return False
+    usual = float(np.median(np.abs(bends)))
+    if usual < _STEPS * steps.min() or usual < _DIGITS * float(np.sqrt(np.mean(effort**2))):
+        return False
+    return _turn_like_noise(bends)
+
+
+def _turn_like_noise(bends: FloatArray) -> bool:
+    """Whether second differences (n,) change sign from one to the next as those of noise do."""
+    return bool(np.mean(bends[1:] * bends[:-1] < 0.0) > _TURNING)

@@ -11,7 +11,7 @@ from estimation import diagnosis
 from estimation.channel import ChannelData
 from estimation.diagnosis import Diagnosis
 from estimation.diagnosis.candidates import try_all
-from estimation.diagnosis.search import SMALL
+from estimation.diagnosis.doubt import SMALL
 from estimation.effect import Effect
 from estimation.estimate import ParameterEstimate
 from estimation.fit.exact import is_exact

@@ -117,7 +117,7 @@ def test_a_force_with_the_wrong_sign_is_pointed_out_by_every_estimator(tmp_path)
         (2, lambda force: np.full(len(force), 3.0), "the effort never changes"),
         (1, lambda depth: 1e3 * depth, "is the displacement in millimetres?"),
         (2, lambda force: np.minimum(force, 0.5 * force.max()), "the sensor is at its end"),
-        (2, np.abs, "turned round"),
+        (2, np.abs, "was rectified"),
     ],
 )
 def test_data_that_mean_nothing_are_said_to_in_the_words_of_the_diagnosis(tmp_path, column, bend, words):

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from estimation.diagnosis.judgement.agreement import disagreement
 
 from estimation.diagnosis import Verdict, diagnose
 from estimation.fit.standing import stand
-from estimation.diagnosis.judgement.agreement import disagreement
-from tests.estimation.diagnosis.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.diagnosis.test_diagnose import MODEL
+from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 
 CHANGES = {
     "a sensor of another scale": lambda force, run: np.where(run == 2, 1.2 * force, force),

@@ -10,16 +10,16 @@ from multiprocessing import Pipe
 
 import numpy as np
 import pytest
+from estimation.diagnosis.apart import Job, diagnose_apart
+from estimation.diagnosis.helping import Shared, lend_a_hand, shared
 
 from estimation.base_model import ModelContext
 from estimation.diagnosis import apart
-from estimation.diagnosis.apart import Job, diagnose_apart
-from estimation.diagnosis.helping import Shared, lend_a_hand, shared
 from estimation.effects import EFFECTS
 from estimation.effects.bias import Bias
 from estimation.models import MODELS
 from robot_io.errors import PalpateError
-from tests.estimation.diagnosis.presses import kelvin_voigt, maxwell, session
+from tests.estimation.presses import kelvin_voigt, maxwell, session
 
 FEW = tuple(EFFECTS[name]() for name in ("cubic_stiffness", "bias"))
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from estimation.diagnosis.judgement.below_a_step import below_a_step
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
-from estimation.fit.standing import stand
-from estimation.diagnosis.judgement.below_a_step import below_a_step
 from estimation.effects import EFFECTS
+from estimation.fit.standing import stand
 from estimation.model import Model
 
 ROOT = Path(__file__).resolve().parents[3]

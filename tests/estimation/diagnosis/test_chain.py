@@ -2,8 +2,9 @@
 
 from types import SimpleNamespace
 
-from estimation.diagnosis.search import chain
 from estimation.diagnosis.search.chain import _reconsider, _settled
+
+from estimation.diagnosis.search import chain
 
 
 def test_a_step_stays_where_nothing_can_be_tried_in_its_place():

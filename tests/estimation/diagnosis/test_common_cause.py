@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from estimation.diagnosis.common_cause import agreed, settle
+from estimation.diagnosis.judged import Judged
 
 import sim_backend
 from control.arm.rigid_body import RigidBody
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.diagnosis.common_cause import agreed, settle
-from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.result import Accepted
 from estimation.effects import EFFECTS
 from estimation.model import Model

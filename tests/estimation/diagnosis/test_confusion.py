@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from estimation.diagnosis.search.confusion import is_as_small
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import diagnose
-from estimation.diagnosis.search.confusion import is_as_small
 from estimation.effects import EFFECTS
 from estimation.model import Model
 

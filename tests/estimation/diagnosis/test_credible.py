@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
+from estimation.diagnosis.search.credible import is_credible
+from estimation.diagnosis.search.library import library
+from estimation.diagnosis.search.search import Search
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelKind
 from estimation.diagnosis import Verdict, diagnose
-from estimation.diagnosis.search.credible import is_credible
-from estimation.diagnosis.search.library import library
-from estimation.diagnosis.search.search import Search
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
-from tests.estimation.diagnosis.presses import K, kelvin_voigt, session
 from tests.estimation.diagnosis.test_pairs_in_a_joint import NOISE_NM, channel, pendulum
+from tests.estimation.presses import K, kelvin_voigt, session
 
 BASE = {ChannelKind.CONTACT: "kelvin_voigt", ChannelKind.REVOLUTE: "pendulum"}
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-
-from estimation.diagnosis import Verdict, diagnose
 from estimation.diagnosis.dead_band import swallowing, with_dead_band
 from estimation.diagnosis.judged import Judged
+
+from estimation.diagnosis import Verdict, diagnose
 from estimation.effects import EFFECTS
 from estimation.effects.contact_offset import ContactOffset
 from estimation.model import Model
@@ -83,7 +83,5 @@ def test_how_deep_the_surface_lies_is_no_surer_than_the_width_that_was_told(seen
     offsets = []
     for std_err_n in (0.0, 0.05):
         marked = swallowing(seen[0].data, WIDTH_N, std_err_n)
-        offsets.append(
-            fits(marked, KELVIN_VOIGT, ["deadband"], FEW)[-1].parameters["contact_offset.offset"]
-        )
+        offsets.append(fits(marked, KELVIN_VOIGT, ["deadband"], FEW)[-1].parameters["contact_offset.offset"])
     assert offsets[1].std_err == pytest.approx(np.hypot(offsets[0].std_err, 0.05 / STIFFNESS_N_M), rel=0.05)

@@ -2,13 +2,13 @@ import json
 
 import numpy as np
 import pytest
+from estimation.diagnosis.search.library import library
 
 from estimation.base_model import ModelContext
 from estimation.data.derivatives import differentiate
 from estimation.diagnosis import Verdict, diagnose
-from estimation.diagnosis.search.library import library
 from estimation.models import MODELS
-from tests.estimation.diagnosis.presses import C, K, channel, kelvin_voigt, maxwell, session
+from tests.estimation.presses import C, K, channel, kelvin_voigt, maxwell, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 

@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
-
-from estimation.base_model import ModelContext
-from estimation.diagnosis import Verdict, diagnose
 from estimation.diagnosis.search.chain import build
 from estimation.diagnosis.search.dominant import own_signals
 from estimation.diagnosis.search.library import library
 from estimation.diagnosis.search.search import Search
+
+from estimation.base_model import ModelContext
+from estimation.diagnosis import Verdict, diagnose
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
 from estimation.signals.runwise import low_pass
-from tests.estimation.diagnosis.presses import kelvin_voigt, session
+from tests.estimation.presses import kelvin_voigt, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 

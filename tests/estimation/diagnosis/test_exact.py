@@ -7,8 +7,8 @@ import pytest
 
 from estimation.diagnosis import Verdict, diagnose
 from estimation.effects import EFFECTS
-from tests.estimation.diagnosis.presses import C, K, kelvin_voigt, session
 from tests.estimation.diagnosis.test_diagnose import MODEL
+from tests.estimation.presses import C, K, kelvin_voigt, session
 
 NAMES = ("cubic_stiffness", "layered_stiffness", "bias")
 

@@ -1,11 +1,11 @@
 """An effect is added because somebody asked for it."""
 
 import numpy as np
-
-from estimation.fit.standing import stand
 from estimation.diagnosis.search.extend import extend
 from estimation.diagnosis.search.screening import screen
+
 from estimation.effects import EFFECTS
+from estimation.fit.standing import stand
 from tests.estimation.diagnosis.test_common_cause import ARM, joints
 
 

@@ -8,9 +8,9 @@ from scipy.ndimage import gaussian_filter1d
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
-from estimation.fit.standing import stand
 from estimation.fit.acceleration_doubt import doubted
 from estimation.fit.intervals import Value, final, values
+from estimation.fit.standing import stand
 from estimation.models import MODELS
 
 STEP_S, INERTIA = 0.002, 0.05

@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from estimation.effects import EFFECTS
+from estimation.fit.intervals import final, inner_slopes, values
 from estimation.fit.standing import stand
 from estimation.fit.trial import attempt
-from estimation.fit.intervals import final, inner_slopes, values
-from estimation.effects import EFFECTS
-from tests.estimation.diagnosis.presses import session
 from tests.estimation.diagnosis.test_diagnose import MODEL
+from tests.estimation.presses import session
 
 OFFSET = "contact_offset.offset"
 MODEL_WITH_OFFSET = MODEL.with_effect(EFFECTS["contact_offset"]())

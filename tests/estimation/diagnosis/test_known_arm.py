@@ -6,8 +6,8 @@ import pytest
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
-from estimation.gate.gate import refuse
 from estimation.effects.rigid_body import RigidBody
+from estimation.gate.gate import refuse
 from estimation.model import Model
 from estimation.models import MODELS
 

@@ -8,8 +8,8 @@ import pytest
 from estimation.diagnosis import Verdict, diagnose
 from estimation.effects import EFFECTS
 from estimation.signals.runwise import shift
-from tests.estimation.diagnosis.presses import session
 from tests.estimation.diagnosis.test_diagnose import MODEL
+from tests.estimation.presses import session
 
 KNOWN = ("delay", "lag", "cubic_stiffness")
 

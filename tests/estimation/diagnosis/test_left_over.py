@@ -4,11 +4,11 @@ import re
 
 import numpy as np
 import pytest
+from estimation.diagnosis.judgement.left_over import left_over, small_rest
 
 from estimation.fit.standing import stand
-from estimation.diagnosis.judgement.left_over import left_over, small_rest
-from tests.estimation.diagnosis.presses import NOISE_N, K, channel, kelvin_voigt, motion
 from tests.estimation.diagnosis.test_diagnose import MODEL
+from tests.estimation.presses import NOISE_N, K, channel, kelvin_voigt, motion
 
 DRYING = np.array([0.0, 0.06, 0.11, 0.15, 0.18, 0.2])  # by which each run is stiffer than the first
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimation.diagnosis.search.extend import extend
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.fit.standing import stand
-from estimation.diagnosis.search.extend import extend
 from estimation.effects import EFFECTS
+from estimation.fit.standing import stand
 from estimation.model import Model
 
 LINK, ROTOR, WEIGHT = 0.05, 0.03, 2.0  # kg m^2, kg m^2, N m

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimation.diagnosis.judgement.noise_floor import repeats
 
+from estimation.effects import EFFECTS
 from estimation.fit.frame import frame_of
 from estimation.fit.inner_search import look, refine
 from estimation.fit.standing import stand
-from estimation.diagnosis.judgement.noise_floor import repeats
-from estimation.effects import EFFECTS
-from tests.estimation.diagnosis.presses import session
 from tests.estimation.diagnosis.test_diagnose import MODEL
+from tests.estimation.presses import session
 
 DATA = session(3)
 

@@ -6,7 +6,7 @@ import pytest
 from estimation.base_model import ModelContext
 from estimation.diagnosis import Verdict, diagnose
 from estimation.models import MODELS
-from tests.estimation.diagnosis.presses import NOISE_N, RATE_HZ, C, K, kelvin_voigt, session
+from tests.estimation.presses import NOISE_N, RATE_HZ, C, K, kelvin_voigt, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 

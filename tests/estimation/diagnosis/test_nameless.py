@@ -6,8 +6,8 @@ from scipy.signal import lfilter
 
 from estimation.base_model import ModelContext
 from estimation.diagnosis import Verdict, diagnose
-from estimation.fit.standing import stand
 from estimation.effects import EFFECTS
+from estimation.fit.standing import stand
 from estimation.models import MODELS
 from tests.estimation.diagnosis.test_pairs_in_a_joint import NOISE_NM, STEP_S, channel, pendulum
 

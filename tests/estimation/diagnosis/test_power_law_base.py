@@ -7,7 +7,7 @@ from estimation.base_model import ModelContext
 from estimation.diagnosis import Verdict, diagnose
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
-from tests.estimation.diagnosis.presses import session
+from tests.estimation.presses import session
 
 
 @pytest.mark.parametrize(("exponent", "stiffness"), [(1.5, 20000.0), (2.2, 600000.0)])

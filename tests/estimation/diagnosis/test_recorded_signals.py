@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.estimation.diagnosis.presses import session
 
 from estimation.base_model import ModelContext
 from estimation.diagnosis import Verdict, diagnose
 from estimation.models import MODELS
 from robot_io.errors import InputError
-from tests.estimation.diagnosis.presses import session
 from tests.estimation.fits import compare, fits
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())

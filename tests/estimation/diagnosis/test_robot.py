@@ -1,7 +1,8 @@
 """Channels of one robot are judged at once, and again where they depend on what another showed."""
 
-from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.robot import judge_robot
+
+from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.effects import EFFECTS
 from estimation.model import Model
 from tests.estimation.diagnosis.test_true_force import EVERY, WIDTH_N, judged, pressing

@@ -7,7 +7,7 @@ from estimation.base_model import ModelContext
 from estimation.diagnosis import Verdict, diagnose
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
-from tests.estimation.diagnosis.presses import K, kelvin_voigt, session
+from tests.estimation.presses import K, kelvin_voigt, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 

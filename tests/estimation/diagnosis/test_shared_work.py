@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Parameter
+from estimation.effects import EFFECTS
 from estimation.fit import memory as memories
 from estimation.fit.along import parts_along
 from estimation.fit.memory import Memory
 from estimation.fit.moments import held_out_energy, moments_of, score
 from estimation.fit.standing import stand
 from estimation.fit.trial import attempt
-from estimation.effect import AdditiveEffect, Parameter
-from estimation.effects import EFFECTS
 from estimation.model import Model
-from tests.estimation.diagnosis.presses import session
+from tests.estimation.presses import session
 
 
 def swings():

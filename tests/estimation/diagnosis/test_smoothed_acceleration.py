@@ -1,11 +1,11 @@
 """A derived acceleration is smoothed, as by a lag, and must not decide between a lag and a delay."""
 
 import numpy as np
+from estimation.diagnosis.search.confusion import rivals
+from estimation.diagnosis.search.search import Search
 from scipy.signal import savgol_filter
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.search.confusion import rivals
-from estimation.diagnosis.search.search import Search
 from estimation.effects import EFFECTS
 from tests.estimation.diagnosis.test_nameless import MODEL, lagging
 

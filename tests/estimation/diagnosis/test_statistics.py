@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
+from estimation.diagnosis.search.surrogates import best_gains, p_value, surrogates
 from scipy.signal import lfilter
 
 from estimation.fit.colour import colour_of
 from estimation.fit.frame import frame_of
 from estimation.fit.moments import moments_of, score
-from estimation.diagnosis.search.surrogates import best_gains, p_value, surrogates
-from tests.estimation.diagnosis.presses import session
+from tests.estimation.presses import session
 
 
 def test_scores_are_those_of_fits_without_the_fold():

@@ -10,7 +10,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
-from tests.estimation.diagnosis.presses import NOISE_N, kelvin_voigt, session
+from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 

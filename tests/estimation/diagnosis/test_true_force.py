@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from estimation.diagnosis.judged import Judged
+from estimation.diagnosis.true_force import borne_out, with_true_force
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Verdict, diagnose
-from estimation.diagnosis.judged import Judged
 from estimation.diagnosis.result import Accepted, Fitted, ParameterValue
-from estimation.diagnosis.true_force import borne_out, with_true_force
 from estimation.effects import EFFECTS
 from estimation.fresh_runs import on_clocks_of_their_own
 from estimation.model import Model

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimation.diagnosis.judgement.unlike_noise import unlike_noise
 
 from estimation.diagnosis import Verdict, diagnose
 from estimation.fit.standing import stand
-from estimation.diagnosis.judgement.unlike_noise import unlike_noise
-from tests.estimation.diagnosis.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.diagnosis.test_diagnose import MODEL
 from tests.estimation.fits import compare
+from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 
 
 def humming(t, x, v, run):

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from estimation.diagnosis.search.credible import may_be_nothing
+from estimation.diagnosis.search.library import candidates, library
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
-from estimation.fit.standing import stand
-from estimation.diagnosis.search.credible import may_be_nothing
-from estimation.diagnosis.search.library import candidates, library
 from estimation.effects import EFFECTS
+from estimation.fit.standing import stand
 from estimation.models import MODELS
 
 STEP_S, NOISE_NM = 0.004, 0.02

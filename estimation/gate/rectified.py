@@ -1,4 +1,4 @@
-"""Whether readings below zero were turned round or cut off on their way: a rectified signal."""
+"""Whether the signal was rectified: readings below zero folded up to positive ones, or cut off."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ _WITHOUT_CONSTANT = 1.5
 _TO_SIGMA = 1.4826 / np.sqrt(6.0)  # of the median bend: normal quantile, and variance of a second difference
 
 
-def folded(data: ChannelData) -> str | None:
+def rectified(data: ChannelData) -> str | None:
     """Why the readings are those of a rectified signal; None if they are not.
 
     Where an effort comes within its noise of zero, half of the readings lie below. If none does, and they are
@@ -37,23 +37,23 @@ def folded(data: ChannelData) -> str | None:
     effort = data.effort if data.tare is None else data.effort + data.tare.of(data.run)
     if len(effort) == 0 or effort.min() < 0.0:
         return None
-    if data.kind is not ChannelKind.CONTACT and _cut_off(data, effort):
+    if data.kind is not ChannelKind.CONTACT and _is_cut_off(data, effort):
         share = float(np.mean(effort == 0.0))
         return (
             f"no reading is below zero, and {100 * share:.0f} % are exactly zero: was the sign "
             "cut off? record the signal with its sign"
         )
     noise = _TO_SIGMA * float(np.median(np.abs(per_run(_bends, effort, data.run))))
-    count = _turned_round(effort, noise)
+    count = _folded(effort, noise)
     if count < _FEWEST:
         return None
     return (
         f"no reading is below zero, though {count} lie within their noise of it, {noise:.2g} "
-        f"{data.kind.effort_unit}: what was below was turned round; record the signal with its sign"
+        f"{data.kind.effort_unit}: the signal was rectified; record it with its sign"
     )
 
 
-def _turned_round(effort: FloatArray, noise: float) -> int:
+def _folded(effort: FloatArray, noise: float) -> int:
     """How many readings (n,) lie within their noise of zero; 0 if they are no folded ones."""
     near = effort[(effort > 0.0) & (effort <= noise)]
     if len(near) == 0 or noise < 2.0 * near.min():
@@ -66,7 +66,7 @@ def _turned_round(effort: FloatArray, noise: float) -> int:
     return len(near) if inner >= _FLAT * outer and zeros <= _MOST_ZEROS * next_to_zero else 0
 
 
-def _cut_off(data: ChannelData, effort: FloatArray) -> bool:
+def _is_cut_off(data: ChannelData, effort: FloatArray) -> bool:
     """Whether a joint's readings (n,) lost what was below zero, and nothing of what is above it.
 
     A dead band that a torque of one sign goes into and out of shows zeros as well, but what it swallows is

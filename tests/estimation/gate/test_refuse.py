@@ -1,0 +1,287 @@
+"""What is refused, each with its remedy, and what looks like it and is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.base_model import ModelContext
+from estimation.channel import ChannelData, ChannelKind
+from estimation.gate import refuse, spoilt, usable
+from estimation.models import MODELS
+from estimation.tare import Tare
+from tests.estimation.presses import kelvin_voigt, session
+
+DATA = session(3)
+X, F, COUNT = DATA.position, DATA.effort, np.arange(len(DATA))
+
+
+def model(name):
+    return MODELS[name]().build(ModelContext())
+
+
+def shuffled_in_contact():
+    effort = F.copy()
+    effort[DATA.engaged] = np.random.default_rng(1).permutation(effort[DATA.engaged])
+    return effort
+
+
+def very_long():
+    """The same runs again and again, slowly sampled, so that each sample is a block."""
+    times = 300_000 // len(DATA) + 1
+    number = np.repeat(np.arange(times), len(DATA))
+    again = DATA.select(np.tile(COUNT, times))
+    time_s, run = 10.0 * again.time_s + 1e4 * number, again.run + 6 * number
+    return replace(again, time_s=time_s, velocity=0.1 * again.velocity, run=run)
+
+
+def copies(data=DATA):
+    """Four times the first run."""
+    rows = np.tile(np.flatnonzero(data.run == 0), 4)
+    number = np.repeat(np.arange(4), len(rows) // 4)
+    return replace(data.select(rows), run=number, time_s=data.time_s[rows] + 10.0 * number)
+
+
+def swinging(scale=1.0, torque=lambda q, v, a: 0.05 * a + 2.0 * np.sin(q) + 0.1 * v):
+    """A pendulum's swings in four runs; `scale` is what its angle is multiplied by when it is recorded."""
+    rng = np.random.default_rng(0)
+    t, run = np.tile(np.arange(2000) * 0.005, 4), np.repeat(np.arange(4), 2000)
+    w = 2.0 + 0.5 * run
+    q = 0.9 * np.sin(w * t) + 0.3 * np.sin(0.37 * w * t + run)
+    v = 0.9 * w * np.cos(w * t) + 0.111 * w * np.cos(0.37 * w * t + run)
+    a = -0.9 * w**2 * np.sin(w * t) - 0.0411 * w**2 * np.sin(0.37 * w * t + run)
+    effort = torque(q, v, a) + rng.normal(0, 0.02, len(t))
+    motion = (scale * q, scale * v, scale * a)
+    return ChannelData("joint_1", ChannelKind.REVOLUTE, t, *motion, effort, run, np.full(len(t), -1))
+
+
+def one_recording(position):
+    """A joint that was recorded in one run of 20 s."""
+    t, one = np.arange(4000) * 0.005, np.zeros(4000, dtype=np.int64)
+    q = position(t)
+    v = np.gradient(q, t)
+    return ChannelData("joint_1", ChannelKind.REVOLUTE, t, q, v, q, q, one, one - 1)
+
+
+def moving_in_one_run(phase):
+    t, run = np.tile(np.arange(2000) * 0.002, 2), np.repeat([0, 1], 2000)
+    q = np.where(run == 0, np.sin(5 * t), 0.3)
+    v = np.where(run == 0, 5 * np.cos(5 * t), 0.0)
+    phase = np.full(4000, phase)
+    return ChannelData("joint_1", ChannelKind.REVOLUTE, t, q, v, -25 * q, q + np.sign(v), run, phase)
+
+
+SHORT_RUNS = {"time_s": 0.1 * DATA.time_s, "velocity": 10.0 * DATA.velocity}
+REFUSED = {
+    "never changes": lambda: replace(DATA, effort=np.full(len(DATA), 2.0)),
+    "6 presses; number them in a column `run`": lambda: replace(DATA, run=0 * DATA.run),
+    "probe at least three times": lambda: DATA.of_runs(DATA.runs[:1]),
+    "motion once; record at least three": lambda: one_recording(lambda t: t),
+    "no contact: the displacement": lambda: replace(DATA, position=X - 1.0),
+    "no contact: the force": lambda: replace(DATA, effort=np.random.default_rng(0).normal(0, 0.05, len(X))),
+    "in millimetres": lambda: replace(DATA, position=1e3 * X, velocity=1e3 * DATA.velocity),
+    "units of both": lambda: replace(DATA, effort=1e7 * F),
+    "faster than 300 rad/s": lambda: replace(swinging(), velocity=200.0 * swinging().velocity),
+    "check times and units": lambda: replace(DATA, velocity=1e3 * DATA.velocity),
+    "check the sign": lambda: replace(DATA, effort=-F),
+    "the sensor is at its end": lambda: replace(DATA, effort=np.minimum(F, 3.0)),
+    "shift its range": lambda: replace(DATA, effort=np.maximum(F, 1.0)),
+    "too coarse": lambda: replace(DATA, effort=4.0 * np.round(F / 4.0)),
+    "2 different readings": lambda: replace(swinging(), effort=np.sign(swinging().effort)),
+    "align their times": lambda: replace(DATA, effort=np.roll(F, 250)),
+    "with --where": very_long,
+    "record at least 100": lambda: DATA.select(COUNT[:50]),
+    "only 0 samples": lambda: DATA.select(COUNT[:0]),
+    "is a copy of run 0": copies,
+    "was rectified; record it with its sign": lambda: replace(DATA, effort=np.abs(F)),
+    "was the sign cut off": lambda: replace(swinging(), effort=np.maximum(swinging().effort, 0.0)),
+    "fewer than two runs have": lambda: replace(DATA, **SHORT_RUNS, run=COUNT // 8),
+    "runs go on for": lambda: replace(DATA, run=COUNT // 8),
+    "in one run at most something moves": lambda: moving_in_one_run(phase=1),
+    "do they belong together": lambda: replace(DATA, effort=shuffled_in_contact()),
+}
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_bad_data_is_refused_with_a_remedy(words):
+    assert words in refuse(REFUSED[words]())
+
+
+def coarsely_read(step, noise=0.0):
+    """A pendulum whose angle was read in steps; its velocity was measured by another sensor."""
+    data = swinging()
+    read = data.position + noise * np.random.default_rng(4).standard_normal(len(data))
+    return replace(data, position=step * np.round(read / step) if step else read)
+
+
+def cut_hold():
+    """A hold without noise shows one reading all along."""
+    deepest = 0.7 * X.max()
+    x = np.minimum(X, deepest)
+    force = 800.0 * np.maximum(x, 0.0) + 0.01 * np.sin(3.0 * DATA.time_s) * (x < 0.0)
+    assert np.mean(force[force > 0.3 * force.max()] == force.max()) > 0.3
+    return replace(DATA, position=x, effort=force, velocity=np.gradient(x, 0.002))
+
+
+def braked_in_two_runs():
+    data = swinging()
+    braked = (data.run == 1) | (data.run == 2)
+    q, v = np.where(braked, 0.3, data.position), np.where(braked, 0.0, data.velocity)
+    return replace(data, position=q, velocity=v, effort=np.where(braked, 0.6, data.effort.round(1)))
+
+
+def at_rates(*every):
+    """Runs of which only every so many samples are kept."""
+    stride = np.array(every)[DATA.run % len(every)]
+    return DATA.select(COUNT % stride == 0)
+
+
+def logarithmic_in_time():
+    """Ramps of 0.1 to 100 s and their holds, of a hundred samples each."""
+    parts = []
+    for run, ramp_s in enumerate((0.1, 1.0, 10.0, 100.0)):
+        t = np.concatenate([np.linspace(0, ramp_s, 40), ramp_s + np.geomspace(0.01, 60, 80)])
+        x = 2e-4 * np.minimum(t / ramp_s, 1.0)
+        v = np.where(t <= ramp_s, 2e-4 / ramp_s, 0.0)
+        parts.append((t + 300.0 * run, x, v, np.full(len(t), run)))
+    t, x, v, run = (np.concatenate(part) for part in zip(*parts, strict=True))
+    f = 40.0 * x + np.random.default_rng(0).normal(0, 2e-4, len(t))
+    return ChannelData("contact", ChannelKind.CONTACT, t, x, v, 0 * v, f, run, 0 * run - 1)
+
+
+def one_signed_behind_a_dead_band():
+    data = swinging(torque=lambda q, v, a: 2.0 + 1.5 * np.sin(1.6 * q) + 0.1 * v)
+    swallowed = replace(data, effort=np.maximum(data.effort - 1.7, 0.0))
+    assert np.mean(swallowed.effort == 0.0) > 0.4
+    return swallowed
+
+
+def stepped(force, step):
+    return step * np.round(force / step) if step else force
+
+
+EXACT = kelvin_voigt(X, DATA.velocity)
+JUDGED = {
+    "presses": lambda: DATA,
+    "swings": swinging,
+    "a joint's single recording that repeats itself": lambda: one_recording(np.sin),
+    "a joint that is braked in two runs": braked_in_two_runs,
+    "a recording that is no probing arm's": lambda: moving_in_one_run(phase=-1),
+    "every other sample of each other run": lambda: at_rates(1, 2),
+    "rates a factor of ten apart": lambda: at_rates(1, 3, 10),
+    "times over three decades": logarithmic_in_time,
+    "steps of 64 a turn": lambda: coarsely_read(2 * np.pi / 64),
+    "steps of 1024 a turn": lambda: coarsely_read(2 * np.pi / 1024),
+    "a noisy angle": lambda: coarsely_read(0.0, noise=0.02),
+    "noise and steps": lambda: coarsely_read(0.02, noise=0.02),
+    "a depth in steps": lambda: replace(DATA, position=stepped(X, 3e-4)),
+    "a velocity that noise is in": lambda: replace(
+        DATA, velocity=DATA.velocity + np.random.default_rng(0).normal(0, 0.03, len(X))
+    ),
+    "a zero beyond the readings": lambda: replace(DATA, effort=F - F.min()),
+    "a zero a little off": lambda: replace(DATA, effort=F + 0.02),
+    "a zero far off": lambda: replace(DATA, effort=F + 0.3),
+    "a dead band about zero": lambda: replace(DATA, effort=np.sign(F) * np.maximum(np.abs(F) - 0.5, 0.0)),
+    "no force below zero": lambda: replace(DATA, effort=np.maximum(F - 0.5, 0.0)),
+    "no noise, and an offset": lambda: replace(DATA, effort=0.7 + EXACT),
+    "steps, and an offset": lambda: replace(DATA, effort=stepped(F - 0.3 * (X < 0), 0.1) + 0.5),
+    "steps coarser than the noise": lambda: replace(DATA, effort=stepped(F, 0.2) + 0.6),
+    "coarse steps, often at the last": lambda: replace(DATA, effort=stepped(F, 0.6)),
+    "a hold without noise": cut_hold,
+    "one press made again without noise": lambda: replace(
+        copies(), effort=copies(replace(DATA, effort=EXACT)).effort
+    ),
+    "the same in small steps": lambda: copies(replace(DATA, effort=stepped(EXACT, 1e-6))),
+    "the same in large steps": lambda: copies(replace(DATA, effort=stepped(EXACT, 0.5))),
+    "one sign behind a dead band": one_signed_behind_a_dead_band,
+}
+
+
+@pytest.mark.parametrize("name", JUDGED)
+def test_what_only_looks_bad_is_judged(name):
+    assert refuse(JUDGED[name]()) is None
+
+
+@pytest.mark.parametrize("step", [0.0, 0.05])
+@pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 30.0])
+def test_a_mistaken_velocity_is_seen_through_the_steps_of_the_position(factor, step):
+    data = coarsely_read(step)
+    reason = refuse(replace(data, velocity=factor * data.velocity))
+    assert float(reason.split()[3]) == pytest.approx(factor, rel=0.05)
+    assert "check times" in spoilt(replace(data, time_s=data.time_s / factor), model("pendulum"))
+
+
+@pytest.mark.parametrize(("correlation", "step_n"), [(0.0, 0.02), (0.6, 0.01), (0.9, 0.001)])
+def test_a_copy_is_told_by_its_noise(correlation, step_n):
+    again = copies(session(3, correlation=correlation))
+    assert "is a copy of run 0" in refuse(replace(again, effort=stepped(again.effort, step_n)))
+
+
+@pytest.mark.parametrize("step_n", [0.0, 0.01, 0.02])
+@pytest.mark.parametrize("correlation", [0.0, 0.6])
+def test_a_converter_that_cuts_off_free_air_passes_and_one_that_folds_it_does_not(step_n, correlation):
+    made = session(3, correlation=correlation)
+    force = stepped(made.effort, step_n)
+    assert refuse(replace(made, effort=np.maximum(force, 0.0))) is None
+    if correlation == 0.0:  # else the noise is less than two steps from sample to sample
+        assert "rectified" in refuse(replace(made, effort=np.abs(force)))
+
+
+def test_a_tare_does_not_hide_that_readings_were_folded():
+    tare = Tare(DATA.runs, np.full(len(DATA.runs), 0.04), np.full(len(DATA.runs), 0.01))
+    assert "rectified" in refuse(replace(DATA, effort=np.abs(F) - 0.04, tare=tare))
+
+
+def slowly(torque, *, one_way=False):
+    """A joint that turns several times, in radians, with a torque that goes slowly with angle or time."""
+    data = swinging(10.0)
+    t, run = data.time_s, data.run
+    if one_way:
+        q = (2.0 + 0.2 * run) * t + 0.1 * (1.0 - np.cos(3.0 * t))
+        v = 2.0 + 0.2 * run + 0.3 * np.sin(3.0 * t)
+        data = replace(data, position=q, velocity=v, acceleration=0.9 * np.cos(3.0 * t))
+    noise = np.random.default_rng(1).normal(0, 0.01, len(t))
+    effort = 0.002 * data.acceleration + torque(data.position, t) + noise
+    return replace(data, time_s=t + 20.0 * run, effort=effort)
+
+
+def round_and_round(q, v, a):
+    return 2.0 * np.sin(30.0 * q) + 0.1 * v + 0.2 * np.sign(v)
+
+
+TURNS = {
+    "a weight in degrees": ("pendulum", lambda: swinging(180.0 / np.pi), True),
+    "a weight in hundredths": ("pendulum", lambda: swinging(100.0), True),
+    "degrees where no weight is known": ("inertia", lambda: swinging(180.0 / np.pi), True),
+    "radians": ("pendulum", swinging, False),
+    "radians where no weight is known": ("inertia", swinging, False),
+    "a spring wound up": ("inertia", lambda: swinging(30.0, lambda q, v, a: 3.0 * q + 0.1 * v), False),
+    "round and round": ("pendulum", lambda: swinging(30.0, round_and_round), False),
+    "a cable": ("pendulum", lambda: slowly(lambda q, t: 0.2 * np.sin(q) + 0.05 * q), False),
+    "a friction that warms up": (
+        "pendulum",
+        lambda: slowly(lambda q, t: 0.1 * np.sin(q) + 0.24 * np.exp(-t / 3.0), one_way=True),
+        False,
+    ),
+    "a spiral spring": ("inertia", lambda: slowly(lambda q, t: 0.1 * q + 0.004 * q**2), False),
+}
+
+
+@pytest.mark.parametrize("name", TURNS)
+def test_degrees_are_told_from_radians_by_the_weight_that_comes_back(name):
+    base, made, is_refused = TURNS[name]
+    reason = refuse(made(), model(base))
+    assert ("in degrees" in reason) if is_refused else reason is None
+
+
+def test_glitches_are_set_aside_and_steps_are_kept():
+    effort = F.copy()
+    effort[[300, 900]] = -200.0
+    good = usable(replace(DATA, effort=effort))
+    assert not good[[300, 900]].any()
+    assert good.mean() > 0.99
+    assert usable(replace(DATA, effort=np.where(COUNT > 1000, 5.0, 0.0) + F)).all()
+
+
+def test_what_was_measured_well_is_spoilt_by_nothing_though_one_run_is_too_few_to_diagnose():
+    assert spoilt(DATA.of_runs(DATA.runs[:1]), model("kelvin_voigt")) is None
