@@ -11,10 +11,8 @@ from estimation import diagnosis
 from estimation.channel import ChannelData
 from estimation.diagnosis import Diagnosis
 from estimation.diagnosis.candidates import try_all
-from estimation.diagnosis.doubt import SMALL
 from estimation.effect import Effect
 from estimation.estimate import ParameterEstimate
-from estimation.fit.exact import is_exact
 from estimation.fit.held_out import held_out_residual
 from estimation.fit.intervals import final, values
 from estimation.fit.standing import Standing, stand
@@ -113,8 +111,7 @@ def _importable(effects: Sequence[Effect]) -> bool:
 
 
 def _fitted(standing: Standing) -> Fitted:
-    at_floor = is_exact(standing) or standing.rmse <= (1.0 + SMALL) * standing.floor()
-    bench, trial = final(standing, complete=at_floor)
+    bench, trial = final(standing)
     found = {name: (one.value, one.std_err, one.unit) for name, one in values(bench, trial).items()}
     residual = held_out_residual(standing.plain.frame, standing.trial)
     return Fitted(
