@@ -189,7 +189,8 @@ class RigidBody:
     ) -> FloatArray:
         """The same for many samples at once, in a third of the time: all arrays have shape (m, n)."""
         motion = (position_rad.T, velocity_rad_s.T, acceleration_rad_s2.T)
-        return np.asarray(pin.rneaInParallel(1, pin.ModelPool(self._model, 1), *motion).T)
+        torques = pin.rneaInParallel(1, pin.ModelPool(self._model, 1), *motion)
+        return np.asarray(torques).reshape(self.joint_count, -1).T  # Pinocchio drops an axis of length 1
 
     def with_load(self, mass_kg: float) -> "RigidBody":
         """The same arm with a point mass [kg] at its tip."""

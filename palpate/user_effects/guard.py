@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.effect import AdditiveEffect, Effect, MotionEffect, SensorEffect
+from estimation.effect import AdditiveEffect, Effect, MemoryEffect, MotionEffect, SensorEffect
 from estimation.effects import EFFECTS
 from palpate.foreign_code import foreign_code
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
 _CALLED = (
-    *("columns", "known", "simpler", "move", "sense", "slope", "follow", "starts", "is_misnamed"),
+    *("columns", "known", "simpler", "move", "fade", "sense", "slope", "follow", "starts", "is_misnamed"),
     *("applies_to", "suited_to"),
 )
 _MOTION = ("position", "velocity", "acceleration", "effort")
@@ -64,6 +64,8 @@ def rehearse(effect: Effect, data: ChannelData) -> None:
             effect.simpler(_frozen(effect.columns(data, inner)))
         case MotionEffect():
             effect.move(data, inner)
+        case MemoryEffect():
+            effect.fade(both, data, inner)
         case SensorEffect():
             effect.sense(data.effort, data, inner)
             effect.slope(data.effort, both, data, inner)
@@ -103,6 +105,8 @@ def _arrays(
             yield method, made, (len(columns), min(np.shape(made)[-1], len(effect.gains)))
         case "move", (ChannelData() as data, *_):
             yield from ((f"{what} of move", getattr(made, what), (len(data),)) for what in _MOTION)
+        case "fade", (np.ndarray() as elastic, *_):
+            yield method, made, elastic.shape
         case "sense", (np.ndarray() as effort, *_):
             yield method, made, effort.shape
         case "slope", (_, np.ndarray() as columns, *_):

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from estimation.channel import ChannelKind
-from estimation.effect import AdditiveEffect, Effect, MotionEffect, Parameter, SensorEffect
+from estimation.effect import AdditiveEffect, Effect, MemoryEffect, MotionEffect, Parameter, SensorEffect
 
 STATED = ("name", "physics", "equation", "source", "signature", "channels")
 _TEXTS = STATED[1:-1]
@@ -33,8 +33,8 @@ def _flaws(found: Any) -> Iterator[str]:  # noqa: ANN401, it may state anything
         if not (isinstance(made := getattr(found, what), tuple | list) and _all(made, kind)):
             yield f"its {what} are {made!r}, wanted is a tuple of {kind.__name__}"
             return
-    if not issubclass(found, AdditiveEffect | MotionEffect | SensorEffect):
-        yield "derive it from AdditiveEffect, MotionEffect or SensorEffect"
+    if not issubclass(found, AdditiveEffect | MotionEffect | MemoryEffect | SensorEffect):
+        yield "derive it from AdditiveEffect, MotionEffect, MemoryEffect or SensorEffect"
     for one in (*found.gains, *found.inner):
         yield from _flaws_of_parameter(one)
     rivals = found.confused_with

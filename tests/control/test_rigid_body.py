@@ -199,6 +199,16 @@ def test_many_samples_at_once_are_as_each_by_itself():
         assert body.inverse_dynamics_along(*motions) == pytest.approx(np.array(one_by_one), abs=1e-12)
 
 
+@pytest.mark.parametrize("count", [1, 20])
+def test_many_samples_of_a_pendulum_are_those_of_a_rod_on_a_pivot(count):
+    body = RigidBody.from_urdf(PENDULUM.format(kind="revolute"), "tip")
+    motions = np.random.default_rng(3).uniform(-2.0, 2.0, (3, count, 1))
+    torques = body.inverse_dynamics_along(*motions)
+    one_by_one = [body.inverse_dynamics(*rows) for rows in motions.transpose(1, 0, 2)]
+    assert torques.shape == (count, 1)
+    assert torques == pytest.approx(np.array(one_by_one), abs=1e-12)
+
+
 def test_a_load_takes_what_moves_a_point_mass_at_the_tip():
     step_s, mass_kg = 1e-5, 0.7
     for body in bodies():
