@@ -192,12 +192,18 @@ def test_units_change_nothing(newton, metre):
 
 
 HELD = {
-    "a viscous friction": ("viscous_friction.d", (), DAMPING, lambda seed: swings(seed, runs=4), SWING),
+    "a viscous friction": (
+        "viscous_friction.d",
+        (),
+        DAMPING,
+        lambda seed: swings(seed, runs=4, rate_hz=100.0),
+        SWING,
+    ),
     "a mass from a derived acceleration": (
         "pendulum.inertia",
         (),
         INERTIA,
-        lambda seed: read(swings(seed, runs=4), noise=2e-5, seed=seed),
+        lambda seed: read(swings(seed, runs=4, rate_hz=100.0), noise=2e-5, seed=seed),
         SWING,
     ),
     "a stiffness in slow noise": (
@@ -212,11 +218,11 @@ HELD = {
 
 @pytest.mark.parametrize("name", HELD)
 def test_95_percent_intervals_hold_the_truth(name):
-    """Of 60 draws 51 or more, and 60 not with far too wide intervals: by chance otherwise in 0.3 %."""
+    """Of 40 data sets in 34 or more: fewer come by chance in 0.3 %; nor are they much too wide."""
     parameter, _, truth, made, model = HELD[name]
-    found = [values(*final(stand(made(seed), model, {}), complete=True))[parameter] for seed in range(60)]
+    found = [values(*final(stand(made(seed), model, {}), complete=True))[parameter] for seed in range(40)]
     off = np.array([(one.value - truth) / one.std_err for one in found])
-    assert np.sum(np.abs(off) < 1.96) >= 51
+    assert np.sum(np.abs(off) < 1.96) >= 34
     assert 0.6 < np.sqrt(np.mean(off**2)) < 1.4
 
 
@@ -294,7 +300,8 @@ def test_the_load_of_a_gear_is_what_passes_it():
     assert data.context["load"] == pytest.approx(0.08 * data.acceleration + 2.0 * np.sin(data.position))
     rubbing = EFFECTS["load_dependent_friction"]().suited_to(data)
     model = Model("m", (*(EFFECTS[name]() for name in base), rubbing))
-    found = stand(geared(), model, {"load_dependent_friction.transition": 0.02}).trial.parameters
+    start = {"load_dependent_friction.transition": 0.02, "load_dependent_friction.link_share": 0.4}
+    found = stand(geared(), model, start).trial.parameters
     assert found["load_dependent_friction.link_share"] == pytest.approx(INERTIA / (INERTIA + ROTOR), abs=0.03)
     assert found["load_dependent_friction.mu"] == pytest.approx(SHARE, abs=0.015)
     assert found["pendulum.inertia"] == pytest.approx(INERTIA + ROTOR, rel=0.02)
