@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import Effect, Inner, SensorEffect
+from estimation.effect import AdditiveEffect, Effect, Inner, SensorEffect
 from estimation.effects import EFFECTS
 from estimation.fit.inner_search import Attempts, look, refine
 from estimation.fit.load import HEAVY
@@ -160,6 +160,11 @@ def is_possible(effect: Effect, trial: Trial, bench: Bench, loose: float = 0.0) 
     others = trial.columns[:, ~_is_own(effect, trial)]
     without = bench.fit(np.column_stack([others, simpler]), trial.target)
     return float(without.sse.sum()) - trial.sse >= ESSENTIAL * trial.sse
+
+
+def is_credible(effect: Effect, trial: Trial) -> bool:
+    """Whether the gains of an effect, such as the base model's spring, are about within their bounds."""
+    return not isinstance(effect, AdditiveEffect) or _within_bounds(effect, trial, LOOSE)
 
 
 def is_misnamed(effect: Effect, trial: Trial, bench: Bench) -> bool:

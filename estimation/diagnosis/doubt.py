@@ -47,7 +47,7 @@ def place(observed: float, draws: Iterator[float]) -> Placed:
     for figure in draws:
         drawn.append(figure)
         as_large = sum(one >= observed for one in drawn)
-        clear = len(drawn) >= _FEW and as_large == 0 and observed > _FAR * max(*drawn, 0.0)
+        clear = len(drawn) >= _FEW and as_large == 0 and observed > max(SMALL, _FAR * max(drawn))
         if as_large >= _USUAL or len(drawn) >= DRAWS or clear:
             break
     return Placed(observed, np.array(drawn))

@@ -11,7 +11,15 @@ from functools import partial
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.candidates import Candidate, candidates, is_misnamed, is_possible, size, try_all
+from estimation.diagnosis.candidates import (
+    Candidate,
+    candidates,
+    is_credible,
+    is_misnamed,
+    is_possible,
+    size,
+    try_all,
+)
 from estimation.diagnosis.doubt import SMALL
 from estimation.effect import Effect, Inner, SensorEffect
 from estimation.fit.chance import chance_gains
@@ -182,14 +190,17 @@ class Search:
         return self.ordered(made)
 
     def is_sensible(self, standing: Standing) -> bool:
-        """Whether all effects beside the base model's are what their names say."""
-        names = set(self.added(standing))
-        return all(
-            is_possible(effect, standing.trial, standing.plain)
-            and not is_misnamed(effect, standing.trial, standing.plain)
-            for effect in standing.trial.model.effects
-            if effect.name in names
-        )
+        """Whether added effects are what their names say, and turn no base gain beyond its bounds."""
+        names, trial = set(self.added(standing)), standing.trial
+
+        def is_sound(effect: Effect) -> bool:
+            if effect.name in names:
+                return is_possible(effect, trial, standing.plain) and not is_misnamed(
+                    effect, trial, standing.plain
+                )
+            return is_credible(effect, trial) or not is_credible(effect, self.start.trial)
+
+        return all(is_sound(effect) for effect in trial.model.effects)
 
     def exchanged(self, less: Standing, standing: Standing) -> list[Standing]:
         """Models with another effect in the place of one, of those that may do better, in order."""

@@ -19,8 +19,9 @@ from estimation.signals.blocks import blocks
 from estimation.signals.moved import moved
 from robot_io.types import FloatArray, IntArray
 
+_PASSED_ON = 0.5  # of the error that a window passes on, that its derivative may differ by
 _TRIED = 4000  # samples by which the operator that derived a velocity is recognised
-_ALIKE = 1e-3  # of a derivative's mean square, that one derived in another way may differ by
+_ALIKE = 1e-6  # of a derivative's mean square, that one derived in another way may differ by
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ def _window(data: ChannelData, error: FloatArray, order: int) -> int | None:
     for half in HALF_WINDOWS:
         passed_on = derived(data, error, half, order)
         apart = float(np.mean((derived(data, data.position, half, order) - given) ** 2))
-        limit = max(float(np.mean(passed_on**2)), _ALIKE * float(np.mean(given**2)))
+        limit = max(_PASSED_ON * float(np.mean(passed_on**2)), _ALIKE * float(np.mean(given**2)))
         if apart <= limit and apart < least:
             best, least = half, apart
     return best
