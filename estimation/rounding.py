@@ -6,10 +6,10 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import differentiate
-from estimation.data.pieces import number_pieces
 from estimation.estimate import Estimate, Identifiability
 from estimation.fitting.problem import Problem
 from estimation.signals.blocks import blocks
+from estimation.signals.pieces import number_pieces
 from estimation.statistics.least_squares import solve
 from estimation.surface import FEWEST_STEPS
 from robot_io.types import BoolArray, FloatArray

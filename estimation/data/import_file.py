@@ -13,8 +13,8 @@ from estimation.data.assign_columns import Columns, Key, assign_columns
 from estimation.data.derivatives import differentiate
 from estimation.data.import_options import ImportOptions
 from estimation.data.import_rows import Rows, arrange_rows
-from estimation.data.pieces import number_pieces
 from estimation.data.table import Table, read_table
+from estimation.signals.pieces import number_pieces
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 

@@ -6,9 +6,9 @@ from control.loop.task import NO_RUN
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.contact import Contact, find_contacts
 from estimation.data.derivatives import differentiate, grid_step
-from estimation.data.pieces import number_pieces
 from estimation.data.surface import find_surface, touch_of
 from estimation.data.tick_check import USELESS
+from estimation.signals.pieces import number_pieces
 from estimation.tare import Tare
 from robot_io.session import Samples
 from robot_io.types import BoolArray, FloatArray, IntArray, Status

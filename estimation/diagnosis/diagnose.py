@@ -9,6 +9,7 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.diagnosis.answer import Judgement, answer, insufficient
+from estimation.diagnosis.arm_gains import with_shared_gains
 from estimation.diagnosis.candidates import library
 from estimation.diagnosis.doubt import SMALL, still_explained
 from estimation.diagnosis.established import established, standards
@@ -17,7 +18,6 @@ from estimation.diagnosis.objections import objection_to
 from estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
 from estimation.diagnosis.search import Progress, Search, search, search_of
 from estimation.effect import Effect
-from estimation.fit.arm_gains import with_shared_gains
 from estimation.fit.exact import is_exact
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import Standing

@@ -6,7 +6,7 @@ from scipy.signal import savgol_filter
 
 from estimation.data.derivatives import centre_slope, differentiate
 from estimation.data.local_fit import local_fit
-from estimation.data.pieces import number_pieces
+from estimation.signals.pieces import number_pieces
 
 ONE_PIECE = lambda t: np.zeros(len(t), dtype=np.int64)  # noqa: E731
 

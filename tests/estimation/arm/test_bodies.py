@@ -9,7 +9,6 @@ import sim_backend
 from control.arm.rigid_body import RigidBody
 from estimation.arm.base_parameters import base_parameters
 from estimation.arm.consistent_fit import fit_bodies
-from estimation.information import Information
 from estimation.arm.prior import urdf_information
 from estimation.arm.pseudo_inertia import (
     Divergence,
@@ -18,6 +17,7 @@ from estimation.arm.pseudo_inertia import (
     nearest_bodies,
     pseudo_inertias,
 )
+from estimation.information import Information
 from tests.estimation.arm.panda import other_bodies, panda
 
 FOLLOWER = Path(sim_backend.__file__).parent / "arms/follower/follower.urdf"

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from estimation.arm.base_parameters import base_parameters
-from estimation.information import Information
 from estimation.arm.normal_equations import (
     arranged,
     information_of_others,
@@ -15,6 +14,7 @@ from estimation.arm.normal_equations import (
 )
 from estimation.arm.prior import urdf_information
 from estimation.arm.rows import arm_rows
+from estimation.information import Information
 from tests.estimation.arm.panda import JOINTS, coloured_noise, motion, other_bodies, panda
 
 FOLDS = 4

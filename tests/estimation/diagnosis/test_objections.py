@@ -1,0 +1,53 @@
+"""What speaks against a model that leaves nothing to a smooth law, and what is only noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.base_model import ModelContext
+from estimation.diagnosis.objections import disagreement, objection_to
+from estimation.fit.standing import stand
+from estimation.models import MODELS
+from tests.estimation.presses import NOISE_N, kelvin_voigt, session
+
+MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
+
+
+def louder_with_load(seed):
+    data = session(seed)
+    noise = np.random.default_rng(seed).normal(0.0, 0.05, len(data)) * np.abs(data.effort)
+    return replace(data, effort=data.effort + noise)
+
+
+def coarsely_read(seed, step_m=3e-4):
+    data = session(seed)
+    return replace(data, position=step_m * np.round(data.position / step_m))
+
+
+NOISE = {
+    "white": session,
+    "slow": lambda seed: session(seed, correlation=0.9),
+    "very slow": lambda seed: session(seed, correlation=0.97),
+    "growing with the load": louder_with_load,
+    "steps of the depth": coarsely_read,
+}
+
+
+@pytest.mark.parametrize("name", NOISE)
+def test_noise_is_no_objection(name):
+    assert [objection_to(stand(NOISE[name](seed), MODEL, {})) for seed in range(4)] == [None] * 4
+
+
+@pytest.mark.parametrize("length", [None, 60])
+def test_a_run_of_another_scale_is_found_also_beside_one_too_short_to_be_judged(length):
+    def scaled(t, x, v, run):
+        return kelvin_voigt(x, v) * np.where(run == 2, 1.2, 1.0)
+
+    data = session(6, scaled)
+    if length:
+        last = data.run == data.runs[-1]
+        data = data.select(~last | (np.cumsum(last) <= length))
+    found = disagreement(stand(data, MODEL, {}))
+    assert found.run == 2
+    assert found.run_alone < 1.2 * NOISE_N < found.run_predicted

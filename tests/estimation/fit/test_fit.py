@@ -1,0 +1,363 @@
+"""One linear fit and its search against numpy and scipy, and the intervals against how estimates scatter."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from estimation.fit.acceleration_doubt import doubted
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+from estimation.base_model import ModelContext
+from estimation.effects import EFFECTS
+from estimation.fit.along import parts_along
+from estimation.fit.colour import colour_of
+from estimation.fit.frame import frame_of
+from estimation.fit.held_out import held_out_residual
+from estimation.fit.inner_search import look, refine
+from estimation.fit.intervals import final, inner_slopes, values
+from estimation.fit.load import with_load
+from estimation.fit.memory import Memory
+from estimation.fit.moments import held_out_energy, moments_of, score
+from estimation.fit.standing import fit, stand
+from estimation.fit.trial import attempt
+from estimation.model import Model
+from estimation.models import MODELS
+from tests.estimation.presses import K, kelvin_voigt, session
+from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, read, swings
+
+PRESS, SWING = (MODELS[name]().build(ModelContext()) for name in ("kelvin_voigt", "pendulum"))
+
+
+def with_effects(base, *names):
+    return Model(base.name, (*base.effects, *(EFFECTS[name]() for name in names)))
+
+
+def linear_problem():
+    rng = np.random.default_rng(0)
+    columns, fold = rng.normal(size=(300, 3)) * [1.0, 50.0, 1e-3], rng.integers(0, 4, 300)
+    return columns, columns @ [2.0, -0.1, 500.0] + rng.normal(size=300), fold
+
+
+def test_scores_are_those_of_least_squares_without_the_fold():
+    columns, target, fold = linear_problem()
+    found = score(moments_of(columns, target, fold, 4), dof=300)
+    assert found.gains == pytest.approx(np.linalg.lstsq(columns, target, rcond=None)[0], rel=1e-6)
+    for number in range(4):
+        train = fold != number
+        own = np.linalg.lstsq(columns[train], target[train], rcond=None)[0]
+        assert found.fold_gains[number] == pytest.approx(own, rel=1e-6)
+        left = target - columns @ own
+        assert found.held_out[number] == pytest.approx(left[~train] @ left[~train], rel=1e-6)
+        assert found.train[number] == pytest.approx(left[train] @ left[train], rel=1e-6)
+    variance = np.linalg.inv(columns.T @ columns) * found.sse.sum() / 297
+    assert found.spread == pytest.approx(np.sqrt(np.diag(variance)), rel=1e-6)
+
+
+def test_shrunken_errors_are_those_of_ridge_regression_without_the_fold():
+    columns, target, fold = linear_problem()
+    found = held_out_energy(moments_of(columns, target, fold, 4), np.array([[1e-9] * 3, [0.1] * 3]))
+    unit = columns / np.linalg.norm(columns, axis=0)
+    for row, ridge in zip(found, (1e-9, 0.1), strict=True):
+        for number in range(4):
+            train = fold != number
+            system = unit[train].T @ unit[train] + ridge * np.eye(3)
+            left = target - unit @ np.linalg.solve(system, unit[train].T @ target[train])
+            assert row[number] == pytest.approx(left[~train] @ left[~train], rel=1e-6)
+
+
+def test_columns_that_are_alike_do_not_break_the_fit():
+    column = np.random.default_rng(1).normal(size=(200, 1))
+    found = score(moments_of(np.hstack([column, column]), 3 * column[:, 0], np.arange(200) % 3, 3))
+    assert found.gains.sum() == pytest.approx(3.0, rel=1e-6)
+    assert found.held_out.sum() < 1e-6
+
+
+@pytest.mark.parametrize("memory", [(0.9,), (0.5, 0.3), ()])
+def test_colour_is_recovered_and_taken_out(memory):
+    rng, run, every = np.random.default_rng(2), np.repeat(np.arange(10), 1000), np.ones(10000, dtype=bool)
+    made = [lfilter([1.0], [1.0, *(-m for m in memory)], rng.normal(size=1200))[200:] for _ in range(10)]
+    noise = np.concatenate(made)
+    colour = colour_of(noise, run, every)
+    assert colour.memory == pytest.approx([*memory, *[0.0] * (4 - len(memory))], abs=0.05)
+    kept = colour.kept(run, every)
+    assert not kept[[0, 1, 2, 3, 1000, 5003]].any()
+    white = colour.whiten(noise)[kept]
+    assert np.std(white) == pytest.approx(1.0, rel=0.03)
+    assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.03
+
+
+def test_blocks_hold_whole_runs_out_and_leave_the_edge_of_contact():
+    data = session(1)
+    frame = frame_of(data)
+    for fold in range(frame.folds):
+        assert set(frame.run[frame.fold == fold]).isdisjoint(frame.run[frame.fold != fold])
+    engaged = data.engaged[frame.rows]
+    assert (engaged.all(axis=1) | ~engaged.any(axis=1))[frame.trusted].all()
+    assert frame.trusted.mean() > 0.9
+    assert frame.reduce(data.position)[7] == pytest.approx(data.position[frame.rows[7]].mean())
+
+
+def test_blocks_are_those_of_each_run_also_where_runs_take_turns():
+    data = session(3)
+    frame = frame_of(replace(data, run=np.arange(len(data)) % 3))
+    assert (frame.rows % 3 == frame.run[:, None]).all()
+    assert (np.diff(frame.rows, axis=1) == 3).all()
+
+
+def test_the_held_out_error_of_a_run_is_that_of_a_fit_to_the_others():
+    data = swings(2)
+    found = fit(data, SWING, {})
+    error = held_out_residual(found.plain.frame, found.trial)
+    slopes, _ = SWING.linearise(data, dict.fromkeys(SWING.gains, 0.0))
+    trusted = np.isfinite(error)
+    for run in data.runs:  # every run has a fold of its own
+        others = trusted & (data.run != run)
+        gains = np.linalg.lstsq(slopes[others], data.effort[others], rcond=None)[0]
+        mine = trusted & (data.run == run)
+        expected = data.effort[mine] - slopes[mine] @ gains
+        assert np.sqrt(np.mean((error[mine] - expected) ** 2)) < 0.1 * NOISE_NM
+
+
+def test_gains_are_those_of_least_squares_on_blocks_and_near_the_truth():
+    data = swings(3)
+    found = fit(data, SWING, {}).trial
+    truth = {"pendulum.inertia": INERTIA, "pendulum.gravity": WEIGHT, "viscous_friction.d": DAMPING}
+    for name, value in truth.items():
+        assert found.parameters[name] == pytest.approx(value, abs=4 * found.spread[name])
+    gains = np.linalg.lstsq(found.columns, found.target, rcond=None)[0]
+    assert [found.parameters[name] for name in SWING.gains] == pytest.approx(gains, rel=1e-3, abs=1e-4)
+
+
+def power_law(t, x, v, run):
+    return np.where(x > 0, 2.0e4 * np.maximum(x, 0.0) ** 1.7 + 15.0 * v, 0.0).clip(0.0)
+
+
+INNER = {
+    "an exponent": (
+        ("power_law_stiffness", "damping"),
+        session(7, power_law),
+        {"power_law_stiffness.n": 1.5},
+    ),
+    "a surface": (
+        ("stiffness", "damping", "contact_offset"),
+        session(8, lambda t, x, v, run: kelvin_voigt(x - 6e-4, v)),
+        {},
+    ),
+    "a transition": (
+        ("pendulum", "viscous_friction", "coulomb_friction"),
+        swings(6, lambda q, v, a: 0.4 * np.tanh(v / 0.05)),
+        {"coulomb_friction.transition": 0.2},
+    ),
+    "a ripple": (
+        ("pendulum", "viscous_friction", "torque_ripple"),
+        swings(6, lambda q, v, a: 0.3 * np.sin(9.0 * q)),
+        {"torque_ripple.cycles": 9.2},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", INNER)
+def test_inner_parameters_are_those_of_scipy_over_all_parameters(name):
+    """Of the same blocks; scipy moves gains and inner parameters together."""
+    effects, data, start = INNER[name]
+    model = Model("m", tuple(EFFECTS[effect]() for effect in effects))
+    found = fit(data, model, start)
+    bench, trial = found.plain, found.trial
+    names = [*model.gains, *model.inner]
+    scale = np.array([abs(trial.parameters[n]) or 1e-6 for n in names])
+
+    def residual(numbers):
+        predicted = model.predict(bench.frame.data, dict(zip(names, numbers * scale, strict=True)))
+        return (bench.frame.effort - bench.frame.reduce(predicted))[bench.kept]
+
+    ours = np.array([trial.parameters[n] for n in names]) / scale
+    best = least_squares(residual, ours * 1.002, x_scale="jac", xtol=1e-12, ftol=1e-12)
+    assert np.sum(residual(ours) ** 2) <= 1.001 * 2.0 * best.cost
+
+
+@pytest.mark.parametrize(("newton", "metre"), [(1e-7, 1e-5), (1e6, 1.0), (1.0, 1e-3)])
+def test_units_change_nothing(newton, metre):
+    """A contact in other units: the same blocks, the same shares, the same exponent."""
+    model = Model("m", (EFFECTS["power_law_stiffness"](), EFFECTS["damping"]()))
+    data = session(7, power_law)
+    motion = {name: metre * getattr(data, name) for name in ("position", "velocity", "acceleration")}
+    other = replace(data, effort=newton * data.effort, **motion)
+    start = {"power_law_stiffness.n": 1.5}
+    one, two = (stand(each, model, start) for each in (data, other))
+    exponent = [each.trial.parameters["power_law_stiffness.n"] for each in (one, two)]
+    assert exponent[1] == pytest.approx(exponent[0], rel=1e-3)
+    assert two.rmse / newton == pytest.approx(one.rmse, rel=1e-3)
+    assert two.floor() / newton == pytest.approx(one.floor(), rel=0.01)
+
+
+HELD = {
+    "a viscous friction": (
+        "viscous_friction.d",
+        (),
+        DAMPING,
+        lambda seed: swings(seed, runs=4, rate_hz=100.0),
+        SWING,
+    ),
+    "a mass from a derived acceleration": (
+        "pendulum.inertia",
+        (),
+        INERTIA,
+        lambda seed: read(swings(seed, runs=4, rate_hz=100.0), noise=2e-5, seed=seed),
+        SWING,
+    ),
+    "a stiffness in slow noise": (
+        "stiffness.k",
+        (),
+        K,
+        lambda seed: session(seed, correlation=0.9),
+        PRESS,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_95_percent_intervals_hold_the_truth(name):
+    """Of 40 data sets in 34 or more: fewer come by chance in 0.3 %; nor are they much too wide."""
+    parameter, _, truth, made, model = HELD[name]
+    found = [values(*final(stand(made(seed), model, {}), complete=True))[parameter] for seed in range(40)]
+    off = np.array([(one.value - truth) / one.std_err for one in found])
+    assert np.sum(np.abs(off) < 1.96) >= 34
+    assert 0.6 < np.sqrt(np.mean(off**2)) < 1.4
+
+
+def test_a_mass_is_as_uncertain_as_its_smoothed_acceleration():
+    """Smoothing cuts peaks, so that the mass seems larger in every run; the residual does not show it."""
+    exact, kernel = swings(3, rate_hz=500.0), np.ones(31) / 31.0
+    cut = np.concatenate(
+        [np.convolve(exact.acceleration[exact.run == r], kernel, "same") for r in exact.runs]
+    )
+    smoothed = replace(exact, acceleration=cut)
+    one, two = (
+        values(*final(stand(data, SWING, {}), complete=True))["pendulum.inertia"]
+        for data in (exact, smoothed)
+    )
+    assert abs(one.value - INERTIA) < 3.0 * one.std_err
+    assert two.value - INERTIA > 3.0 * one.std_err
+    assert abs(two.value - INERTIA) < 3.0 * two.std_err
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_positions_tell_what_a_smoothed_acceleration_lacks(uneven):
+    t = np.arange(4000) * 0.002
+    t = t + np.random.default_rng(0).uniform(-0.3, 0.3, len(t)) * 0.002 * uneven
+    q, v, true = np.sin(9.0 * t), 9.0 * np.cos(9.0 * t), -81.0 * np.sin(9.0 * t)
+    data = replace(swings(1).select(np.zeros(4000, dtype=np.int64)), time_s=t, position=q, velocity=v)
+    data = replace(data, acceleration=0.95 * true)
+    inner = slice(100, 3900)
+    found = (doubted(data).acceleration - data.acceleration)[inner]
+    assert found == pytest.approx(0.05 * true[inner], abs=0.15 * 0.05 * 81.0)
+    few = data.select(np.arange(10))
+    np.testing.assert_array_equal(doubted(few).acceleration, few.acceleration)
+
+
+def test_a_sample_that_a_small_step_carries_over_the_surface_has_no_slope():
+    model, name = with_effects(PRESS, "contact_offset"), "contact_offset.offset"
+    bench, trial = final(stand(session(4), model, {}))
+    rows = bench.frame.rows[bench.kept].ravel()
+    x, v = bench.frame.data.position[rows], bench.frame.data.velocity[rows]
+    touching = float(x[(x > 1e-4) & (v > 0.02)].min()) + 1e-9
+    there = attempt(bench, model, {**trial.parameters, name: touching})
+    (slope,) = inner_slopes(bench, there)
+    assert 0.9 * K < np.abs(slope).max() < 3.0 * K
+
+
+def test_parameters_that_make_up_for_each_other_have_no_interval():
+    """Uneven friction has viscous parts of its own: with those of the model only sums are determined."""
+    data = swings(4, lambda q, v, a: np.where(v > 0.0, 0.3 + 0.2 * v, -0.15 + 0.05 * v))
+    standing = stand(data, with_effects(SWING, "asymmetric_friction"), {})
+    found = values(*final(standing, complete=True))
+    assert np.isnan(found["viscous_friction.d"].std_err)
+    assert np.isnan(found["asymmetric_friction.viscous_forward"].std_err)
+    assert found["asymmetric_friction.forward"].std_err < 0.01
+    total = found["viscous_friction.d"].value + found["asymmetric_friction.viscous_forward"].value
+    assert total == pytest.approx(DAMPING + 0.2, abs=0.02)
+
+
+ROTOR, SHARE = 0.03, 0.3
+
+
+def geared():
+    """A pendulum on a drive whose gear rubs with a share of what passes it; the rotor does not."""
+
+    def torque(q, v, a):
+        passed = INERTIA * a + WEIGHT * np.sin(q)
+        return ROTOR * a + SHARE * np.abs(passed) * np.tanh(v / 0.02)
+
+    return swings(11, torque)
+
+
+def test_the_load_of_a_gear_is_what_passes_it():
+    base = ("pendulum", "viscous_friction")
+    data = with_load(
+        geared(), SWING, {"pendulum.inertia": 0.08, "pendulum.gravity": 2.0, "viscous_friction.d": 0}
+    )
+    assert data.context["load"] == pytest.approx(0.08 * data.acceleration + 2.0 * np.sin(data.position))
+    rubbing = EFFECTS["load_dependent_friction"]().suited_to(data)
+    model = Model("m", (*(EFFECTS[name]() for name in base), rubbing))
+    start = {"load_dependent_friction.transition": 0.02, "load_dependent_friction.link_share": 0.4}
+    found = stand(geared(), model, start).trial.parameters
+    assert found["load_dependent_friction.link_share"] == pytest.approx(INERTIA / (INERTIA + ROTOR), abs=0.03)
+    assert found["load_dependent_friction.mu"] == pytest.approx(SHARE, abs=0.015)
+    assert found["pendulum.inertia"] == pytest.approx(INERTIA + ROTOR, rel=0.02)
+
+
+def test_a_contact_and_a_channel_that_brings_its_own_keep_their_load():
+    contact = session(1)
+    assert with_load(contact, PRESS, {}) is contact
+    brought = replace(swings(1), context={"load": np.ones(len(swings(1)))})
+    assert with_load(brought, SWING, {}) is brought
+
+
+def test_models_that_share_their_work_are_fitted_as_by_themselves():
+    """Also where the load, which one effect takes from the model around it, changes from model to model."""
+    data, shared = geared(), Memory()
+    rubbing = with_effects(SWING, "load_dependent_friction", "coulomb_friction")
+    start = {"load_dependent_friction.transition": 0.01, "coulomb_friction.transition": 0.02}
+    for model in (rubbing, rubbing.without("coulomb_friction"), rubbing.without("viscous_friction")):
+        together, alone = (stand(data, model, start, memory=memory) for memory in (shared, None))
+        assert together.trial.parameters == pytest.approx(alone.trial.parameters, rel=1e-9)
+        assert together.flexible.by_signal == pytest.approx(alone.flexible.by_signal, rel=1e-9, abs=1e-12)
+    assert shared.size > 0
+
+
+def test_what_was_asked_for_longest_ago_is_forgotten_first(monkeypatch):
+    monkeypatch.setattr("estimation.fit.memory.MOST_BYTES", 3 * 80)
+    memory, asked = Memory(), []
+
+    def made(number):
+        asked.append(number)
+        return np.full(10, float(number))
+
+    for number in (0, 1, 2, 0, 3, 0, 1):
+        assert memory.recall(number, lambda n=number: made(n))[0] == number
+    assert asked == [0, 1, 2, 3, 1]  # 1 had to go for 3, 0 had just been asked for again
+    assert memory.size == 3 * 80
+
+
+@pytest.mark.parametrize(("name", "inner"), [("dry_friction", {"presliding": 1e-4}), ("lag", {"tau": 0.01})])
+def test_parts_along_an_effect_are_those_of_the_whole_model_there(name, inner):
+    data, effect = session(1), EFFECTS[name]()
+    base = Model("m", tuple(EFFECTS[one]() for one in ("stiffness", "contact_offset", "stress_relaxation")))
+    model, there = base.with_effect(effect), {"contact_offset.offset": 1e-3, "stress_relaxation.tau": 0.3}
+    own = {f"{name}.{key}": value for key, value in inner.items()}
+    found = parts_along(data, model, effect, {**there, **dict.fromkeys(own, 1.0)})(inner)
+    for one, other in zip(found, model.parts(data, {**there, **own}), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12)
+
+
+def test_a_search_keeps_the_blocks_of_its_starts_and_its_best_only():
+    standing, effect = stand(session(3), PRESS, {}), EFFECTS["saturation"]()
+    model = PRESS.with_effect(effect)
+    looked = look(standing.plain, model, effect, standing.trial.parameters, effect.starts(standing.data))
+    refined = refine(standing.plain, model, effect, looked)
+    assert refined.best.sse <= looked.best.sse
+    between = [trial for trial in refined.trials[refined.start_count :] if trial is not refined.best]
+    assert between
+    assert not any(trial.columns.size + trial.target.size for trial in between)
+    np.testing.assert_array_equal(refined.without_blocks().held_out, refined.held_out)

@@ -1,0 +1,39 @@
+"""Joints that swing, made from formulas, and what a coarse or noisy reader makes of their motion."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.derivatives import differentiate
+
+NOISE_NM, INERTIA, WEIGHT, DAMPING = 0.02, 0.05, 2.0, 0.15
+
+
+def no_torque(q, v, a):
+    return 0.0 * q
+
+
+def swings(seed, extra=no_torque, *, sensor=lambda torque, run: torque, runs=5, seconds=3.0, rate_hz=250.0):
+    """A pendulum's swings with a hidden torque `extra(q, v, a)`; `sensor(torque, run)` bends its reading."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, 1.0 / rate_hz)
+    w, p = rng.uniform([1.5, 3.0, 6.0], [2.5, 4.5, 9.0], (runs, 3)), rng.uniform(0.0, 6.0, (runs, 3))
+    w, waves, size = w[:, :, None], w[:, :, None] * t + p[:, :, None], np.array([0.8, 0.5, 0.2])[:, None]
+    q, v = (size * np.sin(waves)).sum(1).ravel(), (size * w * np.cos(waves)).sum(1).ravel()
+    a = -(size * w**2 * np.sin(waves)).sum(1).ravel()
+    run = np.repeat(np.arange(runs), len(t))
+    torque = sensor(INERTIA * a + WEIGHT * np.sin(q) + DAMPING * v + extra(q, v, a), run)
+    torque = torque + rng.normal(0.0, NOISE_NM, len(q))
+    time_s = np.tile(t, runs) + 2.0 * seconds * run
+    return ChannelData("joint_1", ChannelKind.REVOLUTE, time_s, q, v, a, torque, run, np.full(len(q), -1))
+
+
+def read(data, *, step=0.0, noise=0.0, acceleration=True, seed=0):
+    """The channel with a position read in steps or through noise, and derivatives made of that."""
+    rng = np.random.default_rng(seed)
+    position = data.position + noise * rng.standard_normal(len(data))
+    position = step * np.round(position / step) if step else position
+    made = differentiate(data.time_s, position, data.run)
+    given = {"acceleration": made.acceleration} if acceleration else {}
+    return replace(data, position=position, velocity=made.velocity, **given)
