@@ -80,9 +80,10 @@ def test_what_is_compared_is_judged_by_the_next_command(tmp_path):
     result = run("compare", data)
     assert "fits contact" in result.stdout
     assert "misses joint_1" in result.stdout
-    judged = run(*next_commands(result)[0], "--json")
+    judged = run(*next_commands(result)[0], "--out", tmp_path / "kept", "--json")
     found = {one["channel"]: one for one in json.loads(judged.stdout)["channels"]}
-    compared = {one["channel"]: one for one in json.loads(run("compare", data, "--json").stdout)["channels"]}
+    again = run("compare", data, "--folder", tmp_path / "kept", "--json")
+    compared = {one["channel"]: one for one in json.loads(again.stdout)["channels"]}
     assert list(found) == list(compared) == ["contact", "joint_1"]
     for name, one in found.items():
         assert one["baseline"]["rmse"] == compared[name]["rmse"]

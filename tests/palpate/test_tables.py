@@ -41,7 +41,12 @@ def test_a_table_that_is_too_wide_is_folded_and_not_cut(width):
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_the_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
     told = {"user_effects": [], "effort_unit": "N m", "rmse": 0.06928, "noise_floor": 0.05}
-    when = {"created_utc": "2026-01-02T03:04:05", "software_version": "0", "parameters": {}}
+    when = {
+        "created_utc": "2026-01-02T03:04:05",
+        "software_version": "0",
+        "parameters": {},
+        "data_sha256": "0",
+    }
     effects = ["force_deadband", "load_dependent_friction"]
     kept = [
         Revision(
@@ -67,6 +72,7 @@ def test_the_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
 @pytest.mark.parametrize("text", ["[/bold]", "a[red]b", "\x1b[2Jx", "\x9b2J\\"])
 def test_a_revision_that_was_edited_by_hand_is_shown_and_not_obeyed(text, width):
     told = {"number": 0, "parent": None, "added": text, "rmse": 1.0, "noise_floor": 0.5, "parameters": {}}
+    told |= {"data_sha256": "0"}
     names = dict.fromkeys(("channel", "model", "effort_unit", "created_utc", "software_version"), text)
     kept = Revision(effects=[text], user_effects=[], **names, **told)
     shown = listed([kept], width)

@@ -69,7 +69,7 @@ def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(com
     rest = SimpleNamespace(rmse=0.18, times_floor=1.8, depends_on=["a"])
     known = dict(diagnosis("missing", after=0.18))
     known["accepted"] = [SimpleNamespace(**ONE)]
-    found = SimpleNamespace(**known, complete=complete, remaining=rest)
+    found = SimpleNamespace(**known | {"complete": complete, "remaining": rest})
     told = sentences.diagnosed(found).sentence
     assert "bias is missing from the model." in told
     assert told.endswith(words or "(noise floor 0.1 N).")
