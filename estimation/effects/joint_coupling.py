@@ -1,13 +1,16 @@
 """A neighbour that turns this joint's motor too."""
 
+from collections.abc import Mapping
 from itertools import product
 from typing import ClassVar
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from robot_io.types import FloatArray
+
+_FELT = 0.2  # of the joint's own speed, that its neighbour must add
 
 
 class JointCoupling(AdditiveEffect):
@@ -72,6 +75,14 @@ class JointCoupling(AdditiveEffect):
         v = data.velocity + inner["ratio"] * data.context["joint_velocity"][:, neighbour]
         a = data.acceleration + inner["ratio"] * data.context["joint_acceleration"][:, neighbour]
         return np.column_stack([a, v, np.tanh(v / inner["transition"])])
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: a neighbour that hardly turns this motor leaves plain friction."""
+        neighbour = 0 if self._neighbour is None else self._neighbour
+        turned = parameters[f"{self.name}.ratio"] * data.context["joint_velocity"][:, neighbour]
+        return float(np.mean(turned**2)) < _FELT**2 * float(np.mean(data.velocity**2))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: turning with the neighbour or against it."""

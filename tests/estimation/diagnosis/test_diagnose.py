@@ -278,7 +278,6 @@ def warm(data, per_kelvin):
     return replace(data, effort=effort, **more)
 
 
-@pytest.mark.xfail(strict=True, reason="runs that differ by what was recorded are told not to follow one law")
 def test_an_error_that_depends_on_what_was_recorded_says_so():
     from_library = [name for name in EFFECTS if "recorded" not in EFFECTS[name].signals]
     found = answer(warm(pressed(11), 0.01), *from_library)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.base_model import ModelContext
-from estimation.diagnosis.doubt import DRAWS, draws, is_as_good, place, still_explained, still_gained
+from estimation.diagnosis.doubt import DRAWS, draws, gained, place, still_explained
 from estimation.effects import EFFECTS
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import stand
@@ -76,7 +76,7 @@ def test_an_effect_gains_more_than_chance_only_where_it_is():
         data = swings(3, lambda q, v, a, size=torque: size * np.tanh(v / 0.01))
         before, after = stand(data, SWING, {}), stand(data, SWING.with_effect(effect), {})
         rng = np.random.default_rng(0)
-        assert still_gained(before, after, effect.name, readings_of(data), rng).is_unusual is is_there
+        assert gained(before, after, readings_of(data), rng, effect.name).is_unusual is is_there
 
 
 @pytest.mark.parametrize(
@@ -127,4 +127,5 @@ def test_a_rival_is_refused_where_the_data_refuse_it(name):
     ours, theirs = (
         stand(data, SWING.with_effect(EFFECTS[effect]()), {}) for effect in ("coulomb_friction", other)
     )
-    assert is_as_good(ours, theirs, np.random.default_rng(0)) is expected
+    refused = gained(theirs, ours, readings_of(data), np.random.default_rng(0)).is_unusual
+    assert refused is not expected

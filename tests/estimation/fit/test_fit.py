@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from estimation.fit.acceleration_doubt import doubted
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
@@ -220,7 +219,7 @@ HELD = {
 def test_95_percent_intervals_hold_the_truth(name):
     """Of 40 data sets in 34 or more: fewer come by chance in 0.3 %; nor are they much too wide."""
     parameter, _, truth, made, model = HELD[name]
-    found = [values(*final(stand(made(seed), model, {}), complete=True))[parameter] for seed in range(40)]
+    found = [values(*final(stand(made(seed), model, {})))[parameter] for seed in range(40)]
     off = np.array([(one.value - truth) / one.std_err for one in found])
     assert np.sum(np.abs(off) < 1.96) >= 34
     assert 0.6 < np.sqrt(np.mean(off**2)) < 1.4
@@ -233,27 +232,10 @@ def test_a_mass_is_as_uncertain_as_its_smoothed_acceleration():
         [np.convolve(exact.acceleration[exact.run == r], kernel, "same") for r in exact.runs]
     )
     smoothed = replace(exact, acceleration=cut)
-    one, two = (
-        values(*final(stand(data, SWING, {}), complete=True))["pendulum.inertia"]
-        for data in (exact, smoothed)
-    )
+    one, two = (values(*final(stand(data, SWING, {})))["pendulum.inertia"] for data in (exact, smoothed))
     assert abs(one.value - INERTIA) < 3.0 * one.std_err
     assert two.value - INERTIA > 3.0 * one.std_err
     assert abs(two.value - INERTIA) < 3.0 * two.std_err
-
-
-@pytest.mark.parametrize("uneven", [False, True])
-def test_positions_tell_what_a_smoothed_acceleration_lacks(uneven):
-    t = np.arange(4000) * 0.002
-    t = t + np.random.default_rng(0).uniform(-0.3, 0.3, len(t)) * 0.002 * uneven
-    q, v, true = np.sin(9.0 * t), 9.0 * np.cos(9.0 * t), -81.0 * np.sin(9.0 * t)
-    data = replace(swings(1).select(np.zeros(4000, dtype=np.int64)), time_s=t, position=q, velocity=v)
-    data = replace(data, acceleration=0.95 * true)
-    inner = slice(100, 3900)
-    found = (doubted(data).acceleration - data.acceleration)[inner]
-    assert found == pytest.approx(0.05 * true[inner], abs=0.15 * 0.05 * 81.0)
-    few = data.select(np.arange(10))
-    np.testing.assert_array_equal(doubted(few).acceleration, few.acceleration)
 
 
 def test_a_sample_that_a_small_step_carries_over_the_surface_has_no_slope():
@@ -271,7 +253,7 @@ def test_parameters_that_make_up_for_each_other_have_no_interval():
     """Uneven friction has viscous parts of its own: with those of the model only sums are determined."""
     data = swings(4, lambda q, v, a: np.where(v > 0.0, 0.3 + 0.2 * v, -0.15 + 0.05 * v))
     standing = stand(data, with_effects(SWING, "asymmetric_friction"), {})
-    found = values(*final(standing, complete=True))
+    found = values(*final(standing))
     assert np.isnan(found["viscous_friction.d"].std_err)
     assert np.isnan(found["asymmetric_friction.viscous_forward"].std_err)
     assert found["asymmetric_friction.forward"].std_err < 0.01
