@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
+from zlib import crc32
 
 import numpy as np
 
@@ -55,7 +56,9 @@ def diagnose(
     models = [model] * len(channels) if isinstance(model, Model) else list(model)
     known = library() if effects is None else tuple(effects)
     channels = with_shared_gains(channels, models)
-    jobs = list(zip(channels, models, rng.spawn(len(channels)), strict=True))
+    seed = int(rng.integers(2**32))  # a channel is judged alike alone and among others
+    seeds = [np.random.default_rng([seed, crc32(one.name.encode())]) for one in channels]
+    jobs = list(zip(channels, models, seeds, strict=True))
     work = partial(_diagnose_job, known)
     if processes == 1 or len(jobs) == 1:
         found = [diagnose_channel(*job[:2], known, job[2], progress) for job in jobs]
@@ -76,10 +79,11 @@ def _diagnose_job(
 def _counted(
     found: Iterable[ChannelDiagnosis], channels: Sequence[ChannelData], progress: Progress
 ) -> Iterator[ChannelDiagnosis]:
-    """Results as they come, told as progress."""
-    progress(", ".join(one.name for one in channels), 0.0)
-    for number, one in enumerate(found, start=1):
-        progress(f"{one.channel}: {one.verdict.value}", number / len(channels))
+    """Results as they come, each channel told as begun and as done."""
+    for channel in channels:
+        progress(f"{channel.name}: judging", 0.0)
+    for one in found:
+        progress(f"{one.channel}: {one.verdict.value}", 1.0)
         yield one
 
 
@@ -99,7 +103,7 @@ def diagnose_channel(
     found = search(tried, is_complete)
     end = established(tried, found, is_complete.readings, complete=is_complete(found))
     complete = is_complete(end)
-    objection = objection_to(end) if complete and not is_exact(end) else None
+    objection = None if is_exact(end) else objection_to(end, complete=complete)
     complete = complete and objection is None
     if not complete and end is tried.start and (reason := _below_a_step(end)):
         return insufficient(data, reason)

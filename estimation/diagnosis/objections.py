@@ -17,6 +17,7 @@ from estimation.signals.runwise import sample_time
 from estimation.signals.swinging import strongest_swing
 from robot_io.types import BoolArray, FloatArray, IntArray
 
+_CLEARLY = 0.5  # of what a smooth law would leave: what each run leaves by itself
 _FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
 _LEAST = 50  # samples
 _APART = 1.5  # the error by itself; slow noise of a few runs stays well below that
@@ -44,10 +45,17 @@ class Objection:
     floor: float
 
 
-def objection_to(end: Standing) -> Objection | None:
-    """What speaks against a model that leaves nothing to a smooth law; None if nothing does."""
+def objection_to(end: Standing, *, complete: bool) -> Objection | None:
+    """What no signal of the data shows and speaks against a model; None if nothing does.
+
+    Args:
+        end: the model.
+        complete: whether it leaves nothing to a smooth law; if not, runs must differ by clearly more.
+    """
     unit = end.data.kind.effort_unit
     apart = disagreement(end)
+    if not complete and not (apart and apart.alone < _CLEARLY * end.floor()):
+        return None
     if apart:
         return Objection(
             f"the runs do not follow one law: run {apart.run} is off by {apart.run_predicted:.3g} {unit} "
