@@ -28,7 +28,6 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     Returns:
         In the order given; as they are where fewer than two joints with fitted masses can be judged.
     """
-    channels = [replace(one, shared=None) if one.shared else one for one in channels]
     of_arm = [
         number
         for number, (data, model) in enumerate(zip(channels, models, strict=True))
@@ -40,7 +39,8 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     if effect is None or effect.arm is None or effect.urdf is None:
         return list(channels)
     names = [f"{effect.name}.{name}" for name in effect.arm.names]
-    alone = [stand(channels[n], models[n], {}, usable(channels[n])) for n in of_arm]
+    by_themselves = [replace(channels[n], shared=None) for n in of_arm]
+    alone = [stand(data, models[n], {}, usable(data)) for n, data in zip(of_arm, by_themselves, strict=True)]
     if len({one.plain.frame.folds for one in alone}) > 1:
         return list(channels)
     joints = [arranged(_products(one), list(one.trial.model.gains), names, _noise(one)) for one in alone]

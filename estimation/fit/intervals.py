@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimation.fit.acceleration_doubt import doubted
 from estimation.fit.memory import Memory
 from estimation.fit.polish import polish
-from estimation.fit.readings import readings_of
+from estimation.fit.readings import Readings, readings_of
 from estimation.fit.standing import Standing
 from estimation.fit.trial import Bench, Trial, attempt
 from estimation.statistics.serial_covariance import sum_covariance
@@ -54,8 +55,12 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     slopes = bench.whiten(np.column_stack([trial.columns, *inner_slopes(bench, trial)]))
     residual = bench.whiten(trial.residual)
     errors = _errors(slopes, residual, bench.frame.run[bench.kept])
-    errors = np.hypot(errors, _by_readings(bench, trial))
-    for change in _of_what_is_told(bench, trial):
+    readings = readings_of(bench.frame.data)
+    errors = np.hypot(errors, _by_readings(bench, trial, readings))
+    changes = _of_what_is_told(bench, trial)
+    if readings.windows[1] is None:
+        changes.append(_by_positions(bench, trial))
+    for change in changes:
         errors = np.hypot(errors, _turned(slopes, bench.whiten(change)))
     kind = bench.frame.data.kind
     known = {**trial.model.gains, **trial.model.inner}
@@ -100,12 +105,19 @@ def _without_jumps(slope: FloatArray) -> FloatArray:
     return np.where(size > _JUMP * np.quantile(size[size > 0.0], _MOST), 0.0, slope)
 
 
-def _by_readings(bench: Bench, trial: Trial) -> FloatArray:
+def _by_positions(bench: Bench, trial: Trial) -> FloatArray:
+    """Change of the prediction with the acceleration that positions speak for, shape (m,)."""
+    frame = bench.frame
+    other = trial.model.predict(doubted(frame.data), trial.parameters)
+    return frame.reduce(other - trial.model.predict(frame.data, trial.parameters))
+
+
+def _by_readings(bench: Bench, trial: Trial, readings: Readings) -> FloatArray:
     """By how much other readings of the motion would have turned each parameter, root mean square, (q,).
 
     The model is fitted by one step of Gauss and Newton to what it expects of the smooth motion, read again.
     """
-    readings, rng = readings_of(bench.frame.data), np.random.default_rng(_SEED)
+    rng = np.random.default_rng(_SEED)
     expected = trial.model.predict(readings.true_motion, trial.parameters)
     turned = []
     for _ in range(_READINGS):

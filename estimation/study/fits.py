@@ -1,9 +1,11 @@
 """Models of one measurement, each fitted once."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from threading import RLock
 
 from estimation.channel import ChannelData
+from estimation.diagnosis.arm_gains import with_shared_gains
 from estimation.diagnosis.candidates import library
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
@@ -47,7 +49,7 @@ class Fits:
         self._fits: dict[_Key, Fitted] = {}
         self._comparisons: dict[tuple[_Key, float], Comparison] = {}
         measured = source.channels if model is None else described_by(source, model)
-        self.channels = tuple(self._channel(one, model) for one in measured)
+        self.channels = self._of_one_arm(tuple(self._channel(one, model) for one in measured))
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -160,6 +162,13 @@ class Fits:
         if (data.name, name) not in self._channels:
             self._channels[data.name, name] = channel_of(data, name, self.source.arm)
         return self._channels[data.name, name]
+
+    def _of_one_arm(self, channels: tuple[StudyChannel, ...]) -> tuple[StudyChannel, ...]:
+        """The channels, with what joints whose masses are fitted say of the masses that they share."""
+        shared = with_shared_gains([one.data for one in channels], [one.model for one in channels])
+        found = tuple(replace(one, data=data) for one, data in zip(channels, shared, strict=True))
+        self._channels.update({(one.name, one.model.name): one for one in found})
+        return found
 
     def _fit(self, one: StudyChannel, effects: list[str]) -> Fitted:
         if not effects:

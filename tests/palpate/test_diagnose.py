@@ -386,9 +386,9 @@ def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):
     result = run("diagnose", specimen, "--out", tmp_path / "out")
     assert result.stdout.startswith("UNEXPLAINED  contact")
     told = " ".join(result.stdout.split())
-    assert "Why: the runs do not follow one law" in told
+    assert "the runs do not follow one law" in told
     assert "a sensor changed? " in told  # one mark, not two
-    assert "Why: the runs do not follow one law" in (tmp_path / "out" / "report.html").read_text()
+    assert "the runs do not follow one law" in (tmp_path / "out" / "report.html").read_text()
     assert "two.csv --context warmth" in result.stderr
 
 

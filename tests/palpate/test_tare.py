@@ -39,7 +39,7 @@ def test_the_estimate_takes_the_zero_off(session):
 
 def test_the_table_says_so(session):
     shown = " ".join(run("estimate", session, "--estimator", "lsq").stdout.split())
-    assert re.search(r"the force in free air, 0\.(50|49)\d+ N, was taken off", shown)
+    assert re.search(r"the force in free air, 0\.(50|49)\d+ N, was subtracted", shown)
 
 
 def test_who_looks_for_a_bias_gets_the_force_as_it_was_measured(session):

@@ -105,6 +105,9 @@ def test_draws_repeat_the_model_the_noise_and_nothing_else():
     assert np.mean(energies) == pytest.approx(standing.trial.held_out, rel=0.1)
 
 
+@pytest.mark.xfail(
+    strict=True, reason="of coarse steps, draws repeat the quick part only: less than half the energy"
+)
 def test_what_a_reader_makes_of_the_motion_is_not_taken_for_noise_of_the_effort_twice():
     """A stiff contact: the steps of the depth are three times the force's noise."""
     data = press_read(2, step=2e-4)

@@ -36,7 +36,8 @@ NOISE = {
 
 @pytest.mark.parametrize("name", NOISE)
 def test_noise_is_no_objection(name):
-    assert [objection_to(stand(NOISE[name](seed), MODEL, {}), complete=True) for seed in range(4)] == [None] * 4
+    found = [objection_to(stand(NOISE[name](seed), MODEL, {}), complete=True) for seed in range(4)]
+    assert found == [None] * 4
 
 
 @pytest.mark.parametrize("length", [None, 60])
