@@ -155,12 +155,15 @@ def _ranking(search: Search) -> list[Ranked]:
 def _reason(found: Judgement, verdict: Verdict, accepted: Sequence[Accepted]) -> str:
     end, unit = found.end, found.search.data.kind.effort_unit
     if verdict is Verdict.ADEQUATE:
-        return "no effect of the library lowers the error in held-out runs, and nothing smooth is left in it"
+        return (
+            "no effect of the library lowers the error in held-out runs by more than chance, and a smooth law "
+            "explains no more of it than of draws from the model"
+        )
     left = _left(found)
     if verdict is Verdict.MISSING:
         names = " and ".join(_or_rivals(entry) for entry in accepted)
         fall = f"the error falls from {found.search.start.rmse:.3g} to {end.rmse:.3g} {unit} with {names}"
-        return f"{fall}, and nothing smooth is left in it" if found.complete else f"{fall}; {left}"
+        return f"{fall}, and no more than noise is left" if found.complete else f"{fall}; {left}"
     if not found.helping:
         return f"the error is {end.rmse:.3g} {unit}; {left}"
     names = " and ".join(found.helping)

@@ -44,7 +44,7 @@ class Accepted(_Entry):
         parameters: its own, by name.
         rmse_before: error in held-out runs without it.
         rmse_after: error with it.
-        p_value: how often the best candidate does as well on noise alone, the largest so far in the chain.
+        p_value: how often the best candidate takes as much from noise alone; 0 where that is out of question.
         confused_with: effects that this data cannot tell from it.
         physics: one line of what happens.
         equation: its term.
@@ -132,7 +132,7 @@ class ChannelDiagnosis(_Entry):
         floor: what that rests on.
         baseline: the base model.
         accepted: effects found missing, in order.
-        ranking: all candidates beside the base model, best first.
+        ranking: the most promising candidates alone beside the base model.
         final: the model with all that was accepted.
         complete: whether no more is left than noise, as far as this data shows; None if insufficient.
         remaining: what is left.
