@@ -28,7 +28,11 @@ CONTAINED_IN: dict[str, dict[str, str]] = {
         "stribeck_friction": "a Stribeck law of no rise is its level",
         "asymmetric_friction": "of one force and slope both ways it is Coulomb and viscous friction",
     },
-    "cubic_stiffness": {"hunt_crossley": "a power law of exponent 3 without a damper is a cubic spring"},
+    "cubic_stiffness": {
+        "hunt_crossley": "a power law of exponent 3 without a damper is a cubic spring",
+        "power_law_stiffness": "of exponent 3",
+    },
+    "stress_relaxation": {"relaxation_spectrum": "with one of its two times"},
     "tool_compliance": {
         "stress_relaxation": "a spring in series with a spring and damper is a standard linear solid"
     },
