@@ -48,8 +48,6 @@ class Parameter:
         upper: largest value that makes physical sense.
         typical: range met in practice; for an inner parameter also where its search begins.
         log: whether an inner search goes by ratio rather than by difference.
-        told: standard error of a value that another channel tells, and that a fit leaves where it begins;
-            None for one that is to be found.
     """
 
     name: str
@@ -58,7 +56,6 @@ class Parameter:
     upper: float
     typical: tuple[float, float]
     log: bool = False
-    told: float | None = None
 
     @property
     def beginning(self) -> float:

@@ -1,6 +1,5 @@
 """Small efforts are not shown."""
 
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -8,8 +7,6 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
 from robot_io.types import FloatArray
-
-SWALLOWED = "swallowed_effort"  # signal (n, 2): width of a dead band that another channel tells, its std err
 
 
 class Deadband(SensorEffect):
@@ -42,26 +39,3 @@ class Deadband(SensorEffect):
         """See `Effect.starts`: shares of the largest reading."""
         peak = float(np.max(np.abs(data.effort))) or 1.0
         return tuple({"width": float(part * peak)} for part in np.geomspace(0.01, 0.4, 8))
-
-    def suited_to(self, data: ChannelData) -> "Deadband":
-        """See `Effect.suited_to`: with the width that another channel tells, if one does."""
-        return _KnownDeadband(*data.context[SWALLOWED][0].tolist()) if SWALLOWED in data.context else self
-
-
-class _KnownDeadband(Deadband):
-    """One of this width."""
-
-    def __init__(self, width: float, std_err: float) -> None:
-        (parameter,) = Deadband.inner
-        self._width = width
-        self.inner = (replace(parameter, typical=(width, width), told=std_err),)  # type: ignore[misc]  # of this channel alone
-
-    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`; where nothing comes through yet, a fit must begin somewhere."""
-        if np.all(np.abs(effort) <= inner["width"]):
-            return columns
-        return super().slope(effort, columns, data, inner)
-
-    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`."""
-        return ({"width": self._width},)

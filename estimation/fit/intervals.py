@@ -44,8 +44,8 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     """Parameters of a trial with standard errors, by "effect.parameter".
 
     The sandwich of slopes by gains and inner parameters, around the covariance of residuals times slopes with
-    the noise's colour taken out first (Andrews and Monahan 1992). What another reading of the motion, or
-    another value of a parameter that is told, would turn the parameters by is added to their variance.
+    the noise's colour taken out first (Andrews and Monahan 1992). What another reading of the motion
+    would turn the parameters by is added to their variance.
 
     Args:
         bench: where the trial was fitted.
@@ -57,11 +57,8 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     errors = _errors(slopes, residual, bench.frame.run[bench.kept])
     readings = readings_of(bench.frame.data)
     errors = np.hypot(errors, _by_readings(bench, trial, readings))
-    changes = _of_what_is_told(bench, trial)
     if readings.windows[1] is None:
-        changes.append(_by_positions(bench, trial))
-    for change in changes:
-        errors = np.hypot(errors, _turned(slopes, bench.whiten(change)))
+        errors = np.hypot(errors, _turned(slopes, bench.whiten(_by_positions(bench, trial))))
     kind = bench.frame.data.kind
     known = {**trial.model.gains, **trial.model.inner}
     units = {
@@ -71,8 +68,6 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     # an error beyond all that makes physical sense determines nothing
     most = np.array([known[name].upper - known[name].lower for name in names])
     errors = np.where(errors < most, errors, np.nan)
-    told = np.array([known[name].told for name in names], dtype=np.float64)  # NaN where it is found
-    errors = np.where(np.isnan(told), errors, told)
     return {
         name: Value(float(trial.parameters[name]), float(error), units[name])
         for name, error in zip(names, errors, strict=True)
@@ -84,9 +79,6 @@ def inner_slopes(bench: Bench, trial: Trial) -> list[FloatArray]:
     frame, slopes = bench.frame, []
     for name, parameter in trial.model.inner.items():
         value = trial.parameters[name]
-        if parameter.told is not None:  # nothing makes up for it
-            slopes.append(np.zeros(len(frame)))
-            continue
         low, high = parameter.typical
         step = _STEP * (abs(value) if parameter.log and value else high - low)
         ahead, behind = (
@@ -130,18 +122,6 @@ def _by_readings(bench: Bench, trial: Trial, readings: Readings) -> FloatArray:
         left = again.whiten(frame.reduce(expected - trial.model.predict(frame.data, trial.parameters)))
         turned.append(_turned(slopes, left))
     return np.asarray(np.sqrt(np.mean(np.square(turned), axis=0)))
-
-
-def _of_what_is_told(bench: Bench, trial: Trial) -> list[FloatArray]:
-    """Change of the prediction by one standard error of each parameter that another channel tells, (m,)."""
-    changes = []
-    for name, parameter in trial.model.inner.items():
-        if parameter.told is not None:
-            there = {**trial.parameters, name: trial.parameters[name] + parameter.told}
-            other = trial.model.predict(bench.frame.data, there)
-            now = trial.model.predict(bench.frame.data, trial.parameters)
-            changes.append(bench.frame.reduce(other - now))
-    return changes
 
 
 def _turned(slopes: FloatArray, change: FloatArray) -> FloatArray:
