@@ -156,8 +156,8 @@ def _reason(found: Judgement, verdict: Verdict, accepted: Sequence[Accepted]) ->
     end, unit = found.end, found.search.data.kind.effort_unit
     if verdict is Verdict.ADEQUATE:
         return (
-            "no effect of the library lowers the error in held-out runs by more than chance, and a smooth law "
-            "explains no more of it than of draws from the model"
+            "no effect of the library lowers the error in held-out runs by more than chance, and a smooth "
+            "law explains no more of it than of draws from the model"
         )
     left = _left(found)
     if verdict is Verdict.MISSING:
