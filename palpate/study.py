@@ -91,6 +91,9 @@ class Study(StudyBase):
         folder: Path | str | None = None,
         keep: bool = True,
     ) -> None:
+        for one in effects:
+            if not isinstance(one, str | Effect):
+                raise InputError(f"effects: {one!r} is neither an effect nor 'FILE.py:CLASS'")
         own = load_user_effects([one for one in effects if isinstance(one, str)])
         own |= {_place(one): watched(one) for one in effects if isinstance(one, Effect)}
         place = None if folder is None else Path(folder)

@@ -25,6 +25,7 @@ from estimation.fit.standing import Standing
 from estimation.gate import refuse, usable
 from estimation.model import Model
 
+_ALONE = 3  # effects that may be established alone where the model that leaves least is not
 _HANDFUL = 12  # different readings in all; with more, an effort crosses so many steps that they average out
 
 
@@ -100,8 +101,8 @@ def diagnose_channel(
         return insufficient(data, reason)
     tried = search_of(data, model, good, effects, rng, progress)
     is_complete = _Completeness(tried)
-    found = search(tried, is_complete)
-    end = established(tried, found, is_complete.readings, complete=is_complete(found))
+    found = tried.start if is_exact(tried.start) else search(tried, is_complete)
+    end = _established(tried, found, is_complete)
     complete = is_complete(end)
     objection = None if is_exact(end) else objection_to(end, complete=complete)
     complete = complete and objection is None
@@ -109,6 +110,17 @@ def diagnose_channel(
         return insufficient(data, reason)
     helping = [name for name in tried.added(found) if name not in tried.added(end)]
     return answer(Judgement(tried, is_complete.readings, end, complete, helping, objection))
+
+
+def _established(tried: Search, found: Standing, is_complete: "_Completeness") -> Standing:
+    """What is established of the model that was found; if nothing is, of the best effects alone."""
+    if found is tried.start:
+        return found
+    for one in (found, *tried.extensions(tried.start, _ALONE)):
+        end = established(tried, one, is_complete.readings, complete=is_complete(one))
+        if end is not tried.start:
+            return end
+    return tried.start
 
 
 class _Completeness:

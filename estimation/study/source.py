@@ -113,6 +113,9 @@ def _read(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
         case ChannelData():
             return Source(IN_MEMORY, (data,))
         case list() | tuple() if data and all(isinstance(one, ChannelData) for one in data):
+            names = [one.name for one in data]
+            if twice := sorted({name for name in names if names.count(name) > 1}):
+                raise InputError(f"{IN_MEMORY}: several channels are called {', '.join(twice)}; rename them")
             return Source(IN_MEMORY, tuple(data))
     imported = import_table(table_of(_arrow(data), Path(IN_MEMORY)), options)
     return Source(IN_MEMORY, imported.channels, unused=imported.unused)
@@ -139,13 +142,20 @@ def _arrow(data: Any) -> pa.Table:  # noqa: ANN401
         if hasattr(data, "__arrow_c_stream__"):
             return pa.table(data)
         if names:
-            return pa.table({str(name): pa.array(np.asarray(data[name])) for name in names})
-    except (pa.ArrowException, TypeError, ValueError) as error:
+            return pa.table({str(name): pa.array(_plain(data[name])) for name in names})
+    except (pa.ArrowException, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{IN_MEMORY}: is no table: {' '.join(str(error).split())[:200]}") from error
     raise InputError(
         f"data of type {type(data).__name__}: give the path of a session or data file, a table "
         "(pandas, pyarrow, or a dict of arrays), or channels"
     )
+
+
+def _plain(values: Any) -> np.ndarray[Any, Any]:  # noqa: ANN401
+    """An array of a column; what is masked is no number."""
+    if isinstance(values, np.ma.MaskedArray):
+        return np.asarray(np.ma.filled(values.astype(np.float64), np.nan))
+    return np.asarray(values)
 
 
 def arm_of(session: Session) -> Arm:

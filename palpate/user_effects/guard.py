@@ -53,7 +53,10 @@ def rehearse(effect: Effect, data: ChannelData) -> None:
     Raises:
         InputError: a method fails there, or gives what cannot be used.
     """
-    if not effect.applies_to(data):
+    applies = effect.applies_to(data)
+    if not isinstance(applies, bool | np.bool_):
+        raise InputError(f"effect '{effect.name}': applies_to gave {type(applies).__name__}, expected a bool")
+    if not applies:
         return
     effect = effect.suited_to(data)
     starts = list(effect.starts(data))
