@@ -25,6 +25,7 @@ from estimation.fit.standing import Standing
 from estimation.gate import refuse, usable
 from estimation.model import Model
 
+_FAR = 3.0  # times the floor of an objection, that names must come near
 _ALONE = 3  # effects that may be established alone where the model that leaves least is not
 _HANDFUL = 12  # different readings in all; with more, an effort crosses so many steps that they average out
 
@@ -106,6 +107,8 @@ def diagnose_channel(
     complete = is_complete(end)
     objection = None if is_exact(end) else objection_to(end, complete=complete)
     complete = complete and objection is None
+    if objection and end.rmse > _FAR * objection.floor:  # next to that, nothing was explained
+        end = tried.start
     if not complete and end is tried.start and (reason := _below_a_step(end)):
         return insufficient(data, reason)
     helping = [name for name in tried.added(found) if name not in tried.added(end)]
