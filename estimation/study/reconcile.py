@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 
 from estimation.diagnosis import ChannelDiagnosis
+from estimation.diagnosis.doubt import SMALL
 from estimation.diagnosis.result import Accepted, ParameterValue, Ranked
 from estimation.diagnosis.result import Fitted as FittedEntry
 from estimation.estimate import ParameterEstimate
@@ -12,7 +13,7 @@ from estimation.study.engine import Fitted
 from estimation.study.fits import Fits
 from robot_io.errors import InputError
 
-MOST_RANKED = 5  # candidates that are shown, and so fitted as `add` would
+MOST_FITTED = 3  # candidates that are fitted as `add` would
 
 
 def reconcile(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
@@ -48,19 +49,16 @@ def _accepted(entry: Accepted, before: Fitted, after: Fitted) -> Accepted:
 
 
 def _ranking(study: Fits, channel: StudyChannel, ranked: Sequence[Ranked]) -> list[Ranked]:
-    """Best first, where the first `MOST_RANKED` have errors of the study's fits."""
-    base, waiting, fitted = study.fit(channel).rmse, list(ranked), list[Ranked]()
-    while waiting and len([one for one in fitted if one.score >= waiting[0].score]) < MOST_RANKED:
-        entry = waiting.pop(0)
+    """Those that promise to take away more than a small share of the error, as `add` would fit them."""
+    base, fitted = study.fit(channel).rmse, list[Ranked]()
+    for entry in [one for one in ranked if one.score >= SMALL][:MOST_FITTED]:
         try:
             error = study.fit(channel, [entry.effect]).rmse
         except InputError:  # it cannot be fitted alone
             error = entry.rmse_held_out
         score = 1.0 - error / base if base > 0.0 else 0.0
         fitted.append(entry.model_copy(update={"rmse_held_out": error, "score": score}))
-        if len(fitted) >= 2 * MOST_RANKED:
-            break
-    return [*sorted(fitted, key=lambda entry: entry.rmse_held_out), *waiting]
+    return sorted(fitted, key=lambda one: one.rmse_held_out)
 
 
 def _entry(fitted: Fitted) -> FittedEntry:
