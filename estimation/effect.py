@@ -20,6 +20,7 @@ from robot_io.types import FloatArray
 Errors = Callable[[], Mapping[str, float]]
 Inner = Mapping[str, float]  # values of inner (nonlinear) parameters by name
 
+
 # What an effort can depend on; see `Effect.signals`.
 SIGNALS = (
     "offset",  # always there, whatever moves
@@ -62,6 +63,11 @@ class Parameter:
         """Where a search begins that knows nothing: at nothing, where that makes sense, or mid range."""
         return 0.0 if self.lower <= 0.0 <= self.upper else float(self.spread(3)[1])
 
+    def at_bound(self, value: float) -> bool:
+        """Whether a search ended at a bound: the data would take it further, and say no value."""
+        near = 1e-3 * abs(value) if self.log else 1e-6 * (self.upper - self.lower)
+        return not self.lower + near < value < self.upper - near
+
     def spread(self, count: int) -> FloatArray:
         """`count` values over the typical range, evenly by difference, or by ratio where `log`."""
         low, high = self.typical
@@ -91,7 +97,7 @@ class Effect(ABC):
     equation: ClassVar[str]
     source: ClassVar[str]
     signature: ClassVar[str]
-    signals: ClassVar[tuple[str, ...]]
+    signals: ClassVar[tuple[str, ...]] = SIGNALS
     channels: ClassVar[frozenset[ChannelKind]]
     gains: ClassVar[tuple[Parameter, ...]] = ()
     inner: ClassVar[tuple[Parameter, ...]] = ()

@@ -26,6 +26,7 @@ class ParameterEstimate:
         value: best estimate.
         std_err: standard error, NaN if the method has none.
         interval: 95 % confidence interval (lower, upper).
+        at_bound: whether an inner parameter ended at a bound of its search: the data say no value.
     """
 
     name: str
@@ -33,6 +34,7 @@ class ParameterEstimate:
     value: float
     std_err: float
     interval: tuple[float, float]
+    at_bound: bool = False
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,8 @@ def estimate_channel(
     else:
         regression = problem.regression(np.zeros(0))
         found = estimator.fit(regression, rng=rng)
+    parameters = tuple(replace(p, at_bound=model.at_bound(p.name, p.value)) for p in found.parameters)
+    found = replace(found, parameters=parameters)
     return mark_coarse(_mark_unphysical(found, model, regression), data, used)
 
 
@@ -111,7 +113,8 @@ def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:
 
     Given the inner parameters p, the gains g have the estimator's covariance; p is uncertain by C, also where
     it ended at a bound, which is no measurement. The gains follow it by G = dg/dp = -(X'X)^-1 X' df/dp.
-    Together: cov(g) + G C G' for g, G C between g and p.
+    Together: cov(g) + G C G' for g, G C between g and p. What the encoder's steps do to all of them on
+    average is taken off; as much again may be left, since the motion is known through these steps alone.
     """
     gain_count = len(given.parameters)
     values = np.array(list(searched.parameters.values()))
@@ -124,7 +127,9 @@ def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:
     matrix[:gain_count, gain_count:] = follow @ spread
     matrix[gain_count:, :gain_count] = (follow @ spread).T
     matrix += _of_tare(problem, searched, given.inliers)
-    matrix += _of_rounding(problem, searched, given)
+    rounding = _of_rounding(problem, searched, given)
+    values -= rounding.mean(axis=1)
+    matrix += rounding @ rounding.T / rounding.shape[1]
     return assemble(
         given.estimator,
         tuple(searched.parameters),
@@ -152,15 +157,16 @@ def _of_tare(problem: Problem, searched: Fit, inliers: BoolArray) -> FloatArray:
 
 
 def _of_rounding(problem: Problem, searched: Fit, given: Estimate) -> FloatArray:
-    """Mean square and product of the errors that the encoder's steps leave in the parameters, (m, m)."""
+    """Errors of all parameters at other places of the encoder's grid, (m, r); one of zeros where none is."""
     used = problem.rows.copy()
     used[used] = given.inliers
     gains = np.array([parameter.value for parameter in given.parameters])
     vector = problem.scale.vector(searched.parameters)
     errors = rounding_errors(Problem(problem.model, problem.data, used), gains, vector)
+    if not errors.size or steps_spanned(problem.data, problem.rows) < FEWEST_STEPS:
+        return np.zeros((len(errors), 1))
     errors[~np.isfinite(searched.covariance.std_err)] = 0.0
-    mean_square: FloatArray = errors @ errors.T / max(1, errors.shape[1])
-    return mean_square
+    return errors
 
 
 def _mark_unphysical(found: Estimate, model: Model, regression: Regression) -> Estimate:

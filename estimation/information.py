@@ -1,6 +1,5 @@
 """What measurements say of linear parameters: a quadratic that can be added to others."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,12 +28,6 @@ class Information:
         """For normal equations that are not divided by the noise variance: times that variance."""
         return Information(factor * self.matrix, factor * self.vector)
 
-    def extended(self, count: int) -> "Information":
-        """Of as many parameters more, of which nothing is known."""
-        edges = [(0, 0)] * (self.matrix.ndim - 2)
-        matrix = np.pad(self.matrix, [*edges, (0, count), (0, count)])
-        return Information(matrix, np.pad(self.vector, [*edges, (0, count)]))
-
     def about(self, chosen: IntArray | BoolArray) -> "Information":
         """Of these parameters alone, all others at their best beside them (Schur complement).
 
@@ -47,20 +40,6 @@ class Information:
         matrix = self.matrix[..., kept, :][..., kept] - cross @ self.matrix[..., ~kept, :][..., kept]
         vector = self.vector[..., kept] - (cross @ self.vector[..., ~kept, None])[..., 0]
         return Information(0.5 * (matrix + np.swapaxes(matrix, -1, -2)), vector)
-
-    def solve(self) -> FloatArray:
-        """The beta at the minimum, shape (..., s)."""
-        scale = 1.0 / np.sqrt(np.maximum(np.diagonal(self.matrix, axis1=-2, axis2=-1), np.finfo(float).tiny))
-        scaled = self.matrix * scale[..., :, None] * scale[..., None, :]
-        return np.asarray(scale * np.linalg.solve(scaled, (self.vector * scale)[..., None])[..., 0])
-
-
-def total_information(parts: Sequence[Information], prior: Information) -> Information:
-    """The sum of several and the prior."""
-    total = prior
-    for part in parts:
-        total = total + part
-    return total
 
 
 def pseudo_inverse(matrices: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """A model: named effects in a fixed order, and what they predict together."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -23,10 +23,12 @@ class Model:
     Attributes:
         name: such as "kelvin_voigt".
         effects: in the order in which they were added.
+        held: parameters that a fit leaves at these values.
     """
 
     name: str
     effects: tuple[Effect, ...]
+    held: Parameters = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the effects.
@@ -60,6 +62,10 @@ class Model:
     def inner(self) -> dict[str, Parameter]:
         """Nonlinear parameters by "effect.parameter"."""
         return {f"{e.name}.{p.name}": p for e in self.effects for p in e.inner}
+
+    def at_bound(self, name: str, value: float) -> bool:
+        """Whether an inner parameter "effect.parameter" is at a bound of its search; gains have none."""
+        return name in self.inner and self.inner[name].at_bound(value)
 
     @cached_property
     def is_linear_in_gains(self) -> bool:

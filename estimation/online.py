@@ -9,6 +9,7 @@ from control.laws.gains import TouchGains
 from control.laws.touch import RunningMean, release_force_n, touch_force_n
 from control.loop.task import TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates
+from estimation.contact_estimator import ContactLaw, OnlineContactLaw
 from estimation.data.derivatives import centre_slope
 from estimation.estimator import OnlineEstimator
 from robot_io.types import Measurement, Status
@@ -20,29 +21,50 @@ _GAP = 1.5  # steps that are a gap
 _DEFAULT_TOUCH = TouchGains()
 
 
-class OnlineContactEstimator:
+class LinearKelvinVoigt:
     """Kelvin-Voigt with an unknown surface, as three gains in which the force is linear.
 
-        F = k (s - s0) + c ds/dt = k d + c dd/dt - k (s0 - s1),   d = s - s1
+        F = k (x - x0) + c v = k x + c v - k x0,    x from where the first touch was felt
 
-    with s the tip's coordinate along the press direction, s0 the surface, and s1 where the first touch was
-    felt.
+    Args:
+        estimator: takes one sample at a time.
+    """
+
+    def __init__(self, estimator: OnlineEstimator) -> None:
+        self._estimator = estimator
+
+    def start(self) -> None:
+        """See `OnlineContactLaw.start`."""
+        self._estimator.start(_GAINS)
+
+    def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
+        """See `OnlineContactLaw.update`."""
+        row = np.array([depth_m, speed_m_s, 1.0])
+        stiffness, damping, offset_n = self._estimator.update(row, force_n).tolist()
+        return ContactLaw(stiffness, damping, surface_m=-offset_n / stiffness) if stiffness > 0.0 else None
+
+
+class OnlineContactEstimator:
+    """Follows touch, depth and speed of the tip, and lets an estimator learn from them.
 
     Touch is a force above what free air shows. The velocity comes from a polynomial through the samples
     around each sample, so that it has no phase error (which would pass stiffness off as damping); estimates
     therefore lag `half_window` samples behind. Nothing is smoothed across a touch.
 
     Args:
-        estimator: takes one sample at a time.
+        estimator: takes one sample at a time; a linear one is given Kelvin-Voigt with an unknown surface.
         touch: what counts as contact, by the controller's own rule (see `control.laws.touch`).
         half_window: samples on either side that go into a velocity.
     """
 
     def __init__(
-        self, estimator: OnlineEstimator, touch: TouchGains = _DEFAULT_TOUCH, half_window: int = 5
+        self,
+        estimator: OnlineEstimator | OnlineContactLaw,
+        touch: TouchGains = _DEFAULT_TOUCH,
+        half_window: int = 5,
     ) -> None:
-        self._estimator = estimator
-        self._estimator.start(_GAINS)
+        self._learner = estimator if isinstance(estimator, OnlineContactLaw) else LinearKelvinVoigt(estimator)
+        self._learner.start()
         self._touch_gains = touch
         self._release_n = 0.0
         self._slope: list[float] = centre_slope(half_window).tolist()
@@ -51,7 +73,7 @@ class OnlineContactEstimator:
         self._air = RunningMean()
         self._first_touch_m = math.nan
         self._samples = 0
-        self._estimates = NO_ESTIMATE
+        self.estimates = NO_ESTIMATE
         self.in_contact = False
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
@@ -61,7 +83,7 @@ class OnlineContactEstimator:
             The newest estimates, NaN before there are any.
         """
         if measurement.force_status is not Status.OK or measurement.encoder_status is not Status.OK:
-            return self._estimates
+            return self.estimates
         along_m = float(output.tip_position_world_m.dot(output.press_direction_world))
         return self.update(measurement.force_at_s, along_m, measurement.force_n)
 
@@ -83,7 +105,7 @@ class OnlineContactEstimator:
             self._touch(along_m, touch_n)
         else:
             self._air.add(force_n)
-        return self._estimates
+        return self.estimates
 
     def _touch_n(self) -> float:
         return touch_force_n(self._air.standard_deviation, self._touch_gains.touch_force_n)
@@ -112,8 +134,7 @@ class OnlineContactEstimator:
         step_s = (window[-1][0] - window[0][0]) / (len(window) - 1)
         _, depth_m, force_n = window[self._half]
         moved_m = sum([slope * depth_m for slope, (_, depth_m, _) in zip(self._slope, window, strict=True)])
-        row = np.array([depth_m, moved_m / step_s, 1.0])
-        stiffness, damping, offset_n = self._estimator.update(row, force_n).tolist()
+        law = self._learner.update(depth_m, moved_m / step_s, force_n)
         self._samples += 1
-        if self._samples >= _ENOUGH and stiffness > 0.0:
-            self._estimates = (stiffness, damping, self._first_touch_m - offset_n / stiffness)
+        if self._samples >= _ENOUGH and law is not None:
+            self.estimates = (*law.compliance(depth_m), self._first_touch_m + law.surface_m)

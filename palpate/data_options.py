@@ -10,21 +10,26 @@ import typer
 
 from estimation.data.import_options import ImportOptions, parse_pairs
 from estimation.models import MODELS
-from palpate.files import existing_file
+from palpate import console
+from palpate.files import existing_data
 from palpate.study import Study, arm_from_urdf
-from palpate.words import as_shell_word, typed
+from palpate.words import as_shell_word, safe, typed
 from robot_io.errors import InputError
 
 FileArgument = Annotated[
-    Path, typer.Argument(help="Session (.mcap) or data file (.csv, .csv.gz, .parquet, .npz).")
+    Path,
+    typer.Argument(help="Session (.mcap), folder of sessions, or data file (.csv, .csv.gz, .parquet, .npz)."),
 ]
 ColumnOption = Annotated[
     list[str] | None,
-    typer.Option(help="What a column is called in the file, such as force_N=load.", metavar="NAME=COLUMN"),
+    typer.Option(
+        help="What a column is called in the file, such as force_N=load, run=trial or phase=state.",
+        metavar="NAME=COLUMN",
+    ),
 ]
 UnitOption = Annotated[
     list[str] | None,
-    typer.Option(help="Unit of a quantity or column, such as force=mN.", metavar="NAME=UNIT"),
+    typer.Option(help="Unit of a quantity or column, such as force=mN or time=ms.", metavar="NAME=UNIT"),
 ]
 WhereOption = Annotated[
     list[str] | None,
@@ -95,13 +100,16 @@ class DataArguments:
         Raises:
             InputError: the data cannot be used.
         """
-        existing_file(self.file, "session or data file")
+        existing_data(self.file)
         if self.urdf is None and self.tip_frame is not None:
             raise InputError(f"--tip-frame {self.tip_frame}: says nothing without --urdf FILE")
         arm = None if self.urdf is None else arm_from_urdf(self.urdf, self.tip_frame)
-        return Study(
+        study = Study(
             self.file, model, arm=arm, effects=self.effect or (), folder=folder, **vars(self.options)
         )
+        for note in study.source.notes:
+            console.stderr().print(f"[yellow]{safe(note)}[/yellow]")
+        return study
 
     def typed(self, **more: str | Path | list[str] | bool | None) -> str:
         """The file with these and all further options as one would type them again; see `retyped`."""
@@ -110,7 +118,12 @@ class DataArguments:
         return retyped(self.file, **{**given, "fresh-runs": self.fresh_runs, **more})
 
 
-def takes_data(command: Callable[..., None]) -> Callable[..., None]:
+def may_take_data(command: Callable[..., None]) -> Callable[..., None]:
+    """As `takes_data`, for a command that works without a file, too: `data.file` is then the folder."""
+    return takes_data(command, file=Path())
+
+
+def takes_data(command: Callable[..., None], file: Any = inspect.Parameter.empty) -> Callable[..., None]:  # noqa: ANN401
     """A command whose first parameter `data: DataArguments` is made of one argument and the options above.
 
     Typer reads the signature of the function that is returned: the file, the command's own parameters, then
@@ -122,7 +135,7 @@ def takes_data(command: Callable[..., None]) -> Callable[..., None]:
         command(data, **values)
 
     options: dict[str, tuple[Any, Any]] = {
-        "file": (FileArgument, inspect.Parameter.empty),
+        "file": (FileArgument, file),
         "effect": (_EffectOption, None),
         "urdf": (_UrdfOption, None),
         "tip_frame": (_TipFrameOption, None),

@@ -17,9 +17,11 @@ def derived_folder(path: Path) -> Path:
     """The usual folder; it need not be there yet.
 
     Args:
-        path: a session, which has a folder beside it, or a data file, whose own folder may be anybody's: what
-            is derived from it goes into the current one.
+        path: a session, which has a folder beside it; a folder of sessions, which has one in it; or a data
+            file, whose own folder may be anybody's: what is derived from it goes into the current one.
     """
+    if path.is_dir():
+        return path / "study"
     return path.with_suffix("") if is_session(path) else Path(f"{path.name.split('.')[0]}-palpate")
 
 

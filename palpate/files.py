@@ -6,12 +6,13 @@ what palpate derives into a folder of its own (see `palpate.derived`) is renewed
 
 import os
 import tempfile
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from palpate.made_folders import make_folder
 from robot_io.errors import InputError
+from robot_io.files.whole_file import whole_file as written_whole
 from robot_io.session import Session
 
 
@@ -34,6 +35,11 @@ def existing_file(path: Path, what: str) -> Path:
     if not os.access(path, os.R_OK):
         raise InputError(f"{what} {path}: permission denied")
     return path
+
+
+def existing_data(path: Path) -> Path:
+    """The path, if it is a folder or a readable file; `InputError` if not."""
+    return path if path.is_dir() else existing_file(path, "session or data file")
 
 
 def open_session(path: Path) -> Session:
@@ -118,24 +124,30 @@ def whole_file(path: Path) -> Iterator[Path]:
     Raises:
         InputError: it cannot be written.
     """
-    unfinished = _unfinished(path)
     try:
-        yield unfinished
-        unfinished.replace(path)
+        with written_whole(path) as unfinished:
+            yield unfinished
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        unfinished.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
+    """Files of text that appear together after what stands within the `with`, or not at all if that fails.
+
+    Raises:
+        InputError: one of them cannot be written.
+    """
+    with ExitStack() as files:
+        for path, text in texts.items():
+            files.enter_context(whole_file(path)).write_text(text, encoding="utf-8")
+        yield
 
 
 def write_text(path: Path, text: str) -> None:
     """Write a file of text, whole or not at all; `InputError` if it cannot be written."""
-    with whole_file(path) as unfinished:
-        unfinished.write_text(text, encoding="utf-8")
-
-
-def _unfinished(path: Path) -> Path:
-    return path.with_name(f".{os.getpid()}.part.{path.name}")  # the ending stays: it tells the format
+    with whole_set({path: text}):
+        pass
 
 
 def _same(path: Path, other: Path) -> bool:

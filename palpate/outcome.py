@@ -6,7 +6,7 @@ from pathlib import Path
 
 from estimation.study import ChannelResult, Study
 from palpate import console
-from palpate.files import write_text
+from palpate.files import whole_set
 from palpate.study_view import view_of
 
 REPORT = "report.html"
@@ -15,38 +15,38 @@ NAMES = (REPORT, RECORDING)  # of what `write_outcome` may write
 
 
 def write_outcome(
-    folder: Path, study: Study, results: Sequence[ChannelResult], commands: Sequence[str]
+    folder: Path,
+    study: Study,
+    results: Sequence[ChannelResult],
+    commands: Sequence[str],
+    texts: Mapping[str, str] | None = None,
 ) -> dict[str, Path]:
     """Write a report, and where effects were added a recording; returns the files, by what they are.
+
+    All files appear together, or none of them.
 
     Args:
         folder: where to; it is there already.
         study: what was measured.
         results: what is known about it.
         commands: that lead to the same outcome.
+        texts: of further files, by name.
 
     Raises:
         InputError: a file cannot be written.
     """
     # what draws takes longer to import than all else, and a verdict should not wait for it
     from palpate.render.recording.revisions import record_rerun  # noqa: PLC0415
-    from palpate.render.report import write_report  # noqa: PLC0415
+    from palpate.render.report import document  # noqa: PLC0415
 
-    view = view_of(study, results, commands)
-    written = {"report": write_report(view, folder / REPORT)}
+    texts = {**(texts or {}), REPORT: document(view_of(study, results, commands))}
     grown = [result for result in results if result.added]
-    if grown:
-        written["recording"] = folder / RECORDING
-        record_rerun(view_of(study, grown), written["recording"])
-    return written
+    with whole_set({folder / name: text for name, text in texts.items()}):
+        if grown:
+            record_rerun(view_of(study, grown), folder / RECORDING)
+    return {"report": folder / REPORT} | ({"recording": folder / RECORDING} if grown else {})
 
 
-def write_json(data: Mapping[str, object], path: Path) -> Path:
-    """Write plain data; returns the path.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    text = json.dumps(console.plain(data), indent=2, ensure_ascii=False, allow_nan=False)
-    write_text(path, text + "\n")
-    return path
+def as_json(data: Mapping[str, object]) -> str:
+    """Plain data as the text of a file."""
+    return json.dumps(console.plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"

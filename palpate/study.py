@@ -1,7 +1,6 @@
 """The way in: one study of one measurement, with tables, pictures, a report, and a simulated world of it."""
 
 from collections.abc import Mapping, Sequence
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,8 @@ from estimation.study import Study as StudyBase
 from palpate.derived import derived_folder
 from palpate.export import Export, export_scenario
 from palpate.export.scenario import FittedChannel
-from palpate.files import existing_file, write_text
+from palpate.files import existing_data, existing_file, write_text
+from palpate.foreign_code import LIMIT_S, foreign_code
 from palpate.study_view import view_of
 from palpate.truth import scenario_of, true_parameters
 from palpate.user_effects import load_user_effects
@@ -91,28 +91,46 @@ class Study(StudyBase):
         folder: Path | str | None = None,
         keep: bool = True,
     ) -> None:
+        if isinstance(effects, str) or not isinstance(effects, Sequence):
+            raise InputError(f"effects={effects!r}: give a list, such as ['my_effects.py:MyEffect']")
         for one in effects:
             if not isinstance(one, str | Effect):
                 raise InputError(f"effects: {one!r} is neither an effect nor 'FILE.py:CLASS'")
+        if not isinstance(arm, Arm | Path | str | None):
+            raise InputError(f"arm={arm!r}: give the path of a URDF, or an Arm")
         own = load_user_effects([one for one in effects if isinstance(one, str)])
         own |= {_place(one): watched(one) for one in effects if isinstance(one, Effect)}
-        place = None if folder is None else Path(folder)
+        place = None if folder is None else _path(folder, "folder")
         if isinstance(data, str | Path):
-            data = existing_file(Path(data), "session or data file")
+            data = existing_data(Path(data))
             place = (place or derived_folder(data)) if keep else None
         super().__init__(
             data,
             model,
-            options=ImportOptions(columns or {}, units or {}, where or {}, tuple(context), fresh),
+            options=ImportOptions(
+                columns or {},
+                units or {},
+                where or {},
+                tuple(context) if isinstance(context, list) else context,  # type: ignore[arg-type]
+                fresh,
+            ),
             arm=arm_from_urdf(Path(arm)) if isinstance(arm, str | Path) else arm,
             effects=own,
             folder=place,
         )
-        for (text, effect), channel in product(own.items(), self.channels):
-            try:
-                rehearse(effect, channel.data)
-            except InputError as error:
-                raise InputError(f"--effect {text}: {error}") from error
+        for text, effect in own.items():
+            self._try_out(text, effect)
+
+    def _try_out(self, text: str, effect: Effect) -> None:
+        """Refuse an effect of the user's own that fails on a channel, or does nothing on any."""
+        try:
+            with foreign_code(f"effect '{effect.name}'", LIMIT_S):
+                acts = {one.name: rehearse(effect, one.data) for one in self.channels}
+        except InputError as error:
+            raise InputError(f"--effect {text}: {error}") from error
+        idle = ", ".join(name for name, does in acts.items() if does is False)
+        if idle and not any(acts.values()):
+            raise InputError(f"--effect {text}: its columns are zero throughout {idle}: nothing to fit")
 
     def plot(self, channel: str | None = None) -> "go.Figure":
         """The error as it falls, and curves of measurement and model, of one channel.
@@ -132,22 +150,25 @@ class Study(StudyBase):
         """
         from palpate.render.report import write_report  # noqa: PLC0415, as above
 
-        return write_report(view_of(self, commands=commands), Path(path))
+        return write_report(view_of(self, commands=commands), _path(path, "report"))
 
-    def export(self, path: Path | str, revisions: Sequence[int] = ()) -> Export:
+    def export(self, path: Path | str, revisions: int | Sequence[int] = ()) -> Export:
         """Write the fitted models as a simulated world.
 
         Args:
             path: the scenario file, replaced if it is there.
-            revisions: their numbers; by default each channel's newest of this data, and the contact's base
-                model where nothing was added to that.
+            revisions: one number or several; by default each channel's newest of this data, and the contact's
+                base model where nothing was added to that.
 
         Raises:
             InputError: a revision is of other data, several are of one place, there is nothing to write, or
                 the file cannot be written.
         """
-        made = self.exported(self.to_export(revisions))
-        write_text(Path(path), made.scenario.to_yaml())
+        place, numbers = _path(path, "scenario"), [revisions] if isinstance(revisions, int) else revisions
+        if not isinstance(numbers, list | tuple):
+            raise InputError(f"revisions={numbers!r}: give a revision's number, or a list of them")
+        made = self.exported(self.to_export(numbers))
+        write_text(place, made.scenario.to_yaml())
         return made
 
     def to_export(self, numbers: Sequence[int] = ()) -> list[Revision]:
@@ -202,6 +223,12 @@ def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:
         existing_file(path, "URDF"), tip_frame or TIP_FRAME
     )  # also where no model asks for it
     return Arm(read_text(path), tip_frame or TIP_FRAME, str(path))
+
+
+def _path(path: Any, what: str) -> Path:  # noqa: ANN401, whatever a user gives
+    if not isinstance(path, Path | str):
+        raise InputError(f"{what} {path!r}: give a path")
+    return Path(path)
 
 
 def _place(effect: Effect) -> str:

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from estimation.study import ChannelResult, Study
-from palpate.render.build import channel_view
-from palpate.render.view import ChannelView, StudyView
+from estimation.study import ChannelResult, Stage, Study
+from palpate.render.build import channel_view, stage_view
+from palpate.render.view import ChannelView, StageView, StudyView
 from palpate.words import count
 
 
@@ -24,19 +24,30 @@ def view_of(
 
 def result_view(result: ChannelResult) -> ChannelView:
     """All that is known of one channel."""
-    compared, stages = result.shown, [stage.fitted for stage in result.stages]
-    labels = [f"+ {stage.added}" if stage.added else stage.fitted.model.name for stage in result.stages]
+    compared = result.shown
     return channel_view(
         result.channel.data,
-        stages,
-        labels,
+        list(map(_stage, result.stages)),
         result.noise_floor or float("nan"),
         parts=compared.parts if compared is not None else None,
         words=compared.words[1:] if compared is not None else (),
         diagnosis=result.diagnosis,
         not_judged=compared.not_judged if compared is not None else "",
-        numbers=[stage.number for stage in result.stages],
         notes=(result.reason,) if result.reason else (),
+    )
+
+
+def _stage(stage: Stage) -> StageView:
+    one = stage.fitted
+    label = f"+ {stage.added}" if stage.added else one.model.name
+    return stage_view(
+        one.model,
+        one.parameters,
+        one.predicted,
+        one.residual,
+        rmse=one.rmse,
+        label=label,
+        number=stage.number,
     )
 
 

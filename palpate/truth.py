@@ -23,8 +23,11 @@ def true_parameters(session: Session) -> dict[str, float]:
     `SURFACE` is the surface's coordinate along the press direction (downwards) [m].
     """
     scenario = scenario_of(session)
-    if scenario is None:
-        return {}
+    return {} if scenario is None else truth_of(scenario)
+
+
+def truth_of(scenario: Scenario) -> dict[str, float]:
+    """The same of a simulated world."""
     surface = {SURFACE: -scenario.object.surface_height_m}
     match scenario.object.law:
         case KelvinVoigt() | EngineContact() as law:

@@ -8,6 +8,7 @@ from rich.markup import escape
 
 FIRST_PROBE = "--speed-mm-s 20 --force-limit-n 3"  # of a real arm: slow and soft
 AT_REST = "the arm is at rest and without torque"  # after Ctrl-C
+AT_BOUND = "at its bound"  # of a search: the data say no value
 NOT_DETERMINED = "not determined"  # by the data: said in place of an interval
 _LEAST_P = 0.005  # of 199 surrogates and the measurement itself
 _MOST_DECIMALS = 6  # what would need more is written with a power of ten

@@ -23,11 +23,9 @@ class MonotonicClock(Clock):
     """The machine's monotonic clock; steps of the wall clock do not reach it."""
 
     def now_s(self) -> float:
-        """See `Clock.now_s`."""
         return time.monotonic()
 
     def sleep_until(self, time_s: float) -> None:
-        """See `Clock.sleep_until`."""
         remaining_s = time_s - time.monotonic()
         if remaining_s > 0:
             time.sleep(remaining_s)
@@ -54,11 +52,9 @@ class SimulatedClock(Clock):
         self._listeners.append(on_advance)
 
     def now_s(self) -> float:
-        """See `Clock.now_s`."""
         return self._time_s
 
     def sleep_until(self, time_s: float) -> None:
-        """See `Clock.sleep_until`."""
         if not time_s > self._time_s:  # nor for NaN
             return
         if self._pace:

@@ -1,12 +1,12 @@
 """Where the tip meets the object: depth, rate, and the force between them at one state."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 
 from sim_backend.arm import SimulatedArm
 from sim_backend.bullet import bullet
 from sim_backend.compliance_object import ComplianceObject
-from sim_backend.hooks import ContactEffect, ContactState, Effects, MaterialEffect, ToolEffect
+from sim_backend.hooks import ContactState, Effects
+from sim_backend.object_answer import ObjectAnswer
 
 
 class Contact:
@@ -40,12 +40,7 @@ class Contact:
         self._arm = arm
         self._object = target
         self._step_s = step_s
-        self._memories: list[ContactEffect | ToolEffect] = [*effects.contact, *effects.tool]
-        self._material = [effect for effect in effects.contact if isinstance(effect, MaterialEffect)]
-        self._skin = [effect for effect in effects.contact if not isinstance(effect, MaterialEffect)]
-        self._answer_n: Callable[[ContactState], float] = self._object_force_n
-        for tool in effects.tool:
-            self._answer_n = partial(tool.contact_force_n, surface_n=self._answer_n)
+        self._answer = ObjectAnswer(effects)
         self._speed_before_m_s: float | None = None
 
     def update(self, time_s: float) -> None:
@@ -62,33 +57,11 @@ class Contact:
         self._speed_before_m_s = None
 
     def _update_force(self, time_s: float) -> None:
-        self._by_engine_n = 0.0
-        if self._object.box is not None:
-            self.force_n = self._by_engine_n = self._engine_force_n(self._object.box)
-        elif not self._memories:
-            self.force_n = self._object.law.force_n(self.depth_m, self.rate_m_s)
-        if self._memories:
-            self.force_n = self._answer_n(ContactState(time_s, self._step_s, self.depth_m, self.rate_m_s))
-            for memory in self._memories:
-                memory.settle()
-        self.push_n = self.force_n - self._by_engine_n
-
-    def _object_force_n(self, state: ContactState) -> float:
-        """What law and effects answer to a motion, which may be one that is only tried [N]."""
-        law = self._object.law
-        for material in self._material:
-            state = material.felt(state)
-        if self._object.box is None:
-            force_n = law.material_force_n(state.depth_m, state.rate_m_s)
-        else:
-            force_n = self._by_engine_n  # the engine answers to the tip's own motion only
-        for material in self._material:
-            force_n = material.contact_force_n(state, force_n)
-        if force_n < 0.0 and not law.can_pull:
-            force_n = 0.0
-        for effect in self._skin:
-            force_n = effect.contact_force_n(state, force_n)
-        return force_n
+        box = self._object.box
+        by_engine_n = None if box is None else self._engine_force_n(box)
+        state = ContactState(time_s, self._step_s, self.depth_m, self.rate_m_s)
+        self.force_n = self._answer.force_n(self._object.law, state, by_engine_n)
+        self.push_n = self.force_n - (by_engine_n or 0.0)
 
     def _engine_force_n(self, box: int) -> float:
         points = bullet.getContactPoints(self._arm.body, box, physicsClientId=self._client)

@@ -9,10 +9,10 @@ import numpy as np
 
 from control.probing.plan import ProbingPlan
 from estimation.base_model import ModelContext
-from estimation.data import load_channels
 from estimation.estimate_channel import estimate_channel
 from estimation.estimators import ESTIMATORS
 from estimation.models import MODELS
+from estimation.study.source import open_source
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from sim_backend.scenario import load_scenario
@@ -44,7 +44,7 @@ def probe(stiffness: float, damping: float, seed: int, folder: Path) -> Path:
 
 def estimate(session: Path, stiffness: float, damping: float, seed: int) -> Case:
     """Run every estimator on one session."""
-    channel = load_channels(session, tared=True)[0]
+    channel = open_source(session).tared()[0]
     model = MODELS["kelvin_voigt"]().build(ModelContext(surface_found=True))
     found, std_err = {}, {}
     for name in ESTIMATORS:

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from accuracy_study.grid import probe
-from estimation.data import load_channels
 from estimation.estimate_channel import fitting_rows
 from estimation.estimator import Estimator
 from estimation.estimators import ESTIMATORS
 from estimation.estimators.ransac import Ransac
 from estimation.estimators.sprls import Sprls
 from estimation.regression import Regression
+from estimation.study.source import open_source
 from robot_io.types import FloatArray, IntArray
 
 STIFFNESS, DAMPING = 500.0, 100.0
@@ -24,7 +24,7 @@ FORCE_LIMIT_N = 10.0
 def contact_motion() -> tuple[FloatArray, IntArray]:
     """Depth and speed of samples in contact, shape (n, 2), as the simulated arm probes, and their runs."""
     with tempfile.TemporaryDirectory() as folder:
-        channel = load_channels(probe(STIFFNESS, DAMPING, 1, Path(folder)), tared=True)[0]
+        channel = open_source(probe(STIFFNESS, DAMPING, 1, Path(folder))).tared()[0]
     rows = np.flatnonzero(fitting_rows(channel))
     rows = rows[np.linspace(0, len(rows) - 1, SAMPLES).astype(np.int64)]
     rows = rows[STIFFNESS * channel.position[rows] + DAMPING * channel.velocity[rows] > 0]

@@ -1,8 +1,10 @@
 """Probing runs of the simulated arm in which one effect is hidden, and what the diagnosis says of them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -64,6 +66,13 @@ class Probed:
         rest = [f"unexplained in {', '.join(unknown)}"] if unknown else []
         rest += [f"insufficient in {', '.join(refused)}"] if refused else []
         return "; ".join([*(f"{names} in {channel}" for channel, names in said.items()), *rest]) or "adequate"
+
+
+def work(parameters: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
+    """As a case of a sweep: what came of one probing with `effect` hidden, as one row."""
+    with TemporaryDirectory() as folder:
+        found = probe(parameters["effect"], seed, Path(folder))
+    return [{"hidden": found.hidden, "told": found.told, "effect": found.effect, "is_right": found.is_right}]
 
 
 def _simulated(effect: str) -> str:

@@ -108,7 +108,6 @@ class PathTask:
         self.duration_s = path.duration_s  # with the ways to it and back, once started
 
     def start(self, measurement: Measurement) -> None:
-        """See `control.loop.task.Task.start`."""
         self._free.start(measurement)
         self._time_s = 0.0
         start_rad, centre_rad = measurement.joint_position_rad.copy(), self._path.centre_rad
@@ -119,7 +118,6 @@ class PathTask:
         self.duration_s = self._end_s + self._back.duration_s + _SETTLE_S
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `control.loop.task.Task.step`."""
         self._time_s += dt_s
         if self._time_s < self._begin_s:
             motion, phase, run = self._there.at(self._time_s), Phase.MOVE, NO_RUN

@@ -74,7 +74,6 @@ class StopTask:
         self._touches = len(approaches) * settings.touches
 
     def start(self, measurement: Measurement) -> None:
-        """See `control.loop.task.Task.start`."""
         self._free.start(measurement)
         self._start_rad = measurement.joint_position_rad.copy()
         self._touch = 0

@@ -9,6 +9,9 @@ World frame: that of the URDF's root link; gravity is 9.81 m/s^2 along -z unless
 """
 
 import math
+import os
+import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,7 +115,7 @@ class RigidBody:
             if root.tag != "robot":
                 raise ValueError(f"its root is <{root.tag}>, not <robot>")  # noqa: TRY301
             _check_masses(root)
-            model = pin.buildModelFromXML(text)
+            model = _built(text)
         except (OSError, ValueError, RuntimeError, ElementTree.ParseError) as error:
             reason = getattr(error, "strerror", None) or " ".join(str(error).split())
             raise InputError(f"{place}: not a readable URDF ({reason:.100})") from error
@@ -199,18 +202,6 @@ class RigidBody:
         model.appendBodyToJoint(frame.parentJoint, load, frame.placement)
         return RigidBody(model, frame.name)
 
-    def with_gravity(self, gravity_m_s2: Sequence[float]) -> "RigidBody":
-        """The same arm where gravity is another: shape (3,), in the axes of the root link [m/s^2]."""
-        model = self._model.copy()
-        model.gravity.linear = frozen_array(gravity_m_s2, (3,), what="gravity")
-        return RigidBody(model, model.frames[self._tip].name)
-
-    def forward_dynamics(
-        self, position_rad: FloatArray, velocity_rad_s: FloatArray, torque_nm: FloatArray
-    ) -> FloatArray:
-        """Accelerations (n,) [rad/s^2] under these torques (n,) [N m], in free air."""
-        return np.array(pin.aba(self._model, self._data, position_rad, velocity_rad_s, torque_nm))
-
     def mass_matrix(self, position_rad: FloatArray) -> FloatArray:
         """M(q), shape (n, n), symmetric [kg m^2]."""
         upper = pin.crba(self._model, self._data, position_rad)
@@ -263,6 +254,26 @@ class RigidBody:
             origin = data.oMi[index + 1].translation
             axes.append(JointAxis(name, frozen_array(origin), frozen_array(axis), revolute))
         return tuple(axes)
+
+
+def _built(text: str) -> "pin.Model":
+    """The model of a URDF; what the C++ parser prints of a bad one becomes the reason of the error."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = [os.dup(1), os.dup(2)]
+    with tempfile.TemporaryFile() as printed:
+        try:
+            os.dup2(printed.fileno(), 1)
+            os.dup2(printed.fileno(), 2)
+            return pin.buildModelFromXML(text)
+        except (ValueError, RuntimeError) as error:
+            printed.seek(0)
+            said = printed.read().decode(errors="replace").split("\n")[0].removeprefix("Error:").strip()
+            raise ValueError(said or str(error)) from error
+        finally:
+            for number, own in enumerate(kept, 1):
+                os.dup2(own, number)
+                os.close(own)
 
 
 def _check_masses(root: ElementTree.Element) -> None:

@@ -7,15 +7,17 @@ the acceleration can change, and it is bounded. Inverse kinematics and computed 
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from control.arm.rigid_body import RigidBody, TipMotion
-from control.laws.admittance import loading_acceleration, scheduled_admittance
+from control.laws.admittance import loading_acceleration
 from control.laws.computed_torque import ComputedTorque
 from control.laws.gains import Gains, TouchGains
-from control.laws.object_guess import ObjectGuess
+from control.laws.hold_laws import HOLD_LAWS, Environment, Held
+from control.laws.object_guess import Compliance, ObjectGuess, within_bounds
 from control.laws.touch import release_force_n
 from control.paths.press_line import PressLine
 from control.paths.trajectory import JointMotion, LineState
@@ -76,10 +78,21 @@ class ContactSwitch:
 class HybridController:
     """Position and force along a press line; joint motions between lines.
 
-    The tool pushes along `sensor_axis_tip`, a direction in the tip frame, shape (3,).
+    The tool pushes along `sensor_axis_tip`, a direction in the tip frame, shape (3,). Forces are held by the
+    law of that name in `HOLD_LAWS`, with what `estimated` knows of the object: stiffness [N/m], damping
+    [N s/m] and the surface along the press direction [m], NaN for nothing yet.
     """
 
-    def __init__(self, body: RigidBody, sensor_axis_tip: FloatArray, gains: Gains) -> None:
+    def __init__(
+        self,
+        body: RigidBody,
+        sensor_axis_tip: FloatArray,
+        gains: Gains,
+        hold_law: str = "admittance",
+        estimated: Callable[[], tuple[float, float, float]] | None = None,
+    ) -> None:
+        self._hold_law = HOLD_LAWS[hold_law]
+        self._estimated = estimated
         self._body = body
         self._axis_tip = sensor_axis_tip
         self._contact_gains = gains.contact
@@ -173,8 +186,8 @@ class HybridController:
         """Acceleration of the reference [m/s^2]."""
         compliance, gains = self.guess.compliance, self._contact_gains
         if goal.hold:
-            admittance = scheduled_admittance(compliance, gains)
-            wanted = admittance.acceleration(goal.force_n - force_n, speed_m_s, dt_s)
+            state = self.state._replace(speed_m_s=speed_m_s)
+            wanted = self._hold_law(Held(goal.force_n, force_n, state, self._environment()), gains, dt_s)
             wanted = min(wanted, (goal.speed_limit_m_s - speed_m_s) / dt_s)
             return clip(wanted, -gains.yielding_m_s2, gains.yielding_m_s2)
         # The measured speed would be right for the spring's share; the reference's own speed in its place
@@ -182,6 +195,18 @@ class HybridController:
         spring_n = force_n - compliance.damping_n_s_m * 0.5 * (measured_m_s + speed_m_s)
         room_n = gains.loading_aim * goal.force_n - spring_n
         return loading_acceleration(speed_m_s, goal.speed_limit_m_s, room_n, compliance, gains)
+
+    def _environment(self) -> Environment:
+        """What was estimated online, else the quick guess."""
+        guessed = Environment(self.guess.compliance, self.surface_travel_m)
+        if self._estimated is None or self._line is None:
+            return guessed
+        stiffness_n_m, damping_n_s_m, surface_m = self._estimated()
+        if not stiffness_n_m > 0.0:
+            return guessed
+        origin_m = float(self._line.start_world_m.dot(self._line.direction_world))
+        compliance = within_bounds(Compliance(stiffness_n_m, damping_n_s_m))
+        return Environment(compliance, surface_m - origin_m)
 
     def _follow(
         self, measurement: Measurement, motion: JointMotion, tip: TipMotion, force_n: float, dt_s: float

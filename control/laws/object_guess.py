@@ -25,6 +25,14 @@ class Compliance(NamedTuple):
     damping_n_s_m: float
 
 
+def within_bounds(compliance: Compliance) -> Compliance:
+    """The nearest that a force law is stable for."""
+    stiffness_n_m, damping_n_s_m = compliance
+    return Compliance(
+        clip(stiffness_n_m, *_STIFFNESS_BOUNDS_N_M), clip(damping_n_s_m, *_DAMPING_BOUNDS_N_S_M)
+    )
+
+
 class ObjectGuess:
     """Recursive least squares of force = k depth + c speed, with forgetting, in plain floats.
 
@@ -42,7 +50,7 @@ class ObjectGuess:
     @property
     def compliance(self) -> Compliance:
         """The guess, within bounds."""
-        return Compliance(clip(self._k, *_STIFFNESS_BOUNDS_N_M), clip(self._c, *_DAMPING_BOUNDS_N_S_M))
+        return within_bounds(Compliance(self._k, self._c))
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float, dt_s: float) -> None:
         """Learn from one sample: way since the touch, speed into the object, compression."""

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -42,6 +42,8 @@ class ProbingPlan(FileModel):
     # loading ends here, and this force is held [N].
     force_limit_n: Annotated[Number, Field(ge=0.01, le=1000.0)] = 10.0
     hold_s: NotNegative = 1.0  # how long it is held [s]
+    # what holds it: see `control.laws.hold_laws`; the last two go by the online estimate.
+    hold_law: Literal["admittance", "force_tracking_impedance", "constant_force"] = "admittance"
     excitation: Excitation | None = None  # profile that rides on the hold afterwards, or None
     approach_clearance_m: Positive = 0.03  # an approach starts this far before the target [m]
     search_depth_m: Positive = 0.2  # way from there within which the surface must be touched [m]

@@ -54,6 +54,16 @@ class ProbingRun:
         self.events = []
         return self._step(measurement, dt_s)
 
+    def cancel(self, why: str) -> None:
+        """Leave the object at once, and go back to where the approach started."""
+        self.failure = self.failure or f"run {self.spec.run}: {why}"
+        if self.phase is Phase.FREE_AIR:
+            self.finished = True
+        elif self.phase is Phase.APPROACH:
+            self._go_back()
+        elif self.phase in (Phase.LOADING, Phase.HOLD):
+            self._leave()
+
     def _free_air(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         still = LineState(self._site.approach_travel_m)
         output = self._control.step(measurement, HybridReference(free=still), dt_s)

@@ -8,7 +8,7 @@ The last move goes back to where the task started: there the arm stood without t
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from control.laws.hybrid import ControlOutput, HybridController
 from control.laws.touch import free_air_problem
 from control.loop.phases import Phase
 from control.loop.task import NO_RUN, TaskEvent, TaskOutput
+from control.loop.tick_record import Estimates
 from control.paths.trajectory import JointBrake, JointPath
 from control.probing.plan import ProbingPlan
 from control.probing.run import ProbingRun
@@ -45,7 +46,8 @@ class ProbingTask:
 
     The tool pushes along `sensor_axis_tip`, a direction in the tip frame, shape (3,). Limits, shape (n,)
     each, are the lowest and highest joint positions to use (default: the URDF's), the velocities at which the
-    guard trips and the largest torques (default: none).
+    guard trips and the largest torques (default: none). `estimated` is what the plan's hold law goes by, see
+    `HybridController`.
 
     Raises:
         InputError: the arm is not planar, or the tool does not lie in its plane.
@@ -61,10 +63,12 @@ class ProbingTask:
         position_limits_rad: tuple[FloatArray, FloatArray] | None = None,
         velocity_limits_rad_s: FloatArray | None = None,
         torque_limits_nm: FloatArray | None = None,
+        estimated: Callable[[], Estimates] | None = None,
     ) -> None:
         self._body = body
         self._arm = PlanarArm(body, sensor_axis_tip)
-        self._control = HybridController(body, frozen_array(sensor_axis_tip, (3,)), gains)
+        axis_tip = frozen_array(sensor_axis_tip, (3,))
+        self._control = HybridController(body, axis_tip, gains, plan.hold_law, estimated)
         feedforward = gains.contact.force_feedforward
         self._witness = ForceWitness(body, gains.witness, plan.force_limit_n, feedforward)
         self._gains = gains
@@ -74,18 +78,24 @@ class ProbingTask:
         self._direction = frozen_array(plan.press_direction_world)
         self._phase = Phase.IDLE
         self.failures: tuple[str, ...] = ()  # one line for every run that gave no data
+        self.cancelled = False  # whether somebody called it off
 
     @classmethod
     def from_robot_file(
-        cls, robot_file: RobotFile, plan: ProbingPlan, calibrations: Calibrations | None = None
+        cls,
+        robot_file: RobotFile,
+        plan: ProbingPlan,
+        calibrations: Calibrations | None = None,
+        body: RigidBody | None = None,
+        estimated: Callable[[], Estimates] | None = None,
     ) -> "ProbingTask":
-        """The task for the arm of a robot file; `calibrations` as for `RigidBody.of_robot`.
+        """The task for the arm of a robot file; `calibrations` as for `RigidBody.of_robot`, or its `body`.
 
         Raises:
             InputError: URDF or gains are not valid, the arm is not planar, or its guard trips on the plan.
         """
         check_against_guard(plan, robot_file)
-        body = RigidBody.of_robot(robot_file, calibrations)
+        body = body or RigidBody.of_robot(robot_file, calibrations)
         limits = robot_file.limits
         return cls(
             body,
@@ -95,6 +105,7 @@ class ProbingTask:
             position_limits_rad=(np.array(limits.position_min_rad), np.array(limits.position_max_rad)),
             velocity_limits_rad_s=np.array(limits.velocity_rad_s),
             torque_limits_nm=np.array(limits.torque_nm),
+            estimated=estimated,
         )
 
     def start(self, measurement: Measurement) -> None:
@@ -124,7 +135,7 @@ class ProbingTask:
         self._run: ProbingRun | None = None
         self._events: list[TaskEvent] = []
         self._runs_done = 0
-        self.failures = ()
+        self.failures, self.cancelled = (), False
         self._obstacle_share = _OBSTACLE_SHARE
         self._begin_way()
 
@@ -160,6 +171,24 @@ class ProbingTask:
             done=phase is Phase.IDLE,
             events=tuple(self._events),
         )
+
+    @property
+    def runs_done(self) -> int:
+        """How many runs gave data so far."""
+        return self._runs_done
+
+    def cancel(self, why: str) -> None:
+        """Leave out what is left, the present run included, and go back to where the task started."""
+        on_the_way_back = self._run is None and not self._specs
+        if self.cancelled or on_the_way_back:
+            return
+        self.cancelled = True
+        self._specs.clear()
+        if self._run is not None:
+            self._run.cancel(why)
+        else:
+            self._fail("cancelled", why)
+            self._turn_back()
 
     def _after(self, run: ProbingRun) -> None:
         """Collect what a run said; when it is over, go on to the next. A target that is not there is left."""
@@ -258,8 +287,12 @@ class ProbingTask:
         text = f"{what} to a target: something is in the way"
         self._fail("obstacle", text)
         self._specs.clear()
-        self._swings.clear()
         self._obstacle_share = _LEAVING_SHARE
+        self._turn_back()
+
+    def _turn_back(self) -> None:
+        """Brake, and go back the way that the arm came."""
+        self._swings.clear()
         self._blocked_ticks = 0
         self._passed_rad = self._way.passed_rad(self._move_s)
         limit_rad_s2 = _BRAKE_FACTOR * self._plan.joint_acceleration_rad_s2

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.information import Information, pseudo_inverse, total_information
-from robot_io.types import FloatArray, IntArray
+from estimation.information import Information
+from robot_io.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -35,34 +35,6 @@ class JointMoments:
     products: FloatArray
     shared: int
     sigma: float
-
-
-def joint_moments(
-    shared: FloatArray,
-    own: FloatArray,
-    torque: FloatArray,
-    *,
-    sigma: float,
-    fold: IntArray | None = None,
-    folds: int = 1,
-    weights: FloatArray | None = None,
-) -> JointMoments:
-    """Moments of one joint.
-
-    Args:
-        shared: S, shape (n, s).
-        own: X, shape (n, k).
-        torque: shape (n,), what is known taken off.
-        sigma: standard deviation of the joint's noise.
-        fold: number of each sample's fold, shape (n,); None for one.
-        folds: how many there are.
-        weights: of the squared residuals, shape (n,); None for 1.
-    """
-    rows = np.column_stack([shared, own, torque])
-    if weights is not None:
-        rows = rows * np.sqrt(weights)[:, None]
-    parts = [rows] if fold is None else [rows[fold == f] for f in range(folds)]
-    return JointMoments(np.stack([part.T @ part for part in parts]), shared.shape[1], sigma)
 
 
 def arranged(products: FloatArray, names: Sequence[str], shared: Sequence[str], sigma: float) -> JointMoments:
@@ -113,12 +85,4 @@ def information_of_others(joints: Sequence[JointMoments], prior: Information) ->
         `times` its sigma^2 to sums that are not. The fit of the one joint is then the fit of all of them.
     """
     each = [shared_information(joint) for joint in joints]
-    return tuple(total_information([*each[:j], *each[j + 1 :]], prior) for j in range(len(each)))
-
-
-def own_gains(joint: JointMoments, beta: FloatArray) -> FloatArray:
-    """The joint's own gains beside shared parameters (1 + folds, s): shape (1 + folds, k)."""
-    total = training_sums(joint.products)
-    own = slice(joint.shared, -1)
-    left = total[:, own, -1] - (total[:, own, : joint.shared] @ beta[..., None])[..., 0]
-    return np.asarray((pseudo_inverse(total[:, own, own]) @ left[..., None])[..., 0])
+    return tuple(sum([*each[:j], *each[j + 1 :]], start=prior) for j in range(len(each)))

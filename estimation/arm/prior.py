@@ -3,6 +3,7 @@
 import numpy as np
 
 from estimation.arm.base_parameters import BaseParameters
+from estimation.arm.consistent_fit import fit_bodies
 from estimation.arm.pseudo_inertia import Divergence, nearest_bodies
 from estimation.information import Information
 from robot_io.types import FloatArray
@@ -23,9 +24,7 @@ def urdf_information(
         base: the arm's base parameters.
         urdf: inertial parameters of the URDF, shape (10 links,); raised to bodies by `nearest_bodies`.
         spread: standard deviation of the URDF's pseudo-inertias as a share of themselves.
-        at: bodies at which D is expanded, shape (10 links,); None for the URDF's. Expanded at the bodies that
-            `identify` found, the linear solution beside the same data is theirs, and so physically
-            consistent.
+        at: bodies at which D is expanded, shape (10 links,); None for the URDF's.
 
     Returns:
         Of the base parameters, matrix (b, b) and vector (b,).
@@ -37,3 +36,26 @@ def urdf_information(
     reach = base.grouping @ inverse_root
     matrix = np.linalg.inv(reach @ reach.T) / spread**2
     return Information(matrix, matrix @ (base.grouping @ mean))
+
+
+def consistent_information(
+    base: BaseParameters, urdf: FloatArray, said: Information, spread: float = URDF_SPREAD
+) -> Information:
+    """The pull to the URDF beside data, such that the linear solution is one that bodies can have.
+
+    Args:
+        base: the arm's base parameters.
+        urdf: see `urdf_information`.
+        said: what all joints say of the base parameters, of f sets of runs: matrix (f, b, b), vector (f, b).
+        spread: see `urdf_information`.
+
+    Returns:
+        Of the base parameters, matrix (f, b, b) and vector (f, b).
+    """
+    divergence, grouping = Divergence(nearest_bodies(urdf)), base.grouping
+    pulls = []
+    for matrix, vector in zip(said.matrix, said.vector, strict=True):
+        onto = Information(grouping.T @ matrix @ grouping, grouping.T @ vector)
+        bodies = fit_bodies(onto, divergence, spread**-2)
+        pulls.append(urdf_information(base, urdf, spread, bodies))
+    return Information(*(np.stack([getattr(one, part) for one in pulls]) for part in ("matrix", "vector")))

@@ -57,11 +57,6 @@ def inertial_of(pseudo: FloatArray) -> FloatArray:
     return np.concatenate([pseudo[:, 3:, 3], pseudo[:, 3, :3], tail], axis=1).ravel()
 
 
-def is_consistent(inertial: FloatArray) -> bool:
-    """Whether each link's parameters (10 links,) belong to some distribution of positive mass."""
-    return bool(np.all(np.linalg.eigvalsh(pseudo_inertias(inertial))[:, 0] > 0.0))
-
-
 def nearest_bodies(inertial: FloatArray) -> FloatArray:
     """Parameters (10 links,) of bodies that are at least a little extended, near those given.
 
@@ -119,8 +114,3 @@ class Divergence:
         whole = np.zeros((len(turned), 16, len(turned), PARAMETERS))
         whole[links, :, links, :] = turned.reshape(-1, 16, PARAMETERS)
         return np.asarray(whole.reshape(-1, inertial.size))
-
-    def hessian(self, inertial: FloatArray) -> FloatArray:
-        """Shape (10 links, 10 links), one block a link; positive definite."""
-        root = self.curvature_root(inertial)
-        return np.asarray(root.T @ root)

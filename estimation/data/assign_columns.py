@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from estimation.data.import_options import ImportOptions
 from estimation.data.quantities import (
     PHASE,
@@ -18,6 +20,7 @@ from estimation.data.units import SI, dimension_of, factor_to_si, normalise
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
+_FEWEST_A_RUN = 20  # rows on average, where a column of whole numbers looks like that of the runs
 Key = tuple[str, int]  # quantity and number of the joint, 0 where there is none
 
 
@@ -78,9 +81,25 @@ class Columns:
         return tuple(name for name in self.table.names if name not in used and self.table.varies(name))
 
     @property
+    def like_runs(self) -> str:
+        """An unused column of whole numbers, each in one block of rows; empty if there is none, or a run."""
+        return "" if self.run else next(filter(self._numbers_blocks, self.unused), "")
+
+    def _numbers_blocks(self, name: str) -> bool:
+        values = self.table.numbers(name)
+        if np.any(values != np.round(values)):
+            return False
+        blocks = 1 + np.count_nonzero(np.diff(values))
+        return bool(blocks == len(np.unique(values)) and blocks * _FEWEST_A_RUN <= len(values))
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What the reader should know about the columns."""
-        return tuple(found.note for found in self.assigned.values() if found.note)
+        notes = [found.note for found in self.assigned.values() if found.note]
+        if self.like_runs:
+            looks = f"column '{self.like_runs}' looks like the number of a run"
+            notes.append(f"{looks}; if it is one, add --column run={self.like_runs}")
+        return tuple(notes)
 
 
 def assign_columns(table: Table, options: ImportOptions) -> Columns:
@@ -99,6 +118,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
                     f"choose with --column {name}=COLUMN"
                 )
             chosen.setdefault(role.key, (role, name))
+    _check_all_say_their_units(table, options, chosen)
     assigned = {key: _assign(table, options, role, name) for key, (role, name) in chosen.items()}
     _check_units(options, chosen)
     return Columns(table, assigned, _special(table, options, RUN), _special(table, options, PHASE))
@@ -122,15 +142,7 @@ def _special(table: Table, options: ImportOptions, name: str) -> str | None:
 def _assign(table: Table, options: ImportOptions, role: Role, column: str) -> Assigned:
     """Find the unit: the user's word, the column's own name, the user's name for it, in this order."""
     dimensions = QUANTITIES[role.quantity]
-    said = _said_unit(options, role, column)
-    own = unit_in_name(column)
-    unit = said or (own if dimension_of(own) in dimensions else "") or role.unit
-    if not unit:
-        example = si_unit(dimensions[0])
-        raise InputError(
-            f"{table.path}: column '{column}' does not say its unit; "
-            f"say it, as in --unit {role.quantity}={example}"
-        )
+    said, own, unit = _said_unit(options, role, column), unit_in_name(column), _unit(options, role, column)
     dimension = dimension_of(unit)
     if dimension not in dimensions:
         valid = ", ".join(unit for name in dimensions for unit in SI[name])
@@ -143,10 +155,35 @@ def _assign(table: Table, options: ImportOptions, role: Role, column: str) -> As
     return Assigned(column, dimension, factor_to_si(unit, dimension, f"column '{column}'"), note)
 
 
+def _unit(options: ImportOptions, role: Role, column: str) -> str:
+    """A column's unit; empty where nothing says it."""
+    own = unit_in_name(column)
+    fits = dimension_of(own) in QUANTITIES[role.quantity]
+    return _said_unit(options, role, column) or (own if fits else "") or role.unit
+
+
+def _check_all_say_their_units(
+    table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
+) -> None:
+    silent = [(role, column) for role, column in chosen.values() if not _unit(options, role, column)]
+    if silent:
+        columns = ", ".join(f"'{column}'" for _, column in silent)
+        units = (f"--unit {_numbered(role)}={si_unit(QUANTITIES[role.quantity][0])}" for role, _ in silent)
+        one = len(silent) == 1
+        raise InputError(
+            f"{table.path}: column{'' if one else 's'} {columns} {'does' if one else 'do'} not say "
+            f"{'its unit' if one else 'their units'}; say {'it' if one else 'them'}, as in {' '.join(units)}"
+        )
+
+
+def _numbered(role: Role) -> str:
+    return f"{role.quantity}_{role.joint}" if role.joint else role.quantity
+
+
 def _said_unit(options: ImportOptions, role: Role, column: str) -> str:
-    numbered = f"{role.quantity}_{role.joint}" if role.joint else role.quantity
     for name, unit in options.units.items():
-        if name in (column, role.quantity, numbered) or getattr(parse_role(name), "key", None) == role.key:
+        named = parse_role(name)
+        if name in (column, role.quantity, _numbered(role)) or (named and named.key == role.key):
             return normalise(unit)
     return ""
 

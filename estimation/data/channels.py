@@ -5,16 +5,13 @@ from pathlib import Path
 
 from control.loop.tick_record import STREAM_NAME
 from estimation.channel import ChannelData
-from estimation.data.import_file import import_file
-from estimation.data.import_options import ImportOptions
 from estimation.data.session_streams import imported_channels
-from estimation.data.tick_channels import contact_channels, joint_channels
+from estimation.data.tick_channels import contact_channels, joined, joint_channels
 from estimation.data.tick_check import checked_ticks
 from robot_io.errors import InputError
 from robot_io.session import Session
 
 _MCAP_MAGIC = b"\x89MCAP"
-_DEFAULT = ImportOptions()
 
 
 def is_session(path: str | os.PathLike[str]) -> bool:
@@ -26,21 +23,22 @@ def is_session(path: str | os.PathLike[str]) -> bool:
         return file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC
 
 
-def session_channels(session: Session, *, tared: bool = False) -> tuple[ChannelData, ...]:
-    """The channels of a session: contact first, then the joints.
+def session_channels(session: Session, *more: Session, tared: bool = False) -> tuple[ChannelData, ...]:
+    """The channels of a session, or of several probings by one arm: contact first, then the joints.
 
     Args:
         session: of a probing or an import.
+        more: further probings by the same arm, which go on with the numbers of the runs.
         tared: take the force in free air off a contact's force, which is what a stiffness needs; else it is
             as it was measured, which is what the search for a sensor's bias needs. Imported channels stay
             as they are.
 
     Raises:
-        InputError: the session has none.
+        InputError: the session has none, or there are several that do not belong together.
     """
     channels = imported_channels(session)
-    if STREAM_NAME in session.stream_names:
-        ticks = checked_ticks(session)
+    if more or STREAM_NAME in session.stream_names:
+        ticks = joined([checked_ticks(one) for one in _of_one_arm(session, *more)])
         channels = (*contact_channels(ticks, tared=tared), *joint_channels(ticks))
     if not channels:
         raise InputError(
@@ -50,20 +48,16 @@ def session_channels(session: Session, *, tared: bool = False) -> tuple[ChannelD
     return channels
 
 
-def load_channels(
-    path: str | os.PathLike[str], options: ImportOptions = _DEFAULT, *, tared: bool = False
-) -> tuple[ChannelData, ...]:
-    """The channels of a session or of a data file.
-
-    Args:
-        path: either.
-        options: for a data file.
-        tared: see `session_channels`.
+def _of_one_arm(*sessions: Session) -> tuple[Session, ...]:
+    """The sessions, if one arm made them.
 
     Raises:
-        InputError: it is neither, or has no channel.
-        SessionError: the session cannot be read.
+        InputError: one is no probing, or another arm's.
     """
-    if is_session(path):
-        return session_channels(Session.open(path), tared=tared)
-    return import_file(path, options).channels
+    first = sessions[0]
+    for one in sessions:
+        if STREAM_NAME not in one.stream_names:
+            raise InputError(f"{one.path}: is no probing, and cannot be joined with others")
+        if one.metadata.urdf != first.metadata.urdf:
+            raise InputError(f"{one.path}: was made by another arm than {first.path} (their URDFs differ)")
+    return sessions

@@ -26,6 +26,7 @@ _TRIALS = 4000  # samples on which windows are compared
 _FEWEST_TRIALS = 100  # of samples that differ from their neighbours; with fewer, windows are tried on all
 _ON_GRID = 0.01  # of a grid's step
 _MOST_STEPS = 1e9  # in one move; more are rounding errors of the numbers themselves
+_STAIRCASE = 0.8  # of the positions are those of a neighbour: an encoder waits at its steps
 _BLOCK = 20_000  # samples fitted at once, to bound memory
 
 
@@ -61,13 +62,13 @@ def differentiate(
         position: shape (n,).
         piece: shape (n,), the same number for samples that belong to one smooth motion; in one block each.
         half_window: samples on either side; None to find out.
-        rounding: variance of the positions' rounding; None to see whether they lie on a grid.
+        rounding: variance of the positions' rounding; None to see from their steps.
         calm: of windows for the acceleration that err about as much, take the widest; else the narrowest,
             which leaves more noise and bends less: right for what is averaged afterwards.
         tried: shape (n,), the samples on which windows are compared; None for all.
     """
     if rounding is None:
-        rounding = grid_step(position) ** 2 / 12
+        rounding = rounding_variance(time_s, position, piece, grid_step(position))
     pieces = list(blocks(piece))
     position = _from_its_start(position, pieces)
     if half_window is None:
@@ -93,6 +94,35 @@ def grid_step(position: FloatArray) -> float:
         return 0.0
     in_steps = moves / moves.min()
     return float(moves.min()) if np.abs(in_steps - np.round(in_steps)).max() < _ON_GRID else 0.0
+
+
+def rounding_variance(time_s: FloatArray, position: FloatArray, piece: IntArray, step: float) -> float:
+    """Variance of the positions' rounding.
+
+    The tip of an arm lies on no grid: it makes steps of several sizes, each where one of the encoders does.
+    Half way between two readings that differ, the tip is about half way between them.
+
+    Args:
+        time_s: shape (n,) [s].
+        position: shape (n,).
+        piece: shape (n,), the same number for samples that belong to one smooth motion.
+        step: of the grid on which the positions lie; 0 where they lie on none.
+    """
+    same = (np.diff(position) == 0.0) & (np.diff(piece) == 0)
+    waits = np.append(False, same) | np.append(same, False)
+    if step > 0.0 or np.mean(waits) < _STAIRCASE:
+        return step**2 / 12.0
+    error = np.zeros(len(position))
+    for rows in blocks(piece):
+        x, t = position[rows], time_s[rows]
+        before = np.flatnonzero(np.diff(x))
+        if len(before):
+            error[rows] = x - np.interp(t, _middles(t, before), _middles(x, before))
+    return float(np.mean(error[waits] ** 2))
+
+
+def _middles(signal: FloatArray, before: IntArray) -> FloatArray:
+    return np.asarray(0.5 * (signal[before] + signal[before + 1]))
 
 
 def position_error(time_s: FloatArray, position: FloatArray, run: IntArray, rounding: float) -> FloatArray:
@@ -218,10 +248,12 @@ def _trial_centres(position: FloatArray, pieces: list[slice]) -> list[IntArray]:
     """Samples of each piece, counted from its start, on which windows are tried.
 
     While an encoder stays within one of its steps, neighbours share one error: whatever follows the steps
-    would predict them perfectly.
+    would predict them perfectly. Where it mostly does, the variance of the rounding guards against that, and
+    the few other samples are no fair choice.
     """
     told_apart = [_differ_from_neighbours(position[rows]) for rows in pieces]
-    if sum(len(centres) for centres in told_apart) < _FEWEST_TRIALS:
+    samples = sum(rows.stop - rows.start for rows in pieces)
+    if sum(len(centres) for centres in told_apart) < max(_FEWEST_TRIALS, (1.0 - _STAIRCASE) * samples):
         told_apart = [np.arange(rows.stop - rows.start) for rows in pieces]
     stride = max(1, sum(len(centres) for centres in told_apart) // _TRIALS)
     return [centres[::stride] for centres in told_apart]

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from estimation.data.import_options import ImportOptions
 from estimation.data.import_rows import Rows, arrange_rows
 from estimation.data.table import Table, read_table
 from estimation.signals.pieces import number_pieces
+from estimation.signals.runwise import sample_time
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -22,6 +23,7 @@ _WRONG_SCALE = 4.0  # ratio of a given velocity to the derived one beyond which 
 _RELATED = 0.5  # correlation of the two above which that ratio means anything
 _LONGEST_SIGNAL = 50  # letters; a session allows 64, some of which say what it is
 _TAKEN = frozenset({*OF_THE_ARM, *DERIVED})
+_QUICKEST_S, _SLOWEST_S = 1e-5, 0.5  # time from sample to sample, beyond which its unit is asked about
 _DEFAULT = ImportOptions()
 
 
@@ -75,7 +77,18 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     unused = tuple(n for n in columns.unused if n not in options.context and _name(n) not in _TAKEN)
-    return Imported(with_arm(channels), rows.labels, columns.notes, unused)
+    return Imported(with_arm(channels), rows.labels, (*columns.notes, *_clock(columns, rows)), unused)
+
+
+def _clock(columns: Columns, rows: Rows) -> Iterator[str]:
+    """A word on steps of time that hardly any recording has, and that a mistaken unit makes."""
+    step_s = sample_time(rows.time_s, rows.run)
+    if not _QUICKEST_S <= step_s <= _SLOWEST_S:
+        column, unit = columns.name(("time", 0)), "ms" if step_s > _SLOWEST_S else "s"
+        yield (
+            f"column '{column}': samples are {step_s:.3g} s apart; if that is wrong, say the unit of time, "
+            f"such as --unit time={unit}"
+        )
 
 
 def _check_context(columns: Columns, wanted: Iterable[str]) -> None:
@@ -142,7 +155,7 @@ def _sources(columns: Columns) -> list[_Source]:
         raise InputError(
             f"{columns.table.path}: no channel can be made of columns {columns.table.listed_names}; "
             "a contact needs time_s, displacement_m, force_N, a joint time_s, position_rad, torque_Nm "
-            "(or position_m, force_N); say which is which with --column NAME=COLUMN"
+            "(or position_m, force_N); say which is which, and in which unit, as in --column force_N=COLUMN"
         )
     return sources
 

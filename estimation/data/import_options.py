@@ -16,6 +16,9 @@ class ImportOptions:
         where: only rows in which a column has this text, such as {"specimen": "P002"}.
         context: further columns of numbers to keep beside the channels.
         fresh: each run met an object, or a spot of it, that was never pressed before, on whatever clock.
+
+    Raises:
+        InputError: one of them has another type.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -23,6 +26,24 @@ class ImportOptions:
     where: Mapping[str, str] = field(default_factory=dict)
     context: tuple[str, ...] = ()
     fresh: bool = False
+
+    def __post_init__(self) -> None:
+        for name, example in _PAIRS.items():
+            pairs = getattr(self, name)
+            texts = [*pairs, *pairs.values()] if isinstance(pairs, Mapping) else [None]
+            if not all(isinstance(text, str) for text in texts):
+                raise InputError(f"{name}={pairs!r}: give a dict of texts, such as {example}")
+        if not (isinstance(self.context, tuple) and all(isinstance(text, str) for text in self.context)):
+            raise InputError(
+                f"context={self.context!r}: give a list of column names, such as ['temperature']"
+            )
+
+
+_PAIRS = {
+    "columns": "{'force_N': 'load'}",
+    "units": "{'force': 'mN'}",
+    "where": "{'specimen': 'P002'}",
+}
 
 
 def parse_pairs(texts: Iterable[str], option: str) -> dict[str, str]:

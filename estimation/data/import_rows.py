@@ -100,7 +100,7 @@ def _check_times(columns: Columns, rows: Rows) -> None:
     raise InputError(
         f"{columns.table.path}: row {after}, column '{name}': {rows.time_s[late[0] + 1]:.9g} s does not come "
         f"after {rows.time_s[late[0]]:.9g} s in row {before}{in_run}; times must increase within a run: "
-        "sort the rows, or say with --column run=COLUMN where a new run begins"
+        f"sort the rows, or say with --column run={columns.like_runs or 'COLUMN'} where a new run begins"
     )
 
 

@@ -20,5 +20,5 @@ def fault_of(number: float) -> str:
 
 
 def more_like_it(count: int) -> str:
-    """How many faults there are beside the one that is told."""
+    """How many faults there are beside the one that is named."""
     return f" ({count - 1} more like it)" if count > 1 else ""

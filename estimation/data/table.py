@@ -3,10 +3,11 @@
 import os
 import zipfile
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -15,6 +16,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from estimation.data.numbers import fault_of, more_like_it, useless_rows
+from estimation.data.quantities import parse_role
 from estimation.data.text_table import MOST_BYTES, number_of, read_text_table
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray, IntArray
@@ -67,7 +69,9 @@ class Table:
             shown = str(column[int(bad[0])].as_py())[:_LONGEST_LABEL]
             fault = fault_of(number_of(shown)) + more_like_it(len(bad))
             place = f"{self.path}: row {self.rows[bad[0]]}, column '{name}'"
-            raise InputError(f"{place}: {shown!r} is {fault}; {_remedy(shown)}")
+            raise InputError(
+                f"{place}: {shown!r} is {fault}; {_remedy(shown, whole=len(bad) == len(values))}"
+            )
         return values
 
     def varies(self, name: str) -> bool:
@@ -153,13 +157,44 @@ def _read_parquet(path: Path) -> pa.Table:
 def _read_npz(path: Path) -> pa.Table:
     with zipfile.ZipFile(path) as archive:
         _check_size(path, sum(entry.file_size for entry in archive.infolist()))
+    arrays = {}
     with np.load(path, allow_pickle=False) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    flat = {name: array for name, array in arrays.items() if array.ndim == 1}
-    lengths = {name: len(array) for name, array in flat.items()}
+        for name in archive.files:
+            try:
+                array = archive[name]
+            except ValueError as error:
+                reason = "holds objects, which might be code, and is not read; save it as numbers or text"
+                raise InputError(f"{path}: column '{name}' {reason}") from error
+            if array.ndim == 1 or parse_role(name):  # others, such as a sampling rate, are no columns
+                arrays[name] = array
+    return arrow_of(arrays, path)
+
+
+def arrow_of(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
+    """Arrays of numbers or text, by the names of their columns, as Arrow holds them.
+
+    Raises:
+        InputError: they are not all of one length, not one value a row, or not of real numbers or text.
+    """
+    for name, array in arrays.items():
+        if array.ndim != 1:
+            raise InputError(f"{place}: column '{name}' has shape {array.shape}, expected one value a row")
+        if array.dtype.kind == "c":
+            raise InputError(f"{place}: column '{name}' holds complex numbers, expected real ones")
+    lengths = {name: len(array) for name, array in arrays.items()}
     if len(set(lengths.values())) > 1:
-        raise InputError(f"{path}: its arrays have different lengths: {lengths}")
-    return pa.table(flat)
+        listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise InputError(f"{place}: its columns have different lengths: {listed}")
+    columns = {}
+    for name, array in arrays.items():
+        try:
+            columns[name] = pa.array(array)
+        except (pa.ArrowException, TypeError, ValueError, OverflowError) as error:
+            kinds = ", ".join(sorted({type(value).__name__ for value in array.tolist()})[:3])
+            raise InputError(
+                f"{place}: column '{name}' holds values of type {kinds}, expected numbers or text"
+            ) from error
+    return pa.table(columns)
 
 
 def _check_size(path: Path, size: int) -> None:
@@ -169,9 +204,11 @@ def _check_size(path: Path, size: int) -> None:
         )
 
 
-def _remedy(shown: str) -> str:
+def _remedy(shown: str, *, whole: bool) -> str:
     if shown.count(",") == 1 and not np.isnan(number_of(shown.replace(",", "."))):
         return "write numbers with a decimal point, not a comma"
+    if whole:
+        return "that column holds no numbers at all; name another one with --column"
     return "remove such rows, or choose others with --where"
 
 

@@ -1,6 +1,10 @@
 """Channels out of the ticks of a probing session."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from control.loop.task import NO_RUN
 from estimation.channel import ChannelData, ChannelKind
@@ -8,6 +12,7 @@ from estimation.data.contact import Contact, find_contacts
 from estimation.data.derivatives import differentiate, grid_step
 from estimation.data.surface import find_surface, touch_of
 from estimation.data.tick_check import USELESS
+from estimation.signals.blocks import blocks
 from estimation.signals.pieces import number_pieces
 from estimation.tare import Tare
 from robot_io.session import Samples
@@ -15,6 +20,32 @@ from robot_io.types import BoolArray, FloatArray, IntArray, Status
 
 _SAME_PLACE_M = 0.005  # touches nearer to each other than this, across the press direction, probe one place
 _FEWEST = 20  # samples in contact without which there is nothing to estimate
+
+
+def joined(ticks: Sequence[Samples]) -> Samples:
+    """The ticks of several sessions of one arm, as if of one; the numbers of the runs go on.
+
+    Clocks stay as they are. Where one goes on through all sessions, an object or sensor remembers what was
+    before; where it begins anew, as in a simulated world, each session begins with nothing behind it: see
+    `in_order_of_time`. What comes after the last run of a session belongs to no run, and is left out of all
+    but the last.
+
+    Args:
+        ticks: the streams "tick", in the order in which they were recorded.
+    """
+    if len(ticks) == 1:
+        return ticks[0]
+    parts, first = list[dict[str, NDArray[Any]]](), 0
+    for number, one in enumerate(ticks, 1):
+        in_run = np.flatnonzero(one["run"] != NO_RUN)
+        end = len(one) if number == len(ticks) or not len(in_run) else int(in_run[-1]) + 1
+        columns = {name: one[name][:end] for name in one}
+        run = columns["run"]
+        columns["run"] = np.where(run == NO_RUN, NO_RUN, run + first).astype(run.dtype)
+        first = max(first, int(columns["run"].max(initial=-1)) + 1)
+        parts.append(columns)
+    shared = [name for name in parts[0] if all(name in part for part in parts)]
+    return Samples(ticks[0].stream, {name: np.concatenate([part[name] for part in parts]) for name in shared})
 
 
 def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
@@ -95,7 +126,7 @@ def _force_at(time_s: FloatArray, ticks: Samples) -> FloatArray:
     good = _good(ticks, "force_status")
     if not good.any():
         return np.zeros(len(time_s))
-    return np.asarray(np.interp(time_s, ticks["force_at_s"][good], ticks["force_n"][good]))
+    return _by_clock(time_s, ticks["force_at_s"], ticks["force_n"], good)
 
 
 def _good(ticks: Samples, *status_columns: str) -> BoolArray:
@@ -152,7 +183,20 @@ def _at(time_s: FloatArray, sampled_at_s: FloatArray, values: FloatArray) -> Flo
     """Values that were sampled at other times than those wanted; as they are where the times agree."""
     if np.array_equal(time_s, sampled_at_s):
         return values
-    return np.asarray(np.interp(time_s, sampled_at_s, values))
+    return _by_clock(time_s, sampled_at_s, values, np.ones(len(values), dtype=np.bool_))
+
+
+def _by_clock(
+    time_s: FloatArray, sampled_at_s: FloatArray, values: FloatArray, good: BoolArray
+) -> FloatArray:
+    """Good values at the times wanted, all of shape (n,); each clock by itself, where sessions are joined."""
+    clock = np.concatenate([[0], np.cumsum(np.diff(time_s) < 0.0)])
+    found = np.zeros(len(time_s))
+    for rows in blocks(clock):
+        known = good[rows]
+        if known.any():
+            found[rows] = np.interp(time_s[rows], sampled_at_s[rows][known], values[rows][known])
+    return found
 
 
 def _with_moves(run: IntArray) -> IntArray:

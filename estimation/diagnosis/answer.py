@@ -36,7 +36,6 @@ class Judgement:
         readings: how the motion was read.
         end: the base model with the effects that are established.
         complete: whether it leaves no more than noise.
-        helping: effects that helped to lower the error and are not established.
         objection: what no signal of the data shows, and speaks against completeness.
     """
 
@@ -44,7 +43,6 @@ class Judgement:
     readings: Readings
     end: Standing
     complete: bool
-    helping: Sequence[str]
     objection: Objection | None
 
     @property
@@ -106,12 +104,15 @@ def fitted(standing: Standing) -> Fitted:
 
 
 def _parameters(standing: Standing) -> dict[str, ParameterValue]:
-    found = values(*final(standing))
+    bench, trial = final(standing)
     return {
         name: ParameterValue(
-            value=one.value, std_err=one.std_err if np.isfinite(one.std_err) else None, unit=one.unit
+            value=one.value,
+            std_err=one.std_err if np.isfinite(one.std_err) else None,
+            unit=one.unit,
+            at_bound=trial.model.at_bound(name, one.value),
         )
-        for name, one in found.items()
+        for name, one in values(bench, trial).items()
     }
 
 
@@ -164,10 +165,7 @@ def _reason(found: Judgement, verdict: Verdict, accepted: Sequence[Accepted]) ->
         names = " and ".join(_or_rivals(entry) for entry in accepted)
         fall = f"the error falls from {found.search.start.rmse:.3g} to {end.rmse:.3g} {unit} with {names}"
         return f"{fall}, and no more than noise is left" if found.complete else f"{fall}; {left}"
-    if not found.helping:
-        return f"the error is {end.rmse:.3g} {unit}; {left}"
-    names = " and ".join(found.helping)
-    return f"{left}; {names} would lower it, but a law that no effect of the library follows does so better"
+    return f"the error is {end.rmse:.3g} {unit}; {left}"
 
 
 def _left(found: Judgement) -> str:
@@ -185,8 +183,17 @@ def _or_rivals(entry: Accepted) -> str:
 
 
 def _next(found: Judgement, accepted: Sequence[Accepted]) -> NextExperiment | None:
-    by_name, kind = {effect.name: effect for effect in found.search.effects}, found.search.data.kind
+    search = found.search
     for entry in accepted:
         if entry.confused_with:
-            return separating(by_name[entry.effect], entry.confused_with, kind)
-    return None if found.complete else exploring(found.signals, kind)
+            effect = next(one for one in search.effects if one.name == entry.effect)
+            return separating(effect, _fits(found, entry), search.data)
+    return None if found.complete else exploring(found.signals, search.data)
+
+
+def _fits(found: Judgement, entry: Accepted) -> dict[str, Standing]:
+    """The final model, and those with a rival in the place of an effect, by the name of that."""
+    tried = found.search.screened(found.search.without(found.end, entry.effect))
+    by_name = {one.effect.name: one for one in tried}
+    rivals = {name: found.search.with_candidate(by_name[name]) for name in entry.confused_with}
+    return {entry.effect: found.end, **rivals}

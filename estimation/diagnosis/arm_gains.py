@@ -1,5 +1,6 @@
 """Gains that joints of one arm share: what each joint says of them enters the fit of all others.
 
+What the motion does not show stays near the URDF, and is such that bodies can have it.
 The fit of one joint with what the others say added to its normal equations is the fit of all joints together,
 see `estimation.arm.normal_equations`.
 """
@@ -9,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.arm.normal_equations import arranged, information_of_others
-from estimation.arm.prior import urdf_information
+from estimation.arm.normal_equations import arranged, information_of_others, shared_information
+from estimation.arm.prior import consistent_information
 from estimation.channel import ChannelData, SharedGains
 from estimation.effects.rigid_body_fitted import RigidBodyFitted
 from estimation.fit.standing import Standing, stand
@@ -26,16 +27,14 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
         models: the base model of each.
 
     Returns:
-        In the order given; as they are where fewer than two joints with fitted masses can be judged.
+        In the order given; as they are where no joint with fitted masses can be judged.
     """
     of_arm = [
         number
         for number, (data, model) in enumerate(zip(channels, models, strict=True))
         if _body_of(model) is not None and refuse(data.select(usable(data)), model) is None
     ]
-    if len(of_arm) < 2:
-        return list(channels)
-    effect = _body_of(models[of_arm[0]])
+    effect = _body_of(models[of_arm[0]]) if of_arm else None
     if effect is None or effect.arm is None or effect.urdf is None:
         return list(channels)
     names = [f"{effect.name}.{name}" for name in effect.arm.names]
@@ -44,12 +43,14 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     if len({one.plain.frame.folds for one in alone}) > 1:
         return list(channels)
     joints = [arranged(_products(one), list(one.trial.model.gains), names, _noise(one)) for one in alone]
-    others = information_of_others(joints, urdf_information(effect.arm, effect.urdf))
+    said = [shared_information(one) for one in joints]
+    pull = consistent_information(effect.arm, effect.urdf, sum(said[1:], start=said[0]))
+    others = information_of_others(joints, pull)
     found = list(channels)
-    for number, one, said in zip(of_arm, alone, others, strict=True):
+    for number, one, others_say in zip(of_arm, alone, others, strict=True):
         felt = [name for name in names if name in one.trial.model.gains]
         kept = np.array([name in felt for name in names])
-        shared = SharedGains(tuple(felt), said.about(kept).times(_noise(one) ** 2))
+        shared = SharedGains(tuple(felt), others_say.about(kept).times(_noise(one) ** 2))
         found[number] = replace(channels[number], shared=shared)
     return found
 

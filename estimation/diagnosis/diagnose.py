@@ -15,7 +15,7 @@ from estimation.diagnosis.candidates import library
 from estimation.diagnosis.doubt import SMALL, still_explained
 from estimation.diagnosis.established import established, standards
 from estimation.diagnosis.next_experiment import FEW_READINGS
-from estimation.diagnosis.objections import objection_to
+from estimation.diagnosis.objections import Objection, objection_to
 from estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
 from estimation.diagnosis.search import Progress, Search, search, search_of
 from estimation.effect import Effect
@@ -25,7 +25,6 @@ from estimation.fit.standing import Standing
 from estimation.gate import refuse, usable
 from estimation.model import Model
 
-_FAR = 3.0  # times the floor of an objection, that names must come near
 _ALONE = 3  # effects that may be established alone where the model that leaves least is not
 _HANDFUL = 12  # different readings in all; with more, an effort crosses so many steps that they average out
 
@@ -104,15 +103,11 @@ def diagnose_channel(
     is_complete = _Completeness(tried)
     found = tried.start if is_exact(tried.start) else search(tried, is_complete)
     end = _established(tried, found, is_complete)
-    complete = is_complete(end)
-    objection = None if is_exact(end) else objection_to(end, complete=complete)
-    complete = complete and objection is None
-    if objection and end.rmse > _FAR * objection.floor:  # next to that, nothing was explained
-        end = tried.start
+    objection = is_complete.objection(end)
+    complete = is_complete(end) and objection is None
     if not complete and end is tried.start and (reason := _below_a_step(end)):
         return insufficient(data, reason)
-    helping = [name for name in tried.added(found) if name not in tried.added(end)]
-    return answer(Judgement(tried, is_complete.readings, end, complete, helping, objection))
+    return answer(Judgement(tried, is_complete.readings, end, complete, objection))
 
 
 def _established(tried: Search, found: Standing, is_complete: "_Completeness") -> Standing:
@@ -120,7 +115,8 @@ def _established(tried: Search, found: Standing, is_complete: "_Completeness") -
     if found is tried.start:
         return found
     for one in (found, *tried.extensions(tried.start, _ALONE)):
-        end = established(tried, one, is_complete.readings, complete=is_complete(one))
+        complete = is_complete(one) and is_complete.objection(one) is None
+        end = established(tried, one, is_complete.readings, complete=complete)
         if end is not tried.start:
             return end
     return tried.start
@@ -131,7 +127,18 @@ class _Completeness:
 
     def __init__(self, search: Search) -> None:
         self._search, self._known = search, dict[int, tuple[Standing, bool]]()
+        self._objections = dict[int, Objection | None]()  # `_known` keeps the models alive
         self.readings = readings_of(search.data)
+
+    def objection(self, standing: Standing) -> Objection | None:
+        """What no signal shows and speaks against a model."""
+        if id(standing) not in self._objections:
+            found = None
+            if not is_exact(standing):
+                complete = self(standing)
+                found = objection_to(standing, self.readings, self._search.rng, complete=complete)
+            self._objections[id(standing)] = found
+        return self._objections[id(standing)]
 
     def __call__(self, standing: Standing) -> bool:
         if id(standing) not in self._known:

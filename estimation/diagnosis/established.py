@@ -15,6 +15,8 @@ from estimation.data.derivatives import grid_step
 from estimation.diagnosis.candidates import Candidate
 from estimation.diagnosis.doubt import SMALL, gained
 from estimation.diagnosis.search import Search
+from estimation.effect import SIGNALS
+from estimation.fit.flexible import flexible
 from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
 from estimation.fit.trial import Trial
@@ -22,6 +24,8 @@ from robot_io.types import FloatArray
 
 AS_GOOD = 0.9  # of the squared error that names leave, that a law without a name must not get below
 MOST = 0.9  # of the squared error that can be explained at all, that names must explain
+# signals of effects by the names that a smooth law has for them
+_FELT_AS = {"past effort": ("effort",), "other joints": ("joint position", "joint velocity")}
 _ALIKE = 0.95  # cosine above which two effects explain the same
 _WITHIN = 1e-3  # of the energy of what an effect adds, that is left where another law contains it
 
@@ -46,6 +50,11 @@ class Standards:
     def is_outdone(self) -> bool:
         """Whether a law without a name does better beside the base model than beside the names."""
         return self.nameless < AS_GOOD * self.both
+
+    @property
+    def explains_most(self) -> bool:
+        """Whether the names take away more of the squared error than they leave."""
+        return self.named <= 0.5 * self.base
 
     @property
     def is_met(self) -> bool:
@@ -75,8 +84,12 @@ def established(search: Search, end: Standing, readings: Readings, *, complete: 
         readings: how the motion was read.
         complete: whether it leaves no more than draws from it do.
     """
-    sensible = search.is_sensible(end)
-    if not sensible or not (complete or standards(search.start, end).is_met):
+    held = standards(search.start, end)
+    if not search.is_sensible(end) or not (
+        complete
+        or held.is_met
+        or (held.explains_most and all(_stands_by_itself(search, end, name) for name in search.added(end)))
+    ):
         return search.start
     for part in [
         search.start,
@@ -120,12 +133,12 @@ def rivals(search: Search, end: Standing, name: str, readings: Readings) -> list
     is nothing.
     """
     without = search.without(end, name)
-    tried = search.screened(without)
+    tried = search.instead(end, name)
     taken = next((one for one in tried if one.effect.name == name), None)
     reach = (1.0 + SMALL) ** 2 * 1.5 * end.trial.held_out
     found = []
     for candidate in tried:
-        if candidate is taken or not candidate.possible or candidate.held_out > reach:
+        if candidate is taken or candidate.held_out > reach:
             continue
         if _likeness(without.trial, end.trial, candidate.search.best) < _ALIKE:
             continue
@@ -135,6 +148,28 @@ def rivals(search: Search, end: Standing, name: str, readings: Readings) -> list
         if not gained(theirs, end, readings, search.rng).is_unusual:
             found.append(candidate.effect.name)
     return found
+
+
+def _stands_by_itself(search: Search, end: Standing, name: str) -> bool:
+    """Whether an effect leaves little in its own signals, and a smooth law of all others does not replace it.
+
+    An impostor leaves structure in the signals of what it stands for: either they are its own, and much there
+    is left to explain, or a law of the others explains what it did.
+    """
+    (effect,) = (one for one in end.trial.model.effects if one.name == name)
+    without = search.without(end, name)
+    left, before = (one.trial.held_out / max(int(one.plain.kept.sum()), 1) for one in (end, without))
+    shares = end.flexible.by_signal
+    own = [signal for one in effect.signals for signal in _FELT_AS.get(one, (one,))]
+    own += [signal for signal in shares if "recorded" in effect.signals and signal not in SIGNALS]
+    still = left * max((shares.get(signal, 0.0) for signal in own), default=0.0)
+    if still > (1.0 - MOST) * (before - left):
+        return False
+    with_it, beside = (
+        float(flexible(one.plain, one.trial, own).held_out.sum()) / max(int(one.plain.kept.sum()), 1)
+        for one in (end, without)
+    )
+    return with_it < (1.0 - SMALL) ** 2 * beside
 
 
 def _is_below_a_step(search: Search, end: Standing, name: str) -> bool:

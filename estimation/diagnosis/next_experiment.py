@@ -1,154 +1,86 @@
-"""What to record next, so that the data can say more."""
+"""What to record next, so that the data can say more: in words, for whoever made the motion.
+
+A probing arm can do more than repeat a motion in another way: its plan comes from
+`palpate.resolving.designing`.
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
-from estimation.channel import ChannelKind
+from estimation.channel import ChannelData, ChannelKind
+from estimation.design import Experiment, Rivals, choose
+from estimation.design.own_motion import changed_motions, extent
 from estimation.diagnosis.result import NextExperiment
 from estimation.effect import Effect
+from estimation.fit.standing import Fit
 from estimation.gate.gate import SINGLE_RUN
 
 FEW_READINGS = "different readings"  # what a reason counts where the reader's steps are too coarse
-Settings = dict[str, float | int | str | list[float] | dict[str, float | str]]
+_RUNS = (
+    "repeat the motion at least three times, slowly and fast, each as a run of its own; in a data file, a "
+    "column `run` numbers them"
+)
+_COARSE = "use a finer sensor, or a motion that takes more effort: harder, faster, or wider"
+_FREE = "begin and end each run free of any effort"
+_WIDER = "move over a wider range, slowly and fast, in both directions"
+_BY_SIGNAL: Mapping[str, str] = {
+    "velocity": "move slower and faster",
+    "past motion": "hold still for longer, then repeat the motion at once",
+    "time": _FREE,
+    "offset": _FREE,
+    "run": "repeat one and the same motion, and see whether a run differs again",
+    **dict.fromkeys(("position", "effort", "load"), "go further, slowly"),
+    **dict.fromkeys(("direction", "acceleration", "joint position", "joint velocity"), _WIDER),
+}
 
 
-@dataclass(frozen=True)
-class Plan:
-    """A way of probing.
+def separating(effect: Effect, fits: Mapping[str, Fit], data: ChannelData) -> NextExperiment:
+    """The experiment that tells an effect from those it is confused with.
 
-    Attributes:
-        words: what an experimenter does.
-        settings: the same for `palpate probe --experiment`.
+    Args:
+        effect: that was accepted.
+        fits: the model with it, and with each rival in its place, by name.
+        data: the channel as it was recorded.
     """
-
-    words: str
-    settings: Settings = field(default_factory=dict)
-
-
-_REVERSALS: dict[str, float | str] = {
-    "quantity": "position",
-    "amplitude_n": 3.0,
-    "low_hz": 0.1,
-    "high_hz": 0.5,
-    "duration_s": 20.0,
-}
-_TWO_SPEEDS = Plan(
-    "probe at a slow and a fast speed, with a long hold",
-    {"speeds_m_s": [0.01, 0.05, 0.15], "hold_s": 3.0, "repeats": 3},
-)
-_LONG_HOLD = Plan(
-    "hold the force for a long time, then press again on the same spot",
-    {"speeds_m_s": [0.02, 0.1], "hold_s": 10.0, "repeats": 3},
-)
-_DEEP = Plan(
-    "press twice as hard, slowly",
-    {"speeds_m_s": [0.01, 0.03], "force_limit_n": 20.0, "hold_s": 1.0, "repeats": 3},
-)
-_FREE_AIR = Plan(
-    "record free air before and after each press",
-    {"speeds_m_s": [0.01, 0.05], "free_air_s": 3.0, "hold_s": 1.0, "repeats": 3},
-)
-_RUNS = Plan(
-    "press at least three times, slowly and fast, each as a run of its own; in a data file, a column `run` "
-    "numbers them",
-    {"speeds_m_s": [0.01, 0.03, 0.1], "hold_s": 1.0, "repeats": 2},
-)
-_HARDER = Plan(
-    "use a finer force sensor, or press twice as hard, so that the force crosses more of the sensor's steps",
-    {"speeds_m_s": [0.01, 0.03, 0.1], "force_limit_n": 20.0, "hold_s": 1.0, "repeats": 2},
-)
-_HEAVIER = Plan(
-    "use a finer sensor, or a motion that takes more effort: faster, wider, or with a known mass at the tip"
-)
-_REPEATS = Plan(
-    "repeat one and the same press on one spot, and see whether a run differs again",
-    {"speeds_m_s": [0.05], "hold_s": 1.0, "repeats": 6},
-)
-_SLOW_REVERSALS = Plan(
-    "reverse slowly at several depths without leaving the object",
-    {"speeds_m_s": [0.005, 0.01], "excitation": _REVERSALS, "hold_s": 1.0, "repeats": 3},
-)
-_JOINT = Plan(
-    "move over a wider range in free air, slowly and fast, in both directions, in several postures, with and "
-    "without a known mass at the tip",
-    {
-        "speeds_m_s": [0.05, 0.15],
-        "repeats": 2,
-        "hold_s": 0.5,
-        "free_air_swing_m": 0.2,
-        "free_air_swing_speeds_rad_s": [0.4, 3.0],
-        "joint_acceleration_rad_s2": 8.0,
-    },
-)
-_PLANS: Mapping[frozenset[str], Plan] = {
-    frozenset({"delay", "damping"}): _TWO_SPEEDS,
-    frozenset({"lag", "damping"}): _TWO_SPEEDS,
-    frozenset({"lag", "delay"}): _TWO_SPEEDS,
-    frozenset({"quadratic_damping", "dry_friction"}): _TWO_SPEEDS,
-    frozenset({"stress_relaxation", "plastic_set"}): _LONG_HOLD,
-    frozenset({"stress_relaxation", "hysteresis"}): _LONG_HOLD,
-    frozenset({"stress_relaxation", "drift"}): _LONG_HOLD,
-    frozenset({"bias", "contact_offset"}): _FREE_AIR,
-    frozenset({"bias", "drift"}): _FREE_AIR,
-    frozenset({"hysteresis", "dry_friction"}): _SLOW_REVERSALS,
-}
-
-_BY_SIGNAL: Mapping[str, Plan] = {
-    **dict.fromkeys(("position", "effort", "direction", "acceleration", "load"), _DEEP),
-    **dict.fromkeys(("joint position", "joint velocity"), _JOINT),
-    "velocity": _TWO_SPEEDS,
-    "past motion": _LONG_HOLD,
-    "time": _FREE_AIR,
-    "offset": _FREE_AIR,
-    "run": _REPEATS,
-}
-
-
-def separating(effect: Effect, rivals: Sequence[str], kind: ChannelKind) -> NextExperiment:
-    """The experiment that tells an effect from those it is confused with."""
-    first = rivals[0]
-    is_contact = kind is ChannelKind.CONTACT
-    plan = _PLANS.get(frozenset({effect.name, first}), _DEEP) if is_contact else _JOINT
-    hint = effect.confused_with.get(first)
+    names = list(fits)
+    rivals = Rivals.of(list(fits.values()))
+    offered = [
+        Experiment(words, lasts_s, (rivals.promised(moved),))
+        for words, lasts_s, moved in changed_motions(data)
+    ]
+    choice = choose(offered)
+    if choice is not None:
+        words = choice.experiment.words
+    else:
+        hint = next((effect.confused_with[name] for name in names if name in effect.confused_with), _WIDER)
+        words = f"{hint} (so far {extent(data)})"
     return NextExperiment(
-        purpose=f"tell {effect.name} from {', '.join(rivals)}",
-        separates=[effect.name, *rivals],
-        instruction=hint or plan.words,
-        probe=_settings(plan, kind),
+        purpose=f"tell {effect.name} from {', '.join(name for name in names if name != effect.name)}",
+        separates=names,
+        instruction=words,
+        probe={},
     )
 
 
-def exploring(signals: Sequence[str], kind: ChannelKind) -> NextExperiment:
+def exploring(signals: Sequence[str], data: ChannelData) -> NextExperiment:
     """The experiment that shows more of an effect that nobody has named."""
     first = signals[0] if signals else "position"
-    if first not in _BY_SIGNAL:
-        plan = Plan(f"repeat the same motion at different values of {first}, each kept while it lasts")
-    else:
-        plan = _BY_SIGNAL[first] if kind is ChannelKind.CONTACT else _JOINT
+    recorded = f"repeat the same motion at different values of {first}, each kept while it lasts"
+    words = recorded if first in data.recorded else f"{_BY_SIGNAL.get(first, _WIDER)} (so far {extent(data)})"
     return NextExperiment(
         purpose="show what the remaining error depends on: " + (", ".join(signals) or "nothing found yet"),
         separates=[],
-        instruction=plan.words,
-        probe=_settings(plan, kind),
+        instruction=words,
+        probe={},
     )
 
 
 def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
     """The experiment that makes up for data that cannot say anything."""
-    contact, joint = _FREE_AIR, _JOINT
+    words = _FREE if kind is ChannelKind.CONTACT else _WIDER
     if reason.startswith(SINGLE_RUN):
-        contact = _RUNS
+        words = _RUNS
     elif FEW_READINGS in reason:
-        contact, joint = _HARDER, _HEAVIER
-    plan = contact if kind is ChannelKind.CONTACT else joint
+        words = _COARSE
     return NextExperiment(
-        purpose="make a diagnosis possible: " + reason,
-        separates=[],
-        instruction=plan.words,
-        probe=_settings(plan, kind),
+        purpose="make a diagnosis possible: " + reason, separates=[], instruction=words, probe={}
     )
-
-
-def _settings(plan: Plan, kind: ChannelKind) -> Settings:
-    """What a probing arm is told of a plan: all its joints are revolute."""
-    return {} if kind is ChannelKind.PRISMATIC else plan.settings

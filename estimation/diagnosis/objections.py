@@ -10,8 +10,12 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import grid_step
+from estimation.diagnosis.doubt import draws, place
+from estimation.fit.frame import Frame
 from estimation.fit.held_out import held_out_residual, rmse
+from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
+from estimation.fit.trial import Trial
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import sample_time
 from estimation.signals.swinging import strongest_swing
@@ -45,18 +49,22 @@ class Objection:
     floor: float
 
 
-def objection_to(end: Standing, *, complete: bool) -> Objection | None:
+def objection_to(
+    end: Standing, readings: Readings, rng: np.random.Generator, *, complete: bool
+) -> Objection | None:
     """What no signal of the data shows and speaks against a model; None if nothing does.
 
     Args:
         end: the model.
+        readings: how the motion was read.
+        rng: for draws.
         complete: whether it leaves nothing to a smooth law; if not, runs must differ by clearly more.
     """
     unit = end.data.kind.effort_unit
-    apart = disagreement(end)
+    apart = disagreement(end.plain.frame, end.trial)
     if not complete and not (apart and apart.alone < _CLEARLY * end.floor()):
         return None
-    if apart:
+    if apart and _is_no_chance(apart, end, readings, rng):
         return Objection(
             f"the runs do not follow one law: run {apart.run} is off by {apart.run_predicted:.3g} {unit} "
             f"when predicted from the others, by {apart.run_alone:.3g} {unit} when fitted alone; was "
@@ -84,6 +92,7 @@ class Disagreement:
         run: the one that the others predict worst, beside what it is by itself.
         predicted: root mean square error of all runs, each predicted from the others.
         alone: the same, each fitted by itself.
+        own_residual: what each run leaves by itself, shape (n,); 0 where none can be fitted.
         run_predicted: error of `run`, predicted from the others.
         run_alone: the same, fitted by itself.
     """
@@ -91,6 +100,7 @@ class Disagreement:
     run: int
     predicted: float
     alone: float
+    own_residual: FloatArray
     run_predicted: float
     run_alone: float
 
@@ -111,9 +121,18 @@ def _swinging(end: Standing) -> Objection | None:
     )
 
 
-def disagreement(standing: Standing) -> Disagreement | None:
+def _is_no_chance(apart: Disagreement, end: Standing, readings: Readings, rng: np.random.Generator) -> bool:
+    """Whether runs that follow one law, read as these were, disagree by less."""
+
+    def ratio(found: Disagreement | None) -> float:
+        return found.predicted / found.alone if found else 0.0
+
+    drawn = draws(end, readings, rng, end.plain.frame.reduce(apart.own_residual))
+    return place(ratio(apart), (ratio(disagreement(bench.frame, trial)) for bench, trial in drawn)).is_unusual
+
+
+def disagreement(frame: Frame, trial: Trial) -> Disagreement | None:
     """How the runs disagree about the gains and the zero of a model, or None if they do not."""
-    frame, trial = standing.plain.frame, standing.trial
     data = frame.data
     predicted = held_out_residual(frame, trial)
     slopes, effort = trial.model.linearise(data, trial.parameters)
@@ -137,7 +156,7 @@ def disagreement(standing: Standing) -> Disagreement | None:
     errors = [(rmse(predicted[rows]), rmse(alone[rows])) for rows in judged]
     worst = int(np.argmax([together**2 - single**2 for together, single in errors]))
     run = int(data.run[judged[worst][0]])
-    return Disagreement(run, rmse(predicted), rmse(alone), *errors[worst])
+    return Disagreement(run, rmse(predicted), rmse(alone), np.nan_to_num(alone), *errors[worst])
 
 
 @dataclass(frozen=True)

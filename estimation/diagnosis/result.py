@@ -19,11 +19,12 @@ class _Entry(BaseModel):
 
 
 class ParameterValue(_Entry):
-    """One parameter; `std_err` is None where the data do not determine it."""
+    """One parameter; `std_err` is None where undetermined, `at_bound` where an inner search ended at one."""
 
     value: float
     std_err: float | None
     unit: str
+    at_bound: bool = False
 
 
 Parameters = dict[str, ParameterValue]

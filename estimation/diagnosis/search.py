@@ -23,9 +23,10 @@ from estimation.diagnosis.candidates import (
 from estimation.diagnosis.doubt import SMALL
 from estimation.effect import Effect, Inner, SensorEffect
 from estimation.fit.chance import chance_gains
-from estimation.fit.frame import Frame
+from estimation.fit.frame import coarse_copy
 from estimation.fit.memory import Memory
-from estimation.fit.standing import Standing, stand
+from estimation.fit.standing import Fit, Standing, stand
+from estimation.fit.trial import attempt
 from estimation.model import Model
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray
@@ -75,6 +76,7 @@ class Search:
     _fits: dict[_Key, Standing] = field(default_factory=dict)
     _screened: dict[_Key, list[Candidate]] = field(default_factory=dict)
     _glanced: dict[_Key, list[Candidate]] = field(default_factory=dict)
+    _instead: dict[tuple[_Key, str], list[Candidate]] = field(default_factory=dict)
 
     @property
     def start(self) -> Standing:
@@ -105,6 +107,8 @@ class Search:
         if known is None or anew.trial.sse < (1.0 - TIE) * known.trial.sse:
             self._fits[key] = anew
             self._screened.pop(key, None)
+            for name in self.added(anew):
+                self._instead.pop((key, name), None)
         return self._fits[key]
 
     def screened(self, standing: Standing) -> list[Candidate]:
@@ -133,7 +137,8 @@ class Search:
     def _shortlist(self, standing: Standing) -> dict[str, list[Inner]] | None:
         """Where to try which effects, by what a coarse copy showed; None for all.
 
-        Times within a few blocks hardly show there: a sensor's are tried as it proposes.
+        Times within a few blocks hardly show there, nor do steps of single readings: a sensor's are tried as
+        it proposes.
         """
         if self.sketch is None:
             return None
@@ -144,7 +149,9 @@ class Search:
         for number, candidate in enumerate(rough):
             effect, best = candidate.effect, candidate.search.best.parameters
             fine: list[Inner] = []
-            if isinstance(effect, SensorEffect) and any(one.unit == "s" for one in effect.inner):
+            if isinstance(effect, SensorEffect) and not effect.linear:
+                fine = list(effect.starts(self.data))
+            elif isinstance(effect, SensorEffect) and any(one.unit == "s" for one in effect.inner):
                 fine = [one for one in effect.starts(self.data) if max(map(abs, one.values())) < fine_s]
             if fine or number < SHORTLIST:
                 starts[effect.name] = [{p.name: best[f"{effect.name}.{p.name}"] for p in effect.inner}, *fine]
@@ -155,15 +162,26 @@ class Search:
         key = _key(beside.trial.model)
         if key not in self._glanced:
             tried = candidates(beside.data, beside.trial.model, self.effects)
-
-            def few(effect: Effect) -> Sequence[Inner]:
-                starts = effect.starts(beside.data)
-                return starts[:: max(len(starts) // FEW_STARTS, 1)]
-
-            self._glanced[key] = [
-                one for one in try_all(beside, tried, starts=few, refined=0) if one.possible
-            ]
+            self._glanced[key] = _glance(beside, tried)
         return self._glanced[key]
+
+    def instead(self, standing: Standing, name: str) -> list[Candidate]:
+        """The possible candidates in the place of one effect, the best first, that one among them.
+
+        All other parameters stay as they are: those that the model without the effect would have make up for
+        it, and for nothing else.
+        """
+        key = _key(standing.trial.model), name
+        if key not in self._instead:
+            model, known = standing.trial.model.without(name), standing.trial.parameters
+            less = Fit(standing.data, standing.plain, attempt(standing.plain, model, known))
+            tried = candidates(standing.data, model, self.effects)
+            if self.sketch is not None:
+                rough = self.sketch.instead(self.sketch.fitted(standing.trial.model, known), name)
+                likely = {one.effect.name for one in rough[:SHORTLIST]} | {name}
+                tried = tuple(one for one in tried if one.name in likely)
+            self._instead[key] = _glance(less, tried)
+        return self._instead[key]
 
     def with_candidate(self, candidate: Candidate) -> Standing:
         """The model that a candidate was tried in, with all parameters fitted together."""
@@ -202,13 +220,18 @@ class Search:
 
         return all(is_sound(effect) for effect in trial.model.effects)
 
-    def exchanged(self, less: Standing, standing: Standing) -> list[Standing]:
+    def exchanged(self, standing: Standing, name: str) -> list[Standing]:
         """Models with another effect in the place of one, of those that may do better, in order."""
         near = _NEAR * standing.trial.held_out
-        tried = self.screened(less) if self.sketch else self.glanced(less)
-        found = [one for one in tried if one.possible and one.held_out < near]
-        made = (self.with_candidate(one) for one in found[:2])
+        tried = [one for one in self.instead(standing, name) if one.effect.name != name]
+        made = (self.with_candidate(one) for one in tried[:2] if one.held_out < near)
         return self.ordered([one for one in made if self.is_sensible(one)])
+
+    def is_better(self, one: Standing, other: Standing) -> bool:
+        """Whether a model leaves less than another; or about as much, with fewer parameters."""
+        simpler = self.size(one) < self.size(other)
+        limit = (1.0 - SMALL) ** -2 if simpler else 1.0 - TIE
+        return one.trial.held_out < limit * other.trial.held_out
 
     def ordered(self, made: Sequence[Standing]) -> list[Standing]:
         """By the error in held-out runs; of those as good as the best, those with fewest parameters first."""
@@ -318,32 +341,20 @@ def _looked_back(search: Search, standing: Standing) -> Standing:
         less = search.without(standing, name)
         if not search.is_needed(less, standing):
             standing = less
-        elif len(search.added(standing)) > 1:
-            others = search.exchanged(less, standing)
-            if others and others[0].trial.held_out < (1.0 - TIE) * standing.trial.held_out:
-                standing = others[0]
+        else:
+            better = [one for one in search.exchanged(standing, name) if search.is_better(one, standing)]
+            standing = better[0] if better else standing
     return standing
 
 
-def coarse_copy(frame: Frame) -> ChannelData:
-    """The channel averaged over blocks, one sample for each."""
-    data, mean = frame.data, frame.reduce
-    return ChannelData(
-        data.name,
-        data.kind,
-        mean(data.time_s),
-        mean(data.position),
-        mean(data.velocity),
-        mean(data.acceleration),
-        mean(data.effort),
-        frame.run,
-        data.phase[frame.rows[:, 0]],
-        {name: mean(signal) for name, signal in data.context.items()},
-        data.surface,
-        data.tare,
-        data.recorded,
-        shared=data.shared,
-    )
+def _glance(beside: Fit, effects: Sequence[Effect]) -> list[Candidate]:
+    """Those of some effects that are possible beside a fit, tried in few places, the best first."""
+
+    def few(effect: Effect) -> Sequence[Inner]:
+        starts = effect.starts(beside.data)
+        return starts[:: max(len(starts) // FEW_STARTS, 1)]
+
+    return [one for one in try_all(beside, effects, starts=few, refined=0) if one.possible]
 
 
 def _key(model: Model) -> _Key:

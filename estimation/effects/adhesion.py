@@ -30,7 +30,6 @@ class Adhesion(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         touched = running_max(data.engaged.astype(np.float64), data.run)
         neck = np.exp(np.minimum(data.position, 0.0) / inner["reach"])
         return -(touched * neck)[:, None]

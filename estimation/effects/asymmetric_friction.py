@@ -32,7 +32,6 @@ class AsymmetricFriction(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 4)."""
         forward = 0.5 * (1.0 + np.tanh(data.velocity / inner["transition"]))
         backward = forward - 1.0
         return np.column_stack([forward, backward, forward * data.velocity, -backward * data.velocity])

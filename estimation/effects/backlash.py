@@ -33,7 +33,6 @@ class Backlash(MotionEffect):
     }
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
-        """See `MotionEffect.move`."""
         followed = play(data.position, data.run, 0.5 * inner["gap"])
         behind = data.position - followed
         pushed = (np.abs(behind) > 0.498 * inner["gap"]) & (behind * data.velocity > 0.0)

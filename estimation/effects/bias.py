@@ -31,5 +31,4 @@ class Bias(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         return np.ones((len(data), 1))

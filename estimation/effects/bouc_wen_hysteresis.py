@@ -47,7 +47,6 @@ class BoucWenHysteresis(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         way = steadied(data.position, data.time_s, data.run)
         touch = stretches(data.engaged, data.run)
         w = bouc_wen(way, touch, inner["path"], inner["sharpness"], inner["unloading"])

@@ -26,7 +26,6 @@ class ContactOffset(MotionEffect):
     }
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
-        """See `MotionEffect.move`."""
         return replace(data, position=data.position - inner["offset"])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:

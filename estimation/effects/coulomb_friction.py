@@ -35,7 +35,6 @@ class CoulombFriction(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         return np.tanh(data.velocity / inner["transition"])[:, None]
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:

@@ -33,5 +33,4 @@ class CubicStiffness(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         return np.where(data.engaged, data.position, 0.0)[:, None] ** 3

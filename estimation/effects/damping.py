@@ -28,5 +28,4 @@ class Damping(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         return np.where(data.engaged, data.velocity, 0.0)[:, None]

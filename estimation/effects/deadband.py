@@ -28,7 +28,6 @@ class Deadband(SensorEffect):
     linear = False
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.sense`."""
         return effort - np.clip(effort, -inner["width"], inner["width"])
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:

@@ -33,7 +33,6 @@ class Delay(SensorEffect):
     linear = True
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.sense`."""
         return shift(effort, data.time_s, data.run, inner["time"])
 
     def is_misnamed(

@@ -31,5 +31,4 @@ class Drift(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 2)."""
         return np.column_stack([data.time_s - data.time_s[0], np.ones(len(data))])

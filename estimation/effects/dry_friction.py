@@ -10,24 +10,34 @@ from estimation.signals.blocks import stretches
 from estimation.signals.runwise import direction, steadied
 from robot_io.types import FloatArray
 
+_MOST = 0.99  # of the readings
+_LITTLE = 0.005  # of the largest effort: less is no pull
+
 
 class DryFriction(AdditiveEffect):
     """F = f s; the direction of motion s takes a short path to turn round, and stays at rest.
 
-    Each touch begins unstrained, s = 0: what rubs has nothing to hold on to before.
+    Each touch begins unstrained, s = 0: what rubs has nothing to hold on to before. Slower than `transition`,
+    a film between the surfaces gives way, and s goes to less than the sign of the motion.
     """
 
     name = "dry_friction"
     physics = "Tool and object, or the layers of the object, rub with a force that does not depend on speed."
-    equation = "F = f s, ds/dx = (1 - s sign(v))/presliding while pressed, s = 0 at touch"
-    source = "P. R. Dahl, A Solid Friction Model, Aerospace Corp. TOR-158 (1968)"
+    equation = "F = f s, ds/dx = (tanh(v/transition) - s) sign(v)/presliding while pressed, s = 0 at touch"
+    source = (
+        "P. R. Dahl, A Solid Friction Model, Aerospace Corp. TOR-158 (1968); "
+        "Andersson et al., Tribology Int. 40 (2007)"
+    )
     signature = (
         "force is higher by a constant while moving in than while moving out at the same depth, at any speed"
     )
     signals = ("direction", "past motion")
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("force", "{effort}", 0.0, 1000.0, (0.05, 5.0)),)
-    inner = (Parameter("presliding", "{position}", 1e-07, 0.01, (1e-06, 0.001), log=True),)
+    inner = (
+        Parameter("presliding", "{position}", 1e-07, 0.01, (1e-06, 0.001), log=True),
+        Parameter("transition", "{position}/s", 1e-07, 0.1, (1e-05, 0.01), log=True),
+    )
     confused_with: ClassVar[dict[str, str]] = {
         "bouc_wen_hysteresis": "reverse half way: the curves of Dahl's friction are exponentials",
         "damping": "probe at two speeds: friction does not grow with speed",
@@ -36,13 +46,31 @@ class DryFriction(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         touch = stretches(data.engaged, data.run)
         way = steadied(data.position, data.time_s, data.run)
-        s = direction(way, touch, inner["presliding"])
+        s = direction(way, touch, inner["presliding"], np.tanh(data.velocity / inner["transition"]))
         return np.where(data.engaged, s, 0.0)[:, None]
 
+    def suited_to(self, data: ChannelData) -> "DryFriction":
+        """See `Effect.suited_to`: what the tool pulls with it rubs at its sides, and needs no push."""
+        pressed, air = data.effort[data.engaged], np.abs(data.effort[~data.engaged])
+        if not len(pressed):
+            return self
+        noise = float(np.quantile(air, _MOST)) if len(air) else 0.0
+        least = -2.0 * noise - _LITTLE * float(np.max(np.abs(pressed)))
+        return _AtTheSides() if np.quantile(pressed, 1.0 - _MOST) < least else self
+
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a ten-thousandth to a tenth of the depth."""
+        """See `Effect.starts`: a path up to a tenth of the depth, or a small share of the usual speed."""
         depth = max(float(np.max(data.position, initial=0.0)), 1e-9)
-        return tuple({"presliding": float(part * depth)} for part in np.geomspace(1e-3, 1e-1, 5))
+        speed = float(np.sqrt(np.mean(data.velocity[data.engaged] ** 2))) if data.engaged.any() else 1.0
+        paths = [(part, 1e-3) for part in np.geomspace(1e-3, 1e-1, 5)]
+        speeds = [(1e-4, part) for part in (0.01, 0.03, 0.1)]
+        return tuple(
+            {"presliding": float(path * depth), "transition": float(share * speed) or 1e-7}
+            for path, share in (*paths, *speeds)
+        )
+
+
+class _AtTheSides(DryFriction):
+    one_sided = False

@@ -35,7 +35,6 @@ class ExponentialStiffness(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         pressed = np.where(data.engaged, data.position, 0.0)
         steep = np.minimum(inner["b"] * np.abs(pressed), _STEEPEST)
         return np.asarray(np.sign(pressed) * (np.expm1(steep) - steep))[:, None]

@@ -30,5 +30,4 @@ class ForceDeadband(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         return (data.context["contact_torque_per_newton"] * data.context["touching"])[:, None]

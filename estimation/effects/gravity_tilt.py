@@ -36,7 +36,6 @@ class GravityTilt(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         return np.cos(data.position)[:, None]
 
     def applies_to(self, data: ChannelData) -> bool:
@@ -44,7 +43,6 @@ class GravityTilt(AdditiveEffect):
         return super().applies_to(data) and (_OF_ARM not in data.context or _is_known(data))
 
     def suited_to(self, data: ChannelData) -> "GravityTilt":
-        """See `Effect.suited_to`."""
         return _TiltOfKnownArm() if _is_known(data) else self
 
 

@@ -37,6 +37,5 @@ class HuntCrossley(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 2)."""
         power = np.maximum(data.position, 0.0) ** inner["n"]
         return np.column_stack([power, power * data.velocity])

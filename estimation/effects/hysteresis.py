@@ -38,7 +38,6 @@ class Hysteresis(SensorEffect):
     linear = False
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.sense`."""
         width = inner["width"]
         at_first = _first_readings(effort, data, width) if data.kind is ChannelKind.CONTACT else None
         return play(effort, data.run, width, at_first)
@@ -53,7 +52,6 @@ class Hysteresis(SensorEffect):
     def follow(
         self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
     ) -> tuple[FloatArray, FloatArray]:
-        """See `SensorEffect.follow`."""
         reading = self.sense(effort, data, inner)
         held = np.abs(effort - reading) < inner["width"] * (1.0 - 1e-9)
         first = np.append(True, np.diff(data.run) != 0)

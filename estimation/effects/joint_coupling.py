@@ -70,7 +70,6 @@ class JointCoupling(AdditiveEffect):
         return velocity.ndim == 2 and velocity.shape[1] > 1
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 3)."""
         neighbour = 0 if self._neighbour is None else self._neighbour
         v = data.velocity + inner["ratio"] * data.context["joint_velocity"][:, neighbour]
         a = data.acceleration + inner["ratio"] * data.context["joint_acceleration"][:, neighbour]

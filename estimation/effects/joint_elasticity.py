@@ -28,7 +28,6 @@ class JointElasticity(MotionEffect):
     }
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
-        """See `MotionEffect.move`."""
         c, load = inner["compliance"], data.context["load"]
         return moved(
             data,

@@ -32,5 +32,4 @@ class JointSpring(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 2)."""
         return np.column_stack([data.position, np.ones(len(data))])

@@ -29,7 +29,6 @@ class Lag(SensorEffect):
     linear = True
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.sense`."""
         return low_pass(effort, data.time_s, data.run, inner["tau"])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:

@@ -37,7 +37,6 @@ class LayeredStiffness(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         return np.maximum(data.position - inner["depth"], 0.0)[:, None]
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:

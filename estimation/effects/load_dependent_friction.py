@@ -41,7 +41,6 @@ class LoadDependentFriction(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         sliding = np.tanh(data.velocity / inner["transition"])
         return (sliding * np.abs(self._load(data, inner)))[:, None]
 
@@ -54,7 +53,6 @@ class LoadDependentFriction(AdditiveEffect):
         return tuple({"transition": float(part * speed)} for part in (0.003, 0.01, 0.03, 0.08))
 
     def suited_to(self, data: ChannelData) -> "LoadDependentFriction":
-        """See `Effect.suited_to`."""
         return _WithRotor() if _LUMPED in data.context else self
 
 

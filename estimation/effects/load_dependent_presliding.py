@@ -31,5 +31,4 @@ class LoadDependentPresliding(PreslidingFriction):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         return super().columns(data, inner) * np.abs(data.context["load"])[:, None]

@@ -37,7 +37,6 @@ class LoadedBacklash(MotionEffect):
     }
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
-        """See `MotionEffect.move`."""
         threshold = inner["threshold"]
         held = play(data.context["load"], data.run, threshold)
         side = np.clip(2.0 * held / threshold, -1.0, 1.0)

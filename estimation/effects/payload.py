@@ -26,5 +26,4 @@ class Payload(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         return data.context["payload_effort_per_kg"][:, None]

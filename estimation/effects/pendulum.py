@@ -29,5 +29,4 @@ class Pendulum(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 2)."""
         return np.column_stack([data.acceleration, np.sin(data.position)])

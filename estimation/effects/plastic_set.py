@@ -40,7 +40,6 @@ class PlasticSet(MotionEffect):
     }
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
-        """See `MotionEffect.move`."""
         deepest = _deepest(data, inner["kept"])
         deeper = (data.position >= deepest) & (data.velocity > 0.0) & data.engaged
         return replace(
@@ -57,9 +56,14 @@ class PlasticSet(MotionEffect):
 
 
 def _deepest(data: ChannelData, kept: float) -> FloatArray:
-    """The deepest indentation that each sample's surface remembers, shape (n,)."""
-    deepest, left = np.zeros(len(data)), 0.0
+    """The deepest indentation that each sample's surface remembers, shape (n,).
+
+    A run that begins before the last one's end was recorded by itself, and met no dent.
+    """
+    deepest, left, ended_s = np.zeros(len(data)), 0.0, np.inf
     for rows in in_order_of_time(data.time_s, data.run):
+        if data.time_s[rows.start] < ended_s:
+            left = 0.0
         deepest[rows] = np.maximum(np.maximum.accumulate(data.position[rows]), left)
-        left = kept * float(deepest[rows][-1])
+        left, ended_s = kept * float(deepest[rows][-1]), float(data.time_s[rows.stop - 1])
     return deepest

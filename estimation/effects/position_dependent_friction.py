@@ -41,7 +41,6 @@ class PositionDependentFriction(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 3)."""
         sliding = np.tanh(data.velocity / inner["transition"])
         angle = inner["cycles"] * data.position
         return np.column_stack([sliding, sliding * np.sin(angle), sliding * np.cos(angle)])

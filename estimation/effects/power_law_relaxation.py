@@ -40,7 +40,6 @@ class PowerLawRelaxation(MemoryEffect):
     }
 
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `MemoryEffect.fade`."""
         share = inner["share"]
         fading = springpot(elastic, data.time_s, data.run, inner["alpha"])
         return (1.0 - share) * elastic + share * fading

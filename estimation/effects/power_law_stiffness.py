@@ -37,6 +37,5 @@ class PowerLawStiffness(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         pressed = np.where(data.engaged, data.position, 0.0)
         return (np.sign(pressed) * np.abs(pressed) ** inner["n"])[:, None]

@@ -31,7 +31,6 @@ class PreslidingFriction(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         way = steadied(data.position, data.time_s, data.run)
         return direction(way, data.run, inner["presliding"])[:, None]
 

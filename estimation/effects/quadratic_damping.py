@@ -26,5 +26,4 @@ class QuadraticDamping(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         return np.where(data.engaged, data.velocity * np.abs(data.velocity), 0.0)[:, None]

@@ -26,5 +26,4 @@ class QuadraticFriction(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         return (data.velocity * np.abs(data.velocity))[:, None]

@@ -45,7 +45,6 @@ class Quantisation(SensorEffect):
         return super().applies_to(data) and len(np.unique(data.effort)) < _REPEATED * len(data)
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.sense`."""
         step = inner["step"]
         noise = min(inner["noise"] / step, _SMOOTH)
         steps = effort / step

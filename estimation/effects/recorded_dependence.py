@@ -43,7 +43,6 @@ class RecordedDependence(SensorEffect):
             )
 
     def suited_to(self, data: ChannelData) -> "RecordedDependence":
-        """See `Effect.suited_to`."""
         recorded = {name: data.context[name] for name in sorted(data.recorded)}
         found = ((name, float(np.mean(r)), float(np.std(r))) for name, r in recorded.items())
         return RecordedDependence(tuple(column for column in found if column[2] > 0.0))
@@ -54,7 +53,6 @@ class RecordedDependence(SensorEffect):
         return super().applies_to(data) and varies
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.sense`."""
         gain = np.ones(len(data))
         for name, mean, deviation in self._columns:
             gain += inner[f"change_{name}"] * (data.context[name] - mean) / deviation

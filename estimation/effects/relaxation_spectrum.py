@@ -41,7 +41,6 @@ class RelaxationSpectrum(MemoryEffect):
     }
 
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `MemoryEffect.fade`."""
         left = (1.0 - inner["fast"] - inner["slow"]) * elastic
         for branch in ("fast", "slow"):
             left += inner[branch] * relax(elastic, data.time_s, data.run, inner[f"{branch}_time"])

@@ -30,5 +30,4 @@ class RigidBody(AdditiveEffect):
         return np.zeros((len(data), 0))
 
     def known(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.known`."""
         return data.context["rigid_body_torque"] + data.context.get("contact_torque", 0.0)

@@ -54,5 +54,4 @@ class RigidBodyFitted(AdditiveEffect):
         return data.context["rigid_body_regressor"][:, self._chosen]
 
     def known(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.known`."""
         return data.context.get("contact_torque", np.zeros(len(data)))

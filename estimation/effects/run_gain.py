@@ -39,14 +39,13 @@ class RunGain(RunVariation):
         self, effort: FloatArray, data: ChannelData, inner: Inner, rows: BoolArray | None = None
     ) -> FloatArray:
         """See `RunVariation.values`: by how much each run's effort is larger; nothing where there is none."""
-        chosen = self.told(data) if rows is None else rows
+        chosen = self.first_part(data) if rows is None else rows
         starts, _ = places(data.run)
         squares = np.add.reduceat(chosen * effort**2, starts)
         products = np.add.reduceat(chosen * effort * (data.effort - effort), starts)
         return np.asarray(products / np.where(squares > 0.0, squares, np.inf))[:, None]
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.sense`."""
         if effort.ndim == 2:
             return np.stack([self.sense(column, data, inner) for column in effort.T], axis=1)
         own = self.values(effort, data, inner)[places(data.run)[1], 0]
@@ -57,8 +56,7 @@ class RunGain(RunVariation):
         own = self.values(effort, data, inner)[places(data.run)[1]]
         return np.asarray(columns * (1.0 + inner["share"] * own))
 
-    def told(self, data: ChannelData) -> BoolArray:
-        """See `RunVariation.told`."""
+    def first_part(self, data: ChannelData) -> BoolArray:
         starts, piece = places(data.run)
         total = np.cumsum(data.effort**2)
         before = np.concatenate([[0.0], total])[starts]

@@ -26,5 +26,4 @@ class RunOffset(RunVariation):
     }
 
     def basis(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `RunVariation.basis`; shape (n, 1)."""
         return np.ones((len(data), 1))

@@ -28,10 +28,8 @@ class RunRipple(RunVariation):
     }
 
     def basis(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `RunVariation.basis`; shape (n, 2)."""
         angle = inner["cycles"] * data.position
         return np.column_stack([np.sin(angle), np.cos(angle)])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`."""
         return tuple({**start, "share": 0.9} for start in TorqueRipple().starts(data))

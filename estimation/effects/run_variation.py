@@ -21,7 +21,7 @@ class RunVariation(SensorEffect):
         reading = effort + B(q) b_r,  b_r ~ N(0, spread^2) in run r
 
     A run that is held out cannot know its b_r from other runs. So every run tells it by itself: least squares
-    over its first part (`told`), shrunken by `share`,
+    over its first part (`first_part`), shrunken by `share`,
 
         reading = effort + share B(q) b_first,  share = spread^2 / (spread^2 + variance of b_first)
 
@@ -29,7 +29,7 @@ class RunVariation(SensorEffect):
     they begin, 0 that what the first part shows is noise. As the first part of a run is used like that
     whether it is held out or not, no gain is fitted to a held-out run, and one formula does for all.
 
-    Judging: the samples of `told` are to be left out of the error wherever a model with such an effect is
+    Judging: the samples of `first_part` are left out of the error wherever a model with such an effect is
     compared with one without, since their own effort has been used; `spread` is for the report.
     """
 
@@ -46,7 +46,7 @@ class RunVariation(SensorEffect):
         """See `Effect.applies_to`; fewer runs than three say nothing of how runs vary."""
         return super().applies_to(data) and len(data.runs) >= _FEWEST_RUNS
 
-    def told(self, data: ChannelData) -> BoolArray:
+    def first_part(self, data: ChannelData) -> BoolArray:
         """Samples that tell their run's own values, shape (n,)."""
         starts, piece = places(data.run)
         count = np.diff(np.append(starts, len(data)))[piece]
@@ -63,7 +63,7 @@ class RunVariation(SensorEffect):
             inner: inner parameters.
             rows: samples to use instead, shape (n,), such as all of them.
         """
-        chosen = self.told(data) if rows is None else rows
+        chosen = self.first_part(data) if rows is None else rows
         left = (data.effort - effort)[:, None]
         return _least_squares(self.basis(data, inner), chosen, left, places(data.run)[0])[:, :, 0]
 
@@ -73,7 +73,6 @@ class RunVariation(SensorEffect):
         return np.asarray(np.sqrt(inner["share"] * np.mean(own**2, axis=0)))
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.sense`."""
         columns = effort.reshape(len(data), -1)
         return (columns + self._of_runs(data.effort[:, None] - columns, data, inner)).reshape(effort.shape)
 
@@ -85,11 +84,10 @@ class RunVariation(SensorEffect):
         """What runs' own values make of what was left of their first parts, (n, m) both."""
         basis = self.basis(data, inner)
         starts, piece = places(data.run)
-        own = _least_squares(basis, self.told(data), left, starts)
+        own = _least_squares(basis, self.first_part(data), left, starts)
         return np.asarray(inner["share"] * np.einsum("nk,nkm->nm", basis, own[piece]))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`."""
         return tuple({"share": share} for share in (0.3, 0.7, 0.95))
 
 

@@ -27,7 +27,6 @@ class Saturation(SensorEffect):
     linear = False
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.sense`."""
         return np.clip(effort, -inner["limit"], inner["limit"])
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:

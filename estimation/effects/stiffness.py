@@ -27,5 +27,4 @@ class Stiffness(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         return np.where(data.engaged, data.position, 0.0)[:, None]

@@ -38,6 +38,5 @@ class StressRelaxation(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 1)."""
         pressed = np.where(data.engaged, data.position, 0.0)
         return relax(pressed, data.time_s, data.run, inner["tau"])[:, None]

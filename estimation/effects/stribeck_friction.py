@@ -43,7 +43,6 @@ class StribeckFriction(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 2)."""
         sliding = np.tanh(data.velocity / inner["transition"])
         return np.column_stack([sliding, sliding * np.exp(-((data.velocity / inner["speed"]) ** 2))])
 

@@ -25,7 +25,6 @@ class ToolCompliance(MotionEffect):
     }
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
-        """See `MotionEffect.move`."""
         force = low_pass(data.effort, data.time_s, data.run, 2.0 * sample_time(data.time_s, data.run))
         return replace(
             data,

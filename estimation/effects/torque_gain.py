@@ -37,5 +37,4 @@ class TorqueGain(SensorEffect):
         return tuple({"gain": float(gain)} for gain in np.exp([*-off[::-1], *off]))
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.sense`."""
         return inner["gain"] * effort

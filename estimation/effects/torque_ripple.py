@@ -63,7 +63,6 @@ class TorqueRipple(AdditiveEffect):
         return np.hstack([np.sin(angle) * seen, np.cos(angle) * seen])
 
     def suited_to(self, data: ChannelData) -> "TorqueRipple":
-        """See `Effect.suited_to`."""
         cycles, multiples = harmonics(data)
         return TorqueRipple(multiples, cycles) if multiples else self
 

@@ -33,9 +33,7 @@ class Weight(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 2)."""
         return np.column_stack([np.sin(data.position), np.cos(data.position)])
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`."""
         return super().applies_to(data) and "payload_effort_per_kg" not in data.context

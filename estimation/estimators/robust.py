@@ -5,20 +5,18 @@ import numpy as np
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
 from estimation.fitting.loss import Loss, absolute_share
+from estimation.fitting.m_steps import Settled, settle
 from estimation.fitting.subsets import solve_subsets
 from estimation.regression import Regression
 from estimation.statistics.least_squares import solve
-from estimation.statistics.noise_level import NoiseLevel, fit_noise_level, robust_sigma
+from estimation.statistics.noise_level import NoiseLevel, robust_sigma
 from estimation.statistics.uncertainty import assemble, sandwich
-from robot_io.types import BoolArray, FloatArray
+from robot_io.types import FloatArray
 
-_CUT = 4.685  # of the biweight, in sigmas: 95 % efficient at Gaussian noise
-_STARTS = 500  # subsets of the start: one of p = 4 is clean at 40 % outliers with probability 1 - 1e-30
-_START_SAMPLES = 2000  # samples on which the starts are compared
-_ROUNDS = 50
+_STARTS = 150  # subsets of the start: of p = 4, at 40 % outliers, none is clean with probability 1e-9
+_START_SAMPLES = 400  # samples on which the starts are compared
 _ABSOLUTE_ROUNDS = 15
 _FEWEST_INSIDE = 0.55  # share of samples below which the others are no outliers but a misfit
-_TOLERANCE = 1e-10
 
 
 class Robust(Estimator):
@@ -41,7 +39,7 @@ class Robust(Estimator):
         "V. J. Yohai, High Breakdown-Point and High Efficiency Robust Estimates for Regression, "
         "Ann. Stat. 15 (1987)"
     )
-    loss = Loss.CAUCHY
+    loss = Loss.BIWEIGHT
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         """See `Estimator.fit`."""
@@ -49,12 +47,12 @@ class Robust(Estimator):
         if settled.inside.mean() < _FEWEST_INSIDE:
             settled = _settle(regression, *_least_absolute(regression))
         sigma = settled.sigma
-        psi, slope = _influence(settled.residuals / sigma)
+        psi, slope = settled.influence
         return assemble(
             self.name,
             regression.names,
             regression.units,
-            settled.gains,
+            settled.values,
             jacobian=regression.columns,
             effort=regression.effort,
             residuals=settled.residuals,
@@ -64,36 +62,10 @@ class Robust(Estimator):
         )
 
 
-class _State:
-    """Gains (p,) with the residuals (n,), noise (n,) and samples of any weight (n,) that follow from them.
-
-    Args:
-        regression: the problem.
-        gains: shape (p,).
-        level: noise that is known already; None to take it from the residuals.
-    """
-
-    def __init__(self, regression: Regression, gains: FloatArray, level: NoiseLevel | None = None) -> None:
-        self.gains = gains
-        self.residuals = regression.effort - regression.columns @ gains
-        shape = 1.0 / regression.weights
-        predicted = regression.effort - self.residuals if regression.sigma is None else np.zeros(len(shape))
-        self.level = level or fit_noise_level(self.residuals / shape, predicted)
-        self.sigma = shape * self.level.sigma(predicted)
-        self.inside: BoolArray = np.abs(self.residuals) < _CUT * self.sigma
-
-
-def _settle(regression: Regression, gains: FloatArray, level: NoiseLevel | None = None) -> _State:
-    """Reweight until the gains stay where they are."""
-    state = _State(regression, gains, level)
-    for _ in range(_ROUNDS):
-        weights = np.sqrt(_biweight(state.residuals / state.sigma)) / state.sigma
-        gains = solve(regression.columns, regression.effort, weights).gains
-        moved = np.abs(gains - state.gains)
-        state = _State(regression, gains, level)
-        if np.all(moved <= _TOLERANCE * np.abs(gains).max()):
-            break
-    return state
+def _settle(regression: Regression, start: FloatArray, level: NoiseLevel | None = None) -> Settled:
+    columns = regression.columns
+    shape = None if regression.sigma is None else 1.0 / regression.weights
+    return settle(lambda gains: (columns @ gains, columns), regression.effort, start, shape, level)
 
 
 def _least_absolute(regression: Regression) -> tuple[FloatArray, NoiseLevel]:
@@ -105,18 +77,6 @@ def _least_absolute(regression: Regression) -> tuple[FloatArray, NoiseLevel]:
         left = weights * (regression.effort - regression.columns @ gains)
         share = absolute_share(left)
     return gains, NoiseLevel(max(robust_sigma(left), float(np.finfo(float).tiny)), 0.0)
-
-
-def _influence(standardised: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Psi of the biweight and its slope, each of shape (n,)."""
-    square = np.minimum((standardised / _CUT) ** 2, 1.0)
-    return standardised * (1 - square) ** 2, (1 - square) * (1 - 5 * square)
-
-
-def _biweight(standardised: FloatArray) -> FloatArray:
-    """Tukey's weights psi(u) / u, shape (n,)."""
-    weights: FloatArray = np.clip(1 - (standardised / _CUT) ** 2, 0.0, None) ** 2
-    return weights
 
 
 def _least_median(regression: Regression, rng: np.random.Generator) -> FloatArray:

@@ -3,6 +3,7 @@
 It names nothing. It says how much of the error can be explained at all, and by which signals.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,11 +41,17 @@ def signals_of(bench: Bench, trial: Trial) -> dict[str, FloatArray]:
     return features(frame, frame.reduce(frame.data.effort) - trial.residual)
 
 
-def flexible(bench: Bench, trial: Trial) -> Flexible:
-    """Fit the flexible regression beside the model's own gains, and judge it on the folds held out."""
+def flexible(bench: Bench, trial: Trial, without: Collection[str] = ()) -> Flexible:
+    """Fit the flexible regression beside the model's own gains, and judge it on the folds held out.
+
+    Args:
+        bench: where.
+        trial: the model.
+        without: signals that the regression does not know.
+    """
     frame = bench.frame
     base, target = trial.columns, trial.target
-    blocks = signals_of(bench, trial)
+    blocks = {name: block for name, block in signals_of(bench, trial).items() if name not in without}
     columns = np.column_stack([base, *blocks.values()])
     names = list(trial.model.gains)
     moments = bench.moments(columns, target, names)

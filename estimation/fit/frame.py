@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.data.derivatives import grid_step, position_error, rounding_variance
 from estimation.effect import AdditiveEffect, Inner
 from estimation.fit.load import LOAD
 from estimation.fit.memory import Itself, Memory
@@ -24,11 +25,11 @@ _CORNER = 0.06  # of a run's range of velocities, that no velocity changes by wi
 _SLOW_S = 0.011  # between samples
 _CORNER_REACH = 3  # samples to either side that a derived velocity is wrong for
 _MOST_CORNERS = 0.2  # of the blocks; more are no corners, but a motion that is coarsely sampled
+_BORDER = 3.0  # standard deviations of the position
 _SETTLING_S = 0.25  # from the first sample
 _UNKNOWN_S = 0.1  # from the start of a run: what a delay or a lag shows there happened before
 _UNKNOWN = 0.05  # of a run, at most
 _REST = 0.05  # of the joint's usual highest speed
-_Compute = Callable[[ChannelData, Inner], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -109,9 +110,9 @@ def block_length(data: ChannelData) -> int:
 def frame_of(data: ChannelData, good: BoolArray | None = None, memory: Memory | None = None) -> Frame:
     """Cut a channel into blocks that last 5 or 10 ms, or one sample where that is longer.
 
-    Blocks in which a contact begins or ends are not trusted: where in them it does depends on the last digit
-    of the encoder, and a damper makes a step of it. Neither are blocks at a contact's sharp corners of the
-    motion, nor those in which a probing arm's joint rests or its sensor may still settle.
+    Blocks in which a contact begins or ends are not trusted, nor those so near to the surface that the error
+    of the position decides: a damper and friction make a step of it. Neither are blocks at a contact's sharp
+    corners of the motion, nor those in which a probing arm's joint rests or its sensor may still settle.
 
     Args:
         data: the channel.
@@ -130,22 +131,53 @@ def frame_of(data: ChannelData, good: BoolArray | None = None, memory: Memory | 
     grid = np.concatenate(rows)
     fold = np.unique(np.concatenate(folds), return_inverse=True)[1]
     trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
-    trusted &= ~(_mixed(data, grid) | _at_rest(data, grid) | _at_corners(data, grid) | _at_starts(data, grid))
-    return Frame(data, grid, data.run[grid[:, 0]], fold, trusted, memory or Memory())
+    trusted &= ~(_at_rest(data, grid) | _at_corners(data, grid) | _at_starts(data, grid))
+    frame = Frame(data, grid, data.run[grid[:, 0]], fold, trusted, memory or Memory())
+    return off_borders(frame, data)
 
 
 def off_borders(frame: Frame, moved: ChannelData) -> Frame:
-    """The frame without trust in blocks where a contact begins or ends by another motion than measured."""
-    return replace(frame, trusted=frame.trusted & ~_mixed(moved, frame.rows))
+    """The frame without trust in blocks where a contact begins or ends by a motion, measured or another."""
+    return replace(frame, trusted=frame.trusted & ~_mixed(moved, frame))
 
 
-def _mixed(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Blocks within a sample of the border of a contact, shape (m,)."""
-    engaged = data.engaged[rows]
+def coarse_copy(frame: Frame) -> ChannelData:
+    """The channel averaged over blocks, one sample for each."""
+    data, mean = frame.data, frame.reduce
+    return ChannelData(
+        data.name,
+        data.kind,
+        mean(data.time_s),
+        mean(data.position),
+        mean(data.velocity),
+        mean(data.acceleration),
+        mean(data.effort),
+        frame.run,
+        data.phase[frame.rows[:, 0]],
+        {name: mean(signal) for name, signal in data.context.items()},
+        data.surface,
+        data.tare,
+        data.recorded,
+        shared=data.shared,
+    )
+
+
+def _mixed(data: ChannelData, frame: Frame) -> BoolArray:
+    """Blocks within a sample or the position's error of the border of a contact, shape (m,)."""
+    if data.kind is not ChannelKind.CONTACT:
+        return np.zeros(len(frame), dtype=np.bool_)
+    engaged = data.engaged[frame.rows]
     mixed = np.array(engaged.any(axis=1) & ~engaged.all(axis=1))
-    changes = np.zeros_like(mixed)
-    changes[1:] = engaged[1:, 0] != engaged[:-1, -1]
-    return mixed | changes
+    mixed[1:] |= engaged[1:, 0] != engaged[:-1, -1]
+    error = frame.memory.recall("position error", lambda: _position_error(frame.data))
+    near: BoolArray = np.abs(data.position[frame.rows]).min(axis=1) < _BORDER * float(np.std(error))
+    return mixed | near
+
+
+def _position_error(data: ChannelData) -> FloatArray:
+    step = data.position_step or grid_step(data.position)
+    rounding = rounding_variance(data.time_s, data.position, data.run, step)
+    return position_error(data.time_s, data.position, data.run, rounding)
 
 
 def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:

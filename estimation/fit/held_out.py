@@ -18,13 +18,6 @@ def held_out_residual(frame: Frame, trial: Trial) -> FloatArray:
     return residual
 
 
-def held_out_blocks(frame: Frame, trial: Trial) -> FloatArray:
-    """The same on blocks: residual (m,) of each by the gains fitted to the other folds."""
-    gains = trial.scores.fold_gains[frame.fold]
-    left: FloatArray = trial.target - np.einsum("mq,mq->m", trial.columns, gains)
-    return left
-
-
 def rmse(residual: FloatArray) -> float:
     """Root mean square over the samples that have a value."""
     return float(np.sqrt(np.nanmean(residual**2)))

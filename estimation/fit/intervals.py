@@ -45,14 +45,14 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
 
     The sandwich of slopes by gains and inner parameters, around the covariance of residuals times slopes with
     the noise's colour taken out first (Andrews and Monahan 1992). What another reading of the motion
-    would turn the parameters by is added to their variance.
+    would turn the parameters by is added to their variance. One that is held has no error.
 
     Args:
         bench: where the trial was fitted.
         trial: the model fitted.
     """
-    names = [*trial.model.gains, *trial.model.inner]
-    slopes = bench.whiten(np.column_stack([trial.columns, *inner_slopes(bench, trial)]))
+    names = [name for name in (*trial.model.gains, *trial.model.inner) if name not in trial.model.held]
+    slopes = bench.whiten(_free_slopes(bench, trial))
     residual = bench.whiten(trial.residual)
     errors = _errors(slopes, residual, bench.frame.run[bench.kept])
     readings = readings_of(bench.frame.data)
@@ -68,10 +68,15 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     # an error beyond all that makes physical sense determines nothing
     most = np.array([known[name].upper - known[name].lower for name in names])
     errors = np.where(errors < most, errors, np.nan)
-    return {
-        name: Value(float(trial.parameters[name]), float(error), units[name])
-        for name, error in zip(names, errors, strict=True)
-    }
+    found = dict.fromkeys(known, 0.0) | dict(zip(names, errors.tolist(), strict=True))
+    return {name: Value(float(trial.parameters[name]), error, units[name]) for name, error in found.items()}
+
+
+def _free_slopes(bench: Bench, trial: Trial) -> FloatArray:
+    """Slopes (m, q) of the prediction by all parameters that are not held."""
+    slopes = np.column_stack([trial.columns, *inner_slopes(bench, trial)])
+    names = (*trial.model.gains, *trial.model.inner)
+    return slopes[:, [name not in trial.model.held for name in names]] if trial.model.held else slopes
 
 
 def inner_slopes(bench: Bench, trial: Trial) -> list[FloatArray]:
@@ -118,7 +123,7 @@ def _by_readings(bench: Bench, trial: Trial, readings: Readings) -> FloatArray:
         )
         again = Bench(frame, bench.colour)
         read = replace(trial, columns=frame.reduce(trial.model.linearise(frame.data, trial.parameters)[0]))
-        slopes = again.whiten(np.column_stack([read.columns, *inner_slopes(again, read)]))
+        slopes = again.whiten(_free_slopes(again, read))
         left = again.whiten(frame.reduce(expected - trial.model.predict(frame.data, trial.parameters)))
         turned.append(_turned(slopes, left))
     return np.asarray(np.sqrt(np.mean(np.square(turned), axis=0)))

@@ -1,13 +1,13 @@
 """Everything that a linear fit and its held-out errors need, in one small matrix per fold."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg.lapack import dposv
 
 from estimation.information import Information
-from robot_io.types import BoolArray, FloatArray, IntArray
+from robot_io.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,6 @@ class Moments:
         return system * scale[:, None] * scale, target * scale
 
 
-def moments_of(columns: FloatArray, target: FloatArray, fold: IntArray, folds: int) -> Moments:
-    """Cross products of columns (m, q) and target (m,), by fold."""
-    both = np.column_stack([columns, target])
-    return cross_products(both[fold == f] for f in range(folds))
-
-
 def cross_products(parts: Iterable[FloatArray]) -> Moments:
     """Cross products of columns and target side by side, one array (rows, q + 1) for each fold."""
     return Moments(np.stack([part.T @ part for part in parts]))
@@ -92,6 +86,14 @@ class Scores:
             return np.full(len(self.gains), np.nan)
         variance = np.diag(np.linalg.inv(self.system)) * self.sse.sum() / free
         return np.asarray(np.sqrt(variance) * self.scale)
+
+    def beside(self, gains: FloatArray, free: Sequence[int]) -> "Scores":
+        """The same fit among all gains (q,), of which only those at these places were free."""
+        whole = np.repeat(gains[None], len(self.fold_gains) + 1, axis=0)
+        whole[:, free] = np.concatenate([self.gains[None], self.fold_gains])
+        system, scale = np.eye(len(gains)), np.zeros(len(gains))
+        system[np.ix_(free, free)], scale[free] = self.system, self.scale
+        return replace(self, gains=whole[0], fold_gains=whole[1:], system=system, scale=scale)
 
 
 def score(moments: Moments, ridge: float = 1e-9, dof: int = 0) -> Scores:
@@ -137,9 +139,15 @@ def _solved(system: FloatArray, target: FloatArray) -> FloatArray:
 
 
 def _scaled(moments: Moments) -> tuple[FloatArray, FloatArray]:
-    """Products of columns of unit length over all folds, and the factors (q,) that made them so."""
+    """Products of columns of unit length over all folds, and the factors (q,) that made them so.
+
+    What is known counts as rows: a column that this data does not move is not blown up to unit length.
+    """
     products = moments.products
-    width = np.sqrt(products.sum(axis=0).diagonal())
+    squares = products.sum(axis=0).diagonal().copy()
+    if moments.known is not None:
+        squares[:-1] += moments.known.matrix[0].diagonal()
+    width = np.sqrt(squares)
     width[-1] = 1.0  # the target stays as it is
     scale = np.divide(1.0, width, out=np.zeros_like(width), where=width > 0.0)
     return products * scale[:, None] * scale, scale[:-1]

@@ -67,7 +67,7 @@ def _polished(bench: Bench, trial: Trial) -> Trial:
     scales = {
         name: Scale(parameter, trial.parameters[name])
         for name, parameter in trial.model.inner.items()
-        if parameter.lower < trial.parameters[name] < parameter.upper
+        if name not in trial.model.held and parameter.lower < trial.parameters[name] < parameter.upper
     }
     if not scales:
         return attempt(bench, trial.model, trial.parameters, rounds=3)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from estimation.channel import ChannelData
-from estimation.data.derivatives import HALF_WINDOWS, grid_step, position_error
+from estimation.data.derivatives import HALF_WINDOWS, grid_step, position_error, rounding_variance
 from estimation.data.local_fit import local_fit
 from estimation.signals.blocks import blocks
 from estimation.signals.moved import moved
@@ -31,33 +31,43 @@ class Readings:
     Attributes:
         data: the channel as it was recorded.
         error: of each position, shape (n,): what differs from the smooth motion.
+        velocity_error: the same of each velocity that was measured; 0 where it was derived.
         step: of the grid on which positions lie; 0 where there is none.
+        is_staircase: whether most positions are those of the sample before or after, on no grid: encoders of
+            several joints that step.
         windows: samples to either side from which velocity and acceleration were derived; None for one that
             was measured, or given without noise.
+        is_of_velocity: whether the acceleration was derived from the measured velocity, not from positions.
     """
 
     data: ChannelData
     error: FloatArray
+    velocity_error: FloatArray
     step: float
+    is_staircase: bool
     windows: tuple[int | None, int | None]
+    is_of_velocity: bool
 
     @property
     def true_motion(self) -> ChannelData:
         """A channel that moves like the one recorded: its derivatives are exact, its position smooth."""
-        still = np.zeros(len(self.error))
-        return moved(self.data, -self.error, still, still)
+        return moved(self.data, -self.error, -self.velocity_error, np.zeros(len(self.error)))
 
     def draw(self, rng: np.random.Generator) -> ChannelData:
         """That motion read once more: other errors of the position, derived by the same windows."""
-        error = self._another_error(rng)
-        changes = [error - self.error]
-        for order, half in enumerate(self.windows, start=1):
-            changes.append(np.zeros(len(error)) if half is None else self._misread(error, half, order))
-        return moved(self.data, *changes)
+        error, data = self._another_error(rng), self.data
+        of_velocity = shuffled(self.velocity_error, data.run, rng)
+        velocity, acceleration = of_velocity - self.velocity_error, np.zeros(len(error))
+        if self.windows[0] is not None:
+            velocity = self._misread(data.velocity, error, self.windows[0], 1)
+        if self.windows[1] is not None and self.is_of_velocity:
+            acceleration = self._misread(data.acceleration, of_velocity, self.windows[1], 1)
+        elif self.windows[1] is not None:
+            acceleration = self._misread(data.acceleration, error, self.windows[1], 2)
+        return moved(data, error - self.error, velocity, acceleration)
 
-    def _misread(self, error: FloatArray, half: int, order: int) -> FloatArray:
-        """What a window makes of noise, and how it bends what it derives, shape (n,)."""
-        exact = (self.data.velocity, self.data.acceleration)[order - 1]
+    def _misread(self, exact: FloatArray, error: FloatArray, half: int, order: int) -> FloatArray:
+        """What a window makes of the error of what it derives from, and how it bends a derivative, (n,)."""
         bent = derived(self.data, _integrated(exact, self.data, order), half, order) - exact
         return bent + derived(self.data, error, half, order)
 
@@ -69,16 +79,35 @@ class Readings:
             shift = self.step * rng.random()
             read: FloatArray = np.round((noisy + shift) / self.step) * self.step - shift
             return read - smooth
+        if self.is_staircase:
+            return self._elsewhere(rng)
         return shuffled(self.error, self.data.run, rng)
+
+    def _elsewhere(self, rng: np.random.Generator) -> FloatArray:
+        """The error as a function of the place, moved along, (n,): the same in each pass, as steps are."""
+        place = self.data.position - self.error
+        order, span = np.argsort(place), float(np.ptp(place)) or 1.0
+        wanted = place.min() + (place - place.min() + span * rng.random()) % span
+        nearest = np.minimum(np.searchsorted(place[order], wanted), len(place) - 1)
+        return np.asarray(self.error[order][nearest] * rng.choice([-1.0, 1.0]))
 
 
 def readings_of(data: ChannelData) -> Readings:
     """Tell the errors of a channel's positions, and how its derivatives came about."""
     step = data.position_step or grid_step(data.position)
-    error = position_error(data.time_s, data.position, data.run, step**2 / 12.0)
+    rounding = rounding_variance(data.time_s, data.position, data.run, step)
+    error = position_error(data.time_s, data.position, data.run, rounding)
     few = data.select(np.arange(min(len(data), _TRIED)))
-    windows = tuple(_window(few, error[: len(few)], order) for order in (1, 2))
-    return Readings(data, error, step, (windows[0], windows[1]))
+    velocity = _window(few, few.position, error, few.velocity, 1)
+    acceleration = _window(few, few.position, error, few.acceleration, 2)
+    of_velocity, is_of_velocity = np.zeros(len(data)), False
+    if velocity is None:
+        of_velocity = position_error(data.time_s, data.velocity, data.run, 0.0)
+    if velocity is None and acceleration is None:
+        acceleration = _window(few, few.velocity, of_velocity, few.acceleration, 1)
+        is_of_velocity = acceleration is not None
+    is_staircase = step == 0.0 < rounding
+    return Readings(data, error, of_velocity, step, is_staircase, (velocity, acceleration), is_of_velocity)
 
 
 def shuffled(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
@@ -108,13 +137,14 @@ def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray
     return whole
 
 
-def _window(data: ChannelData, error: FloatArray, order: int) -> int | None:
-    """The window that gives the channel's derivative of this order; None where none does."""
-    given = (data.velocity, data.acceleration)[order - 1]
+def _window(
+    data: ChannelData, signal: FloatArray, error: FloatArray, given: FloatArray, order: int
+) -> int | None:
+    """The window by which a derivative (n,) was derived from a signal (n,) with an error; None if by none."""
     best, least = None, np.inf
     for half in HALF_WINDOWS:
-        passed_on = derived(data, error, half, order)
-        apart = float(np.mean((derived(data, data.position, half, order) - given) ** 2))
+        passed_on = derived(data, error[: len(data)], half, order)
+        apart = float(np.mean((derived(data, signal, half, order) - given) ** 2))
         limit = max(_PASSED_ON * float(np.mean(passed_on**2)), _ALIKE * float(np.mean(given**2)))
         if apart <= limit and apart < least:
             best, least = half, apart

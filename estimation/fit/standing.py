@@ -73,19 +73,15 @@ class Standing(Fit):
         """Error in held-out runs, sample by sample."""
         return rmse(held_out_residual(self.plain.frame, self.trial))
 
-    def floor(self, energy: float = np.inf) -> float:
-        """The error that would be left, sample by sample, if all that can be explained were known.
-
-        Args:
-            energy: on blocks of held-out runs, that a flexible regression left beside another model.
-        """
-        explainable = self.trial.held_out - min(energy, float(self.flexible.held_out.sum()))
+    def floor(self) -> float:
+        """The error that would be left, sample by sample, if all that can be explained were known."""
+        explainable = self.trial.held_out - float(self.flexible.held_out.sum())
         count = max(int(self.plain.frame.trusted.sum()), 1)
         return float(np.sqrt(max(self.rmse**2 - max(explainable, 0.0) / count, 0.0)))
 
-    def left_of_blocks(self, energy: float = np.inf) -> float:
+    def left_of_blocks(self) -> float:
         """Share of the error in held-out runs, on blocks, that can be explained; see `floor`."""
-        after, before = min(energy, float(self.flexible.held_out.sum())), self.trial.held_out
+        after, before = float(self.flexible.held_out.sum()), self.trial.held_out
         return float(1.0 - np.sqrt(after / before)) if before > 0.0 else 0.0
 
 
@@ -107,7 +103,7 @@ def fit(
     """
     memory = memory or Memory()
     known = dict.fromkeys(model.gains, 0.0) | {n: inner.beginning for n, inner in model.inner.items()}
-    known |= {name: parameters[name] for name in known.keys() & parameters.keys()}
+    known |= {name: parameters[name] for name in known.keys() & parameters.keys()} | dict(model.held)
     first = attempt(_bench(data, model, known, good, memory), model, known, rounds=3)
     plain = _bench(data, model, first.parameters, good, memory)
     trial = polish(plain, first)

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from estimation.information import Information
 from estimation.model import Model, Parts, own
 from robot_io.types import BoolArray, FloatArray, IntArray
 
+NOT_HELD: Mapping[str, float] = MappingProxyType({})
 _MOST_ROUNDS = 7
 _LOST = 1e6  # times the largest effort
 
@@ -44,9 +46,20 @@ class Bench:
         """Blocks (m,) or (m, k) with the colour taken out, shape (w,) or (w, k)."""
         return self.colour.whiten(blocks)[self.kept]
 
-    def fit(self, columns: FloatArray, target: FloatArray, names: Sequence[str] = ()) -> Scores:
-        """Linear fit of blocks (m, q) to a target (m,); see `moments`."""
-        return score(self.moments(columns, target, names), dof=len(self._by_fold[0]))
+    def fit(
+        self,
+        columns: FloatArray,
+        target: FloatArray,
+        names: Sequence[str] = (),
+        held: Mapping[str, float] = NOT_HELD,
+    ) -> Scores:
+        """Linear fit of blocks (m, q) to a target (m,), with the gains of some names held; see `moments`."""
+        free = [i for i, name in enumerate(names) if name not in held] if held else []
+        if not held or len(free) == len(names):
+            return score(self.moments(columns, target, names), dof=len(self._by_fold[0]))
+        gains = np.array([held.get(name, 0.0) for name in names])
+        left = self.moments(columns[:, free], target - columns @ gains, [names[i] for i in free])
+        return score(left, dof=len(self._by_fold[0])).beside(gains, free)
 
     def moments(self, columns: FloatArray, target: FloatArray, names: Sequence[str] = ()) -> Moments:
         """Cross products of blocks (m, q) and a target (m,) with the colour taken out, by fold.
@@ -162,7 +175,7 @@ def attempt(
         target, columns = bench.frame.reduce(wanted), bench.frame.reduce(slopes)
         if number >= least and _energy(bench, target - columns @ gains) <= arrived * expected:
             break
-        scores = bench.fit(columns, target, names)
+        scores = bench.fit(columns, target, names, model.held)
         expected = float(scores.sse.sum())
         now.update(zip(names, scores.gains.tolist(), strict=True))
     return Trial(model, now, columns, target, scores)
@@ -180,7 +193,7 @@ def _sum(bench: Bench, model: Model, parameters: Mapping[str, float]) -> Trial:
         sensed = sensor.sense(np.column_stack([columns, known]), frame.data, own(sensor, inner))
         columns, known = sensed[:, :-1], sensed[:, -1]
     target = frame.effort - known
-    scores = bench.fit(columns, target, list(model.gains))
+    scores = bench.fit(columns, target, list(model.gains), model.held)
     gains = dict(zip(model.gains, scores.gains.tolist(), strict=True))
     return Trial(model, {**gains, **inner}, columns, target, scores)
 

@@ -67,7 +67,7 @@ def fit(
         data: whole runs of the channel; effects with memory see all of it.
         rows: samples whose residuals count, shape (n,); None for all.
         sigma: noise of each sample, shape (n,), up to a common factor; None for equal.
-        loss: `Loss.CAUCHY` where some samples may be wrong.
+        loss: `Loss.CAUCHY` or `Loss.BIWEIGHT` where some samples may be wrong.
         start: inner parameters to begin with; None to try those that the effects propose.
         within: see `Problem`.
 
@@ -113,6 +113,9 @@ def _influence(
     problem: Problem, solution: Solution, loss: Loss, residuals: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Score and slope of each residual, see `sandwich`."""
+    if (settled := solution.settled) is not None:
+        psi, slope = settled.influence
+        return psi / settled.sigma, slope / settled.sigma**2
     weights = problem.weights
     standardised = weights * residuals / max(solution.noise, np.finfo(float).tiny)
     return weights**2 * loss.weight(standardised) * residuals, weights**2 * loss.slope(standardised)

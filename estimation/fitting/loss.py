@@ -16,6 +16,7 @@ class Loss(StrEnum):
 
     LINEAR = "linear"  # u^2 / 2: least squares
     CAUCHY = "cauchy"  # grows with log u: stands outliers
+    BIWEIGHT = "biweight"  # Cauchy's, and from there a few steps with what is far off left out: see `m_steps`
 
     def weight(self, standardised: FloatArray) -> FloatArray:
         """psi(u) / u, shape (n,): the weight in an equivalent least squares."""

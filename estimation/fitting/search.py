@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from estimation.fitting.loss import Loss, absolute_share
+from estimation.fitting.m_steps import Settled, settle
 from estimation.fitting.problem import STEP, Problem
 from estimation.model import Parameters
 from estimation.regression import Regression
@@ -32,11 +33,13 @@ class Solution:
         gains: shape (p,).
         vector: inner parameters on their search scale, shape (q,).
         noise: standard deviation of the weighted residuals' core, in the effort's unit.
+        settled: the same with the noise of each sample, if the search ended with `m_steps`; else None.
     """
 
     gains: FloatArray
     vector: FloatArray
     noise: float
+    settled: Settled | None = None
 
 
 def search(problem: Problem, loss: Loss = Loss.LINEAR, start: Parameters | None = None) -> Solution:
@@ -57,7 +60,28 @@ def search(problem: Problem, loss: Loss = Loss.LINEAR, start: Parameters | None 
         vector = _descend(problem, vector, weights)
         gains, residuals = _project(problem.regression(vector), weights)
         return Solution(gains, vector, float(np.sqrt(np.mean((weights * residuals) ** 2))))
-    return _reweight(problem, loss, vector, weights)
+    found = _reweight(problem, Loss.CAUCHY, vector, weights)
+    return found if loss is Loss.CAUCHY else _settle(problem, found)
+
+
+def _settle(problem: Problem, found: Solution) -> Solution:
+    """From a solution that stands outliers to the efficient one near it; what is at a bound stays there."""
+    count, rows = len(found.gains), problem.rows
+    lower, upper = problem.scale.bounds
+    fixed = np.concatenate([np.zeros(count, dtype=np.bool_), problem.scale.at_bound(found.vector)])
+
+    def evaluate(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        gains, vector = values[:count], np.clip(values[count:], lower, upper)
+        slopes = problem.slopes(gains, vector)[rows]
+        slopes[:, fixed] = 0.0
+        return effort - problem.residuals(gains, vector)[rows], slopes
+
+    effort = problem.data.effort[rows]
+    shape = None if problem.sigma is None else 1.0 / problem.weights
+    settled = settle(evaluate, effort, np.concatenate([found.gains, found.vector]), shape)
+    vector = np.clip(settled.values[count:], lower, upper)
+    noise = robust_sigma(problem.weights * settled.residuals)
+    return Solution(settled.values[:count], vector, noise, settled)
 
 
 def _scan(problem: Problem, loss: Loss) -> FloatArray:

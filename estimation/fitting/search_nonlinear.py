@@ -70,7 +70,7 @@ def _descend(problem: Problem, loss: Loss, start: Solution, steps: int | None) -
         np.concatenate([start.gains / size, start.vector]),
         slopes,
         (np.concatenate([-free, lower]), np.concatenate([free, upper])),
-        loss=loss.value,
+        loss=(loss if loss is Loss.LINEAR else Loss.CAUCHY).value,
         f_scale=CAUCHY_CUT * max(start.noise, np.finfo(float).tiny),
         max_nfev=steps,
     )

@@ -18,7 +18,7 @@ from estimation.gate.motion_and_effort import (
 from estimation.gate.readings import at_its_end, copied, too_coarse, unchanging
 from estimation.gate.rectified import rectified
 from estimation.model import Model
-from estimation.signals.runwise import per_run
+from estimation.signals.runwise import per_run, sample_time
 from robot_io.types import BoolArray
 
 LEAST_SAMPLES = 100
@@ -28,6 +28,7 @@ _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
 _SPIKE = 0.2  # of the range of the effort; what stands out by less does no harm
 _COVERED = 0.3  # of the range of positions, that each fifth of a single recording goes through to be held out
+_QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is in doubt
 _DEEP, _RELEASED = 0.5, 0.1  # of the deepest indentation: a press goes from the one to the other
 
 
@@ -63,6 +64,23 @@ def spoilt(data: ChannelData, model: Model) -> str | None:
     """
     good = data.select(usable(data))
     return _first((unchanging, *_OF_THE_SIGNALS, at_its_end), good) or angle_in_degrees(good, model)
+
+
+def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
+    """What of each kind of check of `refuse` speaks against this channel; empty where nothing does.
+
+    Keys: "enough" data, "units" and times, "sync" of effort and motion, "excitation", "readings",
+    "saturation". Where one of the first two fails, the others make no sense and are left out.
+    """
+    good, found = data.select(usable(data)), dict[str, str]()
+    known = model is not None and not model.gains and not model.inner
+    for kind, checks in _KINDS.items():
+        if any(found.get(first) for first in ("enough", "units")):
+            break
+        found[kind] = "" if known and kind == "saturation" else _first(checks, good) or ""
+    if "units" in found and not found["units"]:
+        found["units"] = angle_in_degrees(good, model) or ""
+    return found
 
 
 def _length(data: ChannelData) -> str | None:
@@ -112,7 +130,11 @@ def _blocks(data: ChannelData) -> str | None:
     least, lengths = block_length(data), np.unique(data.run, return_counts=True)[1]
     parts = lengths // least if len(lengths) == 1 else lengths >= least
     if parts.sum() < 2:
-        return f"fewer than two runs have {least} samples or more; record longer runs"
+        step_s = sample_time(data.time_s, data.run)
+        unit = (
+            f", or check the unit of time: samples are {step_s:.2g} s apart" if step_s < _QUICKEST_S else ""
+        )
+        return f"fewer than two runs have {least} samples or more; record longer runs{unit}"
     frame = frame_of(data)
     if len(np.unique(frame.fold[frame.trusted])) < 2:
         return "in one run at most something moves, so nothing can be held out to judge by; record more runs"
@@ -131,6 +153,16 @@ _OF_THE_SIGNALS: tuple[_Check, ...] = (
     too_coarse,
     rectified,
 )
+
+
+_KINDS: dict[str, tuple[_Check, ...]] = {
+    "enough": (_length, _size, _runs, copied),
+    "units": (mistaken_units, mistaken_times),
+    "sync": (misaligned,),
+    "excitation": (unchanging, no_contact, _blocks),
+    "readings": (too_coarse, rectified),
+    "saturation": (at_its_end,),
+}
 
 
 def _first(checks: tuple[_Check, ...], data: ChannelData) -> str | None:

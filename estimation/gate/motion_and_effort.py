@@ -49,7 +49,9 @@ def mistaken_units(data: ChannelData) -> str | None:
             if not _SOFTEST_N_M < slope < _STIFFEST_N_M:
                 return f"force over depth is {slope:.3g} N/m; check the units of both"
     if data.kind is ChannelKind.REVOLUTE and float(np.quantile(np.abs(data.velocity), 0.9)) > _FASTEST_RAD_S:
-        return "the joint turns faster than 300 rad/s most of the time; is the angle in degrees?"
+        return (
+            "the joint turns faster than 300 rad/s most of the time; is the angle in degrees, or time in ms?"
+        )
     return None
 
 

@@ -16,6 +16,5 @@ class HuntCrossleyModel(BaseModel):
     channels = frozenset({ChannelKind.CONTACT})
 
     def build(self, context: ModelContext) -> Model:
-        """See `BaseModel.build`."""
         surface = (ContactOffset(),) if context.surface_found else ()
         return Model(self.name, (HuntCrossley(), *surface))

@@ -16,5 +16,4 @@ class InertiaModel(BaseModel):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
 
     def build(self, context: ModelContext) -> Model:
-        """See `BaseModel.build`."""
         return Model(self.name, (Inertia(), ViscousFriction()))

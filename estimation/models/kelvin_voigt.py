@@ -17,6 +17,5 @@ class KelvinVoigt(BaseModel):
     channels = frozenset({ChannelKind.CONTACT})
 
     def build(self, context: ModelContext) -> Model:
-        """See `BaseModel.build`."""
         surface = (ContactOffset(),) if context.surface_found else ()
         return Model(self.name, (Stiffness(), Damping(), *surface))

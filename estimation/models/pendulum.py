@@ -16,5 +16,4 @@ class PendulumModel(BaseModel):
     channels = frozenset({ChannelKind.REVOLUTE})
 
     def build(self, context: ModelContext) -> Model:
-        """See `BaseModel.build`."""
         return Model(self.name, (Pendulum(), ViscousFriction()))

@@ -17,10 +17,8 @@ class RigidBodyModel(BaseModel):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
 
     def build(self, context: ModelContext) -> Model:
-        """See `BaseModel.build`."""
         arm_of(context, self.name)
         return Model(self.name, (RigidBody(),))
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
-        """See `BaseModel.prepare`."""
         return with_rigid_body(data, *arm_of(context, self.name))

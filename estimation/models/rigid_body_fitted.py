@@ -19,12 +19,10 @@ class RigidBodyFittedModel(BaseModel):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
 
     def build(self, context: ModelContext) -> Model:
-        """See `BaseModel.build`."""
         body, joint = arm_of(context, self.name)
         arm = base_parameters(body)
         felt = tuple(arm.felt_columns(joint).tolist())
         return Model(self.name, (RigidBodyFitted(felt, arm, body.parameters), ViscousFriction()))
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
-        """See `BaseModel.prepare`."""
         return with_rigid_body(data, *arm_of(context, self.name), regressor=True)

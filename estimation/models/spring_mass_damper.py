@@ -17,5 +17,4 @@ class SpringMassDamper(BaseModel):
     channels = frozenset({ChannelKind.PRISMATIC, ChannelKind.REVOLUTE})
 
     def build(self, context: ModelContext) -> Model:
-        """See `BaseModel.build`."""
         return Model(self.name, (Inertia(), Damping(), Stiffness()))

@@ -270,31 +270,28 @@ def _cubic(window: int) -> FloatArray:
     return np.asarray(power @ np.linalg.pinv(power))
 
 
-def direction(position: FloatArray, run: IntArray, presliding: float) -> FloatArray:
-    """Direction of motion in [-1, 1], (n,): it turns round over a path of `presliding`, and stays at rest."""
-    first, number = places(run)
-    steps = np.diff(position, prepend=position[:1]) / presliding
-    steps[first] = 0.0
-    return _direction(steps, number)
+def direction(
+    position: FloatArray, run: IntArray, presliding: float, way: FloatArray | None = None
+) -> FloatArray:
+    """Direction of motion in [-1, 1], (n,): it turns round over a path of `presliding`, and stays at rest.
 
-
-def _direction(steps: FloatArray, run: IntArray) -> FloatArray:
-    """Between turns s goes to the sign of motion as exp(-path), so only the turns need a loop; (n,)."""
-    sign = np.where(steps >= 0.0, 1.0, -1.0)
-    starts, piece = places(2 * run + (sign > 0.0))
-    if not len(starts):
-        return steps
-    path = np.cumsum(np.abs(steps))
-    path -= np.concatenate([[0.0], path[starts[1:] - 1]])[piece]
-    kept = np.exp(-path)
-    ends = np.append(starts[1:], len(steps)) - 1
-    begins = np.append(True, np.diff(run[starts]) != 0)
-    state, states = 0.0, []
-    for way, left, afresh in zip(sign[starts].tolist(), kept[ends].tolist(), begins.tolist(), strict=True):
-        states.append(0.0 if afresh else state)
-        state = way + (states[-1] - way) * left
-    moved: FloatArray = sign + (np.array(states)[piece] - sign) * kept
-    return moved
+    Args:
+        position: shape (n,).
+        run: shape (n,); each begins at 0.
+        presliding: path over which all but 1/e of a turn is made.
+        way: direction that it goes to, shape (n,); None for the sign of each step.
+    """
+    first, _ = places(run)
+    steps = np.diff(position, prepend=position[:1])
+    kept, state = np.exp(-np.abs(steps) / presliding), np.sign(steps) if way is None else way.copy()
+    kept[first] = state[first] = 0.0
+    state *= 1.0 - kept
+    reach = 1  # s = kept s_before + (1 - kept) way, of twice as many steps each time
+    while reach < len(state) and np.any(kept[reach:]):
+        state[reach:] += kept[reach:] * state[:-reach]
+        kept[reach:] *= kept[:-reach]
+        reach *= 2
+    return state
 
 
 def running_max(signal: FloatArray, run: IntArray) -> FloatArray:

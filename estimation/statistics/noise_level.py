@@ -51,9 +51,9 @@ def fit_noise_level(residuals: FloatArray, predicted: FloatArray) -> NoiseLevel:
     bins = min(_BIN_COUNT, len(residuals) // _LEAST_PER_BIN)
     if bins < 2 or overall == _NO_NOISE:
         return NoiseLevel(overall, 0.0)
-    parts = np.array_split(np.argsort(np.abs(predicted)), bins)
-    variance = np.array([robust_sigma(residuals[part]) ** 2 for part in parts])
-    square = np.array([np.mean(predicted[part] ** 2) for part in parts])
+    order = np.argsort(np.abs(predicted))[len(residuals) % bins :].reshape(bins, -1)
+    variance = (MAD_TO_SIGMA * np.median(np.abs(residuals[order]), axis=1)) ** 2
+    square = np.mean(predicted[order] ** 2, axis=1)
     trust = 1.0 / np.maximum(variance, (_FLOOR_SHARE * overall) ** 2)  # the error of a variance grows with it
     design = np.column_stack([np.ones(bins), square])
     (floor2, share2), _ = nnls(design * trust[:, None], variance * trust)

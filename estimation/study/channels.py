@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from difflib import get_close_matches
 
 import numpy as np
 
@@ -115,6 +116,21 @@ def unapplicable(effect: Effect, data: ChannelData) -> str:
     which = "this" if data.kind in effect.channels else f"a {data.kind.value}"
     why = f"needs {', '.join(lacking)}" if lacking else f"is not for {which} channel"
     return f"effect '{effect.name}' {why} (channel '{data.name}')"
+
+
+def suited_names(name: str, effects: Sequence[Effect], channels: Sequence[ChannelData]) -> str:
+    """What to tell a user whose effect is unknown or does not suit: those that do, likely ones first.
+
+    Likely are names close to it, and such that share a word with it or with what it was probably to be.
+    """
+    kinds = {channel.kind for channel in channels}
+    names = [effect.name for effect in effects if effect.channels & kinds]
+    meant = get_close_matches(name, [effect.name for effect in effects], n=1)
+    words = {word for text in (name, *meant) for word in text.split("_")}
+    likely = [one for one in names if one in meant or words & set(one.split("_"))]
+    hint = f"Did you mean {' or '.join(likely)}? " if likely else ""
+    where = " and ".join(f"a {kind.value}" for kind in sorted(kinds))
+    return f"{hint}In {where} there are: {', '.join(names)}"
 
 
 def data_sha256(data: ChannelData, arm: Arm) -> str:

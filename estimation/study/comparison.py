@@ -7,8 +7,9 @@ import numpy as np
 
 from estimation.estimate import ParameterEstimate
 from estimation.study.engine import Fitted
-from estimation.study.html import html_table
+from estimation.study.shown import Shown, Table
 from estimation.study.split import splits
+from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray
 
 AT_FLOOR = 1.1  # times the noise floor, below which an error passes for noise
@@ -36,8 +37,8 @@ class Part:
     excess: float
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Shown):
     """A fitted model beside a measurement.
 
     Attributes:
@@ -89,7 +90,7 @@ class Comparison:
             "the border of a contact, the end of a run, or a reading that is not fit for use."
         )
 
-    def _repr_html_(self) -> str:
+    def _table(self) -> Table:
         rows = [
             (by, part.label, f"{part.rmse:.3g}", f"{part.mean:+.2g}", f"{part.excess:.1f}")
             for by, parts in self.parts.items()
@@ -97,11 +98,11 @@ class Comparison:
         ]
         unit = self.effort_unit
         caption = f"{self.model} beside {self.channel}. {' '.join(self.words[:1])} {self.not_judged}"
-        return html_table(caption, ("by", "where", f"rmse [{unit}]", f"mean [{unit}]", "x floor"), rows)
+        return Table(caption, ("by", "where", f"rmse [{unit}]", f"mean [{unit}]", "x floor"), rows)
 
 
-@dataclass(frozen=True)
-class Comparisons:
+@dataclass(frozen=True, repr=False)
+class Comparisons(Shown):
     """The channels of a study beside their models.
 
     Attributes:
@@ -116,11 +117,16 @@ class Comparisons:
         """The comparison of one channel.
 
         Raises:
-            KeyError: there is none.
+            InputError: there is none, or it cannot be judged.
         """
-        return {one.channel: one for one in self.channels}[channel]
+        if channel in self.failures:
+            raise InputError(self.failures[channel])
+        found = {one.channel: one for one in self.channels}
+        if channel not in found:
+            raise UnknownNameError(f"no channel '{channel}' is compared. There are: {', '.join(found)}")
+        return found[channel]
 
-    def _repr_html_(self) -> str:
+    def _table(self) -> Table:
         rows = [
             (
                 one.channel,
@@ -133,7 +139,7 @@ class Comparisons:
         ]
         rows += [(name, "", "", "", why) for name, why in self.failures.items()]
         columns = ("channel", "model", "held-out error", "x noise floor", "not judged")
-        return html_table("Models beside the measurement", columns, rows)
+        return Table("Models beside the measurement", columns, rows)
 
 
 def compare(fitted: Fitted, model: str, noise_floor: float) -> Comparison:

@@ -2,7 +2,8 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -15,45 +16,100 @@ from estimation.effect import Effect
 from estimation.estimate import ParameterEstimate
 from estimation.fit.held_out import held_out_residual
 from estimation.fit.intervals import final, values
+from estimation.fit.load import LOAD
+from estimation.fit.memory import Memory
 from estimation.fit.standing import Standing, stand
+from estimation.fit.trial import Bench, Trial
 from estimation.gate import refuse, usable
 from estimation.model import Model
+from estimation.study.shown import Shown, Table, interval_text
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
 
 SIGMAS_95 = 1.96
 SEED = 1  # of all random draws of a diagnosis
 Progress = Callable[[str, float], None]  # what is being done, and the share of it that is done
+Judge = Callable[[Sequence[ChannelData], Sequence[Model], Sequence[Effect], Progress, str], Diagnosis]
 
 
-@dataclass(frozen=True, eq=False)
-class Fitted:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fitted(Shown):
     """A model fitted to a channel, and judged on runs that the fit has not seen.
 
     Attributes:
-        data: the channel, with the signals that were derived for the model.
-        model: what was fitted.
-        parameters: by "effect.parameter", with 95 % intervals.
-        predicted: effort that the model expects, shape (n,).
-        residual: effort less prediction from gains fitted to the other runs, (n,); NaN where not judged.
-        judged: samples that count in the error, shape (n,).
-        rmse: root mean square of that residual.
+        standing: the fit; what is derived from it is computed when it is first asked for.
     """
 
-    data: ChannelData
-    model: Model
-    parameters: Mapping[str, ParameterEstimate]
-    predicted: FloatArray
-    residual: FloatArray
-    judged: BoolArray
-    rmse: float
-    standing: Standing = field(repr=False)
+    standing: Standing
+
+    @property
+    def data(self) -> ChannelData:
+        """The channel, with the signals that were derived for the model."""
+        return self.standing.data
+
+    @property
+    def model(self) -> Model:
+        """What was fitted."""
+        return self.standing.trial.model
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Parameters by "effect.parameter" at once; `parameters` takes longer, for the noise's colour."""
+        return self._last[1].parameters if "_last" in vars(self) else self.standing.trial.parameters
+
+    @cached_property
+    def parameters(self) -> Mapping[str, ParameterEstimate]:
+        """By "effect.parameter", with 95 % intervals."""
+        with threadpool_limits(1):
+            found = values(*self._last)
+        return {name: self._estimate(name, one.value, one.std_err, one.unit) for name, one in found.items()}
+
+    def _estimate(self, name: str, value: float, std_err: float, unit: str) -> ParameterEstimate:
+        found = _estimate(name, value, std_err, unit)
+        return replace(found, at_bound=self.model.at_bound(name, value))
+
+    @cached_property
+    def predicted(self) -> FloatArray:
+        """Effort that the model expects, shape (n,)."""
+        return self.at(self._last[1].parameters)
+
+    def at(self, parameters: Mapping[str, float]) -> FloatArray:
+        """Effort that the model would expect with other parameters, all by "effect.parameter", shape (n,)."""
+        return self.model.predict(self.data, parameters)
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """Effort less prediction from gains fitted to the other runs, (n,); NaN where not judged."""
+        return held_out_residual(self.standing.plain.frame, self.standing.trial)
+
+    @property
+    def judged(self) -> BoolArray:
+        """Samples that count in the error, shape (n,)."""
+        return np.isfinite(self.residual)
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square of that residual."""
+        return self.standing.rmse
+
+    @cached_property
+    def _last(self) -> tuple[Bench, Trial]:
+        with threadpool_limits(1):
+            return final(self.standing)
 
     @property
     def noise_floor(self) -> float:
         """Error that a complete model would leave, as a flexible regression beside this model has it."""
         with threadpool_limits(1):
             return self.standing.floor()
+
+    def _table(self) -> Table:
+        rows = [(name, f"{p.value:.5g} {p.unit}", interval_text(p)) for name, p in self.parameters.items()]
+        names = " + ".join(effect.name for effect in self.model.effects)
+        caption = (
+            f"{names} of {self.data.name}: {self.rmse:.4g} {self.data.kind.effort_unit} in held-out runs"
+        )
+        return Table(caption, ("parameter", "value", "95 % interval"), rows)
 
 
 def fit(data: ChannelData, model: Model, parent: Fitted | None = None) -> Fitted:
@@ -70,10 +126,44 @@ def fit(data: ChannelData, model: Model, parent: Fitted | None = None) -> Fitted
     good = usable(data)
     with threadpool_limits(1):  # small matrices: more threads take longer
         if parent is not None:
-            return _fitted(_extended(data, parent.standing, model.effects[-1], good))
+            return Fitted(_extended(data, parent.standing, model.effects[-1], good))
         if reason := refuse(data.select(good), model):
             raise InputError(f"channel '{data.name}': {reason}")
-        return _fitted(stand(data, model, {}, good))
+        return Fitted(stand(data, model, {}, good))
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """A fit without what all fits of a channel share, to be sent from another process.
+
+    Attributes:
+        trial: the model fitted.
+        trusted: blocks that count, shape (m,).
+        load: of a joint, that was derived for this model, (n,); None where there is none.
+    """
+
+    trial: Trial
+    trusted: BoolArray
+    load: FloatArray | None
+
+    def unpacked(self, data: ChannelData, other: Fitted) -> Fitted:
+        """The fit, beside another fit of the channel `data`."""
+        if self.load is not None:
+            data = replace(data, context={**data.context, LOAD: self.load})
+        frame = replace(other.standing.plain.frame, data=data, trusted=self.trusted, of_load=Memory())
+        return Fitted(Standing(data, Bench(frame, other.standing.plain.colour), self.trial))
+
+
+def pack(fitted: Fitted) -> Packed:
+    """A fit, as small as it can be sent."""
+    standing = fitted.standing
+    return Packed(standing.trial, standing.plain.frame.trusted, fitted.data.context.get(LOAD))
+
+
+def fit_held(data: ChannelData, fitted: Fitted, held: Mapping[str, float]) -> Fitted:
+    """Fit a model again from where it is, with some parameters held at these values."""
+    with threadpool_limits(1):
+        return Fitted(stand(data, replace(fitted.model, held=held), fitted.values, usable(data)))
 
 
 def _extended(data: ChannelData, standing: Standing, effect: Effect, good: BoolArray) -> Standing:
@@ -82,7 +172,7 @@ def _extended(data: ChannelData, standing: Standing, effect: Effect, good: BoolA
     At inner parameters of zero, a speed or a time that effort is divided by, nothing could be fitted.
     """
     best = try_all(standing, [effect])[0].search.best
-    return stand(data, best.model, best.parameters, good)
+    return stand(data, best.model, best.parameters, good, standing.plain.frame.memory)
 
 
 def diagnose(
@@ -108,22 +198,6 @@ def diagnose(
 def _importable(effects: Sequence[Effect]) -> bool:
     """Whether another process knows these effects; it does not know those of a user's file."""
     return all(type(effect).__module__.startswith("estimation.") for effect in effects)
-
-
-def _fitted(standing: Standing) -> Fitted:
-    bench, trial = final(standing)
-    found = {name: (one.value, one.std_err, one.unit) for name, one in values(bench, trial).items()}
-    residual = held_out_residual(standing.plain.frame, standing.trial)
-    return Fitted(
-        data=standing.data,
-        model=trial.model,
-        parameters={name: _estimate(name, *one) for name, one in found.items()},
-        predicted=trial.model.predict(standing.data, trial.parameters),
-        residual=residual,
-        judged=np.isfinite(residual),
-        rmse=standing.rmse,
-        standing=standing,
-    )
 
 
 def _estimate(name: str, value: float, std_err: float, unit: str) -> ParameterEstimate:

@@ -11,7 +11,7 @@ from estimation.estimate_channel import estimate_channel, fitting_rows
 from estimation.estimators import ESTIMATORS
 from estimation.model import Model
 from estimation.models import MODELS
-from estimation.study.html import html_table
+from estimation.study.shown import Shown, Table, interval_text
 from estimation.study.source import NO_ARM, Arm
 from estimation.surface import Surface
 from robot_io.errors import InputError
@@ -24,8 +24,8 @@ SEED = 1  # of the random choices of RANSAC
 OFFSET = "contact_offset.offset"
 
 
-@dataclass(frozen=True)
-class ChannelEstimates:
+@dataclass(frozen=True, repr=False)
+class ChannelEstimates(Shown):
     """One channel with what the estimators made of it.
 
     Attributes:
@@ -69,25 +69,28 @@ class ChannelEstimates:
         """The best estimate's effort for the whole channel, shape (n,)."""
         return self.model.predict(self.channel, {p.name: p.value for p in self.best.parameters})
 
-    def _repr_html_(self) -> str:
+    def _table(self) -> Table:
         rows = [
-            (one.estimator, p.name, f"{p.value:.5g} {p.unit}", f"{p.interval[0]:.5g} to {p.interval[1]:.5g}")
+            (one.estimator, p.name, f"{p.value:.5g} {p.unit}", interval_text(p))
             for one in self.estimates
             for p in one.parameters
         ]
         columns = ("estimator", "parameter", "value", "95 % interval")
-        return html_table(f"{self.model.name} of {self.channel.name}", columns, rows)
+        return Table(f"{self.model.name} of {self.channel.name}", columns, rows)
 
 
-def choose_estimators(names: str) -> list[str]:
-    """Names of estimators from "all" or a list with commas.
+def choose_estimators(names: str | Sequence[str]) -> list[str]:
+    """Names of estimators from "all", a text with commas between names, or a list of names.
 
     Raises:
         InputError: one of them is not known.
     """
     if names == ALL:
         return list(ESTIMATORS)
-    chosen = [name.strip() for name in names.split(",") if name.strip()]
+    parts = names.split(",") if isinstance(names, str) else names
+    if not (isinstance(parts, list | tuple) and all(isinstance(part, str) for part in parts)):
+        raise InputError(f"estimator {names!r}: give names, or '{ALL}'")
+    chosen = [part.strip() for part in parts if part.strip()]
     if not chosen:
         raise InputError(f"estimator '{names}': give names with commas between them, or {ALL}")
     if twice := {name for name in chosen if chosen.count(name) > 1}:
@@ -103,6 +106,8 @@ def only_runs(channel: ChannelData, runs: Sequence[int] | None) -> ChannelData:
     """
     if runs is None:
         return channel
+    if not (isinstance(runs, list | tuple) and all(isinstance(run, int) for run in runs)):
+        raise InputError(f"runs {runs!r}: give a list of run numbers, such as [0, 2]")
     typed = ",".join(map(str, runs))
     if len(set(runs)) < len(runs):
         raise InputError(f"--run {typed}: a run is there twice")

@@ -1,34 +1,41 @@
 """Models of one measurement, each fitted once."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from threading import RLock
+from types import MappingProxyType
+
+import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.diagnosis.arm_gains import with_shared_gains
 from estimation.diagnosis.candidates import library
 from estimation.effect import Effect
-from estimation.effects import EFFECTS
+from estimation.fit.trial import NOT_HELD
 from estimation.study import engine
 from estimation.study.channels import (
     ALL_CHANNELS,
     StudyChannel,
     channel_of,
     described_by,
+    suited_names,
     unapplicable,
     usual_model,
 )
 from estimation.study.comparison import Comparison, Comparisons, compare
 from estimation.study.engine import Fitted
-from estimation.study.html import html_table
+from estimation.study.shown import Shown, Table
 from estimation.study.source import Source
 from robot_io.errors import InputError
 
 About = tuple[str, str, str]  # channel, base model, SHA-256 of the data
 _Key = tuple[About, tuple[str, ...]]  # and the effects that were added
+NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
+_MOST_FITS = 90  # that are kept: those asked for longest ago would be the same again
 
 
-class Fits:
+class Fits(Shown):
     """Models of one measurement, each fitted once and beside the measurement; from any thread.
 
     Args:
@@ -101,9 +108,56 @@ class Fits:
         one = self.channel(channel) if isinstance(channel, str) else channel
         key = _key(one, effects)
         with self._lock:
-            if key not in self._fits:
-                self._fits[key] = self._fit(one, list(effects))
-            return self._fits[key]
+            made = self._fits.pop(key, None) or self._fit(one, list(effects))
+            self._remember(key, made)
+            return made
+
+    def known(self, channel: StudyChannel, effects: Sequence[str]) -> bool:
+        """Whether this was fitted already."""
+        with self._lock:
+            return _key(channel, effects) in self._fits
+
+    def take(self, channel: StudyChannel, effects: Sequence[str], packed: engine.Packed) -> None:
+        """Take over a fit that another process made of the same data by the same engine."""
+        with self._lock:
+            if not self.known(channel, effects):
+                self._remember(_key(channel, effects), packed.unpacked(channel.data, self.fit(channel)))
+
+    def fit_held(
+        self,
+        channel: StudyChannel | str,
+        effects: Sequence[str] = (),
+        held: Mapping[str, float] = NOT_HELD,
+        bounds: Mapping[str, tuple[float, float]] = NO_BOUNDS,
+    ) -> Fitted:
+        """The model of `fit`, with some parameters held and the others fitted again.
+
+        Args:
+            channel: where.
+            effects: added to its base model.
+            held: values by "effect.parameter".
+            bounds: lowest and highest value of others; one that would leave its bounds is held at the nearer.
+
+        Raises:
+            InputError: as `fit`; or there is no such parameter, or a value is not finite.
+        """
+        one = self.channel(channel) if isinstance(channel, str) else channel
+        with self._lock:
+            fitted = self.fit(one, effects)
+            _check_values(
+                fitted, [*held.items(), *((name, v) for name, pair in bounds.items() for v in pair)]
+            )
+            fixed = dict(held)
+            while True:
+                now = engine.fit_held(one.data, fitted, fixed) if fixed else fitted
+                outside = {
+                    name: float(np.clip(now.values[name], *pair))
+                    for name, pair in bounds.items()
+                    if name not in fixed and not pair[0] <= now.values[name] <= pair[1]
+                }
+                if not outside:
+                    return now
+                fixed |= outside
 
     def noise_floor(self, channel: StudyChannel | str) -> float:
         """The error that a complete model would leave, in the unit of the effort.
@@ -139,19 +193,28 @@ class Fits:
                 self._comparisons[key] = compare(fitted, name, floor)
             return self._comparisons[key]
 
+    def _remember(self, key: _Key, made: Fitted) -> None:
+        """Keep a fit as the one asked for last, and forget those asked for longest ago."""
+        self._fits[key] = made
+        while len(self._fits) > _MOST_FITS:
+            first = next(iter(self._fits))
+            del self._fits[first]
+            for compared in [one for one in self._comparisons if one[0] == first]:
+                del self._comparisons[compared]
+
     def _loaded(self, one: StudyChannel) -> ChannelData:
         """The channel with the signals that a fit derives, such as the load of a joint."""
         try:
             return self.fit(one).data
-        except InputError:  # it cannot be judged, which the user is told where it is chosen
+        except InputError:  # it cannot be judged, which is said where it is chosen
             return one.data
 
-    def _repr_html_(self) -> str:
+    def _table(self) -> Table:
         rows = [
             (one.name, one.model.name, len(one.data.runs), len(one.data), one.sha256[:12])
             for one in self.channels
         ]
-        return html_table(self.source.name, ("channel", "base model", "runs", "samples", "SHA-256"), rows)
+        return Table(self.source.name, ("channel", "base model", "runs", "samples", "SHA-256"), rows)
 
     @property
     def _file(self) -> str:
@@ -180,13 +243,22 @@ class Fits:
 
     def _effect(self, name: str) -> Effect:
         if name not in self._library:
-            raise InputError(EFFECTS.unknown(name))
+            known = suited_names(name, self.effects, [one.data for one in self.channels])
+            raise InputError(f"no effect is called '{name}'. {known}")
         return self._library[name]
 
 
 def about(channel: StudyChannel) -> About:
     """What a fit is about but for the effects that were added."""
     return channel.name, channel.model.name, channel.sha256
+
+
+def _check_values(fitted: Fitted, values: Sequence[tuple[str, float]]) -> None:
+    for name, value in values:
+        if name not in fitted.values:
+            raise InputError(f"no parameter '{name}'. There are: {', '.join(fitted.values)}")
+        if not math.isfinite(value):
+            raise InputError(f"{name}={value}: give a finite number")
 
 
 def _key(channel: StudyChannel, effects: Sequence[str]) -> _Key:

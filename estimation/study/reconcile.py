@@ -5,7 +5,7 @@ from math import isfinite
 
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.doubt import SMALL
-from estimation.diagnosis.result import Accepted, ParameterValue, Ranked
+from estimation.diagnosis.result import Accepted, ParameterValue, Ranked, Verdict
 from estimation.diagnosis.result import Fitted as FittedEntry
 from estimation.estimate import ParameterEstimate
 from estimation.study.channels import StudyChannel
@@ -27,17 +27,27 @@ def reconcile(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> Ch
     value = last if found.complete else found.noise_floor
     times = last / value if value > 0.0 else 1.0
     floor, left = found.floor, found.remaining
+    ranking = _ranking(study, channel, found.ranking)
     return found.model_copy(
         update={
+            "reason": reason_of(found, ranking),
             "floor": floor and floor.model_copy(update={"value": value}),
             "remaining": left and left.model_copy(update={"rmse": last, "times_floor": times}),
             "noise_floor": value,
             "baseline": _entry(fits[0]),
             "final": _entry(fits[-1]),
             "accepted": accepted,
-            "ranking": _ranking(study, channel, found.ranking),
+            "ranking": ranking,
         }
     )
+
+
+def reason_of(found: ChannelDiagnosis, ranking: Sequence[Ranked]) -> str:
+    """The reason; where nothing is established, with the single effect that takes away most."""
+    if found.verdict is not Verdict.UNEXPLAINED or not ranking or ranking[0].score < SMALL:
+        return found.reason
+    best = f"{ranking[0].effect}, takes away {100 * ranking[0].score:.0f} % of the error"
+    return f"{found.reason}; the best single effect, {best}, and is not established"
 
 
 def _accepted(entry: Accepted, before: Fitted, after: Fitted) -> Accepted:
@@ -67,6 +77,11 @@ def _entry(fitted: Fitted) -> FittedEntry:
 
 def _values(parameters: Mapping[str, ParameterEstimate]) -> dict[str, ParameterValue]:
     return {
-        name: ParameterValue(value=p.value, std_err=p.std_err if isfinite(p.std_err) else None, unit=p.unit)
+        name: ParameterValue(
+            value=p.value,
+            std_err=p.std_err if isfinite(p.std_err) else None,
+            unit=p.unit,
+            at_bound=p.at_bound,
+        )
         for name, p in parameters.items()
     }

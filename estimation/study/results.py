@@ -7,8 +7,8 @@ from estimation.estimate import ParameterEstimate
 from estimation.study.channels import StudyChannel
 from estimation.study.comparison import Comparison
 from estimation.study.engine import Fitted
-from estimation.study.html import html_table
 from estimation.study.revisions import Revision
+from estimation.study.shown import Shown, Table
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +36,8 @@ class Stage:
         return dict(self.fitted.parameters)
 
 
-@dataclass(frozen=True, eq=False)
-class ChannelResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class ChannelResult(Shown):
     """One channel with all that is known about it.
 
     Attributes:
@@ -73,7 +73,7 @@ class ChannelResult:
         """The fullest model beside the measurement."""
         return self.grown or self.comparison
 
-    def _repr_html_(self) -> str:
+    def _table(self) -> Table:
         floor, unit = self.noise_floor or float("nan"), self.channel.effort_unit
         rows = [
             (
@@ -85,11 +85,11 @@ class ChannelResult:
             for one in self.stages
         ]
         caption = f"{self.channel.name}: noise floor {floor:.4g} {unit}. {self.reason}"
-        return html_table(caption, ("revision", "model", "held-out error", "x noise floor"), rows)
+        return Table(caption, ("revision", "model", "held-out error", "x noise floor"), rows)
 
 
-@dataclass(frozen=True, eq=False)
-class Change:
+@dataclass(frozen=True, eq=False, repr=False)
+class Change(Shown):
     """What adding or removing effects did.
 
     Attributes:
@@ -102,27 +102,27 @@ class Change:
     revisions: tuple[Revision, ...]
     parent: Revision | None
 
-    def _repr_html_(self) -> str:
-        return self.result._repr_html_()
+    def _table(self) -> Table:
+        return self.result._table()
 
 
-class StudyDiagnosis(Diagnosis):
+class StudyDiagnosis(Shown, Diagnosis):
     """A diagnosis whose errors and parameters are those of the study's own fits."""
 
-    def _repr_html_(self) -> str:
+    def _table(self) -> Table:
         rows = [
             (one.channel, one.verdict, ", ".join(entry.effect for entry in one.accepted), one.reason)
             for one in self.channels
         ]
-        return html_table(f"What is missing in {self.model}", ("channel", "verdict", "effects", "why"), rows)
+        return Table(f"What is missing in {self.model}", ("channel", "verdict", "effects", "why"), rows)
 
 
-class RevisionTable(tuple[Revision, ...]):
+class RevisionTable(Shown, tuple[Revision, ...]):
     """Revisions, oldest first."""
 
     __slots__ = ()
 
-    def _repr_html_(self) -> str:
+    def _table(self) -> Table:
         rows = [
             (
                 one.number,
@@ -135,4 +135,4 @@ class RevisionTable(tuple[Revision, ...]):
             for one in self
         ]
         columns = ("revision", "from", "channel", "model", "held-out error", "made")
-        return html_table("Revisions", columns, rows)
+        return Table("Revisions", columns, rows)

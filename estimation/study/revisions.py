@@ -1,27 +1,33 @@
 """Stages of models, kept so that one can go back to any of them: in files, or in memory."""
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from estimation.base_model import ModelContext
+from estimation.data.numbers import LARGEST
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
 from robot_io.errors import InputError
+from robot_io.files.whole_file import whole_file
 
 FOLDER = "revisions"
+MOST = 999_999  # a number beyond was not given by palpate
+Sized = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+SizedError = Annotated[float, Field(ge=0.0, le=LARGEST)]
 
 
 class KeptParameter(BaseModel):
-    """One parameter; `std_err` is None where the data do not determine it."""
+    """One parameter; `std_err` is None where undetermined, `at_bound` where an inner search ended at one."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    value: float
-    std_err: float | None
+    value: Sized
+    std_err: SizedError | None
     unit: str
+    at_bound: bool = False
 
 
 class Revision(BaseModel):
@@ -47,7 +53,7 @@ class Revision(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    number: int
+    number: int = Field(ge=0, le=MOST)
     parent: int | None
     channel: str
     model: str
@@ -56,8 +62,8 @@ class Revision(BaseModel):
     effects: list[str]
     user_effects: list[str]
     effort_unit: str
-    rmse: float
-    noise_floor: float
+    rmse: SizedError
+    noise_floor: SizedError
     parameters: dict[str, KeptParameter]
     data_sha256: str
     created_utc: str
@@ -119,11 +125,25 @@ class Revisions:
             return self._in_memory[-1]
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            while not _write_new(self._folder / _name(number), make(number).model_dump_json(indent=2) + "\n"):
-                number += 1
+            while True:
+                made = make(number)
+                try:
+                    with whole_file(self._folder / _name(number), replace=False) as unfinished:
+                        unfinished.write_text(made.model_dump_json(indent=2) + "\n", encoding="utf-8")
+                except FileExistsError:  # another program was quicker
+                    number += 1
+                else:
+                    return made
         except OSError as error:
             raise InputError(f"cannot write {self._folder}: {error.strerror or error}") from error
-        return make(number)
+
+    def drop(self, revisions: Sequence[Revision]) -> None:
+        """Take away revisions that were just kept, the newest last: a set that could not be kept in full."""
+        for one in reversed(revisions):
+            if self._folder is None:
+                self._in_memory.remove(one)
+            else:
+                (self._folder / _name(one.number)).unlink(missing_ok=True)
 
 
 def own_effects(revisions: Sequence[Revision]) -> list[str]:
@@ -133,38 +153,6 @@ def own_effects(revisions: Sequence[Revision]) -> list[str]:
 
 def _name(number: int) -> str:
     return f"{number:04d}.json"
-
-
-def _write_new(path: Path, text: str) -> bool:
-    """Write a file, whole or not at all, unless one is there; of several writers, one alone is told True."""
-    unfinished = path.with_name(f".{os.getpid()}.{os.urandom(4).hex()}.part.json")
-    try:
-        unfinished.write_text(text, encoding="utf-8")
-        try:
-            os.link(unfinished, path)
-        except FileExistsError:
-            return False
-        except OSError:  # a file system without links
-            return _renamed(unfinished, path)
-        return True
-    finally:
-        unfinished.unlink(missing_ok=True)
-
-
-def _renamed(unfinished: Path, path: Path) -> bool:
-    """Give a file its name while a second file holds that name for this writer; False if it was taken."""
-    taken = path.with_suffix(".taken")
-    try:
-        taken.touch(exist_ok=False)
-    except FileExistsError:
-        return False
-    try:
-        if path.exists():
-            return False
-        unfinished.replace(path)
-        return True
-    finally:
-        taken.unlink()
 
 
 def _read(file: Path) -> Revision:
@@ -206,6 +194,11 @@ def _flaws(revision: Revision, number: int) -> Iterator[str]:
         return  # one of the user's own has the name of another effect, with parameters of its own
     if lacking := sorted(_wanted(revision) - set(revision.parameters)):
         yield f"its parameter {lacking[0]} is missing"
+    for name in (name for name in effects if name in EFFECTS):
+        for one in EFFECTS[name].inner:
+            value = revision.parameters[f"{name}.{one.name}"].value
+            if not one.lower <= value <= one.upper:
+                yield f"its parameter {name}.{one.name} is {value:g}, beyond {one.lower:g} to {one.upper:g}"
 
 
 def _wanted(revision: Revision) -> set[str]:

@@ -16,7 +16,8 @@ from estimation.channel import ChannelData
 from estimation.data.channels import is_session, session_channels
 from estimation.data.import_file import Imported, import_file, import_table
 from estimation.data.import_options import ImportOptions
-from estimation.data.table import table_of
+from estimation.data.joining import joined_channels
+from estimation.data.table import arrow_of, table_of
 from robot_io.calibration import NO_CALIBRATIONS, parse_calibrations
 from robot_io.errors import InputError
 from robot_io.robot_file import parse_robot_file
@@ -66,9 +67,11 @@ class Source:
         name: of the file, for people.
         channels: efforts with their motion, as they were measured.
         arm: what the channels belong to.
-        path: session or data file; None for measurements in memory.
-        session: None if it is none.
+        path: session, folder of sessions, or data file; None for measurements in memory.
+        session: the first; None if it is none.
+        more: further probings by the same arm, that belong to the study.
         unused: columns of numbers that nothing was made of.
+        notes: sentences on the data that the reader should see.
     """
 
     name: str
@@ -77,6 +80,8 @@ class Source:
     path: Path | None = None
     session: Session | None = None
     unused: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    more: tuple[Session, ...] = ()
 
     @property
     def probed(self) -> bool:
@@ -85,15 +90,18 @@ class Source:
 
     def tared(self) -> tuple[ChannelData, ...]:
         """The channels with the force in free air taken off that of a probing, which a stiffness needs."""
-        return self.channels if self.session is None else session_channels(self.session, tared=True)
+        if self.session is None:
+            return self.channels
+        return session_channels(self.session, *self.more, tared=True)
 
 
 def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None = None) -> Source:  # noqa: ANN401
     """Read whatever a user has.
 
     Args:
-        data: path of a session or data file; a table (pandas, pyarrow, or a dict of arrays (n,)), whose
-            columns are called as those of a file; one channel or several.
+        data: path of a session, of a folder of sessions of one arm, or of a data file; a table (pandas,
+            pyarrow, or a dict of arrays (n,)), whose columns are called as those of a file; one channel or
+            several.
         options: how to read a file or table; none for a session or channels.
         arm: what the channels belong to, where the data does not say or the user knows better.
 
@@ -102,6 +110,20 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
     """
     source = _read(data, options)
     return source if arm is None else replace(source, arm=arm)
+
+
+def joined(first: Source, second: Source) -> Source:
+    """Two measurements of one thing as one, the runs of the second after those of the first; in memory.
+
+    Raises:
+        InputError: they share no channel.
+    """
+    others = {(one.name, one.kind): one for one in second.channels}
+    pairs = [(one, others.get((one.name, one.kind))) for one in first.channels]
+    channels = tuple(joined_channels((one, other)) for one, other in pairs if other is not None)
+    if not channels:
+        raise InputError(f"{second.name}: has no channel that {first.name} has")
+    return Source(f"{first.name} and {second.name}", channels, first.arm)
 
 
 def _read(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
@@ -118,13 +140,25 @@ def _read(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
                 raise InputError(f"{IN_MEMORY}: several channels are called {', '.join(twice)}; rename them")
             return Source(IN_MEMORY, tuple(data))
     imported = import_table(table_of(_arrow(data), Path(IN_MEMORY)), options)
-    return Source(IN_MEMORY, imported.channels, unused=imported.unused)
+    return Source(IN_MEMORY, imported.channels, unused=imported.unused, notes=imported.notes)
+
+
+def _of_folder(folder: Path) -> Source:
+    """The probings in a folder, as one measurement."""
+    sessions = [Session.open(path) for path in sorted(folder.glob("*.mcap"))]
+    if not sessions:
+        raise InputError(f"{folder}: is a folder without a session (.mcap)")
+    first, *more = sessions
+    channels = session_channels(first, *more)
+    return Source(folder.name, channels, arm_of(first), folder, first, more=tuple(more))
 
 
 def _of_file(path: Path, options: ImportOptions) -> Source:
+    if path.is_dir() and options == NO_OPTIONS:
+        return _of_folder(path)
     if not is_session(path):
         imported: Imported = import_file(path, options)
-        return Source(path.name, imported.channels, path=path, unused=imported.unused)
+        return Source(path.name, imported.channels, path=path, unused=imported.unused, notes=imported.notes)
     if options != NO_OPTIONS:
         raise InputError(
             f"{path}: is a session; --column, --unit, --where, --context and --fresh-runs are for data files"
@@ -136,18 +170,18 @@ def _of_file(path: Path, options: ImportOptions) -> Source:
 def _arrow(data: Any) -> pa.Table:  # noqa: ANN401
     """A table of any library: by Arrow's own interface, else column by column."""
     names = list(data) if isinstance(data, Mapping) else list(getattr(data, "columns", ()))
-    try:
-        if isinstance(data, pa.Table):
-            return data
-        if hasattr(data, "__arrow_c_stream__"):
+    if isinstance(data, pa.Table):
+        return data
+    if hasattr(data, "__arrow_c_stream__"):
+        try:
             return pa.table(data)
-        if names:
-            return pa.table({str(name): pa.array(_plain(data[name])) for name in names})
-    except (pa.ArrowException, TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{IN_MEMORY}: is no table: {' '.join(str(error).split())[:200]}") from error
+        except (pa.ArrowException, TypeError, ValueError, OverflowError) as error:
+            raise InputError(f"{IN_MEMORY}: is no table: {' '.join(str(error).split())[:200]}") from error
+    if names:
+        return arrow_of({str(name): _plain(data[name]) for name in names}, Path(IN_MEMORY))
     raise InputError(
-        f"data of type {type(data).__name__}: give the path of a session or data file, a table "
-        "(pandas, pyarrow, or a dict of arrays), or channels"
+        f"data of type {type(data).__name__}{' without columns' if isinstance(data, Mapping) else ''}: give "
+        "the path of a session or data file, a table (pandas, pyarrow, or a dict of arrays), or channels"
     )
 
 

@@ -12,7 +12,7 @@ from estimation.data.import_options import ImportOptions
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.effect import Effect
 from estimation.study import engine
-from estimation.study.channels import StudyChannel, model_to_estimate, unapplicable
+from estimation.study.channels import StudyChannel, model_to_estimate, suited_names, unapplicable
 from estimation.study.estimates import ALL, ChannelEstimates, choose_estimators, estimate_with, only_runs
 from estimation.study.fits import About, Fits, about
 from estimation.study.kept_diagnosis import diagnosis_data, read_diagnosis
@@ -77,6 +77,7 @@ class Study(Fits):
         *,
         apply: bool = False,
         progress: engine.Progress = lambda what, share: None,
+        judge: engine.Judge = engine.diagnose,
     ) -> StudyDiagnosis:
         """Say whether anything is missing in the base models, and which effect it is.
 
@@ -84,6 +85,7 @@ class Study(Fits):
             channel: only this one; None for all.
             apply: add what is missing, as revisions.
             progress: called with what is being done, and which share of that is done.
+            judge: does the work, such as in another process.
 
         Raises:
             InputError: there is no such channel.
@@ -92,7 +94,7 @@ class Study(Fits):
         unknown = [one for one in chosen if about(one) not in self._diagnoses]
         if unknown:
             data, models = [one.data for one in chosen], [one.model for one in chosen]
-            judged = engine.diagnose(data, models, self.effects, progress, self._file)
+            judged = judge(data, models, self.effects, progress, self._file)
             found = [reconcile(self, *pair) for pair in zip(chosen, judged.channels, strict=True)]
             with self._lock:
                 self._diagnoses |= dict(zip(map(about, chosen), found, strict=True))
@@ -146,6 +148,10 @@ class Study(Fits):
             InputError: a name is unknown, an effect is there already or does not apply, or arguments
                 contradict.
         """
+        if not (effects and all(isinstance(name, str) for name in effects)):
+            raise InputError(
+                f"add({', '.join(map(repr, effects))}): give names of effects, such as add('dry_friction')"
+            )
         chosen = [self._effect(name) for name in effects]
         with self._lock:
             if start is None:
@@ -174,16 +180,16 @@ class Study(Fits):
         """Take an effect out of the newest model of a channel again; what was before is kept.
 
         Raises:
-            InputError: no newest model has that effect, or those of several channels have.
+            InputError: that effect was added to no channel's newest model, or to those of several.
         """
         with self._lock:
-            newest = [self.newest(one) for one in self.chosen(channel)]
-            having = [kept for kept in newest if kept is not None and effect in kept.effects]
-            if len(having) != 1:
-                there = ", ".join(kept.channel for kept in having) or "none"
-                raise InputError(
-                    f"remove {effect}: the newest model of {there} has it; name one such channel"
-                )
+            newest = [kept for one in self.chosen(channel) if (kept := self.newest(one)) is not None]
+            having = [kept for kept in newest if effect in kept.effects]
+            if not having:
+                raise InputError(f"remove {effect!r}: was not added to any model. {_added_to(newest)}")
+            if len(having) > 1:
+                there = ", ".join(kept.channel for kept in having)
+                raise InputError(f"remove {effect!r}: was added to {there}; choose one with --channel")
             (parent,) = having
             self._check_own(parent)
             one, left = self.channel_of(parent), [name for name in parent.effects if name != effect]
@@ -191,12 +197,15 @@ class Study(Fits):
             return Change(self.result(one, left, self.known_diagnosis(one)), (revision,), parent)
 
     def estimate(
-        self, estimators: str = ALL, channel: str | None = None, runs: Sequence[int] | None = None
+        self,
+        estimators: str | Sequence[str] = ALL,
+        channel: str | None = None,
+        runs: Sequence[int] | None = None,
     ) -> tuple[ChannelEstimates, ...]:
         """Parameters by every method, with 95 % intervals; the force in free air is taken off a probing's.
 
         Args:
-            estimators: "all", or names with commas between them.
+            estimators: "all", names with commas between them, or a list of names.
             channel: only this one; None for contacts, or joints where there is no contact.
             runs: only these; None for all.
 
@@ -324,7 +333,8 @@ class Study(Fits):
         names = " and ".join(effect.name for effect in effects)
         if not fitting:
             there = ", ".join(f"{one.name} ({one.data.kind})" for one in begun)
-            raise InputError(f"{names} can be in none of the channels: {there}")
+            known = suited_names(effects[0].name, self.effects, [one.data for one in begun])
+            raise InputError(f"{names} can be in none of the channels: {there}. {known}")
         contacts = [one for one in fitting if one.data.kind is ChannelKind.CONTACT]
         if len(fitting) > 1 and len(contacts) != 1:
             there = ", ".join(one.name for one in fitting)
@@ -339,8 +349,12 @@ class Study(Fits):
         before = parent or next(bases, None)
         self.fit(one, effects)  # nothing is kept of what cannot be added
         kept: list[Revision] = []
-        for count in range(0 if before is None else len(before.effects) + 1, len(effects) + 1):
-            kept.append(self._kept(one, effects[:count], kept[-1] if kept else before))
+        try:
+            for count in range(0 if before is None else len(before.effects) + 1, len(effects) + 1):
+                kept.append(self._kept(one, effects[:count], kept[-1] if kept else before))
+        except BaseException:  # a full disk, or Ctrl-C: all stages or none
+            self._revisions.drop(kept)
+            raise
         return tuple(kept)
 
     def _kept(
@@ -349,7 +363,10 @@ class Study(Fits):
         fitted, made = self.fit(one, effects), self._now().isoformat(timespec="seconds")
         parameters = {
             name: KeptParameter(
-                value=p.value, std_err=p.std_err if math.isfinite(p.std_err) else None, unit=p.unit
+                value=p.value,
+                std_err=p.std_err if math.isfinite(p.std_err) else None,
+                unit=p.unit,
+                at_bound=p.at_bound,
             )
             for name, p in fitted.parameters.items()
         }
@@ -372,6 +389,11 @@ class Study(Fits):
                 software_version=version("palpate"),
             )
         )
+
+
+def _added_to(newest: Sequence[Revision]) -> str:
+    added = (f"{one.channel} has {', '.join(one.effects)}" for one in newest if one.effects)
+    return "; ".join(added) or "Nothing was added yet"
 
 
 def _about_revision(revision: Revision) -> About:

@@ -15,13 +15,13 @@ from calibration.force.plateaus import STANDARD_GRAVITY_M_S2, read_reference_fil
 from calibration.force.weighing import read_weighing
 from estimation.data.import_options import parse_pairs
 from palpate import console
-from palpate.files import different_files, existing_file, output_file, write_text
+from palpate.files import different_files, existing_file, output_file, whole_set
 from palpate.render.calibration import (
     arm_figure,
     encoder_figure,
+    figure_page,
     force_figure,
     print_calibration,
-    write_figure,
 )
 from palpate.render.progress import motion_progress, weighing_progress
 from palpate.runs import calibration as runs
@@ -253,8 +253,8 @@ def _calibrate(
             raw = session
         found = work_out(raw)
         calibration = found.calibration(fits.Stamp.of(robot_file, raw, options.valid_days))
-        write_figure(found.draw(), plot)
-        write_text(path, calibration.to_yaml())
+        with whole_set({plot: figure_page(found.draw()), path: calibration.to_yaml()}):
+            pass
     if options.as_json:
         written = {"file": str(path), "plot": str(plot), "raw": str(raw)}
         console.print_json(written | calibration.model_dump(mode="json"))

@@ -21,7 +21,8 @@ from palpate.data_options import (
 )
 from palpate.derived import folder_to_fill, folder_to_read
 from palpate.files import output_folder
-from palpate.outcome import NAMES, write_json, write_outcome
+from palpate.outcome import NAMES, write_outcome
+from palpate.outcome import as_json as json_text
 from palpate.render.terminal import print_comparison
 from palpate.study import Study
 from palpate.study_view import view_of
@@ -79,9 +80,8 @@ def command(
     grown = {"revision": [str(one.number) for one in kept], "folder": folder}
     again = f"palpate compare {data.typed(channel=channel, model=model, **grown)}"
     if target is not None:
-        write_json(content, target / RESULT)
         known = [replace(one, diagnosis=study.known_diagnosis(one.channel)) for one in results]
-        written = write_outcome(target, study, known, [again])
+        written = write_outcome(target, study, known, [again], {RESULT: json_text(content)})
         console.stderr().print(f"\nreport  [bold]{shown(written['report'])}[/bold]")
     if not as_json:
         zoom = (f"{again} --out FOLDER", "a report to zoom into")

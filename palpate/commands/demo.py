@@ -19,7 +19,7 @@ from palpate.render.terminal import print_files, print_stages
 from palpate.study_view import result_view
 from palpate.words import as_shell_word, shown, significant, typed
 from sim_backend.imperfection import Imperfection
-from sim_backend.scenario import Scenario, load_scenario, shipped_scenarios
+from sim_backend.scenario import MOST_SEED, Scenario, load_scenario, shipped_scenarios
 
 DEFAULT = "default"
 
@@ -31,7 +31,9 @@ def command(
     seed: Annotated[
         int | None,
         typer.Option(
-            help="Seed of all simulated noise, and of what is hidden; default: another each time.", min=0
+            help="Seed of all simulated noise, and of what is hidden; default: another each time.",
+            min=0,
+            max=MOST_SEED,
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,

@@ -18,10 +18,12 @@ from palpate import console
 from palpate.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
 from palpate.derived import folder_to_fill
 from palpate.files import output_folder
-from palpate.next_plan import plan_of, same_world, write_plan
-from palpate.outcome import NAMES, write_json, write_outcome
+from palpate.next_plan import plan_text, same_world
+from palpate.outcome import NAMES, write_outcome
+from palpate.outcome import as_json as json_text
 from palpate.render.progress import diagnosis_progress
 from palpate.render.terminal import print_diagnosis, print_files
+from palpate.resolving.designing import next_probe, with_proposal
 from palpate.study import Study
 from palpate.study_view import view_of
 from palpate.words import as_shell_word
@@ -61,6 +63,9 @@ def command(
     folder = output_folder(folder_to_fill(data.file, out, names, force=force)) if wanted else None
     with diagnosis_progress([one.name for one in study.chosen(channel)]) as progress:
         diagnosis = study.diagnose(channel, apply=apply, progress=progress)
+        following = next_probe(study, diagnosis.channels, progress=progress)
+    if following is not None:
+        diagnosis = with_proposal(diagnosis, following)
     content = study.diagnosis_data(diagnosis)
     results = [
         study.result(study.channel(one.channel), [entry.effect for entry in one.accepted], one)
@@ -73,10 +78,11 @@ def command(
         _say_what_is_not_there(study)
     plan = None
     if folder is not None:
-        write_json(content, folder / RESULT)
-        plan = _write_plan(study, diagnosis, folder)
+        texts = {RESULT: json_text(content)}
+        if following is not None:
+            plan, texts[PLAN] = folder / PLAN, plan_text(following.proposal, following.plan)
         repeated = f"palpate diagnose {data.typed(channel=channel, model=model)}{' --apply' if apply else ''}"
-        written = write_outcome(folder, study, results, [repeated])
+        written = write_outcome(folder, study, results, [repeated], texts)
         if not as_json:
             console.stdout().print()
             print_files(console.stdout(), {"result": folder / RESULT, **written})
@@ -148,15 +154,3 @@ def _met_afresh(study: Study, found: ChannelDiagnosis) -> bool:
         return False
     channel = study.channel(found.channel)
     return relaxes_afresh(channel.data, channel.model)
-
-
-def _write_plan(study: Study, diagnosis: StudyDiagnosis, folder: Path) -> Path | None:
-    """The first experiment that an arm can run by itself."""
-    for found in diagnosis.channels:
-        if found.next_experiment is None or found.verdict is Verdict.ADEQUATE:
-            continue
-        plan = plan_of(found.next_experiment, study.source.session)
-        if plan is not None:
-            write_plan(found.next_experiment, plan, folder / PLAN)
-            return folder / PLAN
-    return None

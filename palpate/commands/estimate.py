@@ -39,7 +39,7 @@ def command(
         used = "+".join(dict.fromkeys(each.model.name for each in found))
         console.print_json({"file": str(data.file), "model": used, "cut_off": cut_off, "channels": results})
     else:
-        _print(data, study, found)
+        _print(data, study, found, model)
 
 
 def _runs(text: str | None) -> list[int] | None:
@@ -49,7 +49,7 @@ def _runs(text: str | None) -> list[int] | None:
         raise InputError(f"--run {text!r}: give numbers with commas between them, such as 0,2") from None
 
 
-def _print(data: DataArguments, study: Study, found: Sequence[ChannelEstimates]) -> None:
+def _print(data: DataArguments, study: Study, found: Sequence[ChannelEstimates], model: str | None) -> None:
     out, session = console.stdout(), study.source.session
     out.print(f"[bold]{shown(data.file)}[/bold]: {count(len(found), 'channel')}")
     if session is not None and session.truncated:
@@ -60,5 +60,7 @@ def _print(data: DataArguments, study: Study, found: Sequence[ChannelEstimates])
         print_estimates(out, each, study.truth_of(each.channel))
     for remark in calibration_remark(session):
         out.print(f"  {safe(remark)}")
+    steps = [(f"palpate compare {data.typed(model=model)}", "how far off the model is, and where")]
     if session is not None:
-        console.next_steps((f"palpate inspect {typed(data.file)}", "see it in Rerun"))
+        steps.append((f"palpate inspect {typed(data.file)}", "see it in Rerun"))
+    console.next_steps(*steps)

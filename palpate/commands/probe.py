@@ -12,13 +12,12 @@ from palpate import console
 from palpate.files import existing_file, output_file
 from palpate.render.progress import probing_progress
 from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers, takes
-from palpate.runs.permission import ask_for_power
+from palpate.runs.permission import ask_for_power, motion_in_words
 from palpate.runs.probing import ProbingJob, ProbingOutcome, online_estimators, run_probing
 from palpate.runs.robots import wires_in_words
 from palpate.words import count, duration, safe, shown, typed
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate
-from robot_io.robot_file import RobotFile
 
 MILLI = 1e-3
 NO_ESTIMATOR = "none"
@@ -58,7 +57,7 @@ def command(
         output_file(out or SESSIONS / f"{options.stamped_name()}.mcap"),
         plan,
         online=None if online == NO_ESTIMATOR else online,
-        permission=lambda: ask_for_power(_motion(robot_file, plan), yes=yes),
+        permission=lambda: ask_for_power(motion_in_words(robot_file, plan), yes=yes),
         **options.job,
     )
     remark = f"emulated devices: {safe(wires_in_words(robot_file))}" if options.wire else ""
@@ -69,15 +68,6 @@ def command(
     else:
         _print(outcome, len(list(plan.runs())))
     outcome.raise_for_failure()
-
-
-def _motion(robot_file: RobotFile, plan: ProbingPlan) -> str:
-    """What is asked of a real arm, for the question before it gets power."""
-    speeds = ", ".join(f"{speed / MILLI:g}" for speed in plan.speeds_m_s)
-    return (
-        f"'{robot_file.name}' is going to move: {count(len(list(plan.runs())), 'run')} at {speeds} mm/s, "
-        f"pressing with {plan.force_limit_n:g} N; its guard stops it beyond {robot_file.limits.force_n:g} N."
-    )
 
 
 def _speeds(text: str) -> list[float]:

@@ -5,7 +5,7 @@ from estimation.study.revisions import own_effects
 from palpate import console
 from palpate.data_options import DataArguments, FolderOption, JsonOption, takes_data
 from palpate.derived import folder_to_read
-from palpate.files import existing_file
+from palpate.files import existing_data
 from palpate.render.build import revision_rows
 from palpate.render.terminal import print_revisions
 
@@ -16,7 +16,7 @@ def command(data: DataArguments, as_json: JsonOption = False, folder: FolderOpti
 
     Options for reading a data file are taken as well, so that a command can be edited into another one.
     """
-    existing_file(data.file, "session or data file")
+    existing_data(data.file)
     revisions = Revisions(folder_to_read(data.file, folder)).all()
     if as_json:
         kept = [revision.model_dump(mode="json") for revision in revisions]

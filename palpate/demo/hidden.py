@@ -12,7 +12,7 @@ from estimation.study.engine import Progress
 from estimation.study.kept_diagnosis import RESULT
 from palpate.demo.probe import probe_demo
 from palpate.files import output_folder
-from palpate.outcome import write_json, write_outcome
+from palpate.outcome import as_json, write_outcome
 from palpate.runs.hiding import open_answer
 from palpate.runs.probing import NOBODY, Watcher
 from palpate.study import Study
@@ -100,7 +100,9 @@ def solve(session: Path, progress: Progress) -> HiddenDemo:
     folder = output_folder(Session.open(session).derived_dir)
     diagnosis = study.diagnose(apply=True, progress=progress)
     (result,) = study.results()
-    written = write_json(study.diagnosis_data(diagnosis), folder / RESULT)
     typed = f"palpate diagnose {typed_path(session)} --model {CONTACT_MODEL} --apply"
-    files = {"result": written, **write_outcome(folder, study, [result], [typed])}
-    return HiddenDemo(session, result, files, open_answer(Session.open(session)))
+    texts = {RESULT: as_json(study.diagnosis_data(diagnosis))}
+    files = write_outcome(folder, study, [result], [typed], texts)
+    return HiddenDemo(
+        session, result, {"result": folder / RESULT, **files}, open_answer(Session.open(session))
+    )

@@ -54,7 +54,6 @@ class EmulatedHand(Hand):
         self._away_m = self._world.truth().tip_position_world_m[2] - _AWAY_M
 
     def turn(self, joint: int, words: str) -> None:
-        """See `Hand.turn`."""
         self._joint, self._pressing = joint, False
 
     def press(self, words: str) -> None:
@@ -62,7 +61,6 @@ class EmulatedHand(Hand):
         self._joint, self._pressing = None, True
 
     def go_on(self, elapsed_s: float) -> None:
-        """See `Hand.go_on`."""
         world = self._world
         world.held = True
         if self._joint is not None:
@@ -75,7 +73,6 @@ class EmulatedHand(Hand):
             world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
     def rest(self) -> None:
-        """See `Hand.rest`."""
         self._joint, self._pressing = None, False
         self._world.object.move_surface(self._away_m)
         self._world.place(self._home_rad)

@@ -1,7 +1,7 @@
 """How each effect of a fitted model is called in a scenario, and what becomes of its parameters.
 
 Estimation and simulation were written apart from each other on purpose; this is the one place where their
-words meet. An effect that is not here, or whose values the simulator refuses, is told to the user as such.
+words meet. An effect that is not here, or whose values the simulator refuses, is reported to the user.
 """
 
 from collections.abc import Callable, Mapping

@@ -4,27 +4,24 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 
 from control.loop.phases import Phase
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Verdict
+from estimation.diagnosis.result import ParameterValue
 from estimation.effect import AdditiveEffect, MemoryEffect, MotionEffect, SensorEffect
+from estimation.estimate import ParameterEstimate
 from estimation.model import Model
 from estimation.study import Revision
 from estimation.study.comparison import Part
 from palpate.render import sentences
 from palpate.render.view import (
-    AcceptedView,
     Axes,
     ChannelView,
-    EffectView,
-    NextView,
     ParameterView,
     PartView,
-    RankedView,
     RevisionRow,
     StageView,
     VerdictView,
@@ -38,42 +35,12 @@ _QUICK = 0.9  # the quantile of inward velocity that stands for the speed of a r
 _TERM = re.compile(r"[,;] (?![^(]*\))")  # between a term and its conditions, not within parentheses
 
 
-class Found(Protocol):
-    """A parameter's value with standard error; its 95 % `interval` is taken where it has one."""
-
-    @property
-    def value(self) -> float: ...  # noqa: D102
-
-    @property
-    def std_err(self) -> float | None: ...  # noqa: D102
-
-    @property
-    def unit(self) -> str: ...  # noqa: D102
-
-
-class Stage(Protocol):
-    """A model fitted to a channel; see `StageView` for the arrays."""
-
-    @property
-    def model(self) -> Model: ...  # noqa: D102
-
-    @property
-    def parameters(self) -> Mapping[str, Found]: ...  # noqa: D102
-
-    @property
-    def predicted(self) -> FloatArray: ...  # noqa: D102
-
-    @property
-    def residual(self) -> FloatArray: ...  # noqa: D102
-
-    @property
-    def rmse(self) -> float: ...  # noqa: D102
+Found = ParameterEstimate | ParameterValue
 
 
 def channel_view(
     data: ChannelData,
-    stages: Sequence[Stage],
-    labels: Sequence[str],
+    stages: Sequence[StageView],
     noise_floor: float,
     *,
     parts: Mapping[str, Sequence[Part]] | None = None,
@@ -81,7 +48,6 @@ def channel_view(
     diagnosis: ChannelDiagnosis | None = None,
     judged: BoolArray | None = None,
     not_judged: str = "",
-    numbers: Sequence[int | None] = (),
     notes: Sequence[str] = (),
 ) -> ChannelView:
     """Put together what is known about one channel.
@@ -89,20 +55,17 @@ def channel_view(
     Args:
         data: the measurement, n samples.
         stages: of its model, the base model first; none where the data cannot be judged.
-        labels: one a stage, see `StageView.label`.
         noise_floor: error that a complete model would leave.
         parts: the last stage's error by way of splitting.
         words: where the last stage fails, in sentences.
         diagnosis: what is missing, if that was asked.
         judged: samples whose error counts (n,); by default those where the last stage has a residual.
         not_judged: a sentence on the others; by default their share.
-        numbers: of the kept revisions, one a stage; by default none is kept.
         notes: further sentences.
     """
     scale = 1.0 if data.kind is ChannelKind.REVOLUTE else _MILLI
     if judged is None:
         judged = np.isfinite(stages[-1].residual) if stages else np.ones(len(data), dtype=np.bool_)
-    shown = tuple(map(stage_view, stages, labels, numbers or [None] * len(stages)))
     view = ChannelView(
         name=data.name,
         axes=axes_of(data.kind),
@@ -114,9 +77,9 @@ def channel_view(
         engaged=data.engaged,
         judged=judged,
         speeds=run_speeds(data),
-        stages=shown,
-        fall=_fall(shown, diagnosis),
-        parameters=_parameters(shown, diagnosis),
+        stages=tuple(stages),
+        fall=_fall(stages, diagnosis),
+        parameters=_parameters(stages, diagnosis),
         floor=noise_floor,
         verdict=VerdictView("", ""),
     )
@@ -127,17 +90,26 @@ def channel_view(
     return view if diagnosis is None else _with_evidence(view, diagnosis)
 
 
-def stage_view(stage: Stage, label: str, number: int | None = None) -> StageView:
-    """One stage of a model, kept as revision `number`."""
+def stage_view(
+    model: Model,
+    parameters: Mapping[str, Found],
+    predicted: FloatArray,
+    residual: FloatArray,
+    *,
+    rmse: float,
+    label: str,
+    number: int | None = None,
+) -> StageView:
+    """One stage of a model from its fit; see `StageView`."""
     return StageView(
         number=number,
         label=label,
-        rmse=stage.rmse,
-        predicted=stage.predicted,
-        residual=stage.residual,
-        parameters=tuple(parameter_view(name, found) for name, found in stage.parameters.items()),
-        effects=tuple(EffectView(e.name, e.equation, e.physics, e.source) for e in stage.model.effects),
-        equation=equation_of(stage.model),
+        rmse=rmse,
+        predicted=predicted,
+        residual=residual,
+        parameters=tuple(parameter_view(name, found) for name, found in parameters.items()),
+        effects=model.effects,
+        equation=equation_of(model),
     )
 
 
@@ -146,7 +118,7 @@ def parameter_view(name: str, found: Found) -> ParameterView:
     effect, _, parameter = name.rpartition(".")
     error = SIGMAS_95 * (found.std_err if found.std_err is not None else float("nan"))
     lower, upper = getattr(found, "interval", (found.value - error, found.value + error))
-    return ParameterView(effect, parameter, found.value, lower, upper, found.unit)
+    return ParameterView(effect, parameter, found.value, lower, upper, found.unit, found.at_bound)
 
 
 def axes_of(kind: ChannelKind) -> Axes:
@@ -263,29 +235,13 @@ def _parts(parts: Mapping[str, Sequence[Part]], view: ChannelView) -> tuple[Part
 
 
 def _with_evidence(view: ChannelView, found: ChannelDiagnosis) -> ChannelView:
-    accepted = tuple(
-        AcceptedView(
-            e.effect,
-            e.rmse_before,
-            e.rmse_after,
-            e.p_value,
-            tuple(e.confused_with),
-            e.physics,
-            e.equation,
-            e.signature,
-        )
-        for e in found.accepted
-    )
-    ranking = tuple(RankedView(e.effect, e.rmse_held_out, e.score) for e in found.ranking)
-    plan = found.next_experiment
-    wanted = plan is not None and found.verdict is not Verdict.ADEQUATE
+    if found.verdict is Verdict.ADEQUATE:
+        return replace(view, accepted=tuple(found.accepted))
     return replace(
         view,
-        accepted=accepted,
-        ranking=ranking if found.verdict is not Verdict.ADEQUATE else (),
-        next_experiment=NextView(plan.instruction, plan.purpose, dict(plan.probe))
-        if plan and wanted
-        else None,
+        accepted=tuple(found.accepted),
+        ranking=tuple(found.ranking),
+        next_experiment=found.next_experiment,
     )
 
 

@@ -1,7 +1,6 @@
 """A calibration: its values as a table, and figures of what they rest on."""
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from calibration.arm.fit import ArmFit
 from calibration.encoder.fit import EncoderFit
 from calibration.force.fit import ForceFit
 from palpate.console import table
-from palpate.files import write_text
 from palpate.render import palette
 from palpate.render.figures import PLOT_CONFIG, styled
 from palpate.words import safe, significant
@@ -60,13 +58,9 @@ def _rows(name: str, quantity: Quantity | Quantities) -> Iterator[tuple[str, str
         yield label, significant(value, error or None), f"{error:.2g}" if error else "", unit
 
 
-def write_figure(figure: go.Figure, path: Path) -> None:
-    """Write a figure as an HTML file that needs no network.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    write_text(path, figure.to_html(include_plotlyjs=True, config=PLOT_CONFIG))
+def figure_page(figure: go.Figure) -> str:
+    """A figure as an HTML page that needs no network."""
+    return str(figure.to_html(include_plotlyjs=True, config=PLOT_CONFIG))
 
 
 def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:

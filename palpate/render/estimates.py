@@ -1,7 +1,7 @@
 """Estimates: as a table for people, in sentences, as plain data, and as a view to be drawn."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,18 +12,16 @@ from estimation.channel import ChannelData
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
 from estimation.fitting.misfit import Misfit, misfit
 from estimation.gate.gate import spoilt
-from estimation.model import Model
 from estimation.rounding import in_steps, steps_spanned
 from estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
 from estimation.surface import FEWEST_STEPS
 from palpate.console import table
-from palpate.render.build import channel_view
+from palpate.render.build import channel_view, stage_view
 from palpate.render.view import ChannelView, VerdictView
 from palpate.truth import SURFACE
-from palpate.words import NOT_DETERMINED, count, safe, significant
+from palpate.words import AT_BOUND, NOT_DETERMINED, count, safe, significant
 from robot_io.calibration import parse_calibrations
 from robot_io.session import Session
-from robot_io.types import FloatArray
 
 MILLI = 1e3
 PERCENT = 100.0
@@ -41,15 +39,6 @@ _GRADES = {
 Truth = Mapping[str, float]
 
 
-@dataclass(frozen=True)
-class _Fit:
-    model: Model
-    parameters: Mapping[str, ParameterEstimate]
-    predicted: FloatArray
-    residual: FloatArray
-    rmse: float
-
-
 def print_estimates(console: Console, found: ChannelEstimates, truth: Truth) -> None:
     """One channel's parameters by every estimator, and what the table does not say."""
     console.print(estimate_table(found, truth, console.width))
@@ -61,18 +50,19 @@ def estimates_view(found: ChannelEstimates, truth: Truth) -> ChannelView:
     """The best estimate as a view; the residual is that of the samples that were fitted."""
     best, predicted = found.best, found.prediction()
     residual = np.where(found.rows, found.channel.effort - predicted, np.nan)
-    fit = _Fit(found.model, {p.name: p for p in best.parameters}, predicted, residual, best.rmse)
+    parameters = {p.name: p for p in best.parameters}
+    stage = stage_view(found.model, parameters, predicted, residual, rmse=best.rmse, label=found.model.name)
     noise, unit = misfit_of(found).noise, found.channel.kind.effort_unit
-    told = (
+    sentence = (
         f"{found.channel.name}: {found.model.name} by estimator {best.estimator} leaves {best.rmse:.3g} "
         f"{unit}; the noise from sample to sample is {noise:.3g} {unit}."
     )
     share = PERCENT * (1.0 - float(np.mean(found.rows)))
     unfitted = f"{share:.2g} % of the samples are not part of the fit; they are shaded" if share else ""
-    view = channel_view(found.channel, [fit], [found.model.name], noise, judged=found.rows)
+    view = channel_view(found.channel, [stage], noise, judged=found.rows)
     word = "misses" if misfit_of(found).times > POOR or spoilt_by(found) else "fits"
     names = (found.channel.name, found.model.name)
-    verdict = VerdictView(word, told, (*remarks(found, truth), unfitted), names)
+    verdict = VerdictView(word, sentence, (*remarks(found, truth), unfitted), names)
     return replace(view, fall=(), verdict=verdict)
 
 
@@ -297,6 +287,8 @@ def with_interval(parameter: ParameterEstimate) -> str:
     """Value and half of its 95 % interval."""
     lower, upper = parameter.interval
     half = (upper - lower) / 2
+    if parameter.at_bound:
+        return f"{significant(parameter.value)} ({AT_BOUND})"
     if not np.isfinite(half):
         return f"{significant(parameter.value)} ({NOT_DETERMINED})"
     return f"{significant(parameter.value, half)} ± {significant(half, half)}"

@@ -111,16 +111,16 @@ def _view(
     if found is not None and channel.name == found.channel.name:
         view = estimates_view(found, truth)
         return view if ticks is None else replace(view, wanted=("aimed at", _aimed_at(ticks, found.channel)))
-    view = channel_view(channel, (), (), float("nan"))
+    view = channel_view(channel, (), float("nan"))
     joint = re.fullmatch(r"joint_(\d+)", channel.name)
     if ticks is None or joint is None:
         return view
     commanded = _commanded(ticks, channel, int(joint[1]) - 1)
     rms = float(np.sqrt(np.nanmean((channel.effort - commanded) ** 2)))
-    told = (
+    sentence = (
         f"{channel.name}: measured and commanded torque differ by {rms:.3g} {channel.kind.effort_unit} (rms)."
     )
-    return replace(view, verdict=VerdictView("", told), wanted=("commanded", commanded))
+    return replace(view, verdict=VerdictView("", sentence), wanted=("commanded", commanded))
 
 
 def _aimed_at(ticks: Columns, channel: ChannelData) -> FloatArray:

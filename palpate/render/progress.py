@@ -7,14 +7,21 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
 
 from control.loop.phases import Phase
 from control.loop.task import TaskOutput
 from control.probing.plan import ProbingPlan
 from palpate import console
 from palpate.runs.probing import Watcher
-from palpate.words import count
+from palpate.words import count, duration
 from robot_io.types import Measurement
 
 Report = Callable[[str, float], None]  # what is done, and the share of it that is done
@@ -152,7 +159,6 @@ class _Announcer(Watcher):
         self._words = words
 
     def started(self) -> None:
-        """See `Watcher.started`."""
         console.stderr().print(self._words)
 
 
@@ -172,8 +178,32 @@ class _Mover(Watcher):
         self._bar.progress.start()
 
     def tick(self, measurement: Measurement, output: TaskOutput) -> None:
-        """See `Watcher.tick`."""
         now_s = time.monotonic()
         if now_s >= self._next_s:
             self._next_s = now_s + _REFRESH_S
             self._bar.update(*self._share(measurement, output))
+
+
+@contextmanager
+def sweep_progress() -> Iterator[Callable[[int, int], None]]:
+    """Show how many cases are done, and the time left by the mean pace since the start."""
+    columns = (
+        BarColumn(bar_width=32),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=console.stderr(), transient=True) as progress:
+        task = progress.add_task("getting ready", total=None)
+        begun_s, before = time.monotonic(), None
+
+        def show(done: int, total: int) -> None:
+            nonlocal before
+            before = done if before is None else before
+            words = "getting ready"
+            if done > before:
+                each_s = (time.monotonic() - begun_s) / (done - before)
+                words = f"about {duration(each_s * (total - done))} left"
+            progress.update(task, completed=done, total=total, description=words)
+
+        yield show

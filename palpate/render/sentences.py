@@ -81,9 +81,9 @@ def compared(channel: str, model: str, error: float, floor: float, unit: str) ->
     times = error / floor if floor > 0.0 else float("inf")
     fits = times < NOISE
     word = "fits" if fits else "misses"
-    told = f"{model} {word} {channel}: {error:.3g} {unit} in held-out runs, noise floor {floor:.3g} {unit}"
-    told += "." if fits else f", {times:.1f} times the floor."
-    return VerdictView(word, told, (), (channel, model))
+    errors = f"{error:.3g} {unit} in held-out runs, noise floor {floor:.3g} {unit}"
+    sentence = f"{model} {word} {channel}: {errors}" + ("." if fits else f", {times:.1f} times the floor.")
+    return VerdictView(word, sentence, (), (channel, model))
 
 
 def falling(channel: str, errors: Sequence[float], added: Sequence[str], floor: float, unit: str) -> str:

@@ -10,18 +10,18 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from estimation.diagnosis.result import Accepted
 from palpate.console import table
 from palpate.render.view import (
     FAR,
     NOISE,
-    AcceptedView,
     ChannelView,
     ParameterView,
     RevisionRow,
     StudyView,
     VerdictView,
 )
-from palpate.words import NOT_DETERMINED, chance, safe, shown, significant
+from palpate.words import AT_BOUND, NOT_DETERMINED, chance, safe, shown, significant
 
 COLORS = {
     "adequate": "green",
@@ -172,6 +172,8 @@ def parameter_table(parameters: Sequence[ParameterView]) -> RenderableType:
 
 def with_interval(one: ParameterView) -> tuple[str, str]:
     """A value and half of its 95 % interval, or both ends of a lopsided one, with as many digits as count."""
+    if one.at_bound:
+        return significant(one.value), AT_BOUND
     if not one.half < float("inf"):  # NaN is not
         return significant(one.value), NOT_DETERMINED
     value, half = significant(one.value, one.half), significant(one.half, one.half)
@@ -198,12 +200,12 @@ def parts_table(channel: ChannelView, width: int) -> Table:
     return made
 
 
-def _signature(entry: AcceptedView) -> Text:
-    rivals = f"\n  [yellow]this data cannot tell it from {safe(', '.join(entry.rivals))}[/yellow]"
+def _signature(entry: Accepted) -> Text:
+    rivals = f"\n  [yellow]this data cannot tell it from {safe(', '.join(entry.confused_with))}[/yellow]"
     return Text.from_markup(
         f"[bold]{safe(entry.effect)}[/bold]: {safe(entry.physics)}\n"
         f"  [dim]signature[/dim] {safe(entry.signature)}\n  [dim]equation[/dim] {safe(entry.equation)}"
-        + (rivals if entry.rivals else "")
+        + (rivals if entry.confused_with else "")
     )
 
 
@@ -211,8 +213,8 @@ def _ranking(channel: ChannelView, width: int) -> Table:
     error, falls = safe(f"held-out\nerror [{channel.axes.effort_unit}]"), "error\nfalls by"
     made = table("", "alone beside the base model", error, falls, "", right=(error, falls))
     for entry in channel.ranking[:_MOST_RANKED]:
-        bar = _bar(entry.falls, "blue", width)
-        made.add_row(safe(entry.effect), f"{entry.rmse:.4g}", f"{100 * entry.falls:z.0f} %", bar)
+        bar = _bar(entry.score, "blue", width)
+        made.add_row(safe(entry.effect), f"{entry.rmse_held_out:.4g}", f"{100 * entry.score:z.0f} %", bar)
     return made
 
 

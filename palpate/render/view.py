@@ -5,9 +5,12 @@ Positions and velocities are in the units that people read (mm for lengths); eff
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
+from estimation.diagnosis.result import Accepted, NextExperiment, Ranked
+from estimation.effect import Effect
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 NOISE = 1.1  # times the noise floor, below which an error passes for noise
@@ -27,7 +30,7 @@ class Axes:
 
 @dataclass(frozen=True)
 class ParameterView:
-    """One parameter with its 95 % interval, NaN where the data do not determine it."""
+    """One parameter with its 95 % interval, NaN where the data do not determine it, or at a bound."""
 
     effect: str
     name: str
@@ -35,22 +38,13 @@ class ParameterView:
     lower: float
     upper: float
     unit: str
+    at_bound: bool = False
 
     @property
     def half(self) -> float:
         """Half of the interval; NaN where it is not known or has no end."""
         half = (self.upper - self.lower) / 2
         return half if np.isfinite(half) else float("nan")
-
-
-@dataclass(frozen=True)
-class EffectView:
-    """One term of a model: its name, equation, physics and source."""
-
-    name: str
-    equation: str
-    physics: str
-    source: str
 
 
 @dataclass(frozen=True)
@@ -74,7 +68,7 @@ class StageView:
     predicted: FloatArray
     residual: FloatArray
     parameters: tuple[ParameterView, ...]
-    effects: tuple[EffectView, ...]
+    effects: tuple[Effect, ...]
     equation: str
 
     @property
@@ -92,29 +86,6 @@ class PartView:
     rmse: float
     mean: float
     times: float
-
-
-@dataclass(frozen=True)
-class AcceptedView:
-    """An established effect with its evidence; errors are of held-out runs."""
-
-    effect: str
-    before: float
-    after: float
-    p_value: float
-    rivals: tuple[str, ...]
-    physics: str
-    equation: str
-    signature: str
-
-
-@dataclass(frozen=True)
-class RankedView:
-    """A candidate alone beside the base model: its held-out error, and the share by which that falls."""
-
-    effect: str
-    rmse: float
-    falls: float
 
 
 @dataclass(frozen=True)
@@ -137,15 +108,6 @@ class VerdictView:
     def tag(self) -> str:
         """The word that is set before the sentence; empty where the sentence says it."""
         return "" if self.word in {"fits", "misses"} else self.word.upper()
-
-
-@dataclass(frozen=True)
-class NextView:
-    """What to record next: in words, why, and as settings of `palpate probe --experiment`."""
-
-    instruction: str
-    purpose: str
-    settings: Mapping[str, object] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -191,9 +153,9 @@ class ChannelView:
     floor: float
     verdict: VerdictView
     parts: tuple[PartView, ...] = ()
-    accepted: tuple[AcceptedView, ...] = ()
-    ranking: tuple[RankedView, ...] = ()
-    next_experiment: NextView | None = None
+    accepted: tuple[Accepted, ...] = ()
+    ranking: tuple[Ranked, ...] = ()
+    next_experiment: NextExperiment | None = None
     wanted: tuple[str, FloatArray] | None = None
 
     def times_floor(self, error: float) -> float:
@@ -251,10 +213,26 @@ class ResidualMap:
 _CELLS, _OUTER, _LEAST = 36, 0.002, 3  # per axis; share beyond each end; samples in a cell that is shown
 
 
-def residual_map(channel: ChannelView, residual: FloatArray) -> ResidualMap:
+class State(Protocol):
+    """The motion over which a residual is averaged; see `ChannelView`."""
+
+    @property
+    def position(self) -> FloatArray: ...  # noqa: D102
+
+    @property
+    def velocity(self) -> FloatArray: ...  # noqa: D102
+
+    @property
+    def engaged(self) -> BoolArray: ...  # noqa: D102
+
+    @property
+    def judged(self) -> BoolArray: ...  # noqa: D102
+
+
+def residual_map(state: State, residual: FloatArray) -> ResidualMap:
     """Average a residual (n,) over position and velocity; a contact only while pressed."""
-    used = np.isfinite(residual) & channel.engaged & channel.judged
-    velocity, position = channel.velocity[used], channel.position[used]
+    used = np.isfinite(residual) & state.engaged & state.judged
+    velocity, position = state.velocity[used], state.position[used]
     edges = [_edges(velocity), _edges(position)]
     counts = np.histogram2d(velocity, position, edges)[0]
     sums = np.histogram2d(velocity, position, edges, weights=residual[used])[0]

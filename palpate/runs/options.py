@@ -18,7 +18,7 @@ from palpate.runs.robots import DEFAULT, find_robot, importable, shipped_robots
 from robot_io.errors import InputError
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray
-from sim_backend.scenario import load_scenario, shipped_scenarios
+from sim_backend.scenario import MOST_SEED, load_scenario, shipped_scenarios
 
 SESSIONS = Path("sessions")
 YEAR_DAYS = 365.0
@@ -38,7 +38,9 @@ class RunOptions:
 
     robot: Annotated[str, typer.Option(help=_ROBOT)] = DEFAULT
     scenario: Annotated[str | None, typer.Option(help=_SCENARIO)] = None
-    seed: Annotated[int | None, typer.Option(help="Seed of all simulated noise.", min=0)] = None
+    seed: Annotated[int | None, typer.Option(help="Seed of all simulated noise.", min=0, max=MOST_SEED)] = (
+        None
+    )
     hidden: Annotated[str | None, typer.Option(help=_HIDDEN, metavar="WHAT")] = None
     wire: Annotated[bool, typer.Option("--wire", help=_WIRE)] = False
     realtime: Annotated[bool, typer.Option("--realtime", help="Simulate no faster than time passes.")] = False

@@ -4,9 +4,11 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
+from control.probing.plan import ProbingPlan
 from palpate import console
-from palpate.words import safe
+from palpate.words import count, safe
 from robot_io.errors import InputError
+from robot_io.robot_file import RobotFile
 
 COUNTDOWN_S = 3
 Permission = Callable[[], None]
@@ -37,6 +39,15 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
     for left_s in range(COUNTDOWN_S, 0, -1):
         talk.print(f"power in {left_s} s; Ctrl-C stops it")
         pause(1.0)
+
+
+def motion_in_words(robot_file: RobotFile, plan: ProbingPlan) -> str:
+    """What is asked of a real arm, for the question before it gets power."""
+    speeds = ", ".join(f"{1e3 * speed:g}" for speed in plan.speeds_m_s)
+    return (
+        f"'{robot_file.name}' is going to move: {count(len(list(plan.runs())), 'run')} at {speeds} mm/s, "
+        f"pressing with {plan.force_limit_n:g} N; its guard stops it beyond {robot_file.limits.force_n:g} N."
+    )
 
 
 def _confirmed(question: str) -> bool:

@@ -8,7 +8,6 @@ from pathlib import Path
 import yaml
 
 from control.laws.gains import TouchGains, gains_of
-from control.loop.journal import Observer
 from control.loop.loop import run_loop
 from control.loop.phases import Phase
 from control.loop.realtime import realtime
@@ -17,6 +16,8 @@ from control.loop.task import TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
+from estimation.contact_estimator import OnlineContactLaw
+from estimation.contact_estimators import CONTACT_ESTIMATORS
 from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator
@@ -94,16 +95,17 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
             f"{MOST_TICKS / rate_hz / 3600:.3g} h at {rate_hz:g} Hz: plan fewer runs, shorter holds "
             "or faster approaches"
         )
-    estimate = _online_observer(job.online, gains_of(robot_file).touch)
+    online = _online_estimator(job.online, gains_of(robot_file).touch)
     phases: set[Phase] = set()
 
     def observe(measurement: Measurement, output: TaskOutput) -> Estimates:
         phases.add(output.phase)
         watcher.tick(measurement, output)
-        return estimate(measurement, output)
+        return online.observe(measurement, output) if online else NO_ESTIMATE
 
     calibrations = load_calibrations(robot_file, emulated=job.wired)
-    task = ProbingTask.from_robot_file(robot_file, job.plan, calibrations)
+    estimated = (lambda: online.estimates) if online else None
+    task = ProbingTask.from_robot_file(robot_file, job.plan, calibrations, estimated=estimated)
     body = checked_body(robot_file, calibrations)  # the guard has a model of its own of the arm's weight
     guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
     plan = yaml.safe_dump(job.plan.model_dump(mode="json"), sort_keys=False)
@@ -121,14 +123,15 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
 
 def online_estimators() -> list[str]:
     """Names of the estimators that can run while the arm is probing."""
-    return [name for name, estimator in ESTIMATORS.items() if issubclass(estimator, OnlineEstimator)]
+    linear = [name for name, estimator in ESTIMATORS.items() if issubclass(estimator, OnlineEstimator)]
+    return linear + [name for name, law in CONTACT_ESTIMATORS.items() if issubclass(law, OnlineContactLaw)]
 
 
-def _online_observer(name: str | None, touch: TouchGains) -> Observer:
+def _online_estimator(name: str | None, touch: TouchGains) -> OnlineContactEstimator | None:
     if name is None:
-        return lambda _measurement, _output: NO_ESTIMATE
-    estimator = ESTIMATORS[name]()
-    if not isinstance(estimator, OnlineEstimator):
+        return None
+    estimator = (CONTACT_ESTIMATORS if name in CONTACT_ESTIMATORS else ESTIMATORS)[name]()
+    if not isinstance(estimator, OnlineEstimator | OnlineContactLaw):
         valid = ", ".join(online_estimators())
         raise InputError(f"estimator '{name}' needs all samples at once. Online: {valid}")
-    return OnlineContactEstimator(estimator, touch).observe
+    return OnlineContactEstimator(estimator, touch)

@@ -2,7 +2,7 @@
 
 import secrets
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass, replace
 from datetime import UTC, datetime
@@ -23,7 +23,7 @@ from robot_io.driver import DriverCatalogue
 from robot_io.errors import DeviceError, InputError
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
-from robot_io.session import SessionMetadata, SessionWriter
+from robot_io.session import SessionMetadata, SessionWriter, Stream
 from sim_backend.drivers.pybullet_bus import PyBulletBus
 from sim_backend.scenario import Scenario, load_scenario
 from sim_backend.world import World
@@ -41,6 +41,7 @@ class ArmJob:
     _: KW_ONLY
     scenario: Scenario | None = None  # simulated world instead of the one that the robot file names
     seed: int | None = None  # of all simulated noise instead of the scenario's
+    again: int = 0  # how often the same world was run before: the same is hidden in it, its noise is other
     hidden: str | None = None  # what to hide in the simulated world, see `palpate.runs.hiding`
     wired: bool = False  # emulate the devices of a robot of hardware drivers, and the world behind them
     paced: bool = False  # let simulated time pass as fast as real time, not as fast as possible
@@ -82,11 +83,16 @@ def checked_body(robot_file: RobotFile, calibrations: Calibrations) -> RigidBody
 
 @contextmanager
 def arm_session(
-    job: ArmJob, calibrations: Calibrations, extra: Mapping[str, str], now_utc: datetime | None = None
+    job: ArmJob,
+    calibrations: Calibrations,
+    extra: Mapping[str, str],
+    now_utc: datetime | None = None,
+    streams: Sequence[Stream] = (),
 ) -> Iterator[ArmSession]:
     """Open the robot and begin the session file, which is complete when the context ends.
 
-    `extra` are further texts for the session's metadata; `now_utc` stands for the machine's wall clock.
+    `extra` are further texts for the session's metadata; `now_utc` stands for the machine's wall clock;
+    `streams` come beside that of the ticks.
 
     Raises:
         InputError: robot file, drivers and scenario do not fit each other, a device could not be opened, or
@@ -107,7 +113,7 @@ def arm_session(
             remedy = f"palpate doctor --robot {as_shell_word(str(path))} says what is there"
             raise InputError(f"{path}: {error}; {remedy}") from error
         metadata = _metadata(job, scenario, calibrations, extra, now_utc or datetime.now(UTC))
-        log, sealed = stack.enter_context(begun_session(job, robot.joint_count, metadata, scenario))
+        log, sealed = stack.enter_context(begun_session(job, robot.joint_count, metadata, scenario, streams))
         yield ArmSession(robot, clock, log, sealed, world)
 
 
@@ -136,7 +142,11 @@ def released(robot: Robot, result: LoopResult) -> LoopResult:
 
 @contextmanager
 def begun_session(
-    job: ArmJob, joint_count: int, metadata: SessionMetadata, scenario: Scenario | None
+    job: ArmJob,
+    joint_count: int,
+    metadata: SessionMetadata,
+    scenario: Scenario | None,
+    streams: Sequence[Stream] = (),
 ) -> Iterator[tuple[SessionWriter, Path | None]]:
     """Begin the session file of a job, complete when the context ends; gives its writer and sealed answer.
 
@@ -152,11 +162,12 @@ def begun_session(
     metadata = replace(metadata, extra={**metadata.extra, **mark})
     waits = job.simulated and not job.paced
     sealed = None
-    with SessionWriter(job.session, [tick_stream(joint_count)], metadata, wait_for_room=waits) as log:
+    kept = [tick_stream(joint_count), *streams]
+    with SessionWriter(job.session, kept, metadata, wait_for_room=waits) as log:
         try:
-            sealed = (
-                seal_hidden(job.session, scenario, job.hidden, metadata) if scenario is not None else None
-            )
+            if scenario is not None:
+                drawn_in = scenario.with_seed(scenario.seed - job.again)
+                sealed = seal_hidden(job.session, drawn_in, job.hidden, metadata)
             yield log, sealed
         except InputError:
             log.close()
@@ -194,7 +205,8 @@ def _altered(scenario: Scenario, job: ArmJob) -> Scenario:
     """The scenario with the seed and the hidden effects that are asked for."""
     if job.seed is not None:
         scenario = scenario.with_seed(job.seed)
-    return scenario if job.hidden is None else hide(scenario, job.hidden)
+    hidden = scenario if job.hidden is None else hide(scenario, job.hidden)
+    return hidden.with_seed(scenario.seed + job.again)
 
 
 def _metadata(

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.data.numbers import LARGEST
 from estimation.effect import AdditiveEffect, Effect, MemoryEffect, MotionEffect, SensorEffect
 from estimation.effects import EFFECTS
 from palpate.foreign_code import foreign_code
@@ -47,8 +48,12 @@ def watched(effect: Effect) -> Effect:
     return made
 
 
-def rehearse(effect: Effect, data: ChannelData) -> None:
-    """Call each method of a watched effect once on a channel, before a search relies upon it.
+def rehearse(effect: Effect, data: ChannelData) -> bool | None:
+    """Call each method of a watched effect on a channel, before a search relies upon it.
+
+    Returns:
+        Whether it does anything there: False for columns that are zero wherever a search begins; None where
+        it does not apply.
 
     Raises:
         InputError: a method fails there, or gives what cannot be used.
@@ -57,14 +62,21 @@ def rehearse(effect: Effect, data: ChannelData) -> None:
     if not isinstance(applies, bool | np.bool_):
         raise InputError(f"effect '{effect.name}': applies_to gave {type(applies).__name__}, expected a bool")
     if not applies:
-        return
-    effect = effect.suited_to(data)
+        return None
+    effect, acts = effect.suited_to(data), True
     starts = list(effect.starts(data))
     inner, both = starts[len(starts) // 2], _frozen(np.column_stack([data.effort, np.ones(len(data))]))
     match effect:
         case AdditiveEffect():
             effect.known(data, inner)
-            effect.simpler(_frozen(effect.columns(data, inner)))
+            columns = effect.columns(data, inner)
+            effect.simpler(_frozen(columns))
+            if not np.array_equal(columns, effect.columns(data, inner)):
+                raise InputError(
+                    f"effect '{effect.name}': columns gives other values when it is called again; it must "
+                    "depend on the data and the inner parameters alone"
+                )
+            acts = any(np.any(effect.columns(data, start)) for start in starts)
         case MotionEffect():
             effect.move(data, inner)
         case MemoryEffect():
@@ -76,6 +88,7 @@ def rehearse(effect: Effect, data: ChannelData) -> None:
     usual = _usual(*(EFFECTS[name]() for name in EFFECTS), effect)
     noise = 0.01 * float(np.std(data.effort))
     effect.is_misnamed(data, usual, lambda: {name: 0.1 * abs(value) for name, value in usual.items()}, noise)
+    return acts
 
 
 def _flaw(effect: Effect, method: str, args: tuple[Any, ...], made: Any) -> str | None:  # noqa: ANN401
@@ -125,7 +138,9 @@ def _wrong_array(made: FloatArray, shape: _Shape) -> str | None:
         return f"values of type {kind}, wanted are real numbers"
     if np.shape(made) != shape:
         return f"an array of shape {np.shape(made)}, wanted is {shape}"
-    return None if np.isfinite(made).all() else "values that are not finite"
+    if not np.isfinite(made).all():
+        return "values that are not finite"
+    return f"values beyond {LARGEST:g}" if np.any(np.abs(made) > LARGEST) else None
 
 
 def _usual(*effects: Effect) -> dict[str, float]:

@@ -11,7 +11,7 @@ from typing import Any
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
 from palpate.files import existing_file
-from palpate.foreign_code import foreign_code
+from palpate.foreign_code import LIMIT_S, foreign_code
 from palpate.user_effects.guard import watched
 from palpate.user_effects.statement import flaw
 from robot_io.errors import InputError
@@ -69,7 +69,7 @@ def _run(file: Path) -> ModuleType:
         raise InputError(f"effect file {file}: is no Python file (.py)")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their module up
-    with foreign_code(f"effect file {file}"):
+    with foreign_code(f"effect file {file}", LIMIT_S):
         spec.loader.exec_module(module)
     return module
 
@@ -83,5 +83,5 @@ def _checked(text: str, found: type[Effect]) -> Effect:
         wrong = flaw(found)
     if wrong:
         raise InputError(f"--effect {text}: {wrong}")
-    with foreign_code(f"--effect {text}: cannot be made"):
+    with foreign_code(f"--effect {text}: cannot be made", LIMIT_S):
         return watched(found())

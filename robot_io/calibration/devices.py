@@ -36,7 +36,6 @@ class _Calibrated(Component, Examinable):
         return self._driver.examine() if isinstance(self._driver, Examinable) else ()
 
     def tick_wire_s(self) -> float | None:
-        """See `Examinable.tick_wire_s`."""
         return self._driver.tick_wire_s() if isinstance(self._driver, Examinable) else None
 
 
@@ -56,7 +55,6 @@ class CalibratedForceSensor(_Calibrated, ForceSensor):
         self._curvature = values.curvature.value if values.curvature else 0.0
 
     def read_force(self) -> Reading:
-        """See `ForceSensor.read_force`."""
         reading = self._sensor.read_force()
         above = reading.value - self._zero
         return reading._replace(value=above * (self._scale + self._curvature * above))
@@ -81,12 +79,10 @@ class CalibratedEncoder(_Calibrated, JointEncoder):
         return self._encoder.joint_count
 
     def read_position(self) -> Reading:
-        """See `JointEncoder.read_position`."""
         reading = self._encoder.read_position()
         return reading._replace(value=reading.value + self._offset_rad)
 
     def read_velocity(self) -> Reading:
-        """See `JointEncoder.read_velocity`."""
         return self._encoder.read_velocity()
 
 
@@ -117,7 +113,6 @@ class CalibratedTorque(_Calibrated, JointTorque):
         return self._drives.joint_count
 
     def read_torque(self) -> Reading:
-        """See `JointTorque.read_torque`."""
         reading = self._drives.read_torque()
         return reading._replace(value=self._gain * reading.value + self._offset_nm)
 

@@ -184,7 +184,6 @@ class EncoderCalibration(Calibration):
 
     @property
     def joint_count(self) -> int:
-        """See `Calibration.joint_count`."""
         return len(self.values.offset.value)
 
     @model_validator(mode="after")
@@ -211,7 +210,6 @@ class TorqueCalibration(Calibration):
 
     @property
     def joint_count(self) -> int:
-        """See `Calibration.joint_count`."""
         return len(self.values.gain.value)
 
     @model_validator(mode="after")

@@ -84,7 +84,7 @@ class SharedLog:
 
 
 def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
-    """File descriptor of nameless memory for a `SharedLog`: it is gone with the last process that uses it.
+    """File descriptor of anonymous memory for a `SharedLog`: it is gone with the last process that uses it.
 
     SessionError: the system does not give so much.
     """

@@ -3,7 +3,6 @@
 import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from robot_io.errors import InputError, SessionError, UnknownNameError
+from robot_io.files.whole_file import whole_file
 from robot_io.session.event import EVENT_STREAM, Event, encode_event
 from robot_io.session.mcap_file import McapFile
 from robot_io.session.metadata import SessionMetadata
@@ -198,11 +198,15 @@ def new_session_path(path: str | os.PathLike[str]) -> Path:
     new = Path(path)
     try:
         if new.exists():
-            raise SessionError(f"{new} exists already; a session is never changed")
+            raise _exists(new)
         new.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SessionError(f"{new} cannot be written: {error.strerror}") from error
     return new
+
+
+def _exists(path: Path) -> SessionError:
+    return SessionError(f"{path} exists already; a session is never changed")
 
 
 def write_session(
@@ -229,17 +233,14 @@ def write_session(
     check_streams([stream for stream, _ in streams])
     records = {stream.name: stream.records(columns) for stream, columns in streams}
     new = new_session_path(path)
-    unfinished = new.with_name(f".{new.name}.{os.getpid()}.unfinished")
     try:
-        with unfinished.open("wb") as file:
+        with whole_file(new, replace=False) as unfinished, unfinished.open("wb") as file:
             _write_all(McapFile(file, [stream for stream, _ in streams], metadata), records, tuple(events))
             os.fsync(file.fileno())
-        unfinished.replace(new)
+    except FileExistsError:
+        raise _exists(new) from None
     except OSError as error:
         raise SessionError(f"{new} cannot be written: {error.strerror}") from error
-    finally:
-        with suppress(OSError):
-            unfinished.unlink()
     return new
 
 

@@ -32,6 +32,14 @@ class StressRelaxation(ContactImperfection):
             branches.append(_MaxwellBranch(self.second_stiffness_n_m, self.second_time_s))
         return Effects(contact=tuple(branches))
 
+    def values(self) -> dict[str, tuple[float, str]]:
+        """See `Imperfection.values`; a second branch only where there is one."""
+        return {
+            name: value
+            for name, value in super().values().items()
+            if self.second_stiffness_n_m or not name.startswith("second_")
+        }
+
     @classmethod
     def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         return cls(

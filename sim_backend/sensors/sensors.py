@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from math import inf, pi
-from operator import sub
 
 import numpy as np
 
@@ -42,7 +41,7 @@ class SimulatedEncoder(SampledSensor):
         sample_period_s = max(1.0 / settings.rate_hz, step_s)
         self._velocity_low_pass = LowPass(settings.velocity.bandwidth_hz, sample_period_s)
         self._effects = effects
-        self._previous: tuple[float, list[float]] | None = None
+        self._before_s, self._before = -inf, list[float]()
 
     def _measure(self, time_s: float, signal: Sequence[float]) -> Sample:
         joint_count = len(signal) // 2
@@ -51,17 +50,13 @@ class SimulatedEncoder(SampledSensor):
             position = effect.measure(time_s, position)
         per_rad, count_rad = self._counts_per_rad, self._count_rad
         counted = [round(angle * per_rad) * count_rad for angle in position]
-        if self._by_difference:
-            velocity: Sequence[float] = self._difference(time_s, counted)
-        else:
-            velocity = self._noise.added_to(signal[joint_count:])
-        return Sample([*counted, *velocity], time_s)
-
-    def _difference(self, time_s: float, position: list[float]) -> Sequence[float]:
-        before_s, before = self._previous or (-inf, position)
-        self._previous = (time_s, position)
-        rate_hz = 1.0 / (time_s - before_s)
-        return self._velocity_low_pass.filter([moved * rate_hz for moved in map(sub, position, before)])
+        if not self._by_difference:
+            return Sample([*counted, *self._noise.added_to(signal[joint_count:])], time_s)
+        rate_hz = 1.0 / (time_s - self._before_s)
+        before = self._before or counted
+        moving = [(now - then) * rate_hz for now, then in zip(counted, before, strict=True)]
+        self._before_s, self._before = time_s, counted
+        return Sample(counted + self._velocity_low_pass.filter(moving), time_s)
 
 
 class _Amplifier:

@@ -6,6 +6,7 @@ It shares no code with the simulator, so that a controller that works on both di
 from dataclasses import dataclass, field
 
 import numpy as np
+import pinocchio as pin
 
 from control.arm.dh import DhRow, DhTable
 from control.arm.dh_urdf import LinkInertia, dh_to_urdf
@@ -41,6 +42,13 @@ def test_arm() -> RigidBody:
 
 
 test_arm.__test__ = False
+
+
+def forward_dynamics(
+    body: RigidBody, position_rad: np.ndarray, velocity_rad_s: np.ndarray, torque_nm: np.ndarray
+) -> np.ndarray:
+    """Accelerations (n,) [rad/s^2] under these torques (n,) [N m], in free air."""
+    return np.array(pin.aba(body._model, body._data, position_rad, velocity_rad_s, torque_nm))
 
 
 @dataclass
@@ -92,8 +100,8 @@ class Plant:
         for _ in range(round(duration_s / SUBSTEP_S)):
             force_n = self.contact_force_n()
             push = self.body.tip_jacobian(self.position_rad)[:3].T @ (-force_n * DOWN)
-            acceleration = self.body.forward_dynamics(
-                self.position_rad, self.velocity_rad_s, self.torque_nm + push
+            acceleration = forward_dynamics(
+                self.body, self.position_rad, self.velocity_rad_s, self.torque_nm + push
             )
             self.velocity_rad_s = self.velocity_rad_s + acceleration * SUBSTEP_S
             self.position_rad = self.position_rad + self.velocity_rad_s * SUBSTEP_S

@@ -1,6 +1,6 @@
 """The probing task in the real loop, on the mock robot (interfaces only) and on both simulated arms."""
 
-from pathlib import Path
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -11,15 +11,9 @@ from control.loop.loop import run_loop
 from control.loop.phases import Phase
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
-from robot_io.clock import SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.guard import Guard
-from robot_io.robot import build_robot
-from robot_io.robot_file import load_robot_file
 from tests import mock_robot
 from tests.control.loop_parts import RATE_HZ, Arm, MemoryLog
-
-ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
+from tests.control.simulated_arms import SimulatedArm, kelvin_voigt
 
 
 def test_the_mock_robot_is_probed_through_the_interfaces_alone():
@@ -38,50 +32,32 @@ def test_the_mock_robot_is_probed_through_the_interfaces_alone():
     assert [kind for _, kind, _ in log.events].count("limit_reached") == 2
 
 
-@pytest.mark.parametrize("name", ["follower", "leader"])
 @pytest.mark.parametrize(
-    ("stiffness", "damping", "speed_m_s"),
-    [(100.0, 0.0, 0.15), (500.0, 100.0, 0.15), (7100.0, 100.0, 0.05), (10_000.0, 200.0, 0.05)],
+    ("name", "stiffness", "damping", "speed_m_s"),
+    [
+        ("follower", 100.0, 0.0, 0.15),
+        ("leader", 500.0, 100.0, 0.15),
+        ("leader", 7100.0, 100.0, 0.05),
+        ("follower", 10_000.0, 200.0, 0.05),
+    ],
 )
-def test_the_simulated_arms_keep_the_force_limit(name, stiffness, damping, speed_m_s):
-    robot_file = load_robot_file(ARMS / name / f"{name}.yaml")
-    clock, log, truth = SimulatedClock(), MemoryLog(), []
-    robot = build_robot(robot_file, DriverCatalogue("robot_io.drivers", "sim_backend.drivers"), clock)
-    guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
-    task = ProbingTask.from_robot_file(robot_file, ProbingPlan(speeds_m_s=(speed_m_s,), hold_s=0.5))
-    bus = robot.buses["world"]
-    law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness, "damping_n_s_m": damping}
-    bus.use_scenario(bus.scenario.model_validate({"object": {"law": law}}))
-
-    def watch(measurement, output):
-        truth.append(bus.world.truth().force_n)
-        return np.nan, np.nan, np.nan
-
-    with robot:
-        result = run_loop(robot, guard, task, clock, log, rate_hz=1000.0, observer=watch)
-    result.raise_for_trip()
-    assert task.failures == ()
-    force, time_s, phase = np.array(truth), log.column("time_s"), log.column("phase")
-    touched_s = time_s[force > 0.0][0]
-    assert force[time_s >= touched_s + 0.020].max() <= 10.5
-    assert force[phase == Phase.HOLD][-200:] == pytest.approx(10.0, abs=0.2)
+def test_the_simulated_arms_keep_the_force_limit_and_come_home_to_rest(name, stiffness, damping, speed_m_s):
+    plan = ProbingPlan(speeds_m_s=(speed_m_s,), hold_s=0.5)
+    arm = SimulatedArm(name, plan, kelvin_voigt(stiffness, damping))
+    with closing(arm.robot):
+        arm.run().raise_for_trip()
+        ended = arm.world.truth()
+        arm.wait(0.5)  # the torque is off
+        later = arm.world.truth()
+    assert arm.task.failures == ()
+    log, (time_s, _, force_n, _) = arm.log, arm.truth.T
+    assert force_n[time_s >= time_s[force_n > 0.0][0] + 0.020].max() <= 10.5
+    held_s = log.column("time_s")[log.column("phase") == Phase.HOLD][-200:]
+    held = (time_s > held_s[0]) & (time_s < held_s[-1])
+    assert force_n[held] == pytest.approx(10.0, abs=0.2)
     tracking = np.abs(log.column("joint_position_rad") - log.column("reference_position_rad"))
     assert tracking.max() < 0.003
-
-
-@pytest.mark.parametrize("name", ["follower", "leader"])
-def test_when_the_torque_goes_off_the_arm_stands_where_it_stood_before(name):
-    robot_file = load_robot_file(ARMS / name / f"{name}.yaml")
-    clock, log = SimulatedClock(), MemoryLog()
-    robot = build_robot(robot_file, DriverCatalogue("sim_backend.drivers"), clock)
-    guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
-    task = ProbingTask.from_robot_file(robot_file, ProbingPlan(speeds_m_s=(0.15,), hold_s=0.2))
-    with robot:
-        world = robot.buses["world"].world
-        run_loop(robot, guard, task, clock, log, rate_hz=1000.0).raise_for_trip()
-        ended = world.truth()
-        assert ended.joint_position_rad == pytest.approx(robot_file.home_rad, abs=1e-3)
-        assert np.abs(ended.joint_velocity_rad_s).max() < 0.01
-        clock.sleep_until(clock.now_s() + 0.5)
-        assert world.truth().force_n == 0.0
-        assert world.truth().tip_position_world_m == pytest.approx(ended.tip_position_world_m, abs=1e-3)
+    assert ended.joint_position_rad == pytest.approx(arm.robot_file.home_rad, abs=1e-3)
+    assert np.abs(ended.joint_velocity_rad_s).max() < 0.01
+    assert later.force_n == 0.0
+    assert later.tip_position_world_m == pytest.approx(ended.tip_position_world_m, abs=1e-3)

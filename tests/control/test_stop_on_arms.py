@@ -67,10 +67,9 @@ def test_at_home_the_weight_is_held_up_and_then_sinks_slowly(name):
     assert stop.finished_s == pytest.approx(0.3 + 3.0, abs=0.003)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_without_a_model_of_its_weight_the_arm_falls(name):
+def test_without_a_model_of_its_weight_the_arm_falls():
     """The reason for the model; and the stop then ends with the braking."""
-    stop = stop_in(name, Phase.FREE_AIR, 100, gravity=False)
+    stop = stop_in("follower", Phase.FREE_AIR, 100, gravity=False)
     assert stop.falls_m(within_s=0.3) > 0.1
     assert stop.force_n.max() > 10.0
     assert stop.finished_s == pytest.approx(0.3, abs=0.003)
@@ -78,7 +77,7 @@ def test_without_a_model_of_its_weight_the_arm_falls(name):
 
 @pytest.mark.parametrize(
     ("name", "phase", "stiffness"),
-    [("follower", Phase.LOADING, 7100.0), ("follower", Phase.HOLD, 500.0), ("leader", Phase.HOLD, 7100.0)],
+    [("follower", Phase.LOADING, 7100.0), ("leader", Phase.HOLD, 500.0)],
 )
 def test_in_contact_the_object_pushes_the_arm_out_and_carries_it_softly_later(name, phase, stiffness):
     stop = stop_in(name, phase, 10, stiffness=stiffness)

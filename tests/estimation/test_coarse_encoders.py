@@ -76,6 +76,14 @@ def test_intervals_hold_what_the_steps_leave_uncertain():
     assert inside_without < 6
 
 
+@pytest.mark.parametrize("stiffness", [800.0, 3000.0])
+def test_damping_is_cleared_of_what_the_steps_take_away_and_its_interval_holds_the_rest(stiffness):
+    """Steps make the derived velocity noisy, and least squares take that for a smaller damping."""
+    found = [estimated(pressed(stiffness, seed)[0])["damping.c"] for seed in range(6)]
+    assert np.mean([each.value for each in found]) == pytest.approx(DAMPING, rel=0.12)
+    assert all(each.interval[0] <= DAMPING <= each.interval[1] for each in found)
+
+
 def test_a_fine_encoder_widens_nothing():
     (channel,) = contact_channels(ticks(probe(kelvin_voigt(800.0, 40.0), seed=1)), tared=True)
     fine = estimated(replace(channel, position_step=1e-9))["stiffness.k"]

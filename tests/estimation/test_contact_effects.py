@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -93,6 +95,14 @@ def test_a_dent_stays_for_the_next_press_in_time_whatever_the_numbers_of_the_run
     dented = data.position - EFFECTS["plastic_set"]().move(data, {"share": 0.1, "kept": 1.0}).position
     assert dented[:100] == pytest.approx(np.full(100, 0.1))
     assert dented[100] == 0.0
+
+
+def test_a_dent_is_not_met_where_the_clock_has_begun_anew():
+    data = two_presses()
+    apart = replace(data, time_s=np.tile(data.time_s[100:], 2))
+    dented = apart.position - EFFECTS["plastic_set"]().move(apart, {"share": 0.1, "kept": 1.0}).position
+    assert dented[0] == dented[100] == 0.0
+    assert dented[50:100] == pytest.approx(np.full(50, 0.05))
 
 
 def test_a_sensor_with_hysteresis_takes_columns_as_it_takes_one_effort():

@@ -13,11 +13,11 @@ from estimation.data import (
     ImportOptions,
     import_file,
     import_streams,
-    load_channels,
     parse_pairs,
     table,
     text_table,
 )
+from estimation.study.source import open_source
 from robot_io.errors import InputError
 from robot_io.session import SessionMetadata, write_session
 
@@ -99,7 +99,7 @@ def test_all_formats_hold_the_same(tmp_path, contact):
         channel = only(import_file(path))
         for what in ("time_s", "position", "velocity", "acceleration", "effort", "run"):
             np.testing.assert_array_equal(getattr(channel, what), getattr(expected, what))
-    assert load_channels(csv)[0].name == "contact"
+    assert open_source(csv).channels[0].name == "contact"
 
 
 def test_a_byte_order_mark_and_quotes_do_not_matter(tmp_path):
@@ -221,7 +221,7 @@ def test_a_session_holds_a_context_whatever_its_column_is_called(contact, tmp_pa
     imported = import_file(contact(**{column: 20 + T}), ImportOptions(context=(column,)))
     place = tmp_path / "kept.mcap"
     write_session(place, import_streams(imported), SessionMetadata(), ())
-    (after,) = load_channels(place)
+    (after,) = open_source(place).channels
     (signal,) = after.recorded
     np.testing.assert_allclose(after.context[signal], 20 + T)
 
@@ -295,7 +295,7 @@ def test_a_missing_column_says_what_is_needed_and_what_is_there(contact):
     text = refusal(contact(force_N=None))
     assert "a contact needs time_s, displacement_m, force_N" in text
     assert "time_s, displacement_m" in text
-    assert "--column NAME=COLUMN" in text
+    assert "--column force_N=COLUMN" in text
     assert "no time; name it time_s" in refusal(contact(time_s=None))
 
 
@@ -307,7 +307,11 @@ def test_a_column_that_is_not_there_lists_those_that_are(contact):
 
 
 def test_units_that_cannot_be_are_refused(contact):
-    assert "does not say its unit" in refusal(contact(force_N=None, force=F))
+    assert "'force' does not say its unit; say it, as in --unit force=N" in refusal(
+        contact(force_N=None, force=F)
+    )
+    text = refusal(contact(time_s=None, force_N=None, force=F, time=T))
+    assert "do not say their units; say them, as in --unit force=N --unit time=s" in text
     assert "measures no displacement" in refusal(contact(), units={"displacement": "N"})
     assert "Valid: " in refusal(contact(), units={"displacement": "furlong"})
     assert "no such quantity or column is in use" in refusal(contact(), units={"torque": "Nm"})
@@ -383,7 +387,7 @@ def test_broken_files_get_one_line(tmp_path, name, content, message):
 def test_arrays_of_objects_are_not_unpickled(tmp_path):
     path = tmp_path / "objects.npz"
     np.savez(path, time_s=np.array([{"a": 1}], dtype=object))
-    assert "cannot be read" in refusal(path)
+    assert "column 'time_s' holds objects" in refusal(path)
 
 
 def test_arrays_of_different_length(tmp_path):
@@ -517,5 +521,5 @@ def test_fresh_runs_begin_with_the_clock_at_zero_and_keep_their_motion(contact, 
         import_streams(import_file(path, ImportOptions(fresh=True))),
         SessionMetadata(software_version="test", created_utc="", command_line=""),
     )
-    (again,) = load_channels(tmp_path / "s.mcap")
+    (again,) = open_source(tmp_path / "s.mcap").channels
     np.testing.assert_allclose(again.time_s, fresh.time_s, atol=1e-9)

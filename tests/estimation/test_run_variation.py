@@ -24,7 +24,7 @@ def presses(offsets, gains, seed=0):
 
 
 def rest_of_runs(data, effect, predicted):
-    left = (data.effort - predicted)[~effect.told(data)]
+    left = (data.effort - predicted)[~effect.first_part(data)]
     return float(np.sqrt(np.mean(left**2)))
 
 
@@ -67,6 +67,6 @@ def test_values_of_a_run_do_not_depend_on_other_runs_nor_on_its_own_end(name):
         np.testing.assert_allclose(effect.values(effort[rows], data.select(rows), inner)[0], together[number])
     if name == "run_gain":
         return  # its first part ends by a share of the whole effort
-    late = np.where(effect.told(data), data.effort, 99.0)
+    late = np.where(effect.first_part(data), data.effort, 99.0)
     changed = type(data)(**{**vars(data), "effort": late})
     np.testing.assert_allclose(effect.values(effort, changed, inner), together)

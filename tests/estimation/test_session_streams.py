@@ -7,9 +7,9 @@ from estimation.data import (
     import_file,
     import_streams,
     is_session,
-    load_channels,
 )
 from estimation.data.channels import session_channels
+from estimation.study.source import open_source
 from robot_io.errors import InputError
 from robot_io.session import Column, Session, SessionMetadata, Stream, write_session
 from tests.estimation.little_probe import kelvin_voigt, probe, ticks
@@ -39,7 +39,7 @@ def test_session_gives_back_the_arrays_that_were_imported(tmp_path):
     before = imported(tmp_path)
     metadata = SessionMetadata(extra=import_extra(before))
     path = write_session(tmp_path / "session.mcap", import_streams(before), metadata)
-    after = load_channels(path)
+    after = open_source(path).channels
     assert [c.name for c in after] == ["contact", "joint_1", "joint_2"]
     for one, other in zip(before.channels, after, strict=True):
         assert one.kind is other.kind
@@ -67,7 +67,7 @@ def test_a_probing_session_gives_contact_and_joints(tmp_path):
         [(samples.stream, dict(samples.columns))],
         SessionMetadata(software_version="0"),
     )
-    channels = load_channels(path)
+    channels = open_source(path).channels
     assert [c.name for c in channels] == ["contact", "joint_1", "joint_2", "joint_3"]
     assert channels[0].surface is not None
 

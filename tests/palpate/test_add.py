@@ -97,35 +97,8 @@ def test_ones_own_effect_is_run_again_only_if_one_says_so(hardening, tmp_path):
 def test_a_damaged_revision_is_named(hardening, tmp_path):
     (tmp_path / "revisions").mkdir()
     (tmp_path / "revisions" / "0000.json").write_text('{"number": 0}')
-    assert_refused(run("revisions", hardening, "--folder", tmp_path), "0000.json", "damaged")
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("rmse", float("nan"), "rmse"),
-        ("number", 7, "its number is 7"),
-        ("parent", 1, "its parent is 1"),
-        ("model", "magic", "magic"),
-        ("effects", ["magic"], "magic"),
-        ("added", "magic", "magic"),
-        ("parameters", {}, "its parameter bias.offset is missing"),
-    ],
-)
-def test_a_revision_that_makes_no_sense_is_told_with_the_reason(
-    hardening, tmp_path, edited, key, value, words
-):
-    changed = edited | {key: value} | ({"added": "magic"} if key == "effects" else {})
-    (tmp_path / "revisions").mkdir()
-    (tmp_path / "revisions" / "0001.json").write_text(json.dumps(changed))
     for command in ("revisions", "export"):
-        result = run(command, hardening, "--folder", tmp_path)
-        assert_refused(result, "0001.json: is damaged: ", words)
-
-
-@pytest.fixture(scope="module")
-def edited(hardening, tmp_path_factory):
-    return add(hardening, tmp_path_factory.mktemp("edited"), "bias")[1]
+        assert_refused(run(command, hardening, "--folder", tmp_path), "0000.json", "is damaged: ")
 
 
 def test_without_revisions_one_is_told_how_to_make_some(hardening, tmp_path):

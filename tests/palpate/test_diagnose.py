@@ -4,21 +4,13 @@ import json
 
 import numpy as np
 import pytest
-import yaml
 
-from control.probing.plan import ProbingPlan, load_probing_plan
 from estimation.channel import ChannelKind
-from estimation.diagnosis.next_experiment import exploring, separating, sufficient
-from estimation.diagnosis.result import NextExperiment
-from estimation.effects import EFFECTS
+from estimation.diagnosis.next_experiment import sufficient
 from estimation.gate.gate import refuse
-from palpate.next_plan import plan_of, write_plan
-from palpate.runs.probing import PLAN
-from robot_io.session import Session
 from tests.estimation.presses import channel, kelvin_voigt, motion
 from tests.palpate.cli import assert_refused, next_commands, run
 from tests.palpate.presses import CUBIC, write_presses
-from tests.palpate.sessions import synthetic_session
 
 KEYS = {
     *("channel", "verdict", "reason", "noise_floor", "baseline", "accepted", "ranking", "final"),
@@ -309,67 +301,12 @@ def test_what_an_effect_prints_does_not_stand_among_the_results(hardening, tmp_p
     assert "from columns\n" in result.stderr
 
 
-def all_proposals():
-    for name in EFFECTS:
-        effect = EFFECTS[name]()
-        yield from (separating(effect, [rival], ChannelKind.CONTACT) for rival in EFFECTS)
-    for signal in ("velocity", "position", "time", "past motion", "offset", "effort"):
-        yield exploring([signal], ChannelKind.CONTACT)
-    for reason in ("no contact", "a single run", "only 4 different readings"):
-        yield sufficient(reason, ChannelKind.CONTACT)
-
-
-def test_every_proposed_experiment_is_a_plan_that_probe_can_run(tmp_path):
-    proposals = list(all_proposals())
-    for proposal in proposals:
-        assert isinstance(plan_of(proposal, None), ProbingPlan)
-    plan = plan_of(proposals[0], None)
-    write_plan(proposals[0], plan, tmp_path / "next.yaml")
-    assert load_probing_plan(tmp_path / "next.yaml") == plan
-
-
-@pytest.fixture(scope="module")
-def probed_before(tmp_path_factory):
-    plan = yaml.safe_dump(ProbingPlan(force_limit_n=7.0).model_dump(mode="json"))
-    path = tmp_path_factory.mktemp("before") / "s.mcap"
-    return Session.open(synthetic_session(path, extra={PLAN: plan}))
-
-
-def test_a_joint_of_a_probing_arm_is_moved_in_free_air_by_the_next_experiment(probed_before, tmp_path):
-    proposals = [
-        separating(EFFECTS["coulomb_friction"](), ["asymmetric_friction"], ChannelKind.REVOLUTE),
-        separating(EFFECTS["bias"](), ["payload"], ChannelKind.REVOLUTE),
-        exploring(["joint velocity"], ChannelKind.REVOLUTE),
-        sufficient("it rests", ChannelKind.REVOLUTE),
-    ]
-    for proposal in proposals:
-        plan = plan_of(proposal, probed_before)
-        write_plan(proposal, plan, tmp_path / "next.yaml")
-        assert load_probing_plan(tmp_path / "next.yaml") == plan
-        assert plan.free_air_swing_m > 0.0
-        assert max(plan.free_air_swing_speeds_rad_s) > 3.0 * min(plan.free_air_swing_speeds_rad_s)
-        assert plan.force_limit_n == 7.0  # what the proposal does not name stays
-        assert plan_of(proposal, None) is None  # a joint that no probing arm moved
-
-
-def test_a_sliding_joint_is_none_of_a_probing_arm(probed_before):
-    proposal = separating(EFFECTS["coulomb_friction"](), ["backlash"], ChannelKind.PRISMATIC)
-    assert proposal.probe == {}
-    assert plan_of(proposal, probed_before) is None
-
-
-def test_where_the_steps_are_too_coarse_the_next_press_is_harder():
+def test_where_the_steps_are_too_coarse_the_next_motion_takes_more_effort():
     time_s, x, v, run = motion(np.random.default_rng(0))
     force = np.round(kelvin_voigt(x, v) / 4.0) * 4.0
     reason = refuse(channel(force, time_s, x, v, run))
-    plan = plan_of(sufficient(reason, ChannelKind.CONTACT), None)
-    assert plan.force_limit_n > ProbingPlan().force_limit_n
-    assert "finer" in sufficient(reason, ChannelKind.REVOLUTE).instruction
-
-
-def test_what_an_arm_cannot_do_by_itself_is_no_plan():
-    words = NextExperiment(purpose="x", separates=[], instruction="lift two loads", probe={})
-    assert plan_of(words, None) is None
+    assert "finer" in sufficient(reason, ChannelKind.CONTACT).instruction
+    assert "finer" not in sufficient("it rests", ChannelKind.REVOLUTE).instruction
 
 
 def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):

@@ -143,13 +143,13 @@ def test_the_world_reproduces_the_force_that_was_measured(tmp_path):
     hidden = tmp_path / "hidden.yaml"
     hidden.write_text("hidden: [{effect: stress_relaxation, stiffness_n_m: 250.0, time_s: 0.2}]\n")
     first, again = tmp_path / "first.mcap", tmp_path / "again.mcap"
-    probe = ("probe", "--hold-s", "0.4", "--seed", "5", "--out")
-    assert run(*probe, first, "--hidden", hidden).exit_code == 0
+    probe = ("probe", "--speed-mm-s", "150,90", "--hold-s", "0.4", "--seed")
+    assert run(*probe, 5, "--out", first, "--hidden", hidden).exit_code == 0
     assert run("add", first, "stress_relaxation").exit_code == 0
     assert run("export", first).exit_code == 0
     world = tmp_path / "first" / "scenario.yaml"
-    assert run("probe", "--hold-s", "0.4", "--seed", "6", "--out", again, "--scenario", world).exit_code == 0
-    for number in range(3):
+    assert run(*probe, 6, "--out", again, "--scenario", world).exit_code == 0
+    for number in range(2):
         measured, simulated = (force_of(path, number) for path in (first, again))
         count = min(len(measured), len(simulated))
         left = measured[:count] - simulated[:count]

@@ -15,7 +15,7 @@ from robot_io.errors import InputError, SessionError
 from robot_io.session import Session, SessionMetadata
 from sim_backend import Scenario, load_scenario
 from sim_backend.hidden import draw_hidden, noise_scale
-from sim_backend.imperfection import IMPERFECTIONS, describe_imperfection
+from sim_backend.imperfection import IMPERFECTIONS, describe_imperfection, parse_imperfection
 from sim_backend.secret import Answer, seal, sealed_path, unseal
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import assert_refused, run
@@ -62,6 +62,12 @@ def test_the_unit_of_a_sensor_s_effect_is_that_of_its_signal():
         for channel in ("contact", "joint_1", "encoder_1")
     }
     assert units == {"contact": "N/s", "joint_1": "N m/s", "encoder_1": "rad/s"}
+
+
+@pytest.mark.parametrize(("second", "shown"), [(0.0, 2), (100.0, 4)])
+def test_a_second_branch_is_revealed_only_where_there_is_one(second, shown):
+    entry = {"effect": "stress_relaxation", "stiffness_n_m": 250.0, "time_s": 0.1}
+    assert len(parse_imperfection(entry | {"second_stiffness_n_m": second}).values()) == shown
 
 
 def test_effects_of_a_file_act_and_their_file_is_not_named_in_the_session(tmp_path):
@@ -204,8 +210,6 @@ def test_a_robot_file_hides_nothing_since_the_session_keeps_it(tmp_path):
     ("name", "channel"),
     [
         ("coulomb_friction", "joint_3"),
-        ("torque_ripple", "joint_1"),
-        ("stress_relaxation", "contact"),
         ("delay", "contact"),
         ("adhesion", "contact"),
     ],

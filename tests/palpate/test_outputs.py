@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 
 from palpate import console
-from palpate.files import different_files, existing_file, output_file, spare_files, whole_file
+from palpate.files import different_files, existing_file, output_file, spare_files, whole_file, whole_set
 from palpate.words import as_shell_word, shown, typed
-from robot_io.errors import InputError
+from robot_io.errors import InputError, SessionError
+from robot_io.session import Column, Event, Session, SessionMetadata, Stream, write_session
 from tests.palpate.cli import ROOT, assert_refused, run, run_process
 from tests.palpate.presses import write_presses
 
@@ -137,6 +138,32 @@ def test_a_file_that_cannot_be_finished_is_not_there(tmp_path):
     with pytest.raises(InputError, match=r"cannot write .*x\.txt: No space"):
         write_half()
     assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("x.txt", "old")]
+
+
+def test_of_a_set_of_files_all_appear_or_none(tmp_path):
+    paths = [tmp_path / name for name in ("a.json", "b.html")]
+    with pytest.raises(KeyboardInterrupt), whole_set(dict.fromkeys(paths, "text")):
+        raise KeyboardInterrupt
+    with pytest.raises(InputError, match="missing"), whole_set({paths[0]: "", tmp_path / "missing/c": ""}):
+        pass
+    assert list(tmp_path.iterdir()) == []
+    with whole_set(dict.fromkeys(paths, "text")):
+        assert not any(path.exists() for path in paths)
+    assert sorted(tmp_path.iterdir()) == paths
+
+
+def test_two_imports_into_one_file_at_once_leave_the_first_one_whole(tmp_path):
+    """Both have found the name free; the slower one must not replace what the quicker one wrote."""
+    path, column = tmp_path / "one.mcap", Stream("contact", (Column("time_s", "s", 1, ""),))
+
+    def slow_columns():
+        write_session(path, [(column, {"time_s": [1.0]})], SessionMetadata())
+        yield Event(0.0, "remark", "written second")
+
+    with pytest.raises(SessionError, match="exists already"):
+        write_session(path, [(column, {"time_s": [2.0]})], SessionMetadata(), slow_columns())
+    assert list(Session.open(path).samples("contact")["time_s"]) == [1.0]
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize("name", NASTY)

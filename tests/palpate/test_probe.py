@@ -19,7 +19,7 @@ from palpate.runs.probing import PLAN, ProbingJob, Watcher, run_probing
 from palpate.runs.robots import find_robot
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
-from sim_backend.scenario import MOST_SEED, parse_scenario
+from sim_backend.scenario import MOST_SEED, Scenario, parse_scenario
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import ROOT, assert_refused, run, run_process
 
@@ -135,7 +135,10 @@ def test_an_object_that_is_not_there_is_said_in_words(tmp_path):
     deep.write_text("object: {surface_height_m: -0.5}\n")
     plan = tmp_path / "short.yaml"
     plan.write_text("speeds_m_s: [0.15]\nsearch_depth_m: 0.05\n")
-    result = run("probe", "-o", tmp_path / "x.mcap", "--scenario", deep, "--experiment", plan, "--json")
+    options = ("--scenario", deep, "--experiment", plan)
+    shown = run("probe", "-o", tmp_path / "shown.mcap", *options)
+    assert (shown.exit_code, "1 run planned, 1 failure" in shown.stdout) == (1, True)
+    result = run("probe", "-o", tmp_path / "x.mcap", *options, "--json")
     said = json.loads(result.stdout)
     assert len(said["failed_runs"]) == 1
     assert "no touch" in said["failed_runs"][0]
@@ -155,6 +158,7 @@ def test_an_object_that_is_not_there_is_said_in_words(tmp_path):
         (("--force-limit-n", "much"), ("--force-limit-n", "number")),
         (("--repeats", "0"), ("repeats",)),
         (("--seed", "-3"), ("--seed",)),
+        (("--seed", str(10**18)), ("--seed", str(MOST_SEED))),
         (("--online", "ransac"), ("ransac", "rls", "none")),
         (("--experiment", "no_such.yaml"), ("no_such.yaml", "no such file")),
     ],
@@ -251,22 +255,9 @@ def test_a_plan_that_cannot_be_carried_out_is_refused_and_leaves_nothing(tmp_pat
     assert not out.parent.exists() or not list(out.parent.iterdir())
 
 
-def test_a_seed_that_could_not_be_read_back_is_refused(tmp_path):
-    assert_refused(run("probe", "-o", tmp_path / "x.mcap", "--seed", 10**18), "seed", str(10**18))
-
-
-def test_the_largest_seed_is_read_back(tmp_path):
-    path = tmp_path / "x.mcap"
-    options = ("--speed-mm-s", 150, "--hold-s", 0.1, "--online", "none")
-    assert run("probe", "-o", path, "--seed", MOST_SEED, *options).exit_code == 0
-    assert parse_scenario(Session.open(path).metadata.scenario, "session").seed == MOST_SEED
-
-
-def test_runs_that_failed_are_not_called_done(tmp_path):
-    (tmp_path / "deep.yaml").write_text("object: {surface_height_m: -0.5}\n")
-    result = run("probe", "-o", tmp_path / "x.mcap", "--scenario", tmp_path / "deep.yaml")
-    assert result.exit_code == 1
-    assert "3 runs planned, 1 failure" in result.stdout
+def test_the_largest_seed_is_read_back():
+    scenario = Scenario().with_seed(MOST_SEED)
+    assert parse_scenario(scenario.to_yaml(), "session").seed == MOST_SEED
 
 
 def test_a_demo_that_touches_nothing_says_so(tmp_path):

@@ -92,3 +92,57 @@ def test_the_package_has_no_other_name(frame):
         palpate.Studies  # noqa: B018
     with pytest.raises(InputError, match="no such file"):
         Study("nowhere.csv")
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    return Study(write_presses(tmp_path_factory.mktemp("study") / "p.csv"), keep=False)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda s: Study(s.source, arm=3), "arm=3: give the path of a URDF"),
+        (lambda s: Study(s.source, folder=3), "folder 3: give a path"),
+        (lambda s: Study(s.source, effects="mine.py:Mine"), "effects='mine.py:Mine': give a list"),
+        (lambda s: s.estimate(3), "estimator 3: give names"),
+        (lambda s: s.estimate(["lsq", 3]), "give names"),
+        (lambda s: s.estimate(runs=3), r"runs 3: give a list .* \[0, 2\]"),
+        (lambda s: s.add(), r"add\(\): give names of effects"),
+        (lambda s: s.add(["bias"]), r"add\(\['bias'\]\): give names"),
+        (lambda s: s.add("coulomb"), r"no effect is called 'coulomb'\. Did you mean .*dry_friction"),
+        (lambda s: s.add("coulomb_friction"), r"in none of the channels: .* Did you mean .*dry_friction"),
+        (lambda s: s.add("gremlin"), r"no effect is called 'gremlin'\. In a contact there are: adhesion, "),
+        (lambda s: s.compare()["nope"], "no channel 'nope' is compared. There are: contact"),
+        (lambda s: s.remove("cubic_stiffness"), "'cubic_stiffness': was not added .* Nothing was added yet"),
+        (lambda s: s.export(3), "scenario 3: give a path"),
+        (lambda s: s.export("x.yaml", "0"), "revisions='0': give a revision's number"),
+        (lambda s: s.export("x.yaml", 7), "no revision 7"),
+        (lambda s: s.report(3), "report 3: give a path"),
+    ],
+)
+def test_what_is_of_another_type_is_one_clear_line(study, call, said):
+    with pytest.raises(InputError, match=said):
+        call(study)
+
+
+def test_what_has_a_number_is_exported_also_if_that_is_zero(tmp_path):
+    study = Study(write_presses(tmp_path / "p.csv"), keep=False)
+    study.add("cubic_stiffness")
+    for revision in (0, [0]):
+        assert not study.export(tmp_path / "w.yaml", revision).scenario.hidden
+    assert study.export(tmp_path / "w.yaml", 1).scenario.hidden
+    with pytest.raises(InputError, match=r"'bias': was not added to any model. contact has cubic_stiffness"):
+        study.remove("bias")
+
+
+def test_each_result_prints_as_a_small_table(study):
+    shown = [study, study.compare(), study.compare()["contact"], study.diagnose(), study.fit("contact")]
+    shown += [study.estimate(["lsq"])[0], study.results()[0], study.revisions]
+    for one in shown:
+        lines = str(one).splitlines()
+        assert max(map(len, lines)) <= 115
+        assert repr(one) == str(one)
+        assert all(line.strip() for line in lines)
+        assert "array(" not in str(one)
+    assert "cubic_stiffness" in str(study.diagnose())

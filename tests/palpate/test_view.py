@@ -155,7 +155,7 @@ def test_stretches_of_equal_values(values, expected):
 
 def test_a_residual_map_averages_what_is_judged_in_a_cell(contact):
     judged = contact.position < 0.01
-    view = channel_view(contact, (), (), 0.02, judged=judged)
+    view = channel_view(contact, (), 0.02, judged=judged)
     flat = residual_map(view, np.where(judged, 0.3, 99.0))
     seen = flat.mean[np.isfinite(flat.mean)]
     assert len(seen) > 8
@@ -167,9 +167,9 @@ def test_a_residual_map_averages_what_is_judged_in_a_cell(contact):
 
 
 def test_what_is_not_judged_is_said(contact):
-    view = channel_view(contact, (), (), 0.02, judged=np.arange(len(contact)) % 4 > 0)
+    view = channel_view(contact, (), 0.02, judged=np.arange(len(contact)) % 4 > 0)
     assert view.verdict.remarks == ("25 % of the samples are not judged; the report shades them.",)
-    told = channel_view(contact, (), (), 0.02, judged=view.judged, not_judged="1 in 4 is not judged.")
+    told = channel_view(contact, (), 0.02, judged=view.judged, not_judged="1 in 4 is not judged.")
     assert told.verdict.remarks == ("1 in 4 is not judged.",)
 
 
@@ -184,7 +184,7 @@ def test_what_is_not_judged_is_said(contact):
     ],
 )
 def test_a_parameter_is_shown_with_its_interval(std_err, interval, shown):
-    found = SimpleNamespace(value=12.346, std_err=std_err, unit="N/m")
+    found = SimpleNamespace(value=12.346, std_err=std_err, unit="N/m", at_bound=False)
     if interval is not None:
         found.interval = interval
     assert terminal.with_interval(parameter_view("stiffness.k", found)) == shown
@@ -195,7 +195,7 @@ def test_a_diagnosis_fits_into_its_terminal_and_breaks_no_name(contact, width):
     long = accepted("load_dependent_friction", 0.5, 0.2, "asymmetric_friction")
     ranking = [{"effect": "load_dependent_friction", "rmse_held_out": 0.2, "score": 0.6}]
     found = diagnosis("missing", long, after=0.2, ranking=ranking)
-    view = channel_view(contact, (), (), 0.1, diagnosis=found)
+    view = channel_view(contact, (), 0.1, diagnosis=found)
     out = io.StringIO()
     terminal.print_diagnosis(Console(file=out, width=width), StudyView("f", (view,)))
     lines = out.getvalue().splitlines()

@@ -13,6 +13,7 @@ from palpate.render.recording.block import Block
 from palpate.render.recording.scene import Scene
 from palpate.render.recording.stream import BACKGROUND, time_column
 from robot_io.errors import InputError
+from robot_io.types import FloatArray
 
 ROOT_FRAME = "world"  # of everything that is drawn and is no part of the arm
 _ARM, _OBJECT, _TIP = "arm", "object", "tip"
@@ -23,7 +24,7 @@ _GRID = (120, 134, 150, 60)
 _EYE_DIRECTION = np.array([0.35, -1.0, 0.42])  # from the side: the arm moves in the x-z plane
 _EYE_DISTANCE = 1.5  # in sizes of the scene
 # Rerun draws a URDF's cylinders and boxes as wire frames unless it is told otherwise.
-_SOLID = [shape.from_fields(fill_mode="solid") for shape in (rr.Cylinders3D, rr.Boxes3D, rr.Ellipsoids3D)]
+SOLID = [shape.from_fields(fill_mode="solid") for shape in (rr.Cylinders3D, rr.Boxes3D, rr.Ellipsoids3D)]
 
 
 def log_arm(recording: rr.RecordingStream, scene: Scene) -> None:
@@ -32,30 +33,60 @@ def log_arm(recording: rr.RecordingStream, scene: Scene) -> None:
     Raises:
         InputError: what it holds is no URDF.
     """
-    if not scene.urdf:
+    rows = scene.picture_rows
+    position_rad = scene.ticks["joint_position_rad"][rows]
+    log_moving_arm(recording, scene.name, scene.urdf, scene.time_s[rows], position_rad)
+
+
+def log_moving_arm(
+    recording: rr.RecordingStream,
+    session: str,
+    urdf: str,
+    time_s: FloatArray,
+    position_rad: FloatArray,
+    *,
+    name: str = "",
+    base_world_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> None:
+    """Log the links once, and the motion of the joints (n, joints) [rad] at times (n,) [s].
+
+    Args:
+        recording: where to.
+        session: that it is in, for errors.
+        urdf: text of the arm's URDF; nothing is logged where there is none.
+        time_s: times, shape (n,) [s].
+        position_rad: joint positions, shape (n, joints) [rad].
+        name: apart from other arms in the same recording, where there are any.
+        base_world_m: where it stands, shape (3,) [m].
+
+    Raises:
+        InputError: it is no URDF.
+    """
+    if not urdf:
         return
+    entity, prefix = (f"{_ARM}_{name}", f"{name}/") if name else (_ARM, "")
     try:
-        tree = load_urdf(scene.urdf)
+        tree = load_urdf(urdf, entity, prefix)
     except (RuntimeError, ValueError, UnicodeEncodeError) as error:
         reason = " ".join(str(error).split())
-        raise InputError(f"session '{scene.name}': its URDF cannot be shown ({reason:.200})") from error
+        raise InputError(f"session '{session}': its URDF cannot be shown ({reason:.200})") from error
     tree.log_urdf_to_recording(recording)
-    root = rr.Transform3D(parent_frame=ROOT_FRAME, child_frame=tree.root_link().name)
-    recording.log(f"{_ARM}/root", root, static=True)
-    rows = scene.picture_rows
-    for joint, angles in zip(moving_joints(tree), scene.ticks["joint_position_rad"][rows].T, strict=False):
+    child = prefix + tree.root_link().name
+    root = rr.Transform3D(translation=base_world_m, parent_frame=ROOT_FRAME, child_frame=child)
+    recording.log(f"{entity}/root", root, static=True)
+    for joint, angles in zip(moving_joints(tree), position_rad.T, strict=False):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # a measured angle may lie a little past its limit
             columns = joint.compute_transform_columns(angles.tolist(), clamp=False)
-        recording.send_columns(f"{_ARM}/motion/{joint.name}", time_column(scene.time_s[rows]), columns)
+        recording.send_columns(f"{entity}/motion/{joint.name}", time_column(time_s), columns)
 
 
-def load_urdf(text: str) -> UrdfTree:
+def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> UrdfTree:
     """Read a URDF from its text; Rerun takes files only."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(text, encoding="utf-8")
-        return UrdfTree.from_file_path(path, entity_path_prefix=_ARM)
+        return UrdfTree.from_file_path(path, entity_path_prefix=entity, frame_prefix=frame_prefix or None)
 
 
 def moving_joints(tree: UrdfTree) -> list[UrdfJoint]:
@@ -107,7 +138,7 @@ def view_3d(scene: Scene) -> rrb.Spatial3DView:
         name="Arm",
         contents=[f"{_ARM}/**", f"{_OBJECT}/**", f"{_TIP}/**"],
         background=rrb.Background(color=BACKGROUND),
-        defaults=_SOLID,
+        defaults=SOLID,
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.1, color=_GRID),
         spatial_information=rrb.SpatialInformation(target_frame=ROOT_FRAME),
         eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0)),

@@ -12,6 +12,7 @@ from palpate.render.build import stretches
 from palpate.render.recording.arm import log_arm, log_object, view_3d
 from palpate.render.recording.scene import Scene
 from palpate.render.recording.stream import TIME, plot, recording_file, send_lines, shown_on, time_column
+from robot_io.types import FloatArray, IntArray
 
 _MILLI, _MICRO = 1e3, 1e6
 _FORCE, _DEPTH, _PHASE = "contact/force", "contact/displacement", "phase"
@@ -51,14 +52,18 @@ def _log_contact(recording: rr.RecordingStream, scene: Scene) -> None:
     if scene.depth_m is not None:
         depth = {"into the object [mm]": (_MILLI * scene.depth_m, palette.MEASURED, 1.5)}
         send_lines(recording, _DEPTH, scene.time_s, depth)
-    phases = scene.ticks["phase"]
+    log_phases(recording, _PHASE, scene.ticks["phase"], scene.time_s)
+
+
+def log_phases(recording: rr.RecordingStream, entity: str, phases: IntArray, time_s: FloatArray) -> None:
+    """Log what an arm is doing, from numbers of `Phase` at times (n,) [s], by name and colour."""
     first = np.array([start for start, _ in stretches(phases)])
-    told = [palette.phase(int(number)) for number in phases[first]]
-    colors = {name: palette.rgb(color) for name, color in told}
+    shown = [palette.phase(int(number)) for number in phases[first]]
+    colors = {name: palette.rgb(color) for name, color in shown}
     known = rr.StateConfiguration(values=list(colors), labels=list(colors), colors=list(colors.values()))
-    recording.log(_PHASE, known, static=True)
-    changes = rr.StateChange.columns(state=[name for name, _ in told])
-    recording.send_columns(_PHASE, time_column(scene.time_s[first]), changes)
+    recording.log(entity, known, static=True)
+    changes = rr.StateChange.columns(state=[name for name, _ in shown])
+    recording.send_columns(entity, time_column(time_s[first]), changes)
 
 
 def _log_joints(recording: rr.RecordingStream, scene: Scene) -> None:

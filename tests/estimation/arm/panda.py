@@ -44,6 +44,23 @@ def motion(rng, *, runs=4, seconds=10.0, rate_hz=100.0, size=1.0, moving=range(J
     return whole, np.repeat(np.arange(runs), len(t))
 
 
+def regressor(body, q, v, a):
+    """Shape (n, 7, 70): joint torques are linear in the links' ten parameters each."""
+    return np.array([body.regressor(*row) for row in zip(q, v, a, strict=True)])
+
+
+def is_body(inertial) -> bool:
+    """Whether each link's parameters (10 links,) belong to some distribution of positive mass."""
+    return bool(np.all(np.linalg.eigvalsh(pseudo_inertias(inertial)) > 0.0))
+
+
+def minimum(information):
+    """The parameters at the minimum of quadratics, shape (..., s), whatever the units."""
+    scale = 1.0 / np.sqrt(np.diagonal(information.matrix, axis1=-2, axis2=-1))
+    scaled = information.matrix * scale[..., :, None] * scale[..., None, :]
+    return scale * np.linalg.solve(scaled, (information.vector * scale)[..., None])[..., 0]
+
+
 def other_bodies(rng, urdf, spread=0.2):
     """Bodies of other masses, centres and inertias than those of the URDF: P = L exp(S) L', S symmetric."""
     factor = np.linalg.cholesky(pseudo_inertias(nearest_bodies(urdf)))

@@ -1,44 +1,35 @@
-"""From joint channels and models to the equations of an arm, and columns that belong to all its joints."""
-
-from dataclasses import replace
-from pathlib import Path
+"""Joint channels of one arm: one set of base parameters, fitted to the torques of all joints together."""
 
 import numpy as np
 import pytest
 
-import sim_backend
-from control.arm.rigid_body import RigidBody
-from estimation.arm.arm_columns import payload_columns, tilt_columns
 from estimation.arm.base_parameters import base_parameters
-from estimation.arm.channels import rows_of_channels
-from estimation.arm.identify import identify
-from estimation.arm.rows import arm_rows
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
+from estimation.diagnosis.arm_gains import with_shared_gains
 from estimation.effects import EFFECTS
+from estimation.fit.standing import stand
+from estimation.gate import usable
 from estimation.models import MODELS
-from robot_io.calibration.applied import gravity_base_m_s2
-from robot_io.errors import InputError
-from tests.estimation.arm.panda import JOINTS, TIP, motion, panda, panda_urdf
+from tests.estimation.arm.panda import JOINTS, TIP, motion, other_bodies, panda, panda_urdf, regressor
 
-FOLLOWER = Path(sim_backend.__file__).parent / "arms/follower/follower.urdf"
+COULOMB = (0.4, 0.0, 0.8, 0.0, 0.3, 0.0, 0.2)  # [N m]: friction in some joints only
 
 
-def arm_channels(seed=0, coulomb=0.4):
-    """Joints of an arm as its URDF has it, with dry friction in all and 0.02 N m of noise."""
+def arm_channels(bodies, *, seed=0, noise=0.05, coulomb=COULOMB, moving=range(JOINTS), **of_motion):
+    """Joints of an arm with other masses than its URDF's, with dry friction, and noise [N m]."""
     rng = np.random.default_rng(seed)
-    (q, v, a), run = motion(rng, runs=3, seconds=5.0)
-    torque = panda().inverse_dynamics_along(q, v, a) + coulomb * np.sign(v) + rng.normal(0, 0.02, q.shape)
+    (q, v, a), run = motion(rng, moving=moving, **{"runs": 4, "seconds": 5.0, **of_motion})
+    torque = regressor(panda(), q, v, a) @ bodies + coulomb * np.sign(v) + rng.normal(0, noise, q.shape)
     context = {"joint_position": q, "joint_velocity": v, "joint_acceleration": a}
-    time_s, phase = 0.01 * np.arange(len(q)), np.full(len(q), -1)
     return [
         ChannelData(
             f"joint_{j + 1}",
             ChannelKind.REVOLUTE,
-            time_s,
+            0.01 * np.arange(len(q)),
             *(part[:, j] for part in (q, v, a, torque)),
             run=run,
-            phase=phase,
+            phase=np.full(len(q), -1),
             context=context,
         )
         for j in range(JOINTS)
@@ -50,96 +41,76 @@ def fitted_models():
     return [base.build(ModelContext(j, urdf, TIP)) for j in range(JOINTS)]
 
 
+def prepared(channels):
+    base, urdf = MODELS["rigid_body_fitted"](), panda_urdf()
+    return [base.prepare(c, ModelContext(j, urdf, TIP)) for j, c in enumerate(channels)]
+
+
+def fits(channels, models):
+    return [stand(data, model, {}, usable(data)) for data, model in zip(channels, models, strict=True)]
+
+
 def test_every_joint_names_the_same_parameters():
     """A joint's columns times the arm's base parameters, by name, are its torque."""
-    body, channels = panda(), arm_channels()
+    body = panda()
     base = base_parameters(body)
     value = dict(zip(base.names, base.grouping @ body.parameters, strict=True))
-    torque = body.inverse_dynamics_along(
-        *(channels[0].context[f"joint_{what}"] for what in ("position", "velocity", "acceleration"))
-    )
-    for joint in (0, 3, 6):
-        model = fitted_models()[joint]
-        ready = MODELS["rigid_body_fitted"]().prepare(channels[joint], ModelContext(joint, panda_urdf(), TIP))
+    channels = prepared(arm_channels(body.parameters, coulomb=(0.0,) * JOINTS, noise=0.0))
+    for joint, model in enumerate(fitted_models()):
         effect = model.effects[0]
-        gains = np.array([value[gain.name] for gain in effect.gains])
-        np.testing.assert_allclose(effect.columns(ready, {}) @ gains, torque[:, joint], atol=1e-8)
+        found = effect.columns(channels[joint], {}) @ [value[gain.name] for gain in effect.gains]
+        np.testing.assert_allclose(found, channels[joint].effort, atol=1e-8)
 
 
-def test_models_of_all_joints_become_one_fit():
-    body, channels = panda(), arm_channels()
-    base = base_parameters(body)
+@pytest.fixture(scope="module")
+def bodies():
+    return other_bodies(np.random.default_rng(11), panda().parameters)
+
+
+@pytest.fixture(scope="module")
+def together(bodies):
+    channels = prepared(arm_channels(bodies))
     models = [model.with_effect(EFFECTS["coulomb_friction"]()) for model in fitted_models()]
-    inner = [{"coulomb_friction.transition": 1e-6}] * JOINTS
-    rows = rows_of_channels(channels, models, inner, body, base, block=2)
-    found = identify(rows, base, body.parameters)
-    viscous, coulomb = np.transpose(found.own)
-    np.testing.assert_allclose(viscous, 0.0, atol=0.02)
-    np.testing.assert_allclose(coulomb, 0.4, atol=0.02)
-    np.testing.assert_allclose(found.sigma, 0.02 / np.sqrt(2), rtol=0.2)
+    return fits(with_shared_gains(channels, models), models)
 
 
-def test_pressing_is_taken_off_before_the_masses_are_fitted():
-    body, channels = panda(), arm_channels()
-    base = base_parameters(body)
-    free = rows_of_channels(channels, fitted_models(), [{}] * JOINTS, body, base)
-    press = np.sin(np.arange(len(channels[0])))
-    pressed = [
-        replace(c, effort=c.effort + press, context={**c.context, "contact_torque": press}) for c in channels
-    ]
-    again = rows_of_channels(pressed, fitted_models(), [{}] * JOINTS, body, base)
-    np.testing.assert_allclose(again.torque, free.torque, atol=1e-12)
+def test_all_joints_find_one_set_of_base_parameters(together):
+    """Each joint's fit, with what the others say, is the fit of all: they agree on what they share."""
+    found = [fitted.trial.parameters for fitted in together]
+    for name in found[0]:
+        if name.startswith("rigid_body_fitted."):
+            values = [one[name] for one in found if name in one]
+            np.testing.assert_allclose(values, values[0], rtol=0.02, atol=0.02)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda channels, models: (channels[:-1], models[:-1]), "6 joint channels"),
-        (
-            lambda channels, models: (channels, [models[0].with_effect(EFFECTS["lag"]()), *models[1:]]),
-            "add torque",
-        ),
-        (lambda channels, models: ([*channels[:-1], channels[-1].select(np.arange(50))], models), "samples"),
-        (lambda channels, models: ([replace(c, context={}) for c in channels], models), "joint_position"),
-    ],
-)
-def test_says_what_it_cannot_use(change, words):
-    body = panda()
-    channels, models = change(arm_channels(), fitted_models())
-    with pytest.raises(InputError, match=words):
-        rows_of_channels(channels, models, [{}] * len(models), body, base_parameters(body))
+def test_friction_is_found_in_the_joints_that_have_it(together):
+    found = [fitted.trial.parameters["coulomb_friction.force"] for fitted in together]
+    np.testing.assert_allclose(found, COULOMB, atol=0.03)
 
 
-def test_a_load_in_the_hand_is_one_mass_in_all_joints():
-    """Its column is the difference that a point mass in the tip frame makes."""
-    body = RigidBody.from_urdf(FOLLOWER, "tip")
-    q, v, a = np.random.default_rng(1).uniform(-1, 1, (3, 30, body.joint_count))
-    columns = payload_columns(body, q, v, a)
-    heavier = body.with_load(0.3).inverse_dynamics_along(q, v, a) - body.inverse_dynamics_along(q, v, a)
-    beside = body.with_load(0.3).parameters - body.parameters
-    inertia = np.stack([body.regressor(*row)[:, -6:] for row in zip(q, v, a, strict=True)])
-    np.testing.assert_allclose(columns @ beside[-10:-6] + inertia @ beside[-6:], heavier, atol=1e-9)
+def test_the_error_in_held_out_runs_is_the_noise(together):
+    np.testing.assert_allclose([fitted.rmse for fitted in together], 0.05, rtol=0.15)
 
 
-def test_tilt_columns_are_the_change_of_weight_with_the_base():
-    body, angle = RigidBody.from_urdf(FOLLOWER, "tip"), 1e-4
-    q = np.random.default_rng(2).uniform(-1, 1, (30, body.joint_count))
-    rest = np.zeros_like(q)
-    level = body.inverse_dynamics_along(q, rest, rest)
-    columns = tilt_columns(body, q)
-    for index, tilt in enumerate([(angle, 0.0), (0.0, angle)]):
-        tilted = RigidBody.from_urdf(FOLLOWER, "tip", gravity_base_m_s2(*tilt))
-        change = (tilted.inverse_dynamics_along(q, rest, rest) - level) / angle
-        np.testing.assert_allclose(columns[:, :, index], change, atol=1e-3)
+def test_what_little_motion_does_not_show_stays_near_the_urdf(bodies):
+    """Two joints that move a little must predict another, full motion better than the URDF does."""
+    still = (0.0,) * JOINTS
+    little, models = prepared(arm_channels(bodies, moving=(1, 3), size=0.4, coulomb=still)), fitted_models()
+    full = prepared(arm_channels(bodies, seed=5, coulomb=still))
+    base = base_parameters(panda())
+    known = dict(zip(base.names, base.grouping @ panda().parameters, strict=True))
+    shared = with_shared_gains(little, models)
+    for joint in (1, 3):
+        (fitted,) = fits([shared[joint]], [models[joint]])
+        urdf = {f"rigid_body_fitted.{name}": value for name, value in known.items()}
+        errors = [
+            np.sqrt(np.mean((full[joint].effort - models[joint].predict(full[joint], parameters)) ** 2))
+            for parameters in (fitted.trial.parameters, {**urdf, "viscous_friction.d": 0.0})
+        ]
+        assert errors[0] < 0.5 * errors[1]
 
 
-def test_a_tilt_shared_by_all_joints_is_found_beside_fitted_masses():
-    body = panda()
-    base, rng = base_parameters(body), np.random.default_rng(3)
-    (q, v, a), run = motion(rng, seconds=5.0)
-    tilted = body.with_gravity(gravity_base_m_s2(0.03, -0.02))
-    torque = tilted.inverse_dynamics_along(q, v, a) + rng.normal(0, 0.05, q.shape)
-    none = [np.zeros((len(q), 0))] * JOINTS
-    rows = arm_rows(body, base, (q, v, a), torque, run=run, own=none, shared=tilt_columns(body, q))
-    found = identify(rows, base, body.parameters)
-    assert found.shared == pytest.approx([0.03, -0.02], abs=2e-3)
+def test_joints_that_do_not_move_are_left_as_they_are(bodies):
+    little = prepared(arm_channels(bodies, moving=(1, 3)))
+    shared = with_shared_gains(little, fitted_models())
+    assert [data.shared is not None for data in shared] == [j in (1, 3) for j in range(JOINTS)]

@@ -5,17 +5,23 @@ import pytest
 
 from estimation.arm.base_parameters import base_parameters
 from estimation.arm.normal_equations import (
+    JointMoments,
     arranged,
     information_of_others,
-    joint_moments,
-    own_gains,
     shared_information,
     training_sums,
 )
 from estimation.arm.prior import urdf_information
-from estimation.arm.rows import arm_rows
 from estimation.information import Information
-from tests.estimation.arm.panda import JOINTS, coloured_noise, motion, other_bodies, panda
+from tests.estimation.arm.panda import (
+    JOINTS,
+    coloured_noise,
+    minimum,
+    motion,
+    other_bodies,
+    panda,
+    regressor,
+)
 
 FOLDS = 4
 SIGMA = np.array([0.3, 0.5, 0.2, 0.3, 0.05, 0.1, 0.02])
@@ -36,21 +42,21 @@ class Arm:
         self.base = base_parameters(self.body)
         (q, v, a), self.fold = motion(rng, runs=FOLDS, seconds=6.0, rate_hz=50.0)
         shapes = {"viscous": v, "coulomb": np.sign(v)}
-        own = [
+        self.own = [
             np.column_stack([np.zeros((len(q), 0)), *(shapes[e][:, j] for e in EXTRA[j])])
             for j in range(JOINTS)
         ]
-        rows = arm_rows(self.body, self.base, (q, v, a), np.zeros_like(q), run=self.fold, own=own)
-        torque = rows.regressor @ (self.base.grouping @ other_bodies(rng, self.body.parameters))
-        torque += 0.4 * np.sign(v) + SIGMA * coloured_noise(rng, self.fold, JOINTS)
-        self.rows, self.own, self.torque = rows, rows.own, torque
+        self.columns = regressor(self.body, q, v, a)[:, :, self.base.columns]
+        self.torque = self.columns @ (self.base.grouping @ other_bodies(rng, self.body.parameters))
+        self.torque += 0.4 * np.sign(v) + SIGMA * coloured_noise(rng, self.fold, JOINTS)
         self.prior = urdf_information(self.base, self.body.parameters)
-        self.moments = [
-            joint_moments(
-                rows.regressor[:, j], own[j], torque[:, j], sigma=SIGMA[j], fold=self.fold, folds=FOLDS
-            )
-            for j in range(JOINTS)
-        ]
+        self.moments = [self.of_joint(j, self.columns[:, j], self.own[j]) for j in range(JOINTS)]
+
+    def of_joint(self, joint, shared, own, torque=None):
+        torque = self.torque if torque is None else torque
+        rows = np.column_stack([shared, own, torque[:, joint]])
+        parts = [rows[self.fold == f] for f in range(FOLDS)]
+        return JointMoments(np.stack([part.T @ part for part in parts]), shared.shape[1], SIGMA[joint])
 
     def stacked(self, used):
         """All gains by least squares of all joints' rows, the prior as more rows: an independent way."""
@@ -60,7 +66,7 @@ class Arm:
         for j in range(JOINTS):
             block = np.zeros((used.sum(), starts[-1]))
             block[:, :b], block[:, starts[j] : starts[j + 1]] = (
-                self.rows.regressor[used, j],
+                self.columns[used, j],
                 self.own[j][used],
             )
             blocks.append(block / SIGMA[j])
@@ -96,7 +102,7 @@ def test_one_joint_with_what_the_others_know_finds_what_all_find(arm, joint):
     right = total[:, :-1, -1].copy()
     system[:, :b, :b] += others.matrix
     right[:, :b] += others.vector
-    gains = Information(system, right).solve()
+    gains = minimum(Information(system, right))
     for one, used in zip(gains, training(arm), strict=True):
         shared, own = arm.stacked(used)
         close(one[:b], shared)
@@ -109,16 +115,16 @@ def test_a_joint_needs_only_the_columns_that_it_feels(arm, joint):
     """Fitted with those alone, not divided by its noise, it predicts held-out folds as all together."""
     felt = np.flatnonzero(arm.base.felt[joint])
     others = information_of_others(arm.moments, arm.prior)[joint].about(felt).times(SIGMA[joint] ** 2)
-    columns = np.column_stack([arm.rows.regressor[:, joint][:, felt], arm.own[joint]])
+    columns = np.column_stack([arm.columns[:, joint][:, felt], arm.own[joint]])
     for f in range(FOLDS):
         used, s = arm.fold != f, len(felt)
         system, right = columns[used].T @ columns[used], columns[used].T @ arm.torque[used, joint]
         system[:s, :s] += others.matrix[1 + f]
         right[:s] += others.vector[1 + f]
-        gains = Information(system, right).solve()
+        gains = minimum(Information(system, right))
         shared, own = arm.stacked(used)
         held = ~used
-        expected = arm.rows.regressor[held, joint] @ shared + arm.own[joint][held] @ own[joint]
+        expected = arm.columns[held, joint] @ shared + arm.own[joint][held] @ own[joint]
         close(columns[held] @ gains, expected)
 
 
@@ -127,7 +133,7 @@ def test_moments_in_another_order_say_the_same(arm):
     felt = [names[i] for i in np.flatnonzero(arm.base.felt[joint])]
     mixed = ["coulomb", *reversed(felt)]
     picked = {
-        **{name: arm.rows.regressor[:, joint, i] for i, name in enumerate(names)},
+        **{name: arm.columns[:, joint, i] for i, name in enumerate(names)},
         "coulomb": arm.own[joint][:, 0],
     }
     rows = np.column_stack([*(picked[name] for name in mixed), arm.torque[:, joint]])
@@ -136,38 +142,22 @@ def test_moments_in_another_order_say_the_same(arm):
     np.testing.assert_allclose(found.products, arm.moments[joint].products, atol=1e-9)
 
 
-def test_own_gains_beside_shared_ones_are_those_of_the_stacked_fit(arm):
-    for joint in (0, 3, 6):
-        shared = np.array([arm.stacked(used)[0] for used in training(arm)])
-        expected = np.array([arm.stacked(used)[1][joint] for used in training(arm)])
-        close(own_gains(arm.moments[joint], shared), expected)
-
-
 def test_what_joints_share_beside_their_masses_needs_no_prior(arm):
     """A coupling of joints 5 and 6, in one fit of joint 5 with what the others know."""
     rng, coupled = np.random.default_rng(8), np.zeros((len(arm.fold), JOINTS, 1))
     coupled[:, 4, 0], coupled[:, 5, 0] = rng.normal(size=(2, len(arm.fold)))
-    columns = np.concatenate([arm.rows.regressor, coupled], axis=2)
+    columns = np.concatenate([arm.columns, coupled], axis=2)
     torque = arm.torque + 0.5 * coupled[:, :, 0]
-    moments = [
-        joint_moments(columns[:, j], arm.own[j], torque[:, j], sigma=SIGMA[j], fold=arm.fold, folds=FOLDS)
-        for j in range(JOINTS)
-    ]
-    both = information_of_others(moments, arm.prior.extended(1))[4] + shared_information(moments[4])
-    assert both.solve()[:, -1] == pytest.approx(0.5, abs=0.01)
+    moments = [arm.of_joint(j, columns[:, j], arm.own[j], torque) for j in range(JOINTS)]
+    unknown = Information(np.pad(arm.prior.matrix, (0, 1)), np.pad(arm.prior.vector, (0, 1)))
+    both = information_of_others(moments, unknown)[4] + shared_information(moments[4])
+    assert minimum(both)[:, -1] == pytest.approx(0.5, abs=0.01)
 
 
 def test_dependent_own_columns_do_no_harm(arm):
     """Viscous friction twice says no more of the base parameters than once."""
-    twice = joint_moments(
-        arm.rows.regressor[:, 1],
-        np.repeat(arm.own[1], 2, axis=1),
-        arm.torque[:, 1],
-        sigma=SIGMA[1],
-        fold=arm.fold,
-        folds=FOLDS,
-    )
+    twice = arm.of_joint(1, arm.columns[:, 1], np.repeat(arm.own[1], 2, axis=1))
     one, two = (
         information_of_others([moments, arm.moments[2]], arm.prior)[1] for moments in (arm.moments[1], twice)
     )
-    close(two.solve(), one.solve())
+    close(minimum(two), minimum(one))

@@ -9,6 +9,8 @@ from estimation.base_model import ModelContext
 from estimation.diagnosis import Verdict, diagnose
 from estimation.diagnosis.candidates import candidates, library
 from estimation.effects import EFFECTS
+from estimation.effects.recorded_dependence import RecordedDependence
+from estimation.effects.run_variation import RunVariation
 from estimation.model import Model
 from estimation.models import MODELS
 from tests.estimation.presses import NOISE_N, K, kelvin_voigt, maxwell, session
@@ -279,7 +281,9 @@ def warm(data, per_kelvin):
 
 
 def test_an_error_that_depends_on_what_was_recorded_says_so():
-    from_library = [name for name in EFFECTS if "recorded" not in EFFECTS[name].signals]
+    from_library = [
+        name for name in EFFECTS if not issubclass(EFFECTS[name], RunVariation | RecordedDependence)
+    ]
     found = answer(warm(pressed(11), 0.01), *from_library)
     assert found.verdict is Verdict.UNEXPLAINED
     assert found.depends_on[0] == "temperature"

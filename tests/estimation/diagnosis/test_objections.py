@@ -7,6 +7,7 @@ import pytest
 
 from estimation.base_model import ModelContext
 from estimation.diagnosis.objections import disagreement, objection_to
+from estimation.fit.readings import readings_of
 from estimation.fit.standing import stand
 from estimation.models import MODELS
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
@@ -34,10 +35,14 @@ NOISE = {
 }
 
 
+def objection(data):
+    readings, rng = readings_of(data), np.random.default_rng(0)
+    return objection_to(stand(data, MODEL, {}), readings, rng, complete=True)
+
+
 @pytest.mark.parametrize("name", NOISE)
 def test_noise_is_no_objection(name):
-    found = [objection_to(stand(NOISE[name](seed), MODEL, {}), complete=True) for seed in range(4)]
-    assert found == [None] * 4
+    assert [objection(NOISE[name](seed)) for seed in range(4)] == [None] * 4
 
 
 @pytest.mark.parametrize("length", [None, 60])
@@ -49,6 +54,8 @@ def test_a_run_of_another_scale_is_found_also_beside_one_too_short_to_be_judged(
     if length:
         last = data.run == data.runs[-1]
         data = data.select(~last | (np.cumsum(last) <= length))
-    found = disagreement(stand(data, MODEL, {}))
+    assert "run 2 is off" in objection(data).reason
+    fitted = stand(data, MODEL, {})
+    found = disagreement(fitted.plain.frame, fitted.trial)
     assert found.run == 2
     assert found.run_alone < 1.2 * NOISE_N < found.run_predicted

@@ -17,7 +17,7 @@ from estimation.fit.inner_search import look, refine
 from estimation.fit.intervals import final, inner_slopes, values
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
-from estimation.fit.moments import held_out_energy, moments_of, score
+from estimation.fit.moments import cross_products, held_out_energy, score
 from estimation.fit.standing import fit, stand
 from estimation.fit.trial import attempt
 from estimation.model import Model
@@ -26,6 +26,11 @@ from tests.estimation.presses import K, kelvin_voigt, session
 from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, read, swings
 
 PRESS, SWING = (MODELS[name]().build(ModelContext()) for name in ("kelvin_voigt", "pendulum"))
+
+
+def _moments(columns, target, fold, folds):
+    both = np.column_stack([columns, target])
+    return cross_products(both[fold == f] for f in range(folds))
 
 
 def with_effects(base, *names):
@@ -40,7 +45,7 @@ def linear_problem():
 
 def test_scores_are_those_of_least_squares_without_the_fold():
     columns, target, fold = linear_problem()
-    found = score(moments_of(columns, target, fold, 4), dof=300)
+    found = score(_moments(columns, target, fold, 4), dof=300)
     assert found.gains == pytest.approx(np.linalg.lstsq(columns, target, rcond=None)[0], rel=1e-6)
     for number in range(4):
         train = fold != number
@@ -55,7 +60,7 @@ def test_scores_are_those_of_least_squares_without_the_fold():
 
 def test_shrunken_errors_are_those_of_ridge_regression_without_the_fold():
     columns, target, fold = linear_problem()
-    found = held_out_energy(moments_of(columns, target, fold, 4), np.array([[1e-9] * 3, [0.1] * 3]))
+    found = held_out_energy(_moments(columns, target, fold, 4), np.array([[1e-9] * 3, [0.1] * 3]))
     unit = columns / np.linalg.norm(columns, axis=0)
     for row, ridge in zip(found, (1e-9, 0.1), strict=True):
         for number in range(4):
@@ -67,7 +72,7 @@ def test_shrunken_errors_are_those_of_ridge_regression_without_the_fold():
 
 def test_columns_that_are_alike_do_not_break_the_fit():
     column = np.random.default_rng(1).normal(size=(200, 1))
-    found = score(moments_of(np.hstack([column, column]), 3 * column[:, 0], np.arange(200) % 3, 3))
+    found = score(_moments(np.hstack([column, column]), 3 * column[:, 0], np.arange(200) % 3, 3))
     assert found.gains.sum() == pytest.approx(3.0, rel=1e-6)
     assert found.held_out.sum() < 1e-6
 
@@ -322,7 +327,9 @@ def test_what_was_asked_for_longest_ago_is_forgotten_first(monkeypatch):
     assert memory.size == 3 * 80
 
 
-@pytest.mark.parametrize(("name", "inner"), [("dry_friction", {"presliding": 1e-4}), ("lag", {"tau": 0.01})])
+@pytest.mark.parametrize(
+    ("name", "inner"), [("dry_friction", {"presliding": 1e-4, "transition": 1e-4}), ("lag", {"tau": 0.01})]
+)
 def test_parts_along_an_effect_are_those_of_the_whole_model_there(name, inner):
     data, effect = session(1), EFFECTS[name]()
     base = Model("m", tuple(EFFECTS[one]() for one in ("stiffness", "contact_offset", "stress_relaxation")))

@@ -59,17 +59,54 @@ def test_the_redrawn_velocity_is_as_noisy_as_white_noise_of_the_position_makes_i
     assert np.std(one - two) / np.sqrt(2.0) == pytest.approx(expected, rel=0.25)
 
 
-def test_a_measured_velocity_is_not_redrawn():
+def test_a_measured_velocity_is_redrawn_with_noise_of_its_own():
     noisy = SMOOTH.velocity + np.random.default_rng(1).normal(0.0, 0.2, len(SMOOTH))
     data = replace(read(SMOOTH, noise=1e-3), velocity=noisy)
-    drawn = readings_of(data).draw(np.random.default_rng(0))
-    np.testing.assert_array_equal(drawn.velocity, noisy)
-    np.testing.assert_array_equal(drawn.effort, data.effort)
+    readings = readings_of(data)
+    one, two = (readings.draw(np.random.default_rng(seed)) for seed in (0, 1))
+    assert np.std(one.velocity - SMOOTH.velocity) == pytest.approx(0.2, rel=0.15)
+    assert np.std(one.velocity - two.velocity) == pytest.approx(0.2 * np.sqrt(2.0), rel=0.15)
+    assert abs(np.corrcoef(one.velocity - SMOOTH.velocity, noisy - SMOOTH.velocity)[0, 1]) < 0.1
+    np.testing.assert_array_equal(one.effort, data.effort)
+
+
+def test_an_acceleration_follows_the_redrawn_velocity_that_it_was_derived_from():
+    noisy = SMOOTH.velocity + np.random.default_rng(1).normal(0.0, 0.05, len(SMOOTH))
+    made = differentiate(SMOOTH.time_s, noisy, SMOOTH.run)
+    readings = readings_of(replace(read(SMOOTH, noise=1e-4), velocity=noisy, acceleration=made.velocity))
+    assert readings.is_of_velocity
+    assert readings.windows == (None, made.half_windows[0])
+    one, two = (readings.draw(np.random.default_rng(seed)) for seed in (0, 1))
+    apart = derived(SMOOTH, one.velocity - two.velocity, made.half_windows[0], 1)
+    assert one.acceleration - two.acceleration == pytest.approx(apart, abs=1e-9 * np.ptp(one.acceleration))
+
+
+def through_an_arm(x, steps, start):
+    """Tips of joints whose encoders step, each with its own share of the way and its own zero."""
+    share = np.array([0.7, 0.5, -0.2])
+    return sum(
+        np.round(s * x / step + o) * step - o * step for s, step, o in zip(share, steps, start, strict=True)
+    )
+
+
+def test_a_redrawn_arm_makes_steps_as_large_as_its_encoders_do():
+    """Its tip lies on no grid: each joint's encoder steps at places of its own."""
+    rng, steps = np.random.default_rng(2), np.array([0.2, 0.13, 0.05])
+    slow = replace(SMOOTH, time_s=10.0 * SMOOTH.time_s)
+    read_by_arm = [through_an_arm(SMOOTH.position, steps, rng.random(3)) for _ in range(2)]
+    readings = readings_of(replace(slow, position=read_by_arm[0]))
+    assert readings.is_staircase
+    off = readings.draw(rng).position - readings.true_motion.position
+    assert np.std(off) == pytest.approx(np.sqrt(np.sum(steps**2) / 12.0), rel=0.4)
+    again = readings.draw(rng).position - readings.true_motion.position
+    assert abs(np.corrcoef(off, again)[0, 1]) < 0.3
 
 
 def test_derivatives_without_the_position_s_noise_are_not_redrawn():
     data = replace(read(SMOOTH, noise=1e-3), velocity=SMOOTH.velocity, acceleration=SMOOTH.acceleration)
-    assert readings_of(data).windows == (None, None)
+    drawn = readings_of(data).draw(np.random.default_rng(0))
+    assert np.std(drawn.velocity - data.velocity) < 1e-3 * np.std(data.velocity)
+    assert np.std(drawn.acceleration - data.acceleration) < 1e-3 * np.std(data.acceleration)
 
 
 def test_the_true_motion_is_nearer_than_the_reading():

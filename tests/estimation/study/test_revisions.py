@@ -1,21 +1,24 @@
 """Revisions in their folder: several programs may write there, and anybody may put things there."""
 
+import json
 import os
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from estimation.study import Revision, Revisions
-from estimation.study import revisions as module
 from robot_io.errors import InputError
+
+SPRING = {
+    "stiffness.k": {"value": 1.0, "std_err": None, "unit": "N/m"},
+    "damping.c": {"value": 1.0, "std_err": None, "unit": "N s/m"},
+}
 
 
 def revision(number, rmse=1.0, **changes):
-    spring = {"stiffness.k": {"value": 1.0, "std_err": None, "unit": "N/m"}}
-    damper = {"damping.c": {"value": 1.0, "std_err": None, "unit": "N s/m"}}
     told = {"number": number, "parent": None, "channel": "contact", "model": "kelvin_voigt", "added": ""}
     told |= {"effects": [], "user_effects": [], "effort_unit": "N", "rmse": rmse, "noise_floor": 0.5}
-    told |= {"parameters": spring | damper, "data_sha256": "", "created_utc": "", "software_version": ""}
+    told |= {"parameters": SPRING, "data_sha256": "", "created_utc": "", "software_version": ""}
     return Revision.model_validate(told | changes)
 
 
@@ -26,7 +29,7 @@ def test_what_many_write_at_once_is_all_kept(links, tmp_path, monkeypatch):
         def refuse(*_):
             raise PermissionError(1, "no links")
 
-        monkeypatch.setattr(module.os, "link", refuse)
+        monkeypatch.setattr(os, "link", refuse)
     with ThreadPoolExecutor(8) as pool:
         errors = [float(error) for error in range(24)]
         kept = list(pool.map(lambda rmse: Revisions(tmp_path).keep(lambda n: revision(n, rmse)), errors))
@@ -75,3 +78,49 @@ def test_what_makes_no_sense_is_refused_with_the_reason(changes, words, tmp_path
     (tmp_path / "revisions" / "0001.json").write_text(revision(**{"number": 1} | changes).model_dump_json())
     with pytest.raises(InputError, match=f"0001.json: is damaged: {words}"):
         Revisions(tmp_path).all()
+
+
+STIFFNESS = {"std_err": None, "unit": "N/m"}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("number", 7, "its number is 7"),
+        ("added", "magic", "it added 'magic'"),
+        ("number", -1, "number"),
+        ("number", 10**9, "number"),
+        ("parent", 7, "parent is 7"),
+        ("rmse", -1.0, "rmse"),
+        ("rmse", 1e300, "rmse"),
+        ("rmse", "NaN", "rmse"),
+        ("noise_floor", -1.0, "noise_floor"),
+        ("model", "spring", "no model is called 'spring'"),
+        ("effects", ["cubic_stiffness", "cubic_stiffness"], "its effects are"),
+        ("parameters", {}, r"damping\.c is missing"),
+        ("parameters", {"stiffness.k": STIFFNESS | {"value": 1e300}}, r"parameters\.stiffness\.k\.value"),
+        ("parameters", {"stiffness.k": STIFFNESS | {"value": 1.0, "std_err": -2.0}}, "std_err"),
+    ],
+)
+def test_a_revision_that_was_edited_by_hand_is_believed_only_where_it_makes_sense(key, value, said, tmp_path):
+    kept = Revisions(tmp_path).keep(revision)
+    file = tmp_path / "revisions" / "0000.json"
+    file.write_text(json.dumps(kept.model_dump(mode="json") | {key: value}))
+    with pytest.raises(InputError, match=rf"0000\.json: is damaged: .*{said}"):
+        Revisions(tmp_path).all()
+
+
+def test_a_value_beyond_its_physical_bounds_is_refused(tmp_path):
+    lag = {"lag.tau": {"value": -5.0, "std_err": None, "unit": "s"}}
+    Revisions(tmp_path).keep(
+        lambda number: revision(number, effects=["lag"], added="lag", parameters=SPRING | lag)
+    )
+    with pytest.raises(InputError, match=r"lag\.tau is -5, beyond"):
+        Revisions(tmp_path).all()
+
+
+def test_of_several_stages_all_are_kept_or_none(tmp_path):
+    kept = Revisions(tmp_path)
+    first, second = kept.keep(revision), kept.keep(revision)
+    kept.drop([second])
+    assert kept.all() == (first,)

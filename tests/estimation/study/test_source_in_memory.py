@@ -1,8 +1,11 @@
 """What a study refuses of measurements in memory."""
 
+import re
+
 import numpy as np
 import pytest
 
+from estimation.data.import_options import ImportOptions
 from estimation.study.source import open_source
 from robot_io.errors import InputError
 
@@ -16,7 +19,63 @@ def test_channels_of_one_name_are_refused():
         open_source([one, one])
 
 
-def test_what_is_masked_is_no_number():
-    masked = np.ma.masked_greater(COLUMNS["force_N"], 4.0)
-    with pytest.raises(InputError, match="no finite number"):
-        open_source({**COLUMNS, "force_N": masked})
+N = len(T)
+
+
+@pytest.mark.parametrize(
+    ("force", "said"),
+    [
+        (np.ma.masked_greater(COLUMNS["force_N"], 4.0), "no finite number"),
+        (np.ones((N, 2)), r"column 'force_N' has shape \(200, 2\), expected one value a row"),
+        (3.0, r"column 'force_N' has shape \(\), expected one value a row"),
+        (np.ones(N - 1), "different lengths: time_s 200, displacement_m 200, force_N 199"),
+        (np.ones(N) * 1j, "column 'force_N' holds complex numbers"),
+        ([object()] * N, "column 'force_N' holds values of type object"),
+        (["much"] * N, "holds no numbers at all; name another one with --column"),
+        (T.astype("datetime64[s]"), "holds no numbers at all"),
+    ],
+)
+def test_what_is_no_column_of_numbers_is_named(force, said):
+    with pytest.raises(InputError, match=said):
+        open_source({**COLUMNS, "force_N": force})
+
+
+@pytest.mark.parametrize("data", [3, None, {}, [], np.ones((10, 3))])
+def test_what_is_no_data_at_all_is_told_what_would_be(data):
+    with pytest.raises(InputError, match=f"data of type {type(data).__name__}.*a table"):
+        open_source(data)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"columns": ["force_N"]},
+        {"columns": {"force_N": 3}},
+        {"units": "mN"},
+        {"where": {"run": 1}},
+        {"context": "temperature"},
+        {"context": (3,)},
+    ],
+)
+def test_options_of_another_type_are_refused_by_name(options):
+    with pytest.raises(InputError, match=f"{next(iter(options))}=.*such as"):
+        ImportOptions(**options)
+
+
+@pytest.mark.parametrize(
+    ("changed", "note"),
+    [
+        ({}, ""),
+        ({"time_s": 1000 * T}, "samples are 10 s apart; .* --unit time=ms"),
+        ({"time_s": T / 1e4}, "samples are 1e-06 s apart; .* --unit time=s"),
+        (
+            {"trial": np.repeat([3, 1], N // 2)},
+            "'trial' looks like the number of a run; .* --column run=trial",
+        ),
+        ({"count": np.arange(N)}, ""),
+        ({"level": 0.5 + np.repeat([3, 1], N // 2)}, ""),
+    ],
+)
+def test_what_looks_like_a_mistake_is_said_in_a_note(changed, note):
+    notes = " ".join(open_source(COLUMNS | changed).notes)
+    assert re.search(note, notes) if note else not notes

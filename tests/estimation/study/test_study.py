@@ -108,7 +108,7 @@ def test_adding_goes_on_from_the_newest_and_removing_goes_back():
     assert study.add("drift").revisions[0].effects == ["cubic_stiffness", "drift"]
     assert study.add("drift", start=0).revisions[0].parent == 0
     assert study.revisions[0].created_utc == "2026-01-02T12:00:00+00:00"
-    with pytest.raises(InputError, match="the newest model of none has it"):
+    with pytest.raises(InputError, match="was not added to any model"):
         study.remove("adhesion")
 
 
@@ -203,7 +203,7 @@ def test_a_table_in_memory_is_read_like_its_file(made, tmp_path):
     ("data", "words"),
     [
         (7, "data of type int: give the path"),
-        ({"time_s": [0.0, 1.0], "force_N": [0.0]}, "is no table"),
+        ({"time_s": [0.0, 1.0], "force_N": [0.0]}, "different lengths"),
         ({"time_s": [0.0, 1.0], "other": [0.0, 1.0]}, "no channel can be made of columns time_s, other"),
         ({"time_s": []}, "no rows"),
     ],

@@ -1,0 +1,183 @@
+"""How many probes `palpate resolve` needs, against a fixed grid of experiments and against random plans.
+
+    python benchmarks/resolve.py --find 300 --seed 61000 --cases cases.jsonl
+    python benchmarks/resolve.py --cases cases.jsonl --way designed|grid|random [--first 12] [--out FILE]
+
+`--find` hides one effect after the other in the simulated arm's world, at a random place, 1.5 to 10 times the
+noise floor, runs the short probe (two presses at 90 mm/s), and keeps what it leaves undecided in the channel
+in which the effect is: an answer that is a group, or structure without a name. Then each case is resolved in
+that channel with at most three more probes (`--probes`). "grid" runs the experiments that the arm can do in
+the order in which they are listed, "random" in random order; both stop once one explanation is left.
+
+Separated: what was hidden, and nothing else, is named. Wrong: the answer is one explanation, and another.
+"""
+
+import argparse
+import json
+import multiprocessing
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from simulated.probing import drawable
+from threadpoolctl import threadpool_limits
+
+from control.probing.plan import ProbingPlan
+from estimation.design import Choice, Experiment
+from estimation.diagnosis import ChannelDiagnosis
+from estimation.diagnosis.result import NextExperiment
+from estimation.study.rivals import is_undecided
+from palpate.resolving.designing import NextProbe, feasible, next_probe
+from palpate.resolving.resolve import Budget, End, resolve
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import DEFAULT, find_robot
+from palpate.study import Study
+from robot_io.errors import PalpateError
+from sim_backend.hidden import noise_scale
+from sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
+from sim_backend.scenario import Scenario
+
+SHORT = ProbingPlan(speeds_m_s=(0.09,), repeats=2, hold_s=0.3)
+WEAKEST, STRONGEST = 1.5, 10.0  # times the noise floor
+SAME = {"force_deadband": "deadband"}  # what the simulator calls an effect that was found
+
+
+def screened(effect: str, seed: int) -> dict[str, Any] | None:
+    """A case that the short probe leaves undecided; None if it decides."""
+    rng, scale = np.random.default_rng([seed, 77]), noise_scale(Scenario())
+    kind = IMPERFECTIONS[effect]
+    places = [channel for channel in scale.channels if channel in kind.shows_in]
+    strength = float(np.exp(rng.uniform(np.log(WEAKEST), np.log(STRONGEST))))
+    place = str(rng.choice(places))
+    entry = kind.at_strength(strength, place, scale, rng)
+    case = {"seed": seed, "hidden": entry.model_dump(mode="json") | {"effect": effect}, "channel": place}
+    with TemporaryDirectory() as folder:
+        job = _job(case, Path(folder) / "probe.mcap")
+        run_probing(job)
+        try:
+            (found,) = Study(job.session, keep=False).diagnose(place).channels
+        except PalpateError:
+            return None
+    return case | {"left": _groups(found)} if is_undecided(found) else None
+
+
+def resolved(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
+    """One case, resolved in one way."""
+    begun, told = time.perf_counter(), []
+    rng = np.random.default_rng(case["seed"])
+    design = next_probe if way == "designed" else partial(_listed, way == "random", rng, [])
+    with TemporaryDirectory() as folder, threadpool_limits(1):
+        job = _job(case, Path(folder) / "sessions" / "probe.mcap")
+        try:
+            done = resolve(job, Budget(probes, 600.0), case["channel"], told.append, design=design)
+            end, left = done.end, _groups(done.channels[0])
+        except PalpateError as error:
+            end, left = f"stopped: {error}", [["?"]]
+    hidden = case["hidden"]["effect"]
+    decided = end == End.SEPARATED and len(told) > 0
+    right = decided and [[SAME.get(one, one) for one in group] for group in left] == [[hidden]]
+    return case | {
+        "way": way,
+        "end": str(end),
+        "left": left,
+        "more_probes": len(told) - 1,
+        "seconds": sum(one.seconds for one in told[1:]),
+        "separated": right,
+        "wrong": decided and not right,
+        "undecided_at_first": bool(told) and told[0].end != End.SEPARATED,
+        "path": [one.left for one in told],
+        "experiments": [one.next for one in told if one.next],
+        "wall_s": time.perf_counter() - begun,
+    }
+
+
+def _job(case: dict[str, Any], session: Path) -> ProbingJob:
+    scenario = Scenario().with_hidden([parse_imperfection(case["hidden"])])
+    return ProbingJob(find_robot(DEFAULT), session, SHORT, scenario=scenario, seed=case["seed"], online=None)
+
+
+def _groups(found: ChannelDiagnosis) -> list[list[str]]:
+    return [[one.effect, *one.confused_with] for one in found.accepted]
+
+
+def _listed(
+    shuffled: bool,
+    rng: np.random.Generator,
+    done: list[str],
+    study: Study,
+    found: Sequence[ChannelDiagnosis],
+    longest_s: float,
+    progress: object = None,
+) -> NextProbe | None:
+    """The next experiment that was not done yet, whatever is known."""
+    offered = [
+        one for one in feasible(study) if one[0].words not in done and one[1]["time_s"][-1] < longest_s
+    ]
+    if not offered:
+        return None
+    candidate, ticks = offered[int(rng.integers(len(offered))) if shuffled else 0]
+    done.append(candidate.words)
+    experiment = Experiment(candidate.words, float(ticks["time_s"][-1]), ())
+    proposal = NextExperiment(purpose="", separates=[], instruction=candidate.words, probe=candidate.settings)
+    return NextProbe(candidate.plan, proposal, Choice(0, experiment, ""), ())
+
+
+def report(way: str, done: Sequence[dict[str, Any]]) -> None:
+    """Print the figures."""
+    tried = [one for one in done if one["undecided_at_first"]]
+    right = [one for one in tried if one["separated"]]
+    counts = [sum(one["more_probes"] <= number for one in right) for number in (1, 2, 3)]
+    print(f"{way}: {len(tried)} cases; separated within 1, 2, 3 more probes: {counts}; in all {len(right)}")
+    print(f"  wrong: {sum(one['wrong'] for one in tried)}")
+    print(f"  more probes, sum over all cases: {sum(one['more_probes'] for one in tried)}")
+    print(f"  seconds of probing, sum over all cases: {sum(one['seconds'] for one in tried):.0f}")
+
+
+def main() -> None:
+    """Find cases, or resolve them."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--cases", type=Path, required=True, help="JSON lines, one a case")
+    parser.add_argument("--find", type=int, help="hide so many effects, and write what stays undecided")
+    parser.add_argument("--seed", type=int, default=0, help="first seed of --find")
+    parser.add_argument("--way", choices=["designed", "grid", "random"], default="designed")
+    parser.add_argument("--first", type=int, help="only so many cases")
+    parser.add_argument("--probes", type=int, default=4, help="at most, the first among them")
+    parser.add_argument("--out", type=Path, help="JSON lines, one a case")
+    parser.add_argument("--processes", type=int, default=2)
+    options = parser.parse_args()
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(options.processes, spawn, initializer=threadpool_limits, initargs=(1,)) as pool:
+        if options.find:
+            names = drawable()
+            jobs = [(names[n % len(names)], options.seed + n) for n in range(options.find)]
+            with options.cases.open("w", encoding="utf-8") as out:
+                for case in pool.map(screened, *zip(*jobs, strict=True)):
+                    if case is not None:
+                        out.write(json.dumps(case) + "\n")
+                        out.flush()
+            return
+        cases = [json.loads(line) for line in options.cases.read_text(encoding="utf-8").splitlines()]
+        done = []
+        tasks = [pool.submit(resolved, options.way, options.probes, one) for one in cases[: options.first]]
+        for task in as_completed(tasks):
+            done.append(one := task.result())
+            word = "separated" if one["separated"] else "WRONG" if one["wrong"] else one["end"]
+            print(
+                f"{word} | {one['hidden']} | {one['more_probes']} | {one['experiments']} | {one['left']}",
+                flush=True,
+            )
+            if options.out:
+                with options.out.open("a", encoding="utf-8") as out:
+                    out.write(json.dumps(one) + "\n")
+    report(options.way, done)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,101 @@
+"""Presses with a known law, their readings, and how well anybody could know the law from them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.contact_estimator import ContactLaw
+from estimation.regression import Regression
+from robot_io.types import FloatArray
+
+_TICK_S = 1e-3
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is wrong with a force reading.
+
+    Attributes:
+        floor_n: standard deviation that is always there [N].
+        share: standard deviation as a share of the force.
+        outliers: share of samples that are off.
+        outlier_n: by how much these are off, from and to [N].
+    """
+
+    floor_n: float = 0.02
+    share: float = 0.0
+    outliers: float = 0.0
+    outlier_n: tuple[float, float] = (-1.0, 4.0)
+
+
+@dataclass(frozen=True)
+class Press:
+    """Pressing in and out with rising frequency, always in contact.
+
+    Attributes:
+        law: the truth; its surface is at 0.
+        count: samples, at 1 kHz.
+        deepest_m: depth that is reached [m].
+    """
+
+    law: ContactLaw
+    count: int = 4000
+    deepest_m: float = 0.012
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Shape (n,)."""
+        return np.asarray(np.arange(self.count) * _TICK_S)
+
+    @property
+    def depth_m(self) -> FloatArray:
+        """Shape (n,), between a hundredth of the deepest and the deepest."""
+        return np.asarray(self.deepest_m * (0.01 + 0.495 * (1.0 - np.cos(self._phase))))
+
+    @property
+    def speed_m_s(self) -> FloatArray:
+        """Shape (n,)."""
+        rate = 2.0 * np.pi * (1.5 + 2.0 * self.time_s)
+        return np.asarray(0.495 * self.deepest_m * np.sin(self._phase) * rate)
+
+    @property
+    def force_n(self) -> FloatArray:
+        """Without noise, shape (n,)."""
+        k, b, n, m, _ = self.law
+        return np.asarray(k * self.depth_m**n + b * self.depth_m**m * self.speed_m_s)
+
+    @property
+    def _phase(self) -> FloatArray:
+        return np.asarray(2.0 * np.pi * (1.5 * self.time_s + self.time_s**2))
+
+    def read(self, noise: Noise, rng: np.random.Generator) -> FloatArray:
+        """Measured forces, shape (n,)."""
+        force_n = self.force_n + self.sigma_n(noise) * rng.standard_normal(self.count)
+        wrong = rng.random(self.count) < noise.outliers
+        return np.where(wrong, force_n + rng.uniform(*noise.outlier_n, self.count), force_n)
+
+    def sigma_n(self, noise: Noise) -> FloatArray:
+        """Standard deviation of each force but for outliers, shape (n,) [N]."""
+        return np.hypot(noise.floor_n, noise.share * self.force_n)
+
+    @property
+    def truth(self) -> FloatArray:
+        """Stiffness and damping, and the exponent where damping grows with depth: shape (2,) or (3,)."""
+        values = [self.law.stiffness, self.law.damping, self.law.exponent]
+        return np.array(values[: 3 if self.law.damping_exponent else 2])
+
+    def bound(self, noise: Noise) -> FloatArray:
+        """Cramer-Rao bound of `truth`: standard errors without outliers, noise known; C. R. Rao (1945)."""
+        k, b, n, m, _ = self.law
+        slopes = [self.depth_m**n, self.depth_m**m * self.speed_m_s]
+        if m:
+            slopes.append((k + b * self.speed_m_s) * self.depth_m**n * np.log(self.depth_m))
+        weighed = np.column_stack(slopes) / self.sigma_n(noise)[:, None]
+        sizes = np.linalg.norm(weighed, axis=0)
+        return np.asarray(np.sqrt(np.diag(np.linalg.inv((weighed / sizes).T @ (weighed / sizes)))) / sizes)
+
+    def regression(self, force_n: FloatArray) -> Regression:
+        """The linear problem of Kelvin-Voigt in these forces (n,)."""
+        return Regression(
+            np.column_stack([self.depth_m, self.speed_m_s]), force_n, ("k", "c"), ("N/m", "N s/m")
+        )

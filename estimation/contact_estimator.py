@@ -1,0 +1,101 @@
+"""What an estimator of a contact law is: it takes depth, speed and force, and knows its own law."""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+_NO_DEPTH_M = 1e-9  # whose powers are numbers still
+
+
+class ContactLaw(NamedTuple):
+    """F = k d^n + b d^m v, d = x - surface; Kelvin-Voigt with n = 1, m = 0, Hunt-Crossley with m = n."""
+
+    stiffness: float  # k [N/m^n], positive
+    damping: float  # b [N s/m^(m+1)]
+    exponent: float = 1.0  # n
+    damping_exponent: float = 0.0  # m
+    surface_m: float = 0.0  # where depth begins [m]
+
+    def compliance(self, depth_m: float) -> tuple[float, float]:
+        """Stiffness [N/m] and damping [N s/m] that are felt `depth_m` [m] deep at rest."""
+        deep = max(depth_m - self.surface_m, _NO_DEPTH_M)
+        stiffness = self.stiffness * self.exponent * deep ** (self.exponent - 1.0)
+        return stiffness, self.damping * deep**self.damping_exponent
+
+
+def check_samples(name: str, *columns: FloatArray) -> None:
+    """Refuse samples that a method cannot work on; `InputError` unless all are finite and equally many."""
+    if len({len(column) for column in columns}) > 1:
+        raise InputError(f"{name}: {', '.join(str(len(one)) for one in columns)} samples, not equally many")
+    if not all(np.isfinite(column).all() for column in columns):
+        raise InputError(f"{name}: samples that are not finite; leave them out")
+
+
+class ContactEstimator(ABC):
+    """A way to find a contact law.
+
+    It serves where the law is not linear in what is sought, or where the method is more than an estimate of
+    gains; see `Estimator` for those that solve any linear problem.
+
+    Class attributes:
+        name: as on the command line.
+        summary: one line of what it does and when to take it.
+        source: where it comes from.
+        model: name of the base model whose law it finds.
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+    source: ClassVar[str]
+    model: ClassVar[str] = "hunt_crossley"
+
+    @abstractmethod
+    def fit(
+        self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, *, rng: np.random.Generator
+    ) -> ContactLaw:
+        """The law of samples in contact, each (n,), in order of time.
+
+        Raises:
+            InputError: the method cannot work on these samples.
+        """
+
+
+class OnlineContactLaw(ContactEstimator):
+    """One that takes one sample at a time."""
+
+    @abstractmethod
+    def start(self) -> None:
+        """Forget everything."""
+
+    @abstractmethod
+    def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
+        """Take in one sample in contact.
+
+        Args:
+            depth_m: tip beyond where the surface was felt [m].
+            speed_m_s: into the object [m/s].
+            force_n: positive in compression [N].
+
+        Returns:
+            The law after it; None before there is any.
+        """
+
+    def fit(
+        self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, *, rng: np.random.Generator
+    ) -> ContactLaw:
+        """See `ContactEstimator.fit`; the last law is the estimate."""
+        return self.follow(depth_m, speed_m_s, force_n)[-1]
+
+    def follow(self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray) -> list[ContactLaw]:
+        """The law after each sample from the first that gives one, from a fresh start; arrays are (n,)."""
+        check_samples(self.name, depth_m, speed_m_s, force_n)
+        self.start()
+        samples = zip(depth_m.tolist(), speed_m_s.tolist(), force_n.tolist(), strict=True)
+        laws = [law for sample in samples if (law := self.update(*sample)) is not None]
+        if not laws:
+            raise InputError(f"{self.name}: none of {len(depth_m)} samples is in contact")
+        return laws

@@ -1,0 +1,118 @@
+"""How far an experiment would set rival models apart.
+
+    lead(i, j) = 1 - sqrt( E_i^2 / E_j^2 ),    E_j^2 = 1/n min_theta |y_i - f_j(theta)|^2
+
+with y_i what was measured so far together with what rival i, as it is fitted now, expects of the experiment,
+and the noise that is left now. It is the figure by which a diagnosis tells one effect from another
+(`estimation.diagnosis.doubt.gained`). With models that are linear around their parameters, and n s^2 for the
+noise, E_j^2 - E_i^2 is the criterion of T-optimality (A. C. Atkinson, V. V. Fedorov, The design of
+experiments for discriminating between two rival models, Biometrika 62 (1975) 57): `Rivals.promised`, a
+matter of milliseconds. `Rivals.expected` draws the noise and fits all models again, inner parameters too.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.data.joining import joined_channels
+from estimation.fit.frame import coarse_copy, frame_of
+from estimation.fit.load import with_load
+from estimation.fit.memory import Memory
+from estimation.fit.readings import shuffled
+from estimation.fit.standing import Fit, fit
+from robot_io.types import BoolArray, FloatArray
+
+SMALL = 0.05  # of an error: a smaller lead decides nothing, see `estimation.diagnosis.doubt`
+CLEAR = 3.0 * SMALL  # a lead that needs no more data
+_STEP = 1e-3  # of an inner parameter, over which a slope is taken
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """Models of one channel among which the data do not decide, on one sample a block.
+
+    Attributes:
+        data: the channel as it was recorded.
+        good: samples that count, shape (n,).
+        fits: the models.
+    """
+
+    data: ChannelData
+    good: BoolArray
+    fits: tuple[Fit, ...]
+
+    @classmethod
+    def of(cls, fits: Sequence[Fit]) -> "Rivals":
+        """From models that were fitted to the same channel."""
+        frame = fits[0].plain.frame
+        data, memory = coarse_copy(frame), Memory()
+        rough = (fit(data, f.trial.model, f.trial.parameters, frame.trusted, memory) for f in fits)
+        return cls(data, frame.trusted, tuple(rough))
+
+    def promised(self, planned: ChannelData) -> FloatArray:
+        """Leads (r, r) to first order in the parameters, of an experiment that moves the channel so.
+
+        Rows are what is true, columns what it is compared with; the effort of `planned` does not count.
+        """
+        motion, good = _coarse(planned)
+        both = joined_channels((self.data, motion))
+        kept = np.concatenate([self.good, good])
+        is_new = (np.arange(len(both)) >= len(self.data))[kept]
+        expected = [_expected(one, both)[kept] for one in self.fits]
+        tangents = [np.linalg.qr(_slopes(one, both)[kept])[0] for one in self.fits]
+        left = np.empty((len(self.fits),) * 2)
+        for true, effort in enumerate(expected):
+            measured = np.where(is_new, effort, both.effort[kept])
+            for other, (mine, tangent) in enumerate(zip(expected, tangents, strict=True)):
+                apart = measured - mine
+                left[true, other] = float(apart @ apart - np.sum((tangent.T @ apart) ** 2))
+        left += good.sum() * float(np.mean(self._noise**2))
+        leads: FloatArray = 1.0 - np.sqrt(np.diag(left)[:, None] / left)
+        return leads
+
+    def expected(self, planned: ChannelData, rng: np.random.Generator) -> FloatArray:
+        """Leads (r, r) in held-out runs, all models fitted again to data drawn from each; see `promised`."""
+        motion, good = _coarse(planned)
+        kept = np.concatenate([self.good, good])
+        noise = np.resize(self._noise, len(motion))
+        leads = np.zeros((len(self.fits),) * 2)
+        for true, rival in enumerate(self.fits):
+            effort = _expected(rival, motion) + shuffled(noise, motion.run, rng)
+            data, memory = joined_channels((self.data, replace(motion, effort=effort))), Memory()
+            again = (fit(data, f.trial.model, f.trial.parameters, kept, memory) for f in self.fits)
+            left = np.array([one.trial.held_out for one in again])
+            leads[true] = 1.0 - np.sqrt(left[true] / np.maximum(left, 1e-300))
+        return leads
+
+    @property
+    def _noise(self) -> FloatArray:
+        """What the best of the models leaves."""
+        best = min(self.fits, key=lambda one: one.trial.sse)
+        return best.trial.residual[best.plain.frame.trusted]
+
+
+def _coarse(planned: ChannelData) -> tuple[ChannelData, BoolArray]:
+    frame = frame_of(planned)
+    return coarse_copy(frame), frame.trusted
+
+
+def _expected(rival: Fit, motion: ChannelData) -> FloatArray:
+    """What a rival expects of a motion, shape (n,)."""
+    model, known = rival.trial.model, rival.trial.parameters
+    return model.predict(with_load(motion, model, known), known)
+
+
+def _slopes(rival: Fit, motion: ChannelData) -> FloatArray:
+    """How that changes with each parameter, shape (n, p)."""
+    model, known = rival.trial.model, rival.trial.parameters
+    loaded = with_load(motion, model, known)
+    gains, here = model.linearise(loaded, known)
+    columns = [gains]
+    for name, inner in model.inner.items():
+        step = _STEP * (abs(known[name]) or inner.typical[1])
+        columns.append(((model.predict(loaded, {**known, name: known[name] + step}) - here) / step)[:, None])
+    slopes = np.hstack(columns)
+    scaled: FloatArray = slopes / np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
+    return scaled

@@ -1,0 +1,102 @@
+"""Efficient M-estimation by a few steps from a start that stands outliers, linear or not.
+
+Biweight psi and the noise of each sample are found again from the samples inside after each step or two. From
+a start that is near, as many steps as here are as efficient as the fully iterated estimate (D. G. Simpson,
+D. Ruppert, R. J. Carroll, On One-Step GM Estimates and Stability of Inferences in Linear Regression, JASA 87
+(1992)).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.statistics.least_squares import solve
+from estimation.statistics.noise_level import NoiseLevel, fit_noise_level, robust_sigma
+from robot_io.types import BoolArray, FloatArray
+
+CUT = 5.5  # of the biweight, in sigmas: 97.5 % efficient at Gaussian noise
+_INSIDE = 4.0  # sigmas within which a sample tells about the noise
+_LEVELS = 3  # times that the noise is found again
+_STEPS = 2  # with one noise
+_SETTLED = 1e-4  # of a standard error
+_FEWEST_SHARE = 0.05  # of the samples, to tell about the noise
+
+Evaluate = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""From parameters (p,) to the predicted effort (n,) and its slopes by them (n, p)."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Where the steps ended.
+
+    Attributes:
+        values: parameters, shape (p,).
+        slopes: of the prediction by them, shape (n, p).
+        residuals: effort minus prediction, shape (n,).
+        sigma: noise of each sample, shape (n,).
+        level: the same as floor and share, in units of the given shape.
+    """
+
+    values: FloatArray
+    slopes: FloatArray
+    residuals: FloatArray
+    sigma: FloatArray
+    level: NoiseLevel
+
+    @property
+    def inside(self) -> BoolArray:
+        """Samples with any weight, shape (n,)."""
+        return np.abs(self.residuals) < CUT * self.sigma
+
+    @property
+    def influence(self) -> tuple[FloatArray, FloatArray]:
+        """Psi of the standardised residuals and its slope, each of shape (n,)."""
+        standardised = self.residuals / self.sigma
+        square = np.minimum((standardised / CUT) ** 2, 1.0)
+        return standardised * (1 - square) ** 2, (1 - square) * (1 - 5 * square)
+
+
+def settle(
+    evaluate: Evaluate,
+    effort: FloatArray,
+    start: FloatArray,
+    shape: FloatArray | None = None,
+    known: NoiseLevel | None = None,
+) -> Settled:
+    """Step from `start` to the M-estimate.
+
+    Args:
+        evaluate: the model.
+        effort: shape (n,).
+        start: parameters that most samples agree with, shape (p,).
+        shape: noise of each sample up to a factor, shape (n,); None to find how it grows with the effort.
+        known: noise that needs not be found; None to take it from the residuals.
+    """
+    values = start
+    predicted, slopes = evaluate(values)
+    inside = np.ones(len(effort), dtype=np.bool_)
+    for _ in range(_LEVELS):
+        level = known or _level(effort - predicted, predicted, inside, shape)
+        sigma = level.sigma(predicted) if shape is None else level.floor * shape
+        for _ in range(_STEPS):
+            weights = np.clip(1.0 - ((effort - predicted) / (CUT * sigma)) ** 2, 0.0, None) / sigma
+            step = solve(slopes, effort - predicted, weights).gains
+            settled = float(np.abs(weights * (slopes @ step)).max()) * np.sqrt(len(effort)) < _SETTLED
+            values = values + step
+            predicted, slopes = evaluate(values)
+            if settled:
+                break
+        inside = np.abs(effort - predicted) < _INSIDE * sigma
+    return Settled(values, slopes, effort - predicted, sigma, level)
+
+
+def _level(
+    residuals: FloatArray, predicted: FloatArray, inside: BoolArray, shape: FloatArray | None
+) -> NoiseLevel:
+    """Noise of the samples inside; of all where too few are."""
+    if np.count_nonzero(inside) < _FEWEST_SHARE * len(inside):
+        inside = np.ones_like(inside)
+    if shape is not None:
+        return NoiseLevel(max(robust_sigma((residuals / shape)[inside]), float(np.finfo(float).tiny)), 0.0)
+    return fit_noise_level(residuals[inside], predicted[inside])

@@ -1,0 +1,36 @@
+"""`palpate remove`: take an effect out of the newest model again."""
+
+from typing import Annotated
+
+import typer
+
+from palpate import console
+from palpate.data_options import DataArguments, FolderOption, JsonOption, ModelOption, takes_data
+from palpate.derived import folder_to_read
+from palpate.render.terminal import print_stages
+from palpate.study_view import result_view
+
+
+@takes_data
+def command(
+    data: DataArguments,
+    *,
+    effect_name: Annotated[str, typer.Argument(help="Effect to take out.", metavar="EFFECT")],
+    model: ModelOption = None,
+    channel: Annotated[str | None, typer.Option(help="Where, such as joint_2.")] = None,
+    folder: FolderOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Refit the newest model without one of the effects that were added, and keep that as a revision.
+
+    palpate remove press.csv bias
+    """
+    study = data.study(model, folder_to_read(data.file, folder))
+    change = study.remove(effect_name, channel)
+    if as_json:
+        kept = [revision.model_dump(mode="json") for revision in change.revisions]
+        name = change.result.channel.name
+        console.print_json({"file": str(data.file), "channel": name, "revisions": kept})
+        return
+    print_stages(console.stdout(), result_view(change.result))
+    console.next_steps((f"palpate revisions {data.typed(folder=folder)}", "all stages, to go back to"))

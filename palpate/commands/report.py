@@ -1,0 +1,35 @@
+"""`palpate report`: all that is known of a measurement, as one HTML page."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate import console
+from palpate.data_options import DataArguments, FolderOption, ModelOption, takes_data
+from palpate.derived import folder_to_read
+from palpate.files import output_file
+from palpate.outcome import REPORT
+from palpate.words import shown
+
+
+@takes_data
+def command(
+    data: DataArguments,
+    *,
+    model: ModelOption = None,
+    folder: FolderOption = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Page to write.", metavar="FILE.html")] = Path(
+        REPORT
+    ),
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")] = False,
+) -> None:
+    """Write measurement, models, what was found missing and what was added as one page that needs no network.
+
+    palpate report press.csv -o press.html
+    """
+    path = output_file(out, force=force, keep=[data.file])
+    study = data.study(model, folder_to_read(data.file, folder))
+    with console.stderr().status("fitting and drawing"):
+        study.report(path, [f"palpate report {data.typed(model=model, folder=folder)}"])
+    console.stdout().print(f"report  [bold]{shown(path)}[/bold]", soft_wrap=True)

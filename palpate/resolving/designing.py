@@ -1,0 +1,270 @@
+"""The next probe of a session's arm: which feasible plan best sets apart what a diagnosis has not decided."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from control.loop.tick_record import STREAM_NAME
+from control.probing.plan import ProbingPlan
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.tick_channels import contact_channels, joint_channels
+from estimation.design import Choice, Experiment, Rivals, choose
+from estimation.design.choice import rank
+from estimation.design.discrimination import SMALL
+from estimation.diagnosis import ChannelDiagnosis, Verdict
+from estimation.diagnosis.next_experiment import FEW_READINGS
+from estimation.diagnosis.result import NextExperiment
+from estimation.study import StudyChannel, StudyDiagnosis
+from estimation.study.channels import channel_of
+from estimation.study.rivals import rivals_of
+from palpate.resolving.experiments import Candidate, candidates
+from palpate.resolving.rehearsal import LONGEST_S, ArmText, KnownObject, rehearse
+from palpate.runs.probing import PLAN
+from palpate.study import Study
+from robot_io.errors import InputError, PalpateError
+from robot_io.files.file_model import validate
+from robot_io.files.safe_yaml import parse_yaml
+from robot_io.session import Samples, Session
+from robot_io.types import FloatArray
+
+FITTED = 4  # experiments that promise most, for which all models are fitted again
+_SEED = 1
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Undecided:
+    """A channel with the models among which the data do not decide, by their effects in words."""
+
+    channel: StudyChannel
+    names: tuple[str, ...]
+    rivals: Rivals
+
+    @property
+    def nothing(self) -> FloatArray:
+        """The leads of an experiment that tells nothing of it."""
+        return np.zeros((len(self.names),) * 2)
+
+
+@dataclass(frozen=True)
+class NextProbe:
+    """The experiment to run next.
+
+    Attributes:
+        plan: what the arm does.
+        proposal: the same as a diagnosis states it.
+        choice: what is expected of it.
+        channels: of which it tells.
+    """
+
+    plan: ProbingPlan
+    proposal: NextExperiment
+    choice: Choice
+    channels: tuple[str, ...]
+
+
+def undecided(study: Study, found: Sequence[ChannelDiagnosis]) -> list[Undecided]:
+    """The channels in which several models are left, with these."""
+    left = []
+    for one in found:
+        channel = study.channel(one.channel)
+        models = rivals_of(study, channel, one)
+        if len(models) > 1:
+            left.append(Undecided(channel, tuple(models), Rivals.of(list(models.values()))))
+    return left
+
+
+def next_probe(
+    study: Study,
+    found: Sequence[ChannelDiagnosis],
+    longest_s: float = LONGEST_S,
+    progress: Progress = lambda what, share: None,
+) -> NextProbe | None:
+    """The plan that is expected to set apart what is left; None if none is, or the study is no probing.
+
+    Where nothing could be judged, it is one that makes up for what the data lack. Else each plan that the arm
+    can do within its limits is rehearsed, data are drawn on that motion from each model that is left, and all
+    are fitted again; see `estimation.design`.
+
+    Args:
+        study: what was measured so far.
+        found: what is known of its channels.
+        longest_s: time that an experiment may take [s].
+        progress: told what is considered, and the share of it that is done.
+
+    Raises:
+        InputError: the session's own copies of robot file or plan are not valid.
+    """
+    open_questions = undecided(study, found)
+    if not open_questions:
+        return _remedy(study, found, longest_s, progress)
+    planned = [_Planned.of(*one, study, open_questions) for one in feasible(study, progress)]
+    within = [one for one in planned if one.duration_s <= longest_s]
+    best = sorted(within, key=lambda one: rank(one.experiment), reverse=True)[:FITTED]
+    offered = [one.expected(open_questions) for one in best]
+    choice = choose(offered)
+    if choice is None:
+        return None
+    return _next_probe(best[choice.index].candidate, open_questions, choice)
+
+
+@dataclass(frozen=True)
+class _Planned:
+    """A feasible experiment, with the motion of each undecided channel; None where that does not tell."""
+
+    candidate: Candidate
+    experiment: Experiment  # as it is promised
+    motions: tuple[ChannelData | None, ...]
+
+    @property
+    def duration_s(self) -> float:
+        return self.experiment.duration_s
+
+    @classmethod
+    def of(cls, candidate: Candidate, ticks: Samples, study: Study, left: Sequence[Undecided]) -> "_Planned":
+        turned = "press_direction_world" in candidate.settings
+        motions = tuple(_motion(one, study, ticks, turned=turned) for one in left)
+        leads = tuple(
+            one.rivals.promised(motion) if motion is not None else one.nothing
+            for one, motion in zip(left, motions, strict=True)
+        )
+        return cls(candidate, Experiment(candidate.words, float(ticks["time_s"][-1]), leads), motions)
+
+    def expected(self, left: Sequence[Undecided]) -> Experiment:
+        """The experiment with what is expected once all models are fitted again."""
+        rng = np.random.default_rng(_SEED)
+        leads = tuple(
+            one.rivals.expected(motion, rng) if motion is not None else one.nothing
+            for one, motion in zip(left, self.motions, strict=True)
+        )
+        return replace(self.experiment, leads=leads)
+
+
+def _remedy(
+    study: Study, found: Sequence[ChannelDiagnosis], longest_s: float, progress: Progress
+) -> NextProbe | None:
+    """More presses where a channel cannot be judged; harder ones where its readings are too coarse."""
+    contacts = [one for one in found if one.channel.startswith("contact")]
+    judged = contacts or list(found)
+    if any(one.verdict is not Verdict.INSUFFICIENT for one in judged):
+        return None
+    first = judged[0]
+    wanted = "force_limit_n" if FEW_READINGS in first.reason else "repeats"
+    for candidate, ticks in feasible(study, progress):
+        duration_s = float(ticks["time_s"][-1])
+        if wanted in candidate.settings and duration_s <= longest_s:
+            choice = Choice(
+                0, Experiment(candidate.words, duration_s, ()), f"{candidate.words}: {first.reason}"
+            )
+            proposal = NextExperiment(
+                purpose=f"judge {first.channel}",
+                separates=[],
+                instruction=candidate.words,
+                probe=candidate.settings,
+            )
+            return NextProbe(candidate.plan, proposal, choice, tuple(one.channel for one in judged))
+    return None
+
+
+def with_proposal(diagnosis: StudyDiagnosis, following: NextProbe) -> StudyDiagnosis:
+    """A diagnosis that proposes this probe in the channels of which it tells."""
+    change = {"next_experiment": following.proposal}
+    channels = [
+        one.model_copy(update=change) if one.channel in following.channels else one
+        for one in diagnosis.channels
+    ]
+    return diagnosis.model_copy(update={"channels": channels})
+
+
+def feasible(
+    study: Study, progress: Progress = lambda what, share: None
+) -> Iterator[tuple[Candidate, Samples]]:
+    """The experiments that the arm of a study can do, each with the motion that it would make.
+
+    Raises:
+        InputError: see `next_probe`.
+    """
+    session = study.source.session
+    ground = _Ground.of(study, session) if session is not None and study.source.probed else None
+    if ground is None:
+        return
+    considered = candidates(ground.before, ground.arm.robot_file)
+    for number, candidate in enumerate(considered):
+        progress(f"design: {candidate.words}", number / len(considered))
+        try:
+            yield candidate, ground.ticks(candidate.plan)
+        except PalpateError:  # the arm cannot do it
+            continue
+
+
+def _motion(one: Undecided, study: Study, ticks: Samples, *, turned: bool) -> ChannelData | None:
+    """The channel as it would move; None where it does not, or is pressed in another direction."""
+    planned = _channel_like(one.channel.data, ticks)
+    if planned is None or (turned and planned.kind is ChannelKind.CONTACT):
+        return None
+    return channel_of(planned, one.channel.model.name, study.source.arm).data
+
+
+def _channel_like(data: ChannelData, ticks: Samples) -> ChannelData | None:
+    if data.kind is ChannelKind.CONTACT:
+        return next(iter(contact_channels(ticks, tared=False)), None)
+    return next((one for one in joint_channels(ticks) if one.name == data.name), None)
+
+
+def _next_probe(candidate: Candidate, left: Sequence[Undecided], choice: Choice) -> NextProbe:
+    told = [one for one, leads in zip(left, choice.experiment.leads, strict=True) if (leads > SMALL).any()]
+    names = list(dict.fromkeys(name for one in told for name in one.names))
+    proposal = NextExperiment(
+        purpose=f"tell apart {', '.join(names)}",
+        separates=names,
+        instruction=candidate.words,
+        probe=candidate.settings,
+    )
+    return NextProbe(candidate.plan, proposal, choice, tuple(one.channel.name for one in told))
+
+
+@dataclass(frozen=True)
+class _Ground:
+    """What experiments are rehearsed on, from a session.
+
+    Figures are rounded: a motion hardly depends on them, and that of one plan is then worked out once.
+    """
+
+    before: ProbingPlan
+    arm: ArmText
+    known: KnownObject
+    start_rad: tuple[float, ...]
+
+    @classmethod
+    def of(cls, study: Study, session: Session) -> "_Ground | None":
+        """None where nothing was touched: the object is not known."""
+        contact = next((one for one in study.channels if one.data.kind is ChannelKind.CONTACT), None)
+        if contact is None or contact.data.surface is None or not session.metadata.robot_file:
+            return None
+        metadata = session.metadata
+        text = metadata.extra.get(PLAN, "")
+        plan = dict(parse_yaml(text, f"{session.path}, its plan").data) if text else {}
+        before = validate(ProbingPlan, plan)
+        stiffness, damping = _spring_and_damper(study, contact)
+        surface_m, normal = round(contact.data.surface.position_m, 3), before.press_direction_world
+        known = KnownObject(float(f"{stiffness:.1e}"), float(f"{damping:.0e}"), surface_m, normal)
+        arm = ArmText(metadata.robot_file, metadata.urdf, study.source.arm.gravity_m_s2, str(session.path))
+        start_rad = session.samples(STREAM_NAME).vector("joint_position_rad")[0]
+        return cls(before, arm, known, tuple(np.round(start_rad, 3).tolist()))
+
+    def ticks(self, plan: ProbingPlan) -> Samples:
+        """See `rehearse`."""
+        return rehearse(self.arm, plan.model_dump_json(), self.known, self.start_rad)
+
+
+def _spring_and_damper(study: Study, contact: StudyChannel) -> tuple[float, float]:
+    """Stiffness [N/m] and damping [N s/m] of the base model; the secant where it has none."""
+    data = contact.data
+    secant = float(np.max(data.effort)) / max(float(np.max(data.position)), 1e-9)
+    try:
+        found = study.fit(contact).parameters
+    except InputError:  # it cannot be judged
+        return secant, 0.0
+    stiffness, damping = found.get("stiffness.k"), found.get("damping.c")
+    return stiffness.value if stiffness else secant, max(damping.value, 0.0) if damping else 0.0

@@ -1,0 +1,141 @@
+"""What a plan would make an arm do: the probing task on an arm that follows exactly, pressing a known object.
+
+It is the task that the robot runs, with its own checks and the force law that reacts to the object, so a plan
+that the arm cannot do is refused here as it would be there. No device is opened.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from control.arm.rigid_body import RigidBody
+from control.loop.task import TaskOutput
+from control.loop.tick_record import tick_stream
+from control.probing.plan import ProbingPlan
+from control.probing.task import ProbingTask
+from robot_io.errors import InputError
+from robot_io.robot_file import RobotFile, parse_robot_file
+from robot_io.session import Samples
+from robot_io.types import FloatArray, Measurement, Status
+
+LONGEST_S = 120.0  # of an experiment that is considered
+
+
+@dataclass(frozen=True)
+class ArmText:
+    """An arm as a session keeps it.
+
+    Attributes:
+        robot: text of its robot file.
+        urdf: text of its URDF.
+        gravity_m_s2: fall acceleration in the axes of its base [m/s^2].
+        origin: where these come from, for errors.
+    """
+
+    robot: str
+    urdf: str
+    gravity_m_s2: tuple[float, float, float]
+    origin: str = field(compare=False)  # the same arm of another session moves alike
+
+    @property
+    def robot_file(self) -> RobotFile:
+        """Limits, gains and rate; `InputError` if the text is not valid."""
+        return parse_robot_file(self.robot, f"{self.origin}, its robot file")
+
+    @property
+    def body(self) -> RigidBody:
+        """Kinematics and masses; `InputError` if the text is not valid."""
+        tip = self.robot_file.tip_frame
+        return RigidBody.from_urdf(self.urdf, tip, self.gravity_m_s2, origin=f"{self.origin}, its URDF")
+
+
+@dataclass(frozen=True)
+class KnownObject:
+    """A spring and damper with a flat surface, as a fit has it.
+
+    Attributes:
+        stiffness_n_m: k [N/m].
+        damping_n_s_m: c [N s/m].
+        surface_m: where it begins, along its normal in world coordinates [m].
+        normal_world: unit vector into the object.
+    """
+
+    stiffness_n_m: float
+    damping_n_s_m: float
+    surface_m: float
+    normal_world: tuple[float, float, float]
+
+    def force_n(self, along_m: float, speed_m_s: float) -> float:
+        """Normal force [N] on a tip at a place and speed along the normal; it never pulls."""
+        depth_m = along_m - self.surface_m
+        return max(self.stiffness_n_m * depth_m + self.damping_n_s_m * speed_m_s, 0.0) if depth_m > 0 else 0.0
+
+
+@lru_cache(maxsize=64)
+def rehearse(arm: ArmText, plan_json: str, known: KnownObject, start_rad: tuple[float, ...]) -> Samples:
+    """The ticks of a probing that follows its plan exactly, without noise: what channels are made of.
+
+    Args:
+        arm: limits, gains, rate and masses.
+        plan_json: what is done.
+        known: what is pressed.
+        start_rad: joint positions at the start [rad].
+
+    Raises:
+        InputError: the arm cannot do it within its limits.
+        SafetyTripError: the task would stop.
+    """
+    robot_file, body = arm.robot_file, arm.body
+    plan = ProbingPlan.model_validate_json(plan_json)
+    task = ProbingTask.from_robot_file(robot_file, plan, body=body)
+    push = np.array(plan.press_direction_world)
+    normal = np.array(known.normal_world)
+    dt_s, time_s = 1.0 / robot_file.control_rate_hz, 0.0
+    position = np.array(start_rad)
+    velocity, torque = np.zeros_like(position), body.gravity(position)
+    rows: list[tuple[object, ...]] = []
+    output: TaskOutput | None = None
+    while output is None or not output.done:
+        tip = body.tip_motion(position, velocity)
+        along_m, speed_m_s = float(tip.position_world_m @ normal), float(tip.velocity_world_m_s @ normal)
+        force_n = known.force_n(along_m, speed_m_s) * float(push @ normal)
+        measured = Measurement(time_s, position, velocity, torque, force_n, time_s, time_s, time_s)
+        _check(measured, robot_file)
+        if output is None:
+            task.start(measured)
+        output = task.step(measured, dt_s)
+        torque = output.command.joint_torque_nm
+        rows.append(
+            (time_s, output.run, output.phase, position, torque, force_n, output.tip_position_world_m)
+        )
+        position, velocity = output.reference_position_rad, output.reference_velocity_rad_s
+        time_s += dt_s
+    if task.failures:
+        raise InputError(task.failures[0])
+    return _samples(rows, push)
+
+
+def _check(measured: Measurement, robot_file: RobotFile) -> None:
+    """Refuse what the guard would trip on, or what takes too long."""
+    limits = robot_file.limits
+    if measured.force_n > limits.force_n:
+        raise InputError(f"the force would exceed {limits.force_n:g} N (limits.force_n)")
+    beyond = np.abs(measured.joint_torque_nm) > np.array(limits.torque_nm)
+    if beyond.any():
+        raise InputError(f"joint {int(beyond.argmax()) + 1} would exceed its torque (limits.torque_nm)")
+    if measured.time_s > LONGEST_S:
+        raise InputError(f"takes more than {LONGEST_S:.0f} s")
+
+
+def _samples(rows: Sequence[tuple[object, ...]], push_world: FloatArray) -> Samples:
+    """Ticks with what channels are made of; all devices sample at the same time and are well."""
+    names = ("time_s", "run", "phase", "joint_position_rad", "torque_measured_nm", "force_n")
+    values = zip((*names, "tip_position_world_m"), zip(*rows, strict=True), strict=True)
+    columns = {name: np.array(column) for name, column in values}
+    for device in ("encoder", "torque", "force"):
+        columns[f"{device}_at_s"] = columns["time_s"]
+        columns[f"{device}_status"] = np.full(len(rows), Status.OK)
+    columns["press_direction_world"] = np.tile(push_world, (len(rows), 1))
+    return Samples(tick_stream(columns["joint_position_rad"].shape[1]), columns)

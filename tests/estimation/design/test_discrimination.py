@@ -1,0 +1,104 @@
+"""Which motion would tell rivals apart: against refitted rivals, and against cases that are known."""
+
+import numpy as np
+import pytest
+
+from estimation.base_model import ModelContext
+from estimation.design import Experiment, Rivals, choose
+from estimation.design.own_motion import changed_motions
+from estimation.effects import EFFECTS
+from estimation.fit.standing import fit
+from estimation.models import MODELS
+from tests.estimation.contact_data import channel
+
+K, C = 500.0, 20.0
+
+
+def pressed(depth_m, speeds, runs=4, seed=0, force=None):
+    """Presses down to a depth at several angular speeds; the force of a law, with 0.02 N of noise."""
+    rng, t = np.random.default_rng(seed), np.arange(0.0, 1.0, 0.005)
+    x = np.concatenate([depth_m * (1 - np.cos(w * t)) / 2 - 0.001 for w in np.resize(speeds, runs)])
+    v = np.concatenate([depth_m * w * np.sin(w * t) / 2 for w in np.resize(speeds, runs)])
+    law = force or (lambda x, v: K * x + C * v)
+    push = np.where(x > 0.0, law(x, v), 0.0).clip(0.0) + rng.normal(0.0, 0.02, len(x))
+    return channel(push, x, v, np.tile(t, runs), run=np.repeat(np.arange(runs), len(t)))
+
+
+def rivals(data, *names):
+    base = MODELS["kelvin_voigt"]().build(ModelContext())
+    starts = {"exponential_stiffness.depth": 0.02}
+    return Rivals.of([fit(data, base.with_effect(EFFECTS[name]()), starts) for name in names])
+
+
+@pytest.fixture(scope="module")
+def shallow():
+    """A stiffening that shows as a square and as a cube alike, as long as nobody presses deeper."""
+    data = pressed(0.006, [6.0, 9.0], force=lambda x, v: K * x + C * v + 2e6 * x**3)
+    return rivals(data, "cubic_stiffness", "exponential_stiffness")
+
+
+def test_a_deeper_press_tells_two_stiffenings_apart_and_the_same_press_does_not(shallow):
+    again, deeper = pressed(0.006, [6.0, 9.0], seed=1), pressed(0.018, [6.0, 9.0], seed=1)
+    for leads in (shallow.promised, lambda m: shallow.expected(m, np.random.default_rng(0))):
+        assert leads(deeper)[0, 1] > 0.2
+        assert np.abs(leads(again)).max() < 0.05
+
+
+def test_the_promise_to_first_order_is_what_refitting_gives_where_models_are_linear():
+    data = pressed(0.006, [6.0], force=lambda x, v: K * x + C * v + 2e6 * x**3)
+    linear = rivals(data, "cubic_stiffness", "quadratic_damping")
+    for depth in (0.006, 0.012, 0.018):
+        motion = pressed(depth, [3.0, 12.0], seed=2)
+        promised, expected = linear.promised(motion), linear.expected(motion, np.random.default_rng(0))
+        assert promised == pytest.approx(expected, abs=0.06)
+
+
+def test_data_drawn_from_the_true_law_bear_the_expected_lead_out(shallow):
+    """Not drawn by the code: the lead is what two fits to new data really show."""
+    motion = pressed(0.018, [6.0, 9.0], seed=3)
+    law = pressed(0.018, [6.0, 9.0], seed=4, force=lambda x, v: K * x + C * v + 2e6 * x**3)
+    old = pressed(0.006, [6.0, 9.0], force=lambda x, v: K * x + C * v + 2e6 * x**3)
+    both = pressed(0.006, [6.0, 9.0], runs=8)
+    merged = {
+        n: np.concatenate([getattr(old, n), getattr(law, n)]) for n in ("position", "velocity", "effort")
+    }
+    whole = channel(merged["effort"], merged["position"], merged["velocity"], both.time_s, run=both.run)
+    base = MODELS["kelvin_voigt"]().build(ModelContext())
+    left = [
+        fit(whole, base.with_effect(EFFECTS[n]()), {"exponential_stiffness.depth": 0.02}).trial.held_out
+        for n in ("cubic_stiffness", "exponential_stiffness")
+    ]
+    really = 1.0 - np.sqrt(left[0] / left[1])
+    assert shallow.expected(motion, np.random.default_rng(0))[0, 1] == pytest.approx(really, abs=0.1)
+
+
+def test_the_shortest_clear_experiment_is_chosen_else_the_one_that_tells_most():
+    def lead(value):
+        return (np.array([[0.0, value], [value, 0.0]]),)
+
+    long, short, weak = (
+        Experiment(w, s, lead(v)) for w, s, v in (("l", 60, 0.9), ("s", 5, 0.2), ("w", 1, 0.1))
+    )
+    assert choose([long, short, weak]).experiment is short
+    assert "the shortest of 2 that separate clearly" in choose([long, short, weak]).reason
+    assert "the only one that separates clearly" in choose([short, weak]).reason
+    assert choose([weak, Experiment("weaker", 1, lead(0.06))]).experiment is weak
+    assert choose([Experiment("nothing", 1, lead(0.02))]) is None
+    assert choose([]) is None
+
+
+def test_an_experiment_that_tells_one_pair_of_three_apart_beats_one_that_tells_none():
+    one_pair = np.zeros((3, 3))
+    one_pair[0, 2] = one_pair[2, 0] = 0.3
+    offered = [Experiment("none", 1, (np.full((3, 3), 0.01),)), Experiment("one", 1, (one_pair,))]
+    assert choose(offered).index == 1
+
+
+def test_a_recorded_motion_is_offered_faster_slower_and_further(shallow):
+    data = shallow.data
+    faster, slower, further, nearer = (moved for _, _, moved in changed_motions(data))
+    for moved, speed in ((faster, 3.0), (slower, 1.0 / 3.0)):
+        derived = np.gradient(moved.position[:200], moved.time_s[:200])
+        assert moved.velocity[5:190] == pytest.approx(derived[5:190], abs=1e-3 * speed)
+    assert further.position.max() > 1.4 * data.position.max() > 2.0 * nearer.position.max()
+    assert "mm/s" in next(iter(changed_motions(data)))[0]

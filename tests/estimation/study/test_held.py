@@ -1,0 +1,94 @@
+"""Parameters held, bounded, and tried: the engine of a fit with less freedom."""
+
+import numpy as np
+import pytest
+
+from estimation.study import Study
+from robot_io.errors import InputError
+
+
+def presses(rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Four presses of a spring of 400 N/m that stiffens, with a damper of 3 N s/m."""
+    t, runs = np.arange(0, 1, 0.002), []
+    for run, speed in enumerate((6.0, 9.0, 12.0, 15.0)):
+        x, v = 0.004 * (1 - np.cos(speed * t)) - 0.001, 0.004 * speed * np.sin(speed * t)
+        force = np.where(x > 0, 400 * x + 3 * v + 3e6 * x**3, 0).clip(0) + rng.normal(0, 0.02, len(t))
+        runs.append({"time_s": t, "displacement_m": x, "force_N": force, "run": np.full(len(t), run)})
+    return {name: np.concatenate([run[name] for run in runs]) for name in runs[0]}
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    return Study(presses(np.random.default_rng(1)))
+
+
+def test_a_held_gain_stays_and_the_others_make_up_for_it(study: Study) -> None:
+    free = study.fit("contact", ["cubic_stiffness"])
+    held = study.fit_held("contact", ["cubic_stiffness"], {"stiffness.k": 350.0})
+    assert held.values["stiffness.k"] == 350.0
+    assert held.parameters["stiffness.k"].std_err == 0.0
+    assert held.values["cubic_stiffness.k3"] > free.values["cubic_stiffness.k3"]  # stiffens more instead
+    assert held.rmse > free.rmse
+
+
+def test_held_where_the_fit_is_changes_nothing(study: Study) -> None:
+    free = study.fit("contact", ["cubic_stiffness"])
+    held = study.fit_held(
+        "contact", ["cubic_stiffness"], {"damping.c": free.standing.trial.parameters["damping.c"]}
+    )
+    for name in ("stiffness.k", "cubic_stiffness.k3"):
+        assert held.standing.trial.parameters[name] == pytest.approx(
+            free.standing.trial.parameters[name], rel=1e-6
+        )
+    assert held.parameters["stiffness.k"].std_err < 1.01 * free.parameters["stiffness.k"].std_err
+
+
+def test_held_gains_equal_an_independent_least_squares(study: Study) -> None:
+    """On the blocks of the fit: the linear problem with the spring's force taken off, solved by numpy."""
+    held = study.fit_held("contact", ["cubic_stiffness"], {"stiffness.k": 300.0})
+    trial, bench = held.standing.trial, held.standing.plain
+    names = list(trial.model.gains)
+    k = names.index("stiffness.k")
+    rest = [i for i in range(len(names)) if i != k]
+    rows = bench.kept
+    target = (trial.target - 300.0 * trial.columns[:, k])[rows]
+    expected = np.linalg.lstsq(trial.columns[rows][:, rest], target, rcond=None)[0]
+    assert [trial.parameters[names[i]] for i in rest] == pytest.approx(expected.tolist(), rel=1e-4)
+
+
+def test_a_held_inner_parameter_stays(study: Study) -> None:
+    held = study.fit_held("contact", ["delay"], {"delay.time": 0.004})
+    assert held.values["delay.time"] == 0.004
+    assert held.rmse >= study.fit("contact", ["delay"]).rmse * 0.999
+
+
+def test_bounds_hold_only_what_would_leave_them(study: Study) -> None:
+    wide = study.fit_held("contact", (), bounds={"stiffness.k": (0.0, 1e6)})
+    assert wide is study.fit("contact")
+    narrow = study.fit_held("contact", (), bounds={"stiffness.k": (0.0, 200.0)})
+    assert narrow.values["stiffness.k"] == 200.0
+
+
+@pytest.mark.parametrize(
+    ("held", "said"),
+    [({"spring.k": 1.0}, "no parameter 'spring.k'"), ({"stiffness.k": float("nan")}, "finite")],
+)
+def test_what_cannot_be_held_is_refused(study: Study, held: dict[str, float], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        study.fit_held("contact", (), held)
+
+
+def test_the_model_is_evaluated_at_any_parameters(study: Study) -> None:
+    fitted = study.fit("contact")
+    soft = fitted.at({**fitted.values, "stiffness.k": 0.0, "damping.c": 0.0})
+    assert np.abs(soft).max() == 0.0
+
+
+def test_fits_that_were_forgotten_come_again_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("estimation.study.fits._MOST_FITS", 2)
+    study = Study(presses(np.random.default_rng(2)))
+    first = study.fit("contact", ["delay"]).rmse
+    for effect in ("adhesion", "contact_offset", "quadratic_damping"):
+        study.fit("contact", [effect])
+    assert len(study._fits) == 2
+    assert study.fit("contact", ["delay"]).rmse == first

@@ -1,0 +1,79 @@
+"""The presses that accuracy is measured on, and what is measured."""
+
+import numpy as np
+import pytest
+
+from estimation.accuracy import Noise, Press, ransac_map, recover_hunt_crossley
+from estimation.contact_estimator import ContactLaw
+from estimation.estimate_channel import estimate_channel
+from estimation.estimators import ESTIMATORS
+from estimation.estimators.lsq import Lsq
+from tests.estimation.contact_data import base_model, channel
+
+KELVIN_VOIGT = Press(ContactLaw(500.0, 20.0), count=1500)
+HUNT_CROSSLEY = Press(ContactLaw(2000.0, 1500.0, 1.3, 1.3), count=2000)
+
+
+def test_the_speed_is_the_depth_s_derivative():
+    np.testing.assert_allclose(
+        np.gradient(KELVIN_VOIGT.depth_m, 1e-3)[1:-1], KELVIN_VOIGT.speed_m_s[1:-1], atol=2e-3
+    )
+
+
+def test_the_bound_is_what_least_squares_scatter_by_in_even_noise():
+    """Of a linear law with Gaussian noise they reach it (Gauss and Markov)."""
+    noise, errors = Noise(0.05), []
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        found = Lsq().fit(KELVIN_VOIGT.regression(KELVIN_VOIGT.read(noise, rng)), rng=rng)
+        errors.append([parameter.value for parameter in found.parameters] - KELVIN_VOIGT.truth)
+    np.testing.assert_allclose(np.std(errors, axis=0), KELVIN_VOIGT.bound(noise), rtol=0.15)
+
+
+def test_the_bound_of_hunt_crossley_is_that_of_finite_differences():
+    rows = []
+    for step in np.diag(1e-6 * HUNT_CROSSLEY.truth):
+        ahead, behind = (
+            Press(ContactLaw(*values, values[2]), count=2000).force_n
+            for values in (HUNT_CROSSLEY.truth + step, HUNT_CROSSLEY.truth - step)
+        )
+        rows.append((ahead - behind) / (2 * step.max()))
+    slopes = np.array(rows).T / 0.02
+    expected = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
+    np.testing.assert_allclose(HUNT_CROSSLEY.bound(Noise()), expected, rtol=1e-4)
+
+
+def test_a_threshold_below_the_noise_throws_information_away():
+    cells = ransac_map(
+        KELVIN_VOIGT, Noise(0.02), thresholds_n=(0.005, 0.08), subsets=(5,), trials=(100,), draws=15
+    )
+    narrow, wide = (cell.k_over_bound for cell in cells)
+    assert narrow > 3.0
+    assert wide < 1.7
+    assert all(cell.failed == 0.0 for cell in cells)
+
+
+def test_a_threshold_without_a_consensus_is_counted_as_failed():
+    (cell,) = ransac_map(KELVIN_VOIGT, Noise(0.02), thresholds_n=(1e-9,), subsets=(5,), trials=(10,), draws=3)
+    assert cell.failed == 1.0
+    assert np.isnan(cell.k_over_bound)
+
+
+def test_hunt_crossley_is_recovered_over_its_range():
+    laws = [ContactLaw(k, k, n, n) for k, n in ((500.0, 1.0), (5e3, 1.5), (1e5, 2.2))]
+    found = recover_hunt_crossley(laws, Noise(outliers=0.3), estimators=("robust_hunt_crossley",), draws=20)
+    for each in found:
+        assert np.all(each.over_bound < 1.8), each
+
+
+@pytest.mark.parametrize(("outliers", "most"), [(0.0, 1.35), (0.3, 1.6)])
+def test_the_robust_estimate_of_a_channel_is_near_the_bound_in_exponent_and_gains(outliers, most):
+    """Errors of 25 draws scatter by a seventh; 30 % of the samples lost cost 1.2."""
+    noise, errors = Noise(outliers=outliers), []
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        press = HUNT_CROSSLEY
+        data = channel(press.read(noise, rng), press.depth_m, press.speed_m_s, press.time_s)
+        found = estimate_channel(data, base_model("hunt_crossley"), ESTIMATORS["robust"](), rng=rng)
+        errors.append([parameter.value for parameter in found.parameters] - press.truth)
+    assert np.all(np.sqrt(np.mean(np.square(errors), axis=0)) < most * HUNT_CROSSLEY.bound(noise))

@@ -1,0 +1,46 @@
+"""A parameter at the end of its search has no value that the data say: it is marked wherever it is shown."""
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from estimation.effect import Parameter
+from estimation.study import Study
+from palpate.render.terminal import print_stages
+from palpate.study_view import result_view
+
+
+@pytest.mark.parametrize(
+    ("log", "value", "at_bound"),
+    [
+        (True, 1e-6, True),
+        (True, 1.0005e-6, True),
+        (True, 2e-6, False),
+        (True, 0.9999, True),
+        (False, 1e-6, True),
+        (False, 2e-3, False),
+        (False, 1.0, True),
+    ],
+)
+def test_the_ends_of_a_search(log, value, at_bound):
+    assert Parameter("p", "m", 1e-6, 1.0, (1e-3, 1e-1), log=log).at_bound(value) is at_bound
+
+
+def test_presliding_that_no_sample_resolves_is_marked_wherever_it_is_shown(capsys):
+    """Friction that turns round within one step of the position: its presliding runs to the least one."""
+    rng, t, runs = np.random.default_rng(0), np.arange(0, 2, 0.002), []
+    for run, speed in enumerate((4.0, 7.0, 9.0)):
+        x, v = 0.004 * (1 - np.cos(speed * t)), 0.004 * speed * np.sin(speed * t)
+        force = 2000 * x + 5 * v + 2 * np.sign(v) * (x > 1e-4) + rng.normal(0, 0.01, len(t))
+        runs.append({"time_s": t, "displacement_m": x, "force_N": force, "run": np.full(len(t), run)})
+    study = Study({name: np.concatenate([run[name] for run in runs]) for name in runs[0]})
+    change = study.add("dry_friction")
+    name = "dry_friction.presliding"
+    (kept,) = [one for one in change.revisions if one.added == "dry_friction"]
+    assert kept.parameters[name].at_bound
+    assert change.result.stages[-1].parameters[name].at_bound
+    print_stages(Console(width=120), result_view(change.result))
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if name in line]
+    assert "at its bound" in line
+    (line,) = [line for line in str(study.fit("contact", ["dry_friction"])).splitlines() if name in line]
+    assert "at its bound" in line

@@ -1,0 +1,50 @@
+"""Adaptive force control on the simulated arm: the law goes by what is estimated while the arm presses."""
+
+import numpy as np
+import pytest
+
+from control.laws.hold_laws import HOLD_LAWS
+from control.loop.phases import Phase
+from control.paths.excitation import Excitation
+from control.probing.plan import ProbingPlan
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import find_robot
+from robot_io.session import Session
+from sim_backend.scenario import load_scenario
+
+
+def held(tmp_path, law, online, stiffness_n_m=1500.0, damping_n_s_m=20.0, **plan):
+    """Ticks of the last run's hold."""
+    path = tmp_path / f"{len(list(tmp_path.iterdir()))}.mcap"
+    contact = {"name": "kelvin_voigt", "stiffness_n_m": stiffness_n_m, "damping_n_s_m": damping_n_s_m}
+    scenario = load_scenario({"object": {"law": contact}})
+    plan = ProbingPlan(speeds_m_s=(0.09,), hold_s=1.0, hold_law=law, **plan)
+    outcome = run_probing(ProbingJob(find_robot("follower"), path, plan, scenario=scenario, online=online))
+    outcome.raise_for_failure()
+    ticks = Session.open(path).samples("tick")
+    rows = ticks["phase"] == Phase.HOLD
+    return {name: ticks[name][rows] for name in ("force_n", "stiffness_n_m", "damping_n_s_m")}
+
+
+@pytest.mark.parametrize("law", list(HOLD_LAWS))
+@pytest.mark.parametrize("stiffness_n_m", [400.0, 4000.0])
+def test_every_law_holds_the_force_with_an_estimate_of_its_own(tmp_path, law, stiffness_n_m):
+    force_n = held(tmp_path, law, "rls", stiffness_n_m)["force_n"][-300:]
+    assert np.mean(force_n) == pytest.approx(10.0, abs=0.1)
+    assert np.std(force_n) < 0.06
+
+
+def test_excitation_makes_the_gradient_find_the_damping(tmp_path):
+    """Indirect adaptive control: without excitation the hold teaches it nothing more."""
+    ride = Excitation(amplitude_n=3.0, high_hz=8.0, duration_s=6.0)
+    law, online = "force_tracking_impedance", "indirect_adaptive"
+    still = held(tmp_path, law, online, damping_n_s_m=40.0)
+    excited = held(tmp_path, law, online, damping_n_s_m=40.0, excitation=ride)
+    assert abs(excited["damping_n_s_m"][-1] - 40.0) < 0.5 * abs(still["damping_n_s_m"][-1] - 40.0)
+    assert excited["stiffness_n_m"][-1] == pytest.approx(1500.0, rel=0.1)
+
+
+def test_a_force_is_held_with_a_model_reference_stiffness(tmp_path):
+    found = held(tmp_path, "constant_force", "model_reference", damping_n_s_m=0.0)
+    assert np.mean(found["force_n"][-300:]) == pytest.approx(10.0, abs=0.1)
+    assert found["stiffness_n_m"][-1] == pytest.approx(1500.0, rel=0.15)

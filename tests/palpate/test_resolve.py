@@ -1,0 +1,144 @@
+"""`palpate resolve`: the arm runs the experiment that separates what is left, and the study takes it in."""
+
+import json
+
+import numpy as np
+import pytest
+
+from control.probing.plan import ProbingPlan, load_probing_plan
+from palpate.next_plan import plan_text
+from palpate.resolving.designing import feasible, next_probe
+from palpate.resolving.experiments import candidates
+from palpate.resolving.resolve import DECISIONS, Budget, End, resolve
+from palpate.runs.hiding import open_answer
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import find_robot
+from palpate.study import Study
+from robot_io.errors import InputError
+from robot_io.session import Session
+from tests.palpate.cli import assert_refused, run
+
+QUICK = ProbingPlan(hold_s=0.3)
+SEED = 7206  # hides a dead band in joint 1, which a bias imitates as long as its torque keeps its sign
+
+
+@pytest.fixture(scope="module")
+def resolved(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("resolved")
+    told = []
+    job = ProbingJob(
+        find_robot("follower"), folder / "probe.mcap", QUICK, seed=SEED, hidden="deadband", online=None
+    )
+    return resolve(job, Budget(3, 120.0), "joint_1", told.append), told
+
+
+def test_what_the_first_probe_leaves_open_a_second_decides(resolved):
+    done, told = resolved
+    first, *_, last = done.decisions
+    assert first.left["joint_1"] == [["deadband", "bias"]]
+    assert first.next
+    assert last.left == {"joint_1": [["deadband"]]}
+    assert done.end is End.SEPARATED
+    assert told == list(done.decisions)
+
+
+def test_each_decision_is_logged_beside_its_session(resolved):
+    done, _ = resolved
+    logged = [json.loads(line) for line in (done.folder / DECISIONS).read_text().splitlines()]
+    assert logged == json.loads(json.dumps(done.as_data()["decisions"]))
+    assert [one["session"] for one in logged] == [str(path) for path in sorted(done.folder.glob("*.mcap"))]
+
+
+def test_all_sessions_hide_the_same_and_have_noise_of_their_own(resolved):
+    first, second = (Session.open(path) for path in sorted(resolved[0].folder.glob("*.mcap"))[:2])
+    assert open_answer(first).hidden == open_answer(second).hidden
+    assert open_answer(first).seed == open_answer(second).seed == SEED
+    assert first.metadata.seed != second.metadata.seed
+
+
+def test_a_folder_of_sessions_is_one_measurement(resolved):
+    folder = resolved[0].folder
+    apart = [Study(path, keep=False) for path in sorted(folder.glob("*.mcap"))]
+    together = Study(folder, keep=False)
+    for number, one in enumerate(together.channels):
+        parts = [study.channels[number] for study in apart]
+        assert len(one.data.runs) == sum(len(part.data.runs) for part in parts)
+        assert np.all(np.diff(one.data.time_s)[np.diff(one.data.run) == 0] > 0.0)
+        efforts = np.concatenate([part.data.effort[:200] for part in parts])
+        assert np.isin(efforts, one.data.effort).all()
+    load = together.channel("joint_1").data.context["contact_force"]
+    assert load.max() == pytest.approx(
+        max(s.channel("joint_1").data.context["contact_force"].max() for s in apart)
+    )
+
+
+def test_nothing_is_overwritten(resolved):
+    before = {path: path.read_bytes() for path in resolved[0].folder.glob("*.mcap")}
+    result = run("resolve", "--out", resolved[0].folder)
+    assert_refused(result, "holds sessions already")
+    assert {path: path.read_bytes() for path in resolved[0].folder.glob("*.mcap")} == before
+
+
+def test_sessions_of_different_arms_are_no_one_measurement(resolved, tmp_path):
+    for number, robot in enumerate(("follower", "leader")):
+        job = ProbingJob(find_robot(robot), tmp_path / f"{number}.mcap", QUICK, seed=1, online=None)
+        run_probing(job)
+    with pytest.raises(InputError, match="another arm"):
+        Study(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def probed(resolved):
+    return Study(sorted(resolved[0].folder.glob("*.mcap"))[0], keep=False)
+
+
+def test_a_rehearsed_plan_moves_the_arm_as_the_simulated_one_moved(probed):
+    (candidate, ticks), *_ = feasible(probed)
+    assert candidate.plan.speeds_m_s == QUICK.speeds_m_s
+    measured = Session.open(probed.source.path).samples("tick")
+    for name, tolerance in (("joint_position_rad", 0.002), ("force_n", 0.15)):
+        for pick in (np.max, np.min):
+            wanted = pick(measured[name], axis=0)
+            assert pick(ticks[name], axis=0) == pytest.approx(wanted, abs=tolerance)
+
+
+def test_what_the_arm_cannot_do_is_not_offered(probed):
+    robot = find_robot("follower")
+    offered = {candidate.words for candidate, _ in feasible(probed)}
+    assert offered < {candidate.words for candidate in candidates(QUICK, robot)}
+    strongest = max(candidate.plan.force_limit_n for candidate in candidates(QUICK, robot))
+    assert strongest < robot.limits.force_n
+
+
+def test_an_experiment_that_takes_longer_than_is_left_is_not_chosen(probed):
+    found = probed.diagnose("joint_1").channels
+    free = next_probe(probed, found)
+    assert free is not None
+    within = next_probe(probed, found, longest_s=0.9 * free.choice.experiment.duration_s)
+    assert within is None or within.choice.experiment.duration_s < free.choice.experiment.duration_s
+
+
+def test_a_diagnosis_proposes_the_plan_that_resolve_would_run(probed, tmp_path):
+    following = next_probe(probed, probed.diagnose("joint_1").channels)
+    assert set(following.proposal.separates) == {"deadband", "bias"}
+    (tmp_path / "next.yaml").write_text(plan_text(following.proposal, following.plan))
+    assert load_probing_plan(tmp_path / "next.yaml") == following.plan
+
+
+def test_without_budget_the_first_probe_is_the_last(tmp_path):
+    result = run(
+        *("resolve", "--hidden", "deadband", "--seed", SEED, "--channel", "joint_1", "--probes", 1),
+        *("--out", tmp_path / "r", "--json"),
+    )
+    assert result.exit_code == 0, result.stderr
+    said = json.loads(result.stdout)
+    assert (said["end"], said["probes"]) == ("probes", 1)
+    assert "budget" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "options", [("--probes", 0), ("--seconds", -1), ("--experiment", "none.yaml"), ("--channel", "nope")]
+)
+def test_a_bad_option_is_refused_before_anything_moves(tmp_path, options):
+    assert_refused(run("resolve", *options, "--out", tmp_path / "r"), str(options[0]).strip("-"))
+    assert not (tmp_path / "r").exists()
