@@ -1,12 +1,13 @@
 """Hides effects in made-up sessions and counts how often the diagnosis is right.
 
     python benchmarks/hidden_effects.py [--quick | --small | --sample N] [--kind contact|revolute] [--seed 0]
-                                        [--ways] [--out FILE]
+                                        [--ways] [--out FILE] [--results FOLDER] [--scheduler ADDRESS]
     python benchmarks/hidden_effects.py --simulated [--quick] [--seed 0]
 
-Two processes by default (--processes). `--ways` adds sessions read through an arm's encoders, of stiff
-objects, with coarse steps, without velocities and of other controllers, in rows of their own. `--out` writes
-JSON lines.
+Sessions are cases of a sweep (docs/studies.md): two processes by default, or a scheduler's workers; with
+`--results` a killed benchmark goes on where it was. `--ways` adds sessions read through an arm's encoders, of
+stiff objects, with coarse steps, without velocities and of other controllers, in rows of their own. `--out`
+writes JSON lines.
 
 The sessions come from `synthetic/`, which shares no code with the effects that find them. Strength is the RMS
 of what the base model cannot mimic over the noise; cells that an effect cannot reach are left out. With
@@ -14,44 +15,48 @@ of what the base model cannot mimic over the noise; cells that an effect cannot 
 """
 
 import argparse
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
-from rich.progress import track
-from simulated.probing import drawable, probe
-from synthetic.grid import BASE, FULL, QUICK, SMALL, jobs, other_ways, run
+from simulated.probing import drawable
+from synthetic.grid import BASE, FULL, QUICK, SMALL, Outcome, case_of, jobs, other_ways
 from synthetic.tally import report, share
-from threadpoolctl import threadpool_limits
 
 from estimation.channel import ChannelKind
+from palpate.render.progress import sweep_progress
+from palpate.sweep import Case, Cluster, ResultStore, run_cases
 
 
 def run_simulated(options: argparse.Namespace) -> None:
     """Probe the simulated arm with each effect hidden once, and a few times with nothing."""
     shown = drawable()[::5] if options.quick else drawable()
     hidden = ["" for _ in range(2 if options.quick else 10)] + shown
-    with TemporaryDirectory() as folder, _pool(options.processes) as pool:
-        tasks = [
-            pool.submit(probe, effect, options.seed + number, Path(folder))
-            for number, effect in enumerate(hidden)
-        ]
-        probed = []
-        for task in tasks:
-            probed.append(task.result())
-            one = probed[-1]
-            print(
-                f"{'right' if one.is_right else 'WRONG'} | {one.hidden or 'nothing'} | {one.told}", flush=True
-            )
-    print(f"nothing hidden: right {share([one.is_right for one in probed if not one.effect])}")
-    print(f"one effect hidden: right {share([one.is_right for one in probed if one.effect])}")
+    cases = [
+        Case("simulated.probing:work", {"effect": effect}, options.seed + number)
+        for number, effect in enumerate(hidden)
+    ]
+    probed = worked_out(cases, options)
+    for one in probed:
+        print(f"{'right' if one['is_right'] else 'WRONG'} | {one['hidden'] or 'nothing'} | {one['told']}")
+    print(f"nothing hidden: right {share([one['is_right'] for one in probed if not one['effect']])}")
+    print(f"one effect hidden: right {share([one['is_right'] for one in probed if one['effect']])}")
 
 
-def _pool(processes: int) -> ProcessPoolExecutor:
-    spawn = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(processes, spawn, initializer=threadpool_limits, initargs=(1,))
+def worked_out(cases: list[Case], options: argparse.Namespace) -> list[dict[str, Any]]:
+    """Rows of all cases; those that are in the folder of results already are not repeated."""
+    with ExitStack() as stack:
+        folder = options.results or Path(stack.enter_context(TemporaryDirectory()))
+        store = ResultStore(folder)
+        progress = stack.enter_context(sweep_progress())
+        run_cases(cases, store, Cluster(options.scheduler, options.processes), progress)
+        rows = store.rows([case.address for case in cases])
+    for row in rows:
+        if row["error"]:
+            raise SystemExit(row["error"])
+    return rows
 
 
 def main() -> None:
@@ -68,6 +73,8 @@ def main() -> None:
     parser.add_argument("--ways", action="store_true", help="other motions and readings as well")
     parser.add_argument("--out", type=Path, help="JSON lines, one a session")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--results", type=Path, help="folder of results, to go on from; default: a new one")
+    parser.add_argument("--scheduler", help="address of a dask scheduler, whose workers see that folder")
     options = parser.parse_args()
     if options.simulated:
         run_simulated(options)
@@ -83,9 +90,8 @@ def main() -> None:
             grid = grid[: options.sample]
         if options.ways:
             grid += other_ways(kind, size, options.seed)
-        with _pool(options.processes) as pool:
-            found = track(pool.map(run, grid, chunksize=1), "diagnosing", total=len(grid))
-            outcomes = [outcome for outcome in found if outcome is not None]
+        rows = worked_out([case_of(job) for job in grid], options)
+        outcomes = [Outcome.from_row(row) for row in rows if row["outcome"]]
         report(outcomes)
         written += [outcome.record() for outcome in outcomes]
     if options.out:

@@ -2,8 +2,9 @@
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from synthetic.scene import Scene, make, names
@@ -14,6 +15,7 @@ from estimation.channel import ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, diagnose
 from estimation.diagnosis.candidates import library
 from estimation.models import MODELS
+from palpate.sweep import Case
 
 BASE = {ChannelKind.CONTACT: "kelvin_voigt", ChannelKind.REVOLUTE: "pendulum"}
 # Laws of the library that contain a hidden one, exactly and at any motion, beside the base models used here.
@@ -65,10 +67,18 @@ class Outcome:
     truth: dict[str, float]
     floor: float
 
+    @classmethod
+    def from_row(cls, row: Mapping[str, Any]) -> "Outcome":
+        """The outcome that `work` put into a row."""
+        kept = json.loads(row["outcome"])
+        scene = kept["scene"] | {"kind": ChannelKind(kept["scene"]["kind"])}
+        job = Job(kept["part"], Scene(**scene), tuple(kept["without"]))
+        found = ChannelDiagnosis.model_validate(kept["found"])
+        return cls(job, found, row["seconds"], kept["truth"], kept["floor"])
+
     def record(self) -> str:
         """One line of JSON, by which two engines can be compared."""
-        scene = {**asdict(self.job.scene), "kind": self.job.scene.kind.value}
-        job = {"part": self.job.part, "scene": scene, "without": self.job.without}
+        job = _plain(self.job)
         found = self.found.model_dump(mode="json", exclude={"ranking", "next_experiment"})
         rest = {"seconds": self.seconds, "truth": self.truth, "floor": self.floor}
         return json.dumps({"job": job, "found": found} | rest)
@@ -84,6 +94,27 @@ def run(job: Job) -> Outcome | None:
     effects = [effect for effect in library() if effect.name not in job.without]
     found = diagnose(made.data, model, effects, rng=np.random.default_rng(job.scene.seed)).channels[0]
     return Outcome(job, found, time.process_time() - started, made.truth, made.floor)
+
+
+def case_of(job: Job) -> Case:
+    """The job as a case of a sweep."""
+    return Case("synthetic.grid:work", {"job": _plain(job)}, job.scene.seed)
+
+
+def work(parameters: Mapping[str, Any], seed: int) -> list[dict[str, str]]:
+    """One row with the outcome of a job; with an empty one where the effect cannot be made that strong."""
+    kept = parameters["job"]
+    scene = Scene(**kept["scene"] | {"kind": ChannelKind(kept["scene"]["kind"])})
+    outcome = run(Job(kept["part"], scene, tuple(kept["without"])))
+    if outcome is None:
+        return [{"outcome": ""}]
+    found = outcome.found.model_dump(mode="json")
+    return [{"outcome": json.dumps(kept | {"found": found, "truth": outcome.truth, "floor": outcome.floor})}]
+
+
+def _plain(job: Job) -> dict[str, Any]:
+    scene = asdict(job.scene) | {"kind": job.scene.kind.value}
+    return {"part": job.part, "scene": scene, "without": list(job.without)}
 
 
 @dataclass(frozen=True)

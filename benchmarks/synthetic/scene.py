@@ -99,7 +99,8 @@ def make(scene: Scene) -> Made | None:
     before = effort({name: size for name, size in sizes.items() if name not in FAULTS})
     scale, largest = float(np.sqrt(np.mean(before**2))), float(np.max(np.abs(before)))
     for name, size in sizes.items():
-        truth |= of_effect(name, Facts(size, shape[name], k, c, scale, largest, motion.time_s[-1]))
+        facts = Facts(scene.kind, size, shape[name], k, c, scale, largest, motion.time_s[-1])
+        truth |= of_effect(name, facts)
     data = _channel(scene, motion, clean, sizes, rng, seen_x)
     floor = float(np.sqrt(np.mean((data.effort - clean) ** 2)))
     if DRY & sizes.keys():

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from synthetic import joint
 
+from estimation.channel import ChannelKind
+
 
 @dataclass(frozen=True)
 class Facts:
     """What a parameter may follow from: size and shape of the effect, the object, the noiseless effort."""
 
+    kind: ChannelKind
     size: float
     shape: float
     k: float
@@ -49,7 +52,9 @@ def _bias(f: Facts) -> dict[str, float]:
 
 TRUTH: Mapping[str, Callable[[Facts], dict[str, float]]] = {
     "hunt_crossley": _hunt_crossley,
-    "cubic_stiffness": lambda f: {"k3": 10.0 * f.size / f.depth**3},
+    "cubic_stiffness": lambda f: {
+        "k3": f.size if f.kind is not ChannelKind.CONTACT else 10.0 * f.size / f.depth**3
+    },
     "layered_stiffness": lambda f: {"k2": f.k * f.size, "depth": f.depth * (0.3 + 0.3 * f.shape)},
     "stress_relaxation": _relaxation,
     "quadratic_damping": lambda f: {"c2": 500.0 * f.size},

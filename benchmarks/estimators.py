@@ -1,0 +1,247 @@
+"""Every estimator beside those of well-known libraries: error over the Cramer-Rao bound, and time per call.
+
+    OMP_NUM_THREADS=1 python benchmarks/estimators.py [--draws 100] [--only robust,robust_hunt_crossley]
+
+Error: root mean square over the bound, of k / c (Kelvin-Voigt) or k / b / n (Hunt-Crossley), same noise for
+all. Time: processor time of one call with 4000 samples, median; of recursive ones per sample, with all that
+comes after them, such as standard errors. The bound is that of clean samples also where there are outliers:
+without 30 % of the samples nobody can be nearer to it than 1.2.
+"""
+
+import argparse
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import numpy as np
+import statsmodels.api as sm
+from filterpy.kalman import KalmanFilter
+from scipy.optimize import least_squares
+from sklearn.linear_model import HuberRegressor, LinearRegression, RANSACRegressor, TheilSenRegressor
+
+from estimation.accuracy import Noise, Press, ransac_map, recover_hunt_crossley
+from estimation.contact_estimator import ContactLaw, OnlineContactLaw
+from estimation.contact_estimators import CONTACT_ESTIMATORS
+from estimation.estimator import OnlineEstimator
+from estimation.estimators import ESTIMATORS
+from estimation.estimators.sprls import Sprls
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+KELVIN_VOIGT = Press(ContactLaw(500.0, 20.0))
+HUNT_CROSSLEY = Press(ContactLaw(2000.0, 1500.0, 1.3, 1.3))
+NOISES = {
+    "even 0.02 N": Noise(),
+    "2 % of force": Noise(0.005, 0.02),
+    "10 % of force": Noise(0.005, 0.1),
+    "30 % outliers": Noise(outliers=0.3),
+    "2 %, 30 % outl.": Noise(0.005, 0.02, 0.3),
+}
+SLOW_DRAWS = 5  # for what takes a tenth of a second
+CHANGE, RUN = 3000, 4000  # sample of the change of stiffness, and samples in all
+
+Method = Callable[[Press, FloatArray, int], FloatArray]
+
+
+def linear(name: str, press: Press, force_n: FloatArray, seed: int) -> FloatArray:
+    """One of palpate's linear estimators."""
+    found = ESTIMATORS[name]().fit(press.regression(force_n), rng=np.random.default_rng(seed))
+    return np.array([parameter.value for parameter in found.parameters])
+
+
+def contact(name: str, press: Press, force_n: FloatArray, seed: int) -> FloatArray:
+    """One of palpate's estimators of contact laws."""
+    rng = np.random.default_rng(seed)
+    law = CONTACT_ESTIMATORS[name]().fit(press.depth_m, press.speed_m_s, force_n, rng=rng)
+    return np.array([law.stiffness, law.damping, law.exponent])[: len(press.truth)]
+
+
+def scikit(make: Callable[[int], object], press: Press, force_n: FloatArray, seed: int) -> FloatArray:
+    """A regressor of scikit-learn, on columns of like size."""
+    columns = press.regression(force_n).columns
+    sizes = np.sqrt(np.mean(columns**2, axis=0))
+    model = make(seed).fit(columns / sizes, force_n)
+    return np.asarray(getattr(model, "estimator_", model).coef_) / sizes
+
+
+def cauchy(press: Press, force_n: FloatArray, _seed: int) -> FloatArray:
+    """Scipy's least_squares with Cauchy's loss at the true noise; in logarithms for Hunt-Crossley."""
+    columns = press.regression(force_n).columns
+    depth, speed = columns.T
+    if len(press.truth) == 2:
+        sizes = np.sqrt(np.mean(columns**2, axis=0))
+        start = np.linalg.lstsq(columns / sizes, force_n, rcond=None)[0]
+        left = lambda q: columns / sizes @ q - force_n  # noqa: E731
+        return np.asarray(least_squares(left, start, loss="cauchy", f_scale=0.05).x / sizes)
+    power = lambda q: np.exp(q[0] + q[2] * np.log(depth / 0.006)) * (1 + q[1] * speed) - force_n  # noqa: E731
+    log_k, ratio, n = least_squares(power, [np.log(2.0), 0.5, 1.5], loss="cauchy", f_scale=0.05).x
+    k = np.exp(log_k) / 0.006**n
+    return np.array([k, ratio * k, n])
+
+
+def rlm(press: Press, force_n: FloatArray, _seed: int) -> FloatArray:
+    """Statsmodels' robust linear model with the biweight."""
+    return np.asarray(
+        sm.RLM(force_n, press.regression(force_n).columns, M=sm.robust.norms.TukeyBiweight()).fit().params
+    )
+
+
+def filterpy_kalman(press: Press, force_n: FloatArray, _seed: int) -> FloatArray:
+    """Filterpy's Kalman filter as recursive least squares."""
+    columns = press.regression(force_n).columns
+    kalman = KalmanFilter(dim_x=2, dim_z=1)
+    kalman.P *= 1e8
+    for row, force in zip(columns, force_n, strict=True):
+        kalman.update(force, R=1.0, H=row[None, :])
+    return np.asarray(kalman.x[:, 0])
+
+
+OTHERS: Mapping[str, Method] = {
+    "sklearn RANSACRegressor": partial(
+        scikit,
+        lambda seed: RANSACRegressor(
+            LinearRegression(fit_intercept=False), min_samples=5, residual_threshold=0.06, random_state=seed
+        ),
+    ),
+    "sklearn HuberRegressor": partial(scikit, lambda _: HuberRegressor(fit_intercept=False, alpha=0.0)),
+    "sklearn TheilSenRegressor": partial(
+        scikit, lambda seed: TheilSenRegressor(fit_intercept=False, random_state=seed, max_subpopulation=2000)
+    ),
+    "scipy cauchy": cauchy,
+    "statsmodels RLM": rlm,
+    "filterpy KalmanFilter": filterpy_kalman,
+}
+SLOW = ("sklearn TheilSenRegressor", "filterpy KalmanFilter")
+
+
+def errors(method: Method, press: Press, noise: Noise, draws: int) -> tuple[FloatArray, float]:
+    """Root mean square error over the bound, and the median time of a call [s]."""
+    off, times = [], []
+    for seed in range(draws):
+        force_n = press.read(noise, np.random.default_rng(seed))
+        begun = time.process_time()
+        try:
+            off.append(method(press, force_n, seed) - press.truth)
+        except InputError:
+            continue
+        times.append(time.process_time() - begun)
+    if not off:
+        return np.full(len(press.truth), np.nan), float("nan")
+    return np.sqrt(np.mean(np.square(off), axis=0)) / press.bound(noise), float(np.median(times))
+
+
+def table(title: str, press: Press, methods: Mapping[str, Method], draws: int) -> None:
+    """Print one line a method."""
+    print(f"\n{title}, {press.count} samples, {draws} draws; error over the Cramer-Rao bound\n")
+    print(f"{'':26s}" + "".join(f"{name:>20s}" for name in NOISES) + f"{'time':>10s}")
+    for name, method in methods.items():
+        online = name in ESTIMATORS and issubclass(ESTIMATORS[name], OnlineEstimator)
+        online |= name in CONTACT_ESTIMATORS and issubclass(CONTACT_ESTIMATORS[name], OnlineContactLaw)
+        few = min(draws, SLOW_DRAWS) if online or name in SLOW else draws
+        cells, seconds = [], []
+        for noise in NOISES.values():
+            over, taken = errors(method, press, noise, few)
+            cells.append(" / ".join(f"{value:.3g}" for value in over))
+            seconds.append(taken)
+        per = "us" if online else "ms"
+        taken = float(np.nanmedian(seconds)) * (1e6 / press.count if online else 1e3)
+        print(f"{name:26s}" + "".join(f"{cell:>20s}" for cell in cells) + f"{taken:7.2f} {per}")
+
+
+def step_study() -> None:
+    """Online: scatter of k at rest and time to follow a step from 500 to 1000 N/m, noise of 10 % and 2 %."""
+    t = np.arange(RUN) * 1e-3
+    depth = 0.008 + 0.004 * np.sin(10 * np.pi * t) + 0.0025 * np.sin(16 * np.pi * t + 1)
+    rows = np.column_stack([depth, np.gradient(depth, 1e-3)])
+    force_n = np.where(np.arange(RUN) < CHANGE, 500.0, 1000.0) * depth + 20.0 * rows[:, 1]
+    print(
+        "\nOnline, motion of 5 and 8 Hz: variance of k at rest over SPRLS's, and ms until k stays within 5 %"
+    )
+    print(f"{'':26s}{'10 % of force':>20s}{'2 % of force':>20s}{'an update':>16s}")
+    for name in [name for name in ESTIMATORS if issubclass(ESTIMATORS[name], OnlineEstimator)]:
+        cells, updates = [], []
+        for share in (0.1, 0.02):
+            ratios, late = [], []
+            for seed in range(SLOW_DRAWS):
+                noise_n = np.hypot(0.005, share * force_n) * np.random.default_rng(seed).standard_normal(RUN)
+                found, taken = follow(ESTIMATORS[name](), rows, force_n + noise_n)
+                sprls, _ = follow(Sprls(), rows, force_n + noise_n)
+                ratios.append(np.var(found[1500:CHANGE]) / np.var(sprls[1500:CHANGE]))
+                beyond = np.flatnonzero(np.abs(found[CHANGE:] - 1000.0) > 50.0)
+                late.append(int(beyond[-1]) + 1 if len(beyond) else 0)
+                updates.append(taken)
+            ms = f"{np.median(late):.0f}" if np.median(late) < RUN - CHANGE else "never"
+            cells.append(f"{np.mean(ratios):.3g}, {ms}")
+        print(f"{name:26s}{cells[0]:>20s}{cells[1]:>20s}{1e6 * np.median(updates):13.2f} us")
+
+
+def follow(estimator: OnlineEstimator, rows: FloatArray, force_n: FloatArray) -> tuple[FloatArray, float]:
+    """Stiffness after each sample, and the mean processor time of an update [s]."""
+    estimator.start(rows.shape[1])
+    begun = time.process_time()
+    gains = [estimator.update(row, force)[0] for row, force in zip(rows, force_n.tolist(), strict=True)]
+    return np.array(gains), (time.process_time() - begun) / len(gains)
+
+
+def future_work(draws: int) -> None:
+    """The map of RANSAC's settings, and Hunt-Crossley over its range."""
+    print("\nRANSAC's settings, Kelvin-Voigt, noise 0.02 N and 30 % outliers: error over the bound, k / c\n")
+    cells = ransac_map(
+        KELVIN_VOIGT,
+        NOISES["30 % outliers"],
+        thresholds_n=(0.005, 0.01, 0.02, 0.04, 0.06, 0.1, 0.2, 0.5),
+        subsets=(2, 5, 10),
+        trials=(30, 300),
+        draws=max(5, draws // 5),
+    )
+    for cell in cells:
+        print(
+            f"threshold {cell.threshold_n:5.3f} N, subset {cell.subset:2d}, {cell.trials:4d} trials: "
+            f"{cell.k_over_bound:6.2f} / {cell.c_over_bound:6.2f}, failed {100 * cell.failed:.0f} %"
+        )
+    print(
+        "\nHunt-Crossley over its range, noise 0.02 N and 30 % outliers: error of k / b / n over the bound\n"
+    )
+    laws = [
+        ContactLaw(k, ratio * k, n, n)
+        for n, k in ((1.0, 500.0), (1.5, 5e3), (2.0, 5e4))
+        for ratio in (0.2, 2.0)
+    ]
+    names = ("robust_hunt_crossley", "log_linear_ewrls")
+    for each in recover_hunt_crossley(
+        laws, NOISES["30 % outliers"], estimators=names, draws=max(5, draws // 5)
+    ):
+        k, b, n = each.over_bound
+        law = f"k {each.law.stiffness:g}, b {each.law.damping:g}, n {each.law.exponent:g}"
+        print(f"{law:28s} {each.estimator:22s} {k:8.2f} / {b:8.2f} / {n:8.2f}")
+
+
+def main() -> None:
+    """Print all tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--draws", type=int, default=100, help="of each noise")
+    parser.add_argument("--only", help="two tables with these methods alone, with commas between them")
+    chosen = parser.parse_args()
+    draws, only = chosen.draws, chosen.only.split(",") if chosen.only else None
+    own = {name: partial(linear, name) for name in ESTIMATORS}
+    flat: Mapping[str, Method] = own | OTHERS
+    curved = {
+        name: partial(contact, name)
+        for name, each in CONTACT_ESTIMATORS.items()
+        if each.model == "hunt_crossley"
+    }
+    curved |= {"scipy cauchy": cauchy}
+    for title, press, methods in (
+        ("Kelvin-Voigt", KELVIN_VOIGT, flat),
+        ("Hunt-Crossley", HUNT_CROSSLEY, curved),
+    ):
+        table(title, press, {name: methods[name] for name in methods if not only or name in only}, draws)
+    if not only:
+        step_study()
+        future_work(draws)
+
+
+if __name__ == "__main__":
+    main()

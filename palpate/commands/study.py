@@ -1,0 +1,189 @@
+"""`palpate study`: probe many simulated objects, such as the paper's, with every estimator."""
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from palpate import console
+from palpate.files import existing_file, output_folder
+from palpate.render.progress import sweep_progress
+from palpate.words import count, duration, shown, typed
+from robot_io.errors import InputError, PalpateError
+
+PAPER = "paper"
+RESULTS = "results"
+STUDIES = Path("studies")
+_SAMPLE = 4  # cases that tell what a case costs
+
+
+def command(
+    what: Annotated[
+        str, typer.Argument(help="paper, or a YAML file with a grid of one's own.", metavar="paper|FILE")
+    ],
+    *,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder to write into; what is there is gone on from.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes on this machine; by default one a core.", min=1, max=1000)
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Run on the workers of this dask scheduler.", metavar="ADDRESS")
+    ] = None,
+    limit: Annotated[
+        int | None, typer.Option(help="Run only so many of the cases, the first ones.", min=1)
+    ] = None,
+    plan: Annotated[
+        bool,
+        typer.Option(
+            "--plan", help="Say what is left to do and how long it takes; runs a few cases if none is done."
+        ),
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+) -> None:
+    """Probe many simulated objects, estimate with every method, and write figures, tables and a page.
+
+    Stopped or killed, the same command goes on: no finished case is repeated.
+
+    palpate study paper --out paper
+
+    palpate study mine.yaml --workers 2
+
+    palpate study mine.yaml --plan
+
+    palpate study mine.yaml --scheduler tcp://10.0.0.5:8786 --out /shared/mine
+    """
+    from palpate.sweep import Cluster, ResultStore, run_cases  # noqa: PLC0415, its libraries take a second
+
+    parts, grid, title = _cases(what)
+    folder = _folder(out or STUDIES / title)
+    store = ResultStore(folder / RESULTS)
+    cases = [case for part in parts.values() for case in part]
+    chosen = cases[: _SAMPLE if plan and not store.finished() else 0 if plan else limit]
+    cluster = Cluster(scheduler, workers)
+    with sweep_progress() as progress:
+        report = run_cases(chosen, store, cluster, progress)
+    rows = {name: store.rows([case.address for case in part]) for name, part in parts.items()}
+    seconds = _seconds_per_case(rows)
+    done = sum(len(of_part) for of_part in seconds.values())
+    if plan:
+        _print_plan(parts, seconds, workers, as_json)
+        return
+    cost = sum(map(sum, seconds.values()))
+    facts = {
+        "cases": f"{done} of {len(cases)}",
+        "processor time": f"{duration(cost)}, {cost / max(done, 1):.2f} s a case",
+        "command": f"palpate study {PAPER if grid is None else typed(Path(what))}",
+    }
+    page = None
+    if done == len(cases) or grid is not None:
+        page = _write(folder, title, grid, rows, facts)
+    outcome: dict[str, Any] = {
+        "what": PAPER if grid is None else typed(Path(what)),
+        "folder": str(folder),
+        "page": str(page) if page else None,
+        "cases": len(cases),
+        "finished": done,
+    }
+    outcome |= {"finished_now": report.finished_now, "wall_s": report.wall_s, "cpu_s": cost}
+    outcome |= {"errors": sum(bool(row["error"]) for part in rows.values() for row in part)}
+    if as_json:
+        console.print_json(outcome)
+    else:
+        _print(outcome, page, report.finished_before)
+    if report.failures:
+        raise PalpateError(f"{count(len(report.failures), 'case')} without a result: {report.failures[0]}")
+
+
+def _cases(what: str) -> tuple[Mapping[str, Sequence[Any]], Any, str]:
+    """Cases part by part, the grid they come from (None of the paper), and what to call them."""
+    if what == PAPER:
+        from palpate.sweep.paper import paper_cases  # noqa: PLC0415, as above
+
+        return paper_cases(), None, PAPER
+    from palpate.sweep.grid import load_grid  # noqa: PLC0415, as above
+
+    if not Path(what).suffix and not Path(what).exists():
+        raise InputError(f"study '{what}': valid are {PAPER}, or a YAML file with a grid")
+    path = existing_file(Path(what), "study")
+    grid = load_grid(path)
+    return {"grid": list(grid.cases())}, grid, path.stem
+
+
+def _folder(folder: Path) -> Path:
+    """The folder, which must be empty or hold a sweep, so that nobody's files are replaced."""
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / RESULTS).is_dir():
+        raise InputError(f"output folder {folder}: holds other files; choose another")
+    return output_folder(folder)
+
+
+def _write(folder: Path, title: str, grid: Any, rows: Mapping[str, Any], facts: Mapping[str, str]) -> Path:  # noqa: ANN401
+    if grid is None:
+        from palpate.sweep.paper import write_paper  # noqa: PLC0415, matplotlib takes a second
+
+        return write_paper(folder, rows, facts)
+    from palpate.sweep.report import write_grid  # noqa: PLC0415, as above
+
+    return write_grid(folder, title, grid, rows["grid"], facts)
+
+
+def _seconds_per_case(rows: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, list[float]]:
+    """Processor time of each case that is done, part by part [s]."""
+    return {name: [row["seconds"] for row in of_part if row["first"]] for name, of_part in rows.items()}
+
+
+def _print_plan(
+    parts: Mapping[str, Sequence[Any]],
+    seconds: Mapping[str, Sequence[float]],
+    workers: int | None,
+    as_json: bool,
+) -> None:
+    processes = workers or os.cpu_count() or 1
+    known = {name: sum(own) / len(own) for name, own in seconds.items() if own}
+    fallback = max(known.values())
+    left_s = sum((len(part) - len(seconds[name])) * known.get(name, fallback) for name, part in parts.items())
+    total = sum(map(len, parts.values()))
+    done = sum(map(len, seconds.values()))
+    data = {
+        "cases": total,
+        "finished": done,
+        "cpu_s_per_case": known,
+        "left_cpu_s": left_s,
+        "workers": processes,
+        "left_wall_s": left_s / processes,
+    }
+    if as_json:
+        console.print_json(data)
+        return
+    out = console.stdout()
+    each = ", ".join(f"{name} {cost:.2f} s" for name, cost in known.items())
+    out.print(f"{count(total, 'case')}, {done} done; measured cost of a case: {each}")
+    out.print(
+        f"left: {duration(left_s)} of processor time, {duration(left_s / processes)} on "
+        f"{count(processes, 'worker')}"
+    )
+
+
+def _print(outcome: Mapping[str, Any], page: Path | None, before: int) -> None:
+    out = console.stdout()
+    done, total = outcome["finished"], outcome["cases"]
+    already = f", {before} were there already" if before else ""
+    out.print(
+        f"{done} of {total} cases done: {outcome['finished_now']} in {duration(outcome['wall_s'])}{already}"
+    )
+    if outcome["errors"]:
+        out.print(
+            f"[yellow]{count(outcome['errors'], 'case')} could not be worked out[/yellow]; see the page"
+        )
+    if page is not None:
+        text = f"written: [bold]{shown(page)}[/bold], with figures, tables and results beside it"
+        out.print(text, soft_wrap=True)
+    if done < total:
+        again = f"palpate study {outcome['what']} --out {typed(Path(outcome['folder']))}"
+        rest = "and write the page" if page is None else "and write the page anew"
+        console.next_steps(
+            (again, f"run the cases that are left, {rest}"), (f"{again} --plan", "how long they take")
+        )

@@ -1,0 +1,10 @@
+"""Many cases of one kind, spread over cores and machines, each result kept at its content address.
+
+A sweep is what `palpate study` runs. It is not a `Study`: that is one measurement with its models.
+"""
+
+from palpate.sweep.case import Case
+from palpate.sweep.runner import Cluster, run_cases
+from palpate.sweep.store import ResultStore
+
+__all__ = ["Case", "Cluster", "ResultStore", "run_cases"]

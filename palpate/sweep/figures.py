@@ -1,0 +1,386 @@
+"""The figures of a sweep, as a journal prints them: one or two columns wide, every axis with its unit."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+
+from control.loop.phases import Phase
+from palpate.render.palette import BASE, FLOOR, JOINTS, MEASURED, MODEL, TRUTH
+from palpate.sweep.case import Row
+from palpate.sweep.summary import BOUND, column, errors_of, estimated, grouped, parameters_of
+from robot_io.types import FloatArray
+
+ONE_COLUMN_IN, TWO_COLUMNS_IN = 3.5, 7.16
+SPEEDS = ("#b23a5c", "#de7a26", "#2b7a92")  # from fast to slow
+K, C = "stiffness.k", "damping.c"
+PAPER = "#5f6b78"
+_PRESSED = (Phase.APPROACH, Phase.LOADING, Phase.HOLD)
+_STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["Liberation Sans", "Arial", "DejaVu Sans"],
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "grid.color": "#e4e8ec",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.2,
+    "legend.frameon": False,
+    "legend.fontsize": 7,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "palpate",
+    "savefig.dpi": 220,
+    "figure.constrained_layout.use": True,
+}
+_KNOWN = {
+    "lsq": MEASURED,
+    "ransac": MODEL,
+    "robust": FLOOR,
+    "weighted": "#9a6fc4",
+    "rls": "#5aa7b5",
+    "ewrls": "#a08a2e",
+}
+
+
+class Drawing:
+    """A figure with its file name; drawn when it is wanted, in the house's style."""
+
+    def __init__(self, name: str, draw: Callable[[], Figure]) -> None:
+        self.name = name
+        self._draw = draw
+
+    def figure(self) -> Figure:
+        """Draw it."""
+        with mpl.rc_context(_STYLE):
+            return self._draw()
+
+    def save(self, figure: Figure, path: str) -> None:
+        """Write it, PNG or SVG by the ending; OSError if it cannot be written."""
+        with mpl.rc_context(_STYLE):
+            figure.savefig(path, metadata={"Date": None} if path.endswith("svg") else None)
+
+
+def torques(ticks: Sequence[Row]) -> Drawing:
+    """Figure 3a: commanded and measured torque of each joint over the first run."""
+
+    def draw() -> Figure:
+        own = [row for row in ticks if row["run"] == 0]
+        time_s = column(own, "time_s")
+        time_s -= time_s[0]
+        figure, all_axes = _panels(3, 1, TWO_COLUMNS_IN, 3.6, sharex=True)
+        for joint, axes in enumerate(all_axes, 1):
+            _shade_contact(axes, own, time_s)
+            for what, style in (("measured", {"color": JOINTS[joint - 1], "lw": 2.4, "alpha": 0.55}),
+                                ("commanded", {"color": "#1d2733", "lw": 0.7})):  # fmt: skip
+                axes.plot(time_s, column(own, f"torque_{what}_{joint}_nm"), label=what, **style)
+            axes.set_ylabel(f"joint {joint} [N m]")
+            _room(axes, least=0.5)
+        all_axes[0].legend(loc="upper right", ncols=2)
+        all_axes[-1].set_xlabel("time [s]; shaded: in contact")
+        return figure
+
+    return Drawing("fig3a_torque", draw)
+
+
+def transition(ticks: Sequence[Row]) -> Drawing:
+    """Figure 3b: how the torques change where the tip meets the object, at the middle speed."""
+
+    def draw() -> Figure:
+        own = [row for row in ticks if row["run"] == 1]
+        touch = next(i for i, row in enumerate(own) if row["phase"] == Phase.LOADING)
+        own = own[touch - 60 : touch + 200]
+        time_ms = 1e3 * (column(own, "time_s") - own[60]["time_s"])
+        figure, (above, below) = _panels(2, 1, ONE_COLUMN_IN, 3.4, sharex=True)
+        for joint in (1, 2, 3):
+            torque = column(own, f"torque_commanded_{joint}_nm")
+            above.plot(time_ms, torque - torque[:40].mean(), color=JOINTS[joint - 1], label=f"joint {joint}")
+        above.set_ylabel("change of torque [N m]")
+        above.legend(loc="center right", bbox_to_anchor=(1.0, 0.38))
+        below.plot(time_ms, column(own, "force_n"), color=MEASURED)
+        below.axhline(10.0, color=TRUTH, lw=0.8, ls="--")
+        below.text(time_ms[0], 9.8, "limit", color=TRUTH, va="top", fontsize=7)
+        below.set_ylabel("contact force [N]")
+        below.set_xlabel("time since the touch was noticed [ms]")
+        for axes in (above, below):
+            axes.axvline(0.0, color=BASE, lw=0.8)
+        return figure
+
+    return Drawing("fig3b_transition", draw)
+
+
+def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Drawing:
+    """Figure 4a: force over displacement at three speeds; beside it the peaks over what c v asks for."""
+
+    def draw() -> Figure:
+        figure, (left, right) = _panels(1, 2, TWO_COLUMNS_IN, 2.7)
+        for run, (speed_mm_s, color) in enumerate(zip((150, 90, 60), SPEEDS, strict=True)):
+            own = [
+                row
+                for row in ticks
+                if row["run"] == run and row["phase"] in _PRESSED and row["depth_m"] is not None
+            ]
+            own = [row for row in own if row["depth_m"] == row["depth_m"] and row["depth_m"] > -5e-4]
+            depth = 1e3 * column(own, "depth_m")
+            left.plot(depth, column(own, "force_n"), color=color, lw=1.0, label=f"{speed_mm_s} mm/s")
+            ends = np.array([0.0, depth.max()])
+            left.plot(ends, 0.5 * ends + 0.1 * speed_mm_s, color=color, lw=0.7, ls=":")
+        left.axhline(10.0, color=TRUTH, lw=0.8, ls="--")
+        left.text(left.get_xlim()[1], 10.15, "limit", color=TRUTH, ha="right", va="bottom", fontsize=7)
+        left.set_xlabel("displacement [mm]")
+        left.set_ylabel("force [N]")
+        left.set_ylim(-0.5, 17)
+        left.set_title("force; dotted: k·x + c·v at the set speed")
+        left.legend()
+        _peaks(right, grid)
+        return figure
+
+    return Drawing("fig4a_force_displacement", draw)
+
+
+def grid_estimates(rows: Sequence[Row]) -> Drawing:
+    """Figures 4b and 4c: estimates over the grid, and their errors beside the paper's worst."""
+
+    def draw() -> Figure:
+        figure, all_axes = _panels(2, 2, TWO_COLUMNS_IN, 5.0)
+        good = estimated(rows)
+        k_axis, c_axis = ("law stiffness_n_m", "k [N/m]"), ("law damping_n_s_m", "c [N s/m]")
+        sides = ((K, k_axis, c_axis, (6.5, 20.6)), (C, c_axis, k_axis, (18.4, 29.5)))
+        for (name, own_axis, other, papers), (above, below) in zip(sides, all_axes.T, strict=True):
+            _estimates(above, good, name, own_axis[0], other[0])
+            figure_name = "4b" if name == K else "4c"
+            above.set(xlabel=f"true {other[1]}", ylabel=f"estimate of {own_axis[1]}")
+            above.set_title(f"{figure_name}: dots RANSAC, rings LSQ, lines the truth")
+            _worst_over(below, good, name, other[0])
+            for value, method, place in zip(papers, ("RANSAC", "LSQ"), ("top", "bottom"), strict=True):
+                below.axhline(value, color=PAPER, lw=0.9, ls="--")
+                text = f"paper, {method}, worst"
+                below.text(below.get_xlim()[1], value, text, color=PAPER, ha="right", va=place, fontsize=6.5)
+            below.set(xlabel=f"true {other[1]}", ylabel=f"worst error of {name[-1]} [%]", yscale="log")
+            below.set_ylim(0.003, 120)
+            _percent_ticks(below)
+        all_axes[1][0].legend(loc="lower left", ncols=3, fontsize=6.5)
+        return figure
+
+    return Drawing("fig4bc_estimates", draw)
+
+
+def noise(lines: Sequence[Sequence[Any]]) -> Drawing:
+    """Figure 4d: mean error over the noise; lines as of the table of `palpate.sweep.paper`."""
+
+    def draw() -> Figure:
+        figure, all_axes = _panels(1, 2, TWO_COLUMNS_IN, 2.8)
+        for index, (axes, what) in enumerate(zip(all_axes, ("k", "c"), strict=True)):
+            for number, (name, own) in enumerate(grouped(lines, lambda line: line[0]).items()):
+                style = "-" if number < 4 else "--" if "1" in name else ":"
+                color = _color(name, number)
+                axes.plot(
+                    [line[1] for line in own],
+                    [line[2 + index] for line in own],
+                    style,
+                    color=color,
+                    marker="o",
+                    ms=2.5,
+                    label=name,
+                )
+            reference = [line for line in lines if line[0] == lines[0][0]]
+            noise_percent, least = zip(*((line[1], line[6 + index]) for line in reference), strict=True)
+            axes.plot(noise_percent, least, color="#1d2733", lw=0.9, ls=(0, (1, 1)), label="bound")
+            axes.set(yscale="log", xlabel="noise [% of the force]", ylabel=f"mean error of {what} [%]")
+            _percent_ticks(axes, (1, 2, 5))
+        all_axes[0].legend(fontsize=6.5, loc="lower right")
+        return figure
+
+    return Drawing("fig4d_noise", draw)
+
+
+def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Drawing:
+    """Error of k over its bound: threshold and subset (1000 trials), threshold and trials (subsets of 5)."""
+
+    def draw() -> Figure:
+        figure, all_axes = _panels(2, 3, TWO_COLUMNS_IN, 4.4)
+        norm = LogNorm(1, 100)
+        by_noise = grouped(
+            (row for row in rows if not row["error"]),
+            lambda row: (row["noise_percent"], row["outliers_percent"]),
+        )
+        image: Any = None
+        for (above, below), own, name in zip(all_axes.T, by_noise.values(), names, strict=True):
+            for axes, along, fixed, value in (
+                (above, "subset", "trials", 1000),
+                (below, "trials", "subset", 5),
+            ):
+                image = _heat(axes, [row for row in own if row[fixed] == value], along, norm)
+                axes.set_ylabel(
+                    f"samples in a subset\n({value} trials)"
+                    if along == "subset"
+                    else f"trials\n(subsets of {value})"
+                )
+            above.set_title(name)
+            below.set_xlabel("threshold [N]")
+        figure.colorbar(
+            image, ax=all_axes, label="error of k over the bound", extend="max", shrink=0.8, format="%g"
+        )
+        return figure
+
+    return Drawing("ransac_map", draw)
+
+
+def hunt_crossley(rows: Sequence[Row], best: str) -> Drawing:
+    """Errors of k, b and n by object, of the best estimator, with one bound to either side."""
+
+    def draw() -> Figure:
+        figure, all_axes = _panels(1, 3, TWO_COLUMNS_IN, 2.7)
+        own = [row for row in estimated(rows) if row["estimator"] == best]
+        colors = dict(
+            zip(
+                sorted({row["law stiffness"] for row in own}),
+                ("#4a6fb5", "#2b9a92", "#e2a13c", "#b23a5c"),
+                strict=False,
+            )
+        )
+        for axes, parameter in zip(all_axes, parameters_of(own), strict=True):
+            for stiffness, color in colors.items():
+                group = [row for row in own if row["law stiffness"] == stiffness]
+                true = column(group, f"true {parameter}")
+                x = column(group, "law exponent") + 0.02 * (
+                    np.log10(column(group, "law damping") / stiffness) + 0.5
+                )
+                error = 100 * (column(group, parameter) / true - 1)
+                bound = 100 * column(group, BOUND + parameter) / true
+                axes.errorbar(x, error, bound, fmt="o", ms=3, lw=0.9, color=color, label=f"k = {stiffness:g}")
+            axes.axhline(0.0, color="#1d2733", lw=0.7)
+            axes.set(xlabel="exponent n", ylabel=f"error of {parameter.split('.')[-1]} [%]")
+        handles, labels = all_axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=4, title=f"{best}; bars: the bound")
+        return figure
+
+    return Drawing("hunt_crossley", draw)
+
+
+def error_spread(rows: Sequence[Row]) -> Drawing:
+    """For any sweep: the spread of relative errors by estimator, one panel a parameter."""
+
+    def draw() -> Figure:
+        good = estimated(rows)
+        parameters = [name for name in parameters_of(good) if any(row.get(name) is not None for row in good)]
+        groups = grouped(good, lambda row: row["estimator"])
+        figure, all_axes = _panels(
+            1, max(len(parameters), 1), TWO_COLUMNS_IN, 0.9 + 0.26 * len(groups), sharey=True
+        )
+        for axes, parameter in zip(all_axes, parameters, strict=False):
+            errors = [
+                np.maximum(100 * np.abs(errors_of(own, parameter).relative), 1e-4) for own in groups.values()
+            ]
+            for y, values in enumerate(errors):
+                axes.plot(values, np.full(len(values), y), "|", color=MEASURED, ms=7, alpha=0.5)
+                if len(values):
+                    axes.plot(np.median(values), y, "o", color=MODEL, ms=4)
+            axes.set(xscale="log", xlabel=f"error of {parameter} [%]")
+            axes.set_yticks(range(len(groups)), list(groups))
+            axes.set_ylim(len(groups) - 0.5, -0.5)  # whole rows, in the order of the table
+        return figure
+
+    return Drawing("errors", draw)
+
+
+def _panels(rows: int, columns: int, width_in: float, height_in: float, **shared: bool) -> tuple[Figure, Any]:
+    figure = Figure(figsize=(width_in, height_in))
+    axes = figure.subplots(rows, columns, squeeze=False, **shared)  # type: ignore[call-overload]
+    return figure, axes if rows > 1 and columns > 1 else axes.ravel()
+
+
+def _shade_contact(axes: Axes, own: Sequence[Row], time_s: FloatArray) -> None:
+    touching = np.isin([row["phase"] for row in own], [Phase.LOADING, Phase.HOLD, Phase.UNLOADING])
+    axes.axvspan(time_s[touching][0], time_s[touching][-1], color="#f0e4d4", lw=0)
+
+
+def _room(axes: Axes, least: float) -> None:
+    """Some room above and below, and at least so much in all: noise is not to fill a panel."""
+    low, high = axes.get_ylim()
+    more = max(0.0, least - (high - low)) / 2 + 0.1 * (high - low)
+    axes.set_ylim(low - more, high + more)
+
+
+def _peaks(axes: Axes, grid: Sequence[Row]) -> None:
+    """Peak force over what the dashpot alone asks for at the touch."""
+    for number, color in enumerate(SPEEDS):
+        jump = [
+            row["law damping_n_s_m"] * 1e-3 * float(row["speeds_mm_s"].split(", ")[number]) for row in grid
+        ]
+        axes.plot(jump, [row["peak_n"][number] for row in grid], "o", ms=2.2, color=color, alpha=0.6, mew=0)
+    ends = np.array([0.0, 15.5])
+    axes.plot(ends, ends, color=BASE, lw=0.8, ls=":")
+    axes.axhline(10.0, color=TRUTH, lw=0.8, ls="--")
+    axes.set(xlabel="c·v at the set speed [N]", ylabel="highest measured force [N]", ylim=(0, 17))
+    axes.set_title("all objects of the grid")
+
+
+def _estimates(axes: Axes, rows: Sequence[Row], name: str, own_axis: str, other: str) -> None:
+    for true, own in grouped(rows, lambda row: row[own_axis]).items():
+        x = column(own, other)
+        axes.plot([x.min(), x.max()], [true, true], color=BASE, lw=0.7)
+    for method, style in (("lsq", {"ms": 4.5, "mfc": "none", "mew": 0.6}), ("ransac", {"ms": 2.0, "mew": 0})):
+        own = [row for row in rows if row["estimator"] == method]
+        axes.plot(column(own, other), column(own, name), "o", color=_KNOWN[method], **style)
+
+
+def _worst_over(axes: Axes, rows: Sequence[Row], name: str, other: str) -> None:
+    for number, (estimator, own) in enumerate(grouped(rows, lambda row: row["estimator"]).items()):
+        points = []
+        for value, some in grouped(own, lambda row: row[other]).items():
+            relative = errors_of(some, name).relative
+            if len(relative):
+                points.append((value, 100 * np.abs(relative).max()))
+        axes.plot(
+            *zip(*sorted(points), strict=True),
+            color=_color(estimator, number),
+            marker="o",
+            ms=2.2,
+            lw=1.0,
+            label=estimator,
+        )
+
+
+def _heat(axes: Axes, rows: Sequence[Row], along: str, norm: LogNorm) -> Any:  # noqa: ANN401
+    x, y = (sorted({row[key] for row in rows}) for key in ("threshold", along))
+    values = np.full((len(y), len(x)), np.nan)
+    for row in rows:
+        values[y.index(row[along]), x.index(row["threshold"])] = row["k_over_bound"]
+    image = axes.imshow(values, origin="lower", aspect="auto", cmap="viridis_r", norm=norm)
+    for (i, j), value in np.ndenumerate(values):
+        text = f"{value:.1f}" if value < 10 else f"{value:.0f}" if value < 1000 else ">999"
+        axes.text(
+            j, i, text, ha="center", va="center", fontsize=5.5, color="white" if value > 8 else "#1d2733"
+        )
+    axes.set_xticks(range(len(x)), [f"{value:g}" for value in x], fontsize=6.5, rotation=45)
+    axes.set_yticks(range(len(y)), [f"{value:g}" for value in y], fontsize=6.5)
+    axes.grid(visible=False)
+    return image
+
+
+def _percent_ticks(axes: Axes, digits: Sequence[int] = (1,)) -> None:
+    axes.yaxis.set_major_locator(
+        FixedLocator([float(f"{digit}e{power}") for power in range(-3, 3) for digit in digits])
+    )
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _color(estimator: str, number: int) -> str:
+    return _KNOWN.get(estimator, _SPARE[number % len(_SPARE)])
+
+
+_SPARE = ("#d1495b", "#7f8c2d", "#8d99a6", "#b5739d", "#3c5a78", "#c9a227")

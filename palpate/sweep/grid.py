@@ -1,0 +1,165 @@
+"""The file of a sweep: which objects are probed, how fast, with which noise and what hidden, and who judges.
+
+Every combination of its lists is one case, `repeats` times. A number of an object's law may be a list, or a
+range {from: 200, to: 2000, step: 200}.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, field_validator, model_validator
+
+from control.probing.plan import ProbingPlan
+from estimation.models import MODELS
+from palpate.runs.robots import find_robot
+from palpate.sweep.case import Case
+from palpate.sweep.works.probing import NOTHING, estimators_for, made_estimator, world
+from robot_io.errors import InputError
+from robot_io.files.file_model import FileModel, NotNegative, Number, Positive, validate
+from robot_io.files.safe_yaml import YamlDocument, load_yaml
+from sim_backend.contact_laws import HuntCrossley
+
+SHIPPED = Path(__file__).parent / "grids"
+ESTIMATE, DIAGNOSE = "palpate.sweep.works.probing:estimate", "palpate.sweep.works.probing:diagnosed"
+ALL = "all"
+MOST_CASES = 1_000_000
+_MILLI = 1e-3
+Speed = Annotated[Positive, Field(le=1000.0)]
+Spec = str | dict[str, str | float]
+Hidden = str | list[dict[str, Any]]
+
+
+class Range(FileModel):
+    """Numbers at equal distances, both ends included."""
+
+    from_: Annotated[Number, Field(alias="from")]
+    to: Number
+    step: Positive
+
+    def values(self) -> list[float]:
+        """All of them; `InputError` if there are too many."""
+        count = math.floor((self.to - self.from_) / self.step + 1e-9) + 1
+        if count > MOST_CASES:
+            raise InputError(f"{count:.3g} numbers from {self.from_:g} to {self.to:g}; at most {MOST_CASES}")
+        return [round(self.from_ + i * self.step, 12) for i in range(max(count, 0))]
+
+
+class GridFile(FileModel):
+    """A sweep of simulated probing runs."""
+
+    description: str = ""
+    # objects, each a contact law as in a scenario, whose numbers may be lists or ranges.
+    objects: Annotated[tuple[dict[str, Any], ...], Field(min_length=1)]
+    # sets of speeds; each set is one probing run [mm/s].
+    speeds_mm_s: Annotated[tuple[tuple[Speed, ...], ...], Field(min_length=1)] = ((150.0, 90.0, 60.0),)
+    noise_std_n: Annotated[tuple[NotNegative, ...], Field(min_length=1)] = (0.02,)  # of the force sensor [N]
+    # Gaussian noise on the measured force, as a share of the force [%].
+    noise_percent: Annotated[tuple[NotNegative, ...], Field(min_length=1)] = (0.0,)
+    draws: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1  # of that noise, of each probing run
+    # "none", "random", the name of an effect, or a list of effects as in a scenario.
+    hidden: Annotated[tuple[Hidden, ...], Field(min_length=1)] = (NOTHING,)
+    # names, or {name: ransac, threshold: 0.1}; "all": whatever suits the model.
+    estimators: str | tuple[Spec, ...] = ALL
+    diagnose: bool = False  # have the diagnosis say what is missing, in place of the estimators
+    repeats: Annotated[int, Field(ge=1, le=1_000_000, strict=True)] = 3  # each with other noise
+    seed: Annotated[int, Field(ge=0, le=10**12, strict=True)] = 1  # of the first repeat
+    model: str | None = None  # that is fitted; by default that of the object's law
+    robot: str = "follower"
+    scenario: str | dict[str, Any] = "default"  # everything else of the simulated world
+    plan: Mapping[str, Any] = Field(default_factory=dict)  # further keys of the probing plan
+
+    @field_validator("estimators")
+    @classmethod
+    def _know_estimators(cls, value: str | tuple[Spec, ...]) -> str | tuple[Spec, ...]:
+        for spec in () if value == ALL else (value,) if isinstance(value, str) else value:
+            made_estimator(spec)
+        return value
+
+    @field_validator("model")
+    @classmethod
+    def _know_model(cls, value: str | None) -> str | None:
+        return None if value is None else MODELS[value].name
+
+    @model_validator(mode="after")
+    def _every_world_can_be_made(self) -> "GridFile":
+        find_robot(self.robot)
+        laws = self.laws()
+        for law, hidden in (
+            *((law, NOTHING) for law in laws),
+            *((laws[0], hidden) for hidden in self.hidden),
+        ):
+            world(self._parameters(law, self.speeds_mm_s[0], 0.0, 0.0, hidden), self.seed)
+        for speeds in self.speeds_mm_s:
+            validate(ProbingPlan, self._plan(speeds))
+        return self
+
+    def laws(self) -> list[dict[str, Any]]:
+        """Every object's law, with a number for each parameter; `InputError` if there are too many."""
+        given = [{name: _values(value) for name, value in entry.items()} for entry in self.objects]
+        if (objects := sum(math.prod(map(len, entry.values())) for entry in given)) > MOST_CASES:
+            raise InputError(f"{objects:.3g} objects; at most {MOST_CASES} cases")
+        if not objects:
+            raise InputError("objects: a list or range of numbers is empty")
+        return [
+            dict(zip(entry, values, strict=True)) for entry in given for values in product(*entry.values())
+        ]
+
+    def cases(self) -> Iterator[Case]:
+        """All cases: for each repeat all combinations, so that a sweep that is stopped has a bit of all."""
+        for repeat in range(self.repeats):
+            for axes in product(
+                self.laws(), self.speeds_mm_s, self.noise_std_n, self.noise_percent, self.hidden
+            ):
+                yield Case(
+                    DIAGNOSE if self.diagnose else ESTIMATE, self._parameters(*axes), self.seed + repeat
+                )
+
+    def _parameters(
+        self, law: Mapping[str, Any], speeds: tuple[float, ...], std_n: float, percent: float, hidden: Hidden
+    ) -> dict[str, Any]:
+        model = self.model or ("hunt_crossley" if law.get("name") == HuntCrossley.name else "kelvin_voigt")
+        named = (self.estimators,) if isinstance(self.estimators, str) else self.estimators
+        return {
+            "robot": self.robot,
+            "scenario": self.scenario,
+            "law": law,
+            "plan": self._plan(speeds),
+            "noise_std_n": std_n,
+            "noise_percent": percent,
+            "hidden": hidden,
+            "draws": self.draws if percent else 1,
+            "model": model,
+            "estimators": estimators_for(model) if self.estimators == ALL else list(named),
+        }
+
+    def _plan(self, speeds: tuple[float, ...]) -> dict[str, Any]:
+        return dict(self.plan) | {"speeds_m_s": [_MILLI * speed for speed in speeds]}
+
+
+def load_grid(path: Path) -> GridFile:
+    """Read the file of a sweep; `InputError` names file, line, key and the valid choices."""
+    document = load_yaml(path)
+    return _checked(document.data, document)
+
+
+def shipped_grid(name: str) -> GridFile:
+    """One of those that come with palpate."""
+    return load_grid(SHIPPED / f"{name}.yaml")
+
+
+def _checked(data: object, document: YamlDocument) -> GridFile:
+    grid = validate(GridFile, data, document)
+    lists = (grid.laws(), grid.speeds_mm_s, grid.noise_std_n, grid.noise_percent, grid.hidden)
+    count = grid.repeats * math.prod(map(len, lists))  # Python's int: no size overflows
+    if count > MOST_CASES:
+        raise InputError(f"{document.origin}: {count} cases; at most {MOST_CASES}")
+    return grid
+
+
+def _values(value: Any) -> list[Any]:  # noqa: ANN401
+    if isinstance(value, Mapping):
+        return validate(Range, value).values()
+    return list(value) if isinstance(value, list | tuple) else [value]

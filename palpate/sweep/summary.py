@@ -1,0 +1,117 @@
+"""What the rows of a sweep say of each estimator: errors, over the bound as well, and coverage."""
+
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from palpate.sweep.case import Row
+from robot_io.types import FloatArray
+
+TRUE, BOUND, LOW, HIGH = "true ", "bound ", "low ", "high "
+SURFACE = "surface"
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as it is printed, and written as CSV.
+
+    Attributes:
+        name: of its CSV file, without the ending.
+        title: what it shows.
+        columns: heads.
+        rows: cells, text or numbers.
+    """
+
+    name: str
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one parameter by one estimator, from all rows in which both are known.
+
+    Attributes:
+        relative: estimate over truth, less one, shape (m,); only where the truth is not zero.
+        at_zero: estimates where it is, shape (z,).
+        over_bound: root mean square of error over Cramer-Rao bound; NaN where there is none.
+        covered: share of the 95 % intervals that hold the truth; NaN where none is stated.
+    """
+
+    relative: FloatArray
+    at_zero: FloatArray
+    over_bound: float
+    covered: float
+
+
+def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
+    """The errors of a parameter, such as "stiffness.k"."""
+    known = [row for row in rows if row.get(parameter) is not None and row.get(TRUE + parameter) is not None]
+    found, true = column(known, parameter), column(known, TRUE + parameter)
+    bound, error = column(known, BOUND + parameter), found - true
+    low, high = column(known, LOW + parameter), column(known, HIGH + parameter)
+    stated = np.isfinite(low) & np.isfinite(high)
+    inside = (low <= true) & (true <= high)
+    some = true != 0
+    usable = np.isfinite(bound) & (bound > 0)
+    return Errors(
+        error[some] / true[some],
+        found[~some],
+        float(np.sqrt(np.mean((error[usable] / bound[usable]) ** 2))) if usable.any() else float("nan"),
+        float(np.mean(inside[stated])) if stated.any() else float("nan"),
+    )
+
+
+def column(rows: Sequence[Row], name: str) -> FloatArray:
+    """Values of one column, shape (n,); NaN where a row has none."""
+    values = (row.get(name) for row in rows)
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def parameters_of(rows: Iterable[Row]) -> list[str]:
+    """Names of the parameters of which the truth is known, the surface aside."""
+    names = dict.fromkeys(key.removeprefix(TRUE) for row in rows for key in row if key.startswith(TRUE))
+    return [name for name in names if name != SURFACE]
+
+
+def grouped(rows: Iterable[T], key: Callable[[T], Hashable]) -> dict[Any, list[T]]:
+    """Rows by a key, in the order in which the keys come."""
+    groups: dict[Any, list[T]] = {}
+    for row in rows:
+        groups.setdefault(key(row), []).append(row)
+    return groups
+
+
+def estimated(rows: Iterable[Row]) -> list[Row]:
+    """Those rows in which an estimator had an answer."""
+    return [row for row in rows if row.get("estimator") and not row.get("problem") and not row["error"]]
+
+
+def error_table(name: str, title: str, rows: Sequence[Row], best_first: bool = False) -> Table:
+    """One line for each estimator: worst and mean error, over the bound, and coverage, of each parameter."""
+    parameters = [p for p in parameters_of(rows) if any(row.get(p) is not None for row in rows)]
+    lines = []
+    for estimator, own in grouped(estimated(rows), lambda row: row["estimator"]).items():
+        cells: list[Any] = [estimator]
+        for parameter in parameters:
+            errors = errors_of(own, parameter)
+            relative = 100 * np.abs(errors.relative)
+            cells += [_most(relative), float(np.mean(relative)) if len(relative) else None]
+            cells += [errors.over_bound, 100 * errors.covered]
+        failed = sum(row.get("estimator") == estimator and bool(row.get("problem")) for row in rows)
+        lines.append((*cells, failed))
+    if best_first:
+        lines.sort(key=lambda line: line[1] if line[1] is not None else np.inf)
+    short = [name.split(".")[-1] for name in parameters]
+    called = short if len(set(short)) == len(short) else parameters
+    figures = ("worst %", "mean %", "over bound", "in 95 % interval, %")
+    heads = [f"{name}: {figure}" for name in called for figure in figures]
+    return Table(name, title, ("estimator", *heads, "no answer"), tuple(lines))
+
+
+def _most(values: FloatArray) -> float | None:
+    return float(values.max()) if len(values) else None

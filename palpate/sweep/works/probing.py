@@ -1,0 +1,257 @@
+"""Probes a simulated object, and has its parameters estimated: one row for each estimator and draw."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+
+from control.loop.phases import Phase
+from control.probing.plan import ProbingPlan
+from estimation.base_model import ModelContext
+from estimation.channel import ChannelData
+from estimation.contact_estimator import ContactEstimator, ContactLaw
+from estimation.contact_estimators import CONTACT_ESTIMATORS
+from estimation.data.tick_channels import contact_channels, joint_channels
+from estimation.effects.contact_offset import ContactOffset
+from estimation.estimate_channel import estimate_channel, fitting_rows
+from estimation.estimator import Estimator
+from estimation.estimators import ESTIMATORS
+from estimation.fitting.fit import fit
+from estimation.model import Model
+from estimation.models import MODELS
+from estimation.study.channels import CONTACT_MODEL
+from palpate.runs.hiding import hide
+from palpate.runs.in_memory import probe_in_memory
+from palpate.runs.robots import find_robot
+from palpate.study import Study, arm_from_urdf
+from palpate.sweep.case import Row
+from palpate.truth import SURFACE, truth_of
+from robot_io.errors import InputError
+from robot_io.files.file_model import validate
+from robot_io.session import Samples
+from robot_io.types import FloatArray
+from sim_backend.scenario import Scenario, load_scenario
+
+NOTHING = "none"  # hidden
+_STEP = 1e-5  # of a parameter, for its derivative
+
+
+def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
+    """Probe once, and estimate from each draw of the force noise; see `palpate.sweep.grid` for the keys.
+
+    Raises:
+        PalpateError: the object could not be probed.
+    """
+    ticks, scenario = probed(parameters, seed)
+    channel = contact_channel(ticks)
+    model = MODELS[parameters["model"]]().build(ModelContext(surface_found=True))
+    truth = truth_of(scenario)
+    common = (
+        _conditions(parameters) | _what_the_arm_did(ticks) | {f"true {name}": truth[name] for name in truth}
+    )
+    rows = []
+    for draw in range(parameters["draws"]):
+        rng = np.random.default_rng([scenario.seed, draw])
+        drawn = with_relative_noise(channel, parameters["noise_percent"] / 100, rng)
+        common |= {"draw": draw} | _bounds(drawn, model, truth, scenario, parameters["noise_percent"] / 100)
+        rows += [common | _estimated(drawn, model, spec, seed) for spec in parameters["estimators"]]
+    return rows
+
+
+def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
+    """Probe once, and have the diagnosis say what is missing: one row for each channel that it judges."""
+    samples, scenario = probed(parameters, seed)
+    robot = find_robot(parameters["robot"])
+    channels = [*contact_channels(samples, tared=False), *joint_channels(samples)]
+    usual = parameters["model"] == CONTACT_MODEL  # then the joints are judged as well, each by its own model
+    study = Study(
+        channels, None if usual else parameters["model"], arm=arm_from_urdf(robot.urdf_path, robot.tip_frame)
+    )
+    common = _conditions(parameters) | {"truth": ", ".join(one.name for one in scenario.hidden) or NOTHING}
+    return [
+        common
+        | {"channel": one.channel, "verdict": one.verdict.value, "complete": one.complete}
+        | {"accepted": ", ".join(entry.effect for entry in one.accepted)}
+        for one in study.diagnose().channels
+    ]
+
+
+def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
+    """Probe once; one row for each tick of a run, for figures over time."""
+    samples, _ = probed(parameters, seed)
+    contact = contact_channel(samples)
+    wanted = ("time_s", "run", "phase", "force_n", "desired_force_n")
+    columns: dict[str, Any] = {name: samples[name] for name in wanted}
+    depth = np.full(len(samples), np.nan)
+    depth[np.searchsorted(samples["force_at_s"], contact.time_s)] = contact.position
+    columns["depth_m"] = depth
+    for joint in range(samples.vector("torque_measured_nm").shape[1]):
+        for what in ("measured", "commanded"):
+            columns[f"torque_{what}_{joint + 1}_nm"] = samples.vector(f"torque_{what}_nm")[:, joint]
+    return [
+        dict(zip(columns, row, strict=True))
+        for row in zip(*(v.tolist() for v in columns.values()), strict=True)
+    ]
+
+
+def probed(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]:
+    """The ticks of a probing run, and the world in which it was made.
+
+    Raises:
+        PalpateError: the object could not be probed, or the parameters do not fit each other.
+    """
+    keys = ("robot", "scenario", "law", "plan", "hidden", "noise_std_n")
+    return _probed(json.dumps({key: parameters[key] for key in keys}, sort_keys=True), seed)
+
+
+@lru_cache(maxsize=2)
+def _probed(text: str, seed: int) -> tuple[Samples, Scenario]:
+    """A worker gets many cases that look at one and the same run in other ways.
+
+    The world's seed comes from all parameters: with one seed for all objects their noise would be the same,
+    and so would be their errors.
+    """
+    parameters = json.loads(text)
+    scenario = world(parameters, int(sha256(f"{seed} {text}".encode()).hexdigest()[:12], 16))
+    plan = validate(ProbingPlan, parameters["plan"])
+    return probe_in_memory(find_robot(parameters["robot"]), scenario, plan), scenario
+
+
+def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
+    """The simulated world of a case.
+
+    Raises:
+        InputError: the parameters do not fit each other.
+    """
+    data = load_scenario(parameters["scenario"]).model_dump()
+    data["object"]["law"] = parameters["law"]
+    data["sensors"]["force"]["noise_std_n"] = parameters["noise_std_n"]
+    scenario = validate(Scenario, data | {"seed": seed})
+    hidden = parameters["hidden"]
+    if hidden == NOTHING:
+        return scenario
+    if isinstance(hidden, str):
+        return hide(scenario, hidden)
+    return validate(Scenario, data | {"seed": seed, "hidden": hidden})
+
+
+def contact_channel(samples: Samples) -> ChannelData:
+    """The contact force, less what the sensor reads in free air; `InputError` if nothing was touched."""
+    channels = contact_channels(samples, tared=True)
+    if not channels:
+        raise InputError("nothing was touched, or too shortly")
+    return channels[0]
+
+
+def with_relative_noise(channel: ChannelData, share: float, rng: np.random.Generator) -> ChannelData:
+    """The channel with Gaussian noise on its force of this share of the force."""
+    if not share:
+        return channel
+    return replace(channel, effort=channel.effort * (1.0 + share * rng.standard_normal(len(channel))))
+
+
+def estimators_for(model: str) -> list[str]:
+    """Names of all that estimate the parameters of a model of the contact."""
+    return [*ESTIMATORS, *(name for name, each in CONTACT_ESTIMATORS.items() if each.model == model)]
+
+
+def made_estimator(spec: str | Mapping[str, Any]) -> tuple[str, Estimator | ContactEstimator]:
+    """An estimator from its name, or from a mapping with `name` and settings; and what to call it.
+
+    Raises:
+        InputError: there is no such estimator, or it does not take these settings.
+    """
+    settings = {} if isinstance(spec, str) else {key: value for key, value in spec.items() if key != "name"}
+    name = spec if isinstance(spec, str) else spec.get("name", "")
+    try:
+        made = CONTACT_ESTIMATORS[name] if name in CONTACT_ESTIMATORS else ESTIMATORS[name]
+        words = ", ".join(f"{key} {value:g}" for key, value in settings.items())
+        return f"{name} ({words})" if words else name, made(**settings)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"estimator '{name}': {error}") from error
+
+
+def _estimated(channel: ChannelData, model: Model, spec: str | Mapping[str, Any], seed: int) -> Row:
+    label, estimator = made_estimator(spec)
+    row: Row = {"estimator": label, "problem": ""}
+    rng = np.random.default_rng(seed)
+    try:
+        if isinstance(estimator, ContactEstimator):
+            return row | _parameters_of(estimator.fit(*_samples(channel, model), rng=rng), model.name)
+        found = estimate_channel(channel, model, estimator, rng=rng)
+    except (InputError, np.linalg.LinAlgError) as error:
+        return row | {"problem": str(error)}
+    for one in found.parameters:
+        row |= {one.name: one.value, f"low {one.name}": one.interval[0], f"high {one.name}": one.interval[1]}
+    return row | {"inlier_share": float(np.mean(found.inliers)), "rmse_n": found.rmse}
+
+
+def _samples(channel: ChannelData, model: Model) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Depth, speed and force in contact, for methods that must be told the surface: that of least squares."""
+    rows = fitting_rows(channel)
+    surface_m = fit(model, channel, rows=rows).parameters[f"{ContactOffset.name}.offset"]
+    return channel.position[rows] - surface_m, channel.velocity[rows], channel.effort[rows]
+
+
+def _parameters_of(law: ContactLaw, model: str) -> Row:
+    """The law's parameters as the model calls them; these estimators state no intervals."""
+    if model == "hunt_crossley":
+        return {f"{model}.{name}": value for name, value in zip("kbn", law[:3], strict=True)}
+    return {"stiffness.k": law.stiffness, "damping.c": law.damping}
+
+
+def _conditions(parameters: Mapping[str, Any]) -> Row:
+    hidden = parameters["hidden"]
+    law = {f"law {key}": value for key, value in parameters["law"].items() if key != "name"}
+    return law | {
+        "law": parameters["law"]["name"],
+        "speeds_mm_s": ", ".join(f"{1e3 * speed:g}" for speed in parameters["plan"]["speeds_m_s"]),
+        "noise_std_n": parameters["noise_std_n"],
+        "noise_percent": parameters["noise_percent"],
+        "hidden": hidden if isinstance(hidden, str) else ", ".join(entry["effect"] for entry in hidden),
+    }
+
+
+def _what_the_arm_did(samples: Samples) -> Row:
+    """Per speed: the highest force while loading, and how long it was above the limit."""
+    loading = (samples["phase"] == Phase.LOADING) | (samples["phase"] == Phase.HOLD)
+    runs: Sequence[int] = np.unique(samples["run"][loading]).tolist()
+    forces = [samples["force_n"][loading & (samples["run"] == run)] for run in runs]
+    limit_n = float(np.nanmax(samples["desired_force_n"][loading]))
+    return {
+        "peak_n": [float(force.max()) for force in forces],
+        "over_limit_ms": [float(np.count_nonzero(force > 1.05 * limit_n)) for force in forces],
+    }
+
+
+def _bounds(
+    channel: ChannelData, model: Model, truth: Mapping[str, float], scenario: Scenario, share: float
+) -> Row:
+    """Cramer-Rao bounds for noise of known size, the surface to be found as well; none of another law.
+
+    With J the derivatives of the force by all parameters and S its noise: diag((J' S^-1 J)^-1)^(1/2).
+    """
+    names = [*model.gains, *model.inner]
+    surface = channel.surface
+    if surface is None or not all(name in truth or name.startswith("contact_offset") for name in names):
+        return {}
+    known = dict(truth) | {"contact_offset.offset": truth[SURFACE] - surface.position_m}
+    at = {name: known[name] for name in names}
+    rows = fitting_rows(channel)
+    force_n = model.predict(channel, at)[rows]
+    columns = []
+    for name in names:
+        step = _STEP * abs(at[name]) or _STEP
+        up, down = (model.predict(channel, at | {name: at[name] + way * step})[rows] for way in (1, -1))
+        columns.append((up - down) / (2 * step))
+    sensor = scenario.sensors.force
+    variance = sensor.noise_std_n**2 + sensor.resolution_n**2 / 12 + (share * force_n) ** 2
+    weighted: FloatArray = np.column_stack(columns) / np.sqrt(variance)[:, None]
+    scale = np.linalg.norm(weighted, axis=0)
+    scale[scale == 0.0] = 1.0
+    spread = np.sqrt(np.diag(np.linalg.pinv((weighted / scale).T @ (weighted / scale)))) / scale
+    return {f"bound {name}": float(std) for name, std in zip(names, spread, strict=True) if name in truth}

@@ -1,0 +1,133 @@
+"""The file of a sweep: what it means, and what is refused."""
+
+import pytest
+import yaml
+
+from palpate.sweep.grid import DIAGNOSE, load_grid, shipped_grid
+from palpate.sweep.paper import paper_cases
+from palpate.sweep.paper_sections import CUBES
+from robot_io.errors import InputError
+from tests.palpate.cli import ROOT
+
+ONE = {"objects": [{"name": "kelvin_voigt", "stiffness_n_m": 500, "damping_n_s_m": 20}]}
+
+
+def grid(tmp_path, **keys):
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(ONE | keys, sort_keys=False))
+    return load_grid(path)
+
+
+def test_every_combination_is_one_case_and_each_repeat_has_a_seed_of_its_own(tmp_path):
+    law = {
+        "name": "kelvin_voigt",
+        "stiffness_n_m": {"from": 200, "to": 600, "step": 200},
+        "damping_n_s_m": [0, 20],
+    }
+    found = grid(
+        tmp_path,
+        objects=[law, ONE["objects"][0]],
+        speeds_mm_s=[[90], [20, 10]],
+        noise_percent=[0, 5],
+        repeats=3,
+        seed=7,
+    )
+    cases = list(found.cases())
+    assert len(cases) == (3 * 2 + 1) * 2 * 2 * 3
+    assert len({case.address for case in cases}) == len(cases)
+    assert [case.seed for case in cases[:: len(cases) // 3]] == [7, 8, 9]
+    stiffnesses = {case.parameters["law"]["stiffness_n_m"] for case in cases}
+    assert stiffnesses == {200, 400, 600, 500}
+    assert {tuple(case.parameters["plan"]["speeds_m_s"]) for case in cases} == {(0.09,), (0.02, 0.01)}
+
+
+def test_all_estimators_are_those_that_suit_the_model(tmp_path):
+    hunt_crossley = [{"name": "hunt_crossley", "stiffness": 2000, "damping": 500, "exponent": 1.5}]
+    (linear, *_), (power, *_) = (grid(tmp_path, **keys).cases() for keys in ({}, {"objects": hunt_crossley}))
+    assert linear.parameters["model"] == "kelvin_voigt"
+    assert power.parameters["model"] == "hunt_crossley"
+    assert "double_stage_rls" not in linear.parameters["estimators"]
+    assert {"double_stage_rls", "robust"} <= set(power.parameters["estimators"])
+
+
+def test_a_diagnosis_takes_the_place_of_the_estimators(tmp_path):
+    assert {case.work for case in grid(tmp_path, diagnose=True, hidden=["none", "random"]).cases()} == {
+        DIAGNOSE
+    }
+
+
+LONG = {"from": 0, "to": 99_999, "step": 1}
+
+
+def objects(**numbers):
+    return {"objects": [{"name": "kelvin_voigt", "stiffness_n_m": 500, "damping_n_s_m": 0} | numbers]}
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"speed_mm_s": [[90]]}, "speed_mm_s.*did you mean 'speeds_mm_s'"),
+        ({"objects": [{"name": "kelvin_voit"}]}, "kelvin_voigt"),
+        ({"objects": [{"name": "kelvin_voigt", "stiffness_n_m": -5, "damping_n_s_m": 0}]}, "stiffness_n_m"),
+        (
+            {
+                "objects": [
+                    {"name": "kelvin_voigt", "stiffness_n_m": {"from": 1, "to": 2}, "damping_n_s_m": 0}
+                ]
+            },
+            "step",
+        ),
+        ({"objects": []}, "objects"),
+        (objects(stiffness_n_m=[]), "objects: a list or range of numbers is empty"),
+        (objects(stiffness_n_m={"from": 2, "to": 1, "step": 1}), "is empty"),
+        (objects(stiffness_n_m={"from": 0, "to": float("inf"), "step": 1}), "finite"),
+        (objects(stiffness_n_m={"from": 0, "to": 1e6, "step": 1e-9}), "1e.15 numbers"),
+        (objects(stiffness_n_m=dict(LONG), damping_n_s_m=dict(LONG)), "1e.10 objects"),
+        ({"speeds_mm_s": [[0]]}, "speeds_mm_s"),
+        ({"estimators": ["lsqq"]}, "did you mean 'lsq'"),
+        ({"estimators": [{"name": "ransac", "treshold": 1}]}, "treshold"),
+        ({"estimators": [{"threshold": 1}]}, "no estimator"),
+        ({"estimators": [{"name": "ransac", "threshold": -1}]}, "must be positive"),
+        ({"hidden": ["stress_relaxtion"]}, "stress_relaxation"),
+        ({"hidden": [[{"effect": "bias"}]]}, "channel: is missing"),
+        ({"model": "kelvin"}, "kelvin_voigt"),
+        ({"robot": "nobody"}, "nobody"),
+        ({"scenario": "nowhere"}, "nowhere"),
+        ({"plan": {"hold": 1}}, "hold_s"),
+        ({"repeats": 0}, "repeats"),
+        ({"repeats": 1_000_000, "noise_percent": [0, 1]}, "2000000 cases"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_with_its_place(tmp_path, keys, words):
+    with pytest.raises(InputError, match=words):
+        grid(tmp_path, **keys)
+
+
+@pytest.mark.parametrize(
+    ("path", "count"), [("docs/mine.yaml", 128), ("benchmarks/hundred_thousand.yaml", 100_000)]
+)
+def test_the_examples_are_as_large_as_they_say(path, count):
+    assert sum(1 for _ in load_grid(ROOT / path).cases()) == count
+
+
+def test_the_paper_is_run_as_it_says():
+    cases = paper_cases()
+    grid_runs = cases["grid"]
+    assert {tuple(case.parameters["plan"]["speeds_m_s"]) for case in grid_runs} == {(0.15, 0.09, 0.06)}
+    by_object = {}
+    for case in grid_runs:
+        by_object.setdefault(tuple(case.parameters["law"].values()), set()).add(case.seed)
+    assert all(len(seeds) == 3 for seeds in by_object.values())
+    assert {case.parameters["noise_percent"] for case in cases["noise"]} == set(range(11))
+    assert {"name": "sprls", "beta": 20, "gamma": 1} in cases["noise"][0].parameters["estimators"]
+    assert cases["ticks"][0].parameters["law"] == {
+        "name": "kelvin_voigt",
+        "stiffness_n_m": 500,
+        "damping_n_s_m": 100,
+    }
+    assert shipped_grid("paper_cubes").speeds_mm_s == ((50, 20, 10),)
+
+
+@pytest.mark.parametrize("cube", CUBES, ids=lambda cube: cube.name)
+def test_equation_3_gives_table_1(cube):
+    assert cube.stiffness_n_m == pytest.approx(cube.k_equation_3, rel=1e-4)

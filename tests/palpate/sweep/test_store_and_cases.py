@@ -1,0 +1,107 @@
+"""Addresses, and results that land under them."""
+
+import sys
+
+import pytest
+
+from palpate.sweep import Case, Cluster, ResultStore, run_cases
+from palpate.sweep.case import code_version
+from robot_io.errors import InputError
+
+BASE = Case("tests.palpate.sweep.slow_work:work", {"k": 500, "noise": [0.0, 0.1]}, 1)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        Case("tests.palpate.sweep.slow_work:failing", BASE.parameters, 1),
+        Case(BASE.work, {"k": 500, "noise": [0.1, 0.0]}, 1),
+        Case(BASE.work, {"k": 501, "noise": [0.0, 0.1]}, 1),
+        Case(BASE.work, BASE.parameters, 2),
+    ],
+)
+def test_what_a_result_depends_on_changes_its_address(other):
+    assert other.address != BASE.address
+
+
+def test_the_order_of_parameters_does_not_change_the_address():
+    assert Case(BASE.work, {"noise": [0.0, 0.1], "k": 500}, 1).address == BASE.address
+
+
+def test_a_change_of_the_works_code_changes_the_address(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "little_work.py").write_text("def work(parameters, seed):\n    return [{}]\n")
+    before = Case("little_work:work", {}).address
+    code_version.cache_clear()
+    assert Case("little_work:work", {}).address == before
+    (tmp_path / "little_work.py").write_text("def work(parameters, seed):\n    return [{'more': 1}]\n")
+    code_version.cache_clear()
+    assert Case("little_work:work", {}).address != before
+    sys.modules.pop("little_work", None)
+
+
+def test_work_that_is_not_there_is_refused():
+    with pytest.raises(InputError, match="no such module"):
+        _ = Case("no_such_work:at_all", {}).address
+
+
+def test_results_are_read_back_in_the_order_asked_for_whether_packed_or_not(tmp_path):
+    store = ResultStore(tmp_path / "results")
+    for name in "abc":
+        store.land(name, [{"text": name, "number": index} for index in range(2)])
+    store.pack()
+    store.land("d", [{"text": "d", "list": [1.0, 2.0]}])
+    store.land("e", [{"number": 5}])
+    store.pack()  # two cases with other columns in one pack
+    store.land("f", [{"number": 6}])
+    assert store.finished() == set("abcdef")
+    assert store.rows("ef") == [{"number": 5}, {"number": 6}]
+    rows = store.rows(["d", "b", "missing", "a"])
+    assert [row["text"] for row in rows] == ["d", "b", "b", "a", "a"]
+    assert rows[0]["list"] == [1.0, 2.0]
+
+
+def test_a_pack_that_was_killed_before_it_removed_what_is_in_it_counts_each_result_once(tmp_path):
+    store = ResultStore(tmp_path)
+    store.land("a", [{"number": 1}])
+    store.land("b", [{"number": 2}])
+    kept = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    store.pack()
+    for path, data in kept.items():
+        path.write_bytes(data)
+    assert [row["number"] for row in store.rows("ab")] == [1, 2]
+    store.pack()
+    assert [row["number"] for row in store.rows("ab")] == [1, 2]
+
+
+def test_what_was_killed_while_it_was_written_is_no_result(tmp_path):
+    store = ResultStore(tmp_path)
+    store.land("a", [{"number": 1}])
+    half = (tmp_path / "a.parquet").read_bytes()[:50]
+    (tmp_path / ".123.b.parquet").write_bytes(half)
+    assert store.finished() == {"a"}
+    assert len(store.rows("ab")) == 1
+
+
+def test_a_damaged_result_is_named_with_its_remedy(tmp_path):
+    (tmp_path / "a.parquet").write_bytes(b"PAR1 nothing PAR1")
+    with pytest.raises(InputError, match=r"a\.parquet.*delete it"):
+        ResultStore(tmp_path).rows("a")
+
+
+def test_a_case_that_raises_has_a_result_that_says_so_and_is_not_tried_again(tmp_path):
+    store = ResultStore(tmp_path)
+    case = Case("tests.palpate.sweep.slow_work:failing", {"what": "luck"}, 3)
+    progress = []
+    report = run_cases([case, case], store, Cluster(workers=1), lambda *now: progress.append(now))
+    assert (report.finished_before, report.finished_now, report.failures) == (0, 1, ())
+    assert progress == [(0, 1), (1, 1)]
+    (row,) = store.rows([case.address])
+    assert row["error"].startswith("ValueError: no luck")
+    assert row["seed"] == 3
+    assert run_cases([case], store).finished_before == 1
+
+
+def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path):
+    with pytest.raises(InputError, match="does not answer"):
+        run_cases([BASE], ResultStore(tmp_path), Cluster("tcp://127.0.0.1:9"))

@@ -1,0 +1,113 @@
+"""What the cases of a sweep work out: the arm's ticks, estimates, bounds, and what RANSAC's settings do."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from control.probing.plan import ProbingPlan
+from palpate.runs.in_memory import probe_in_memory
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import find_robot
+from palpate.sweep.works import probing
+from palpate.sweep.works.ransac_map import ransac_errors
+from robot_io.errors import PalpateError
+from robot_io.session import Session
+from sim_backend.scenario import Scenario
+
+LAW = {"name": "kelvin_voigt", "stiffness_n_m": 800.0, "damping_n_s_m": 30.0}
+PARAMETERS = {
+    "robot": "follower", "scenario": "default", "law": LAW,
+    "plan": {"speeds_m_s": [0.15, 0.09], "hold_s": 0.0},
+    "noise_std_n": 0.02, "noise_percent": 0.0, "hidden": "none", "draws": 1, "model": "kelvin_voigt",
+    "estimators": ["lsq", "robust", {"name": "ransac", "threshold": 0.1}, "indirect_adaptive"],
+}  # fmt: skip
+TIMINGS = {"read_s", "control_s", "guard_s", "write_s", "observer_s", "log_s", "lateness_s"}
+
+
+def test_ticks_in_memory_are_those_of_a_session(tmp_path):
+    plan, robot = ProbingPlan(speeds_m_s=(0.09,), hold_s=0.1), find_robot("follower")
+    kept = probe_in_memory(robot, Scenario(), plan)
+    run_probing(ProbingJob(robot, tmp_path / "a.mcap", plan, scenario=Scenario(), online=None))
+    session = Session.open(tmp_path / "a.mcap").samples("tick")
+    assert len(kept) == len(session)
+    for column in set(kept) - TIMINGS:
+        np.testing.assert_array_equal(kept[column], session[column], err_msg=column)
+
+
+def test_a_run_that_touches_nothing_is_an_error():
+    plan = PARAMETERS["plan"] | {"search_depth_m": 0.05}
+    with pytest.raises(PalpateError, match="no touch"):
+        probing.estimate(PARAMETERS | {"plan": plan}, 1)
+
+
+def test_every_estimator_has_a_row_near_the_truth_and_the_bound_is_of_its_error():
+    rows = probing.estimate(PARAMETERS, 1)
+    assert [row["estimator"] for row in rows] == [
+        "lsq",
+        "robust",
+        "ransac (threshold 0.1)",
+        "indirect_adaptive",
+    ]
+    for row in rows:
+        assert row["stiffness.k"] == pytest.approx(800, rel=0.02)
+        assert row["true stiffness.k"] == 800
+    errors = [
+        (row["stiffness.k"] - 800) / row["bound stiffness.k"]
+        for seed in range(2, 10)
+        for row in probing.estimate(PARAMETERS | {"estimators": ["robust"]}, seed)
+    ]
+    assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 2.5  # 8 draws of an estimator that is nearly efficient
+
+
+def test_the_bound_follows_the_noise():
+    calm, loud = (
+        probing.estimate(PARAMETERS | {"noise_percent": percent, "estimators": ["lsq"]}, 1)[0]
+        for percent in (5, 10)
+    )
+    assert loud["bound damping.c"] == pytest.approx(2 * calm["bound damping.c"], rel=0.1)
+
+
+def test_each_draw_of_the_noise_is_another_and_equal_seeds_draw_the_same():
+    noisy = PARAMETERS | {"noise_percent": 5.0, "draws": 3, "estimators": ["lsq"]}
+    found, again = ([row["stiffness.k"] for row in probing.estimate(noisy, 4)] for _ in range(2))
+    assert len(set(found)) == 3
+    assert found == again
+
+
+def test_an_estimator_that_cannot_work_says_why_and_the_others_are_kept():
+    hopeless = {"name": "ransac", "threshold": 1e-9}
+    lost, kept = probing.estimate(PARAMETERS | {"estimators": [hopeless, "lsq"]}, 1)
+    assert "raise the threshold" in lost["problem"]
+    assert "stiffness.k" not in lost
+    assert kept["problem"] == ""
+
+
+def test_the_peak_is_that_of_the_dashpot_where_it_alone_is_beyond_the_limit():
+    stiff_dashpot = LAW | {"stiffness_n_m": 500.0, "damping_n_s_m": 100.0}
+    (row,) = probing.estimate(PARAMETERS | {"law": stiff_dashpot, "estimators": ["lsq"]}, 1)
+    fast, slow = row["peak_n"]
+    assert 12 < fast < 15.1  # c v = 15 N
+    assert slow < 10.5
+    assert row["over_limit_ms"][0] > 0 == row["over_limit_ms"][1]
+
+
+def test_hidden_effects_are_found_by_the_diagnosis():
+    hidden = [{"effect": "cubic_stiffness", "cubic_n_m3": 2e6}]
+    plan = {"speeds_m_s": [0.15, 0.12, 0.09, 0.06], "hold_s": 0.0}
+    rows = probing.diagnosed(PARAMETERS | {"hidden": hidden, "plan": plan}, 1)
+    contact = next(row for row in rows if row["channel"] == "contact")
+    assert contact["verdict"] == "missing"
+    assert contact["truth"] == "cubic_stiffness"
+    assert Counter(row["channel"] for row in rows) == Counter(["contact", "joint_1", "joint_2", "joint_3"])
+
+
+def test_a_threshold_below_the_noise_costs_ransac_accuracy_and_outliers_cost_a_wide_one():
+    def k_over_bound(threshold, outliers):
+        settings = {"threshold": threshold, "subset": 5, "trials": 100}
+        more = {"settings": settings, "outliers_percent": outliers, "draws": 10}
+        (row,) = ransac_errors(PARAMETERS | more, 1)
+        return row["k_over_bound"]
+
+    assert k_over_bound(0.1, 0) < 1.6 < k_over_bound(0.003, 0)
+    assert k_over_bound(0.1, 30) < 2.0 < k_over_bound(3.0, 30)
