@@ -11,14 +11,22 @@ from palpate.doctor.viewer import has_display
 from palpate.files import different_files, open_session, output_file, output_folder, spare_files
 from palpate.render.inspection import PLOTS, RECORDING, look_into
 from palpate.render.recording.viewer import open_window, take_picture
+from palpate.teleop.haptics import STREAM_NAME as HAPTIC
+from palpate.teleop.joined import join
+from palpate.teleop.recording import record_both
 from palpate.words import shown, typed
 from robot_io.errors import InputError
 
+BOTH = "both.rrd"  # name of a leader's and a follower's recording
 PIXELS_LEAST, PIXELS_MOST = 200, 8000
 
 
 def command(  # noqa: PLR0917, one parameter an option
     session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
+    other: Annotated[
+        Path | None,
+        typer.Argument(help="The other side's session (palpate teleop): both on one time line."),
+    ] = None,
     save: Annotated[
         Path | None, typer.Option(help="Write the recording here, and open no window.", metavar="FILE.rrd")
     ] = None,
@@ -36,24 +44,35 @@ def command(  # noqa: PLR0917, one parameter an option
 ) -> None:
     """See a session in Rerun: arm, object, forces, torques, phases, estimates and events over time.
 
+    With the sessions of a leader and its follower, both on one time line (palpate teleop).
+
     Without a display the recording is written to a file that Rerun opens anywhere: into the session's own
     folder, where it is renewed each time, or where --save says.
     """
     found = open_session(session)
+    joined = None if other is None else join(found, open_session(other))
+    if other is None and HAPTIC in found.stream_names:
+        raise InputError(f"{session}: is a leader's session: give that of its follower as well")
     pixels = _size(size)
     if at_s is not None and not 0.0 <= at_s < math.inf:
         raise InputError(f"--at-s {at_s:g}: give seconds from the start of the session, such as 2.5")
     for output in (save, screenshot):
         if output is not None:
-            output_file(output, force=force, keep=[session])
+            output_file(output, force=force, keep=[session, *filter(None, [other])])
     different_files(save, screenshot, *(plots / name for name in PLOTS if plots is not None))
     if plots is not None:
         spare_files(plots, PLOTS, force=force, keep=[session])
         output_folder(plots)
-    recording = save or output_folder(found.derived_dir) / RECORDING
-    inspection = look_into(found)
-    moment_s = inspection.record(recording)
+    recording = save or output_folder(found.derived_dir) / (RECORDING if joined is None else BOTH)
     out = console.stdout()
+    if joined is None:
+        inspection = look_into(found)
+        moment_s = inspection.record(recording)
+    else:
+        if plots is not None:
+            raise InputError("--plots is for one session; palpate inspect FOLLOWER --plots FOLDER")
+        moment_s = record_both(joined, recording)
+        out.print(joined.clocks_in_words())
     out.print(f"recording: [bold]{shown(recording)}[/bold]", soft_wrap=True)
     for plot in inspection.plot(plots) if plots is not None else ():
         out.print(f"plot: [bold]{shown(plot)}[/bold]", soft_wrap=True)

@@ -1,0 +1,149 @@
+"""Model-mediated coupling: the operator feels a model of the object, which the follower finds by probing.
+
+Mitra and Niemeyer, "Model-mediated telemanipulation", IJRR 27(2), 2008; the architecture of the paper's
+figure 1. The first touch of the virtual object asks for a probing; only the target travels to the follower,
+which presses by itself at several speeds and sends back what the object is like. The force felt comes from
+the model at hand, without delay, and is passive whatever comes from the link (`VirtualObject`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+
+from control.teleop.couplings.coupling import TRACKING, Coupling, Packet, Port, Side
+from control.teleop.virtual_object import ForceLaw, VirtualObject, kelvin_voigt
+from robot_io.types import FloatArray
+
+_AXIS = np.array([0.0, 0.0, 1.0])
+_TOUCH_N = 0.3
+_CLEARANCE_M = 0.005
+_RETRACT_M_S = 0.05
+
+
+@dataclass(frozen=True)
+class ContactModel:
+    """How the follower describes an object, and how the leader renders it.
+
+    Attributes:
+        fit: samples (n, 3) in contact, of position [m], velocity [m/s] and compression [N], to parameters.
+        law: parameters to the force law and the position of the surface [m].
+        guess: parameters before anything was probed.
+    """
+
+    fit: Callable[[FloatArray], Packet]
+    law: Callable[[Packet], tuple[ForceLaw, float]]
+    guess: Packet
+
+
+def _fit_kelvin_voigt(samples: FloatArray) -> Packet:
+    """Stiffness [N/m], damping [N s/m], surface [m] by least squares of F = k (x - x0) + c v."""
+    position, velocity, force = samples.T
+    columns = np.column_stack([position, velocity, np.ones_like(position)])
+    (stiffness, damping, offset), *_ = np.linalg.lstsq(columns, force)
+    return float(stiffness), float(damping), float(-offset / stiffness)
+
+
+KELVIN_VOIGT = ContactModel(
+    fit=_fit_kelvin_voigt,
+    law=lambda parameters: (kelvin_voigt(parameters[0], parameters[1]), parameters[2]),
+    guess=(500.0, 5.0, 0.0),
+)
+
+
+@dataclass(frozen=True)
+class ProbingWay:
+    """How the follower presses by itself."""
+
+    speeds_m_s: tuple[float, ...] = (0.06, 0.04, 0.02)
+    force_limit_n: float = 8.0
+
+
+class ModelMediatedLeader(Side):
+    """Renders the model at hand; the first touch of it asks for a probing."""
+
+    def __init__(self, model: ContactModel) -> None:
+        self._law = model.law
+        law, surface_m = model.law(model.guess)
+        self.virtual = VirtualObject(law, surface_m * _AXIS, -_AXIS)
+        self._target = self._answered = 0.0
+
+    def step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
+        """See `Side.step`."""
+        if newest is not None and newest[0] > self._answered:
+            self._answered = newest[0]
+            law, surface_m = self._law(newest[1:])
+            self.virtual.update(law, surface_m * _AXIS)
+        touch = self.virtual.step(port.position_m * _AXIS, port.velocity_m_s * _AXIS, dt_s)
+        if touch.depth_m > 0.0:
+            self._target = 1.0
+        return -touch.force_n, (self._target,)
+
+
+class Stage(Enum):
+    """Where the follower is in its work."""
+
+    IDLE = "idle"
+    PRESS = "press"
+    RETRACT = "retract"
+
+
+@dataclass
+class ModelMediatedFollower(Side):
+    """Waits for a target, presses there at each speed up to the force limit, and answers with a model."""
+
+    model: ContactModel
+    way: ProbingWay
+    stage: Stage = Stage.IDLE
+    _answer: Packet = (0.0,)
+    _target: float = 0.0
+    _presses: int = 0
+    _wanted_m: float | None = None
+    _touched_m: float = 0.0
+    _samples: list[Port] = field(default_factory=list)
+
+    def step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
+        """See `Side.step`."""
+        if self._wanted_m is None:
+            self._wanted_m = port.position_m
+        if newest is not None and newest[0] > self._target:
+            self._target, self._presses, self.stage = newest[0], 0, Stage.PRESS
+        speed_m_s = self._work(port)
+        self._wanted_m += speed_m_s * dt_s
+        force_n = TRACKING.force_n(self._wanted_m - port.position_m, speed_m_s - port.velocity_m_s)
+        return force_n, self._answer
+
+    def _work(self, port: Port) -> float:
+        """The speed wanted now [m/s]; keeps samples, and moves from stage to stage."""
+        if port.force_n > _TOUCH_N and self.stage is not Stage.IDLE:
+            if not self._samples:
+                self._touched_m = port.position_m
+            self._samples.append(port)
+        if self.stage is Stage.PRESS:
+            if port.force_n >= self.way.force_limit_n:
+                self.stage = Stage.RETRACT
+            return self.way.speeds_m_s[self._presses]
+        if self.stage is Stage.RETRACT:
+            if port.position_m < self._touched_m - _CLEARANCE_M:
+                self._press_done()
+            return -_RETRACT_M_S
+        return 0.0
+
+    def _press_done(self) -> None:
+        self._presses += 1
+        if self._presses < len(self.way.speeds_m_s):
+            self.stage = Stage.PRESS
+            return
+        self._answer = (self._target, *self.model.fit(np.array(self._samples)))
+        self._samples.clear()
+        self.stage = Stage.IDLE
+
+
+def model_mediated(model: ContactModel = KELVIN_VOIGT, way: ProbingWay | None = None) -> Coupling:
+    """The coupling for a kind of object and a way to probe it."""
+    return Coupling(
+        "model-mediated",
+        lambda: ModelMediatedLeader(model),
+        lambda: ModelMediatedFollower(model, way or ProbingWay()),
+    )

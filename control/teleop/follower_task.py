@@ -1,0 +1,154 @@
+"""The follower's task: hold still, probe target after target as the queue says, hold still again.
+
+Each target is one `ProbingTask` of its own, from the place where the arm holds and back to it. Messages can
+only change the queue; how fast, how hard and how far is in the plan, and the guard has the last word.
+"""
+
+import math
+from collections.abc import Callable
+from enum import StrEnum
+
+import numpy as np
+
+from control.arm.rigid_body import RigidBody
+from control.laws.gains import Gains
+from control.laws.hybrid import HybridController
+from control.loop.phases import Phase
+from control.loop.task import NO_RUN, TaskEvent, TaskOutput
+from control.paths.trajectory import JointMotion
+from control.probing.task import ProbingTask
+from control.teleop.target_queue import TargetQueue
+from robot_io.errors import InputError
+from robot_io.link import Target, TargetState
+from robot_io.types import FloatArray, Measurement
+
+
+class OnSilence(StrEnum):
+    """What becomes of the target under way when the leader falls silent; then the arm holds still."""
+
+    FINISH = "finish"
+    RETREAT = "retreat"
+
+
+class FollowerTask:
+    """Works through a `TargetQueue`; see `control.loop.task.Task`. It is done when the leader has ended.
+
+    Args:
+        body: the arm.
+        sensor_axis_tip: direction in which the tool pushes in the tip frame, shape (3,).
+        gains: of the arm.
+        queue: of targets.
+        probing: makes the probing of one target.
+        settled: whether nothing but the queue keeps the arm up, such as an estimate that is still to come.
+        on_silence: what to do with a target under way when the leader is not heard any more.
+    """
+
+    def __init__(  # noqa: PLR0917 (what a follower is made of)
+        self,
+        body: RigidBody,
+        sensor_axis_tip: FloatArray,
+        gains: Gains,
+        queue: TargetQueue,
+        probing: Callable[[Target], ProbingTask],
+        settled: Callable[[], bool] = lambda: True,
+        on_silence: OnSilence = OnSilence.FINISH,
+    ) -> None:
+        self._hold = HybridController(body, sensor_axis_tip, gains)
+        self._queue, self._probing = queue, probing
+        self._settled, self._on_silence = settled, on_silence
+        self._under_way: ProbingTask | None = None
+        self._runs = self._base = 0  # runs so far; of the targets before the one under way
+        self._linked = False
+        self._events: list[TaskEvent] = []
+
+    def start(self, measurement: Measurement) -> None:
+        """Hold the measured posture."""
+        still = np.zeros_like(measurement.joint_position_rad)
+        self._posture = JointMotion(measurement.joint_position_rad.copy(), still, still)
+        self._direction = np.array((0.0, 0.0, -1.0))
+        self._hold.start(measurement)
+
+    def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        """See `control.loop.task.Task.step`; raises what a `ProbingTask` raises."""
+        self._events = []
+        self._note_link()
+        if self._under_way is None:
+            self._begin(measurement)
+        task = self._under_way
+        if task is None:
+            return self._holding(measurement, dt_s)
+        if self._queue.unwanted:
+            task.cancel("cancelled by the operator")
+        elif not self._linked and self._on_silence is OnSilence.RETREAT:
+            task.cancel("the leader is silent")
+        output = task.step(measurement, dt_s)
+        return self._after(task, output, measurement)
+
+    def _note_link(self) -> None:
+        if self._queue.linked != self._linked:
+            self._linked = self._queue.linked
+            text = "the leader is heard" if self._linked else "the leader is silent: nothing new is begun"
+            self._events.append(TaskEvent("link_up" if self._linked else "link_silent", text))
+
+    def _begin(self, measurement: Measurement) -> None:
+        target = self._queue.begin()
+        if target is None:
+            return
+        try:
+            task = self._probing(target)
+            task.start(measurement)
+        except InputError as error:
+            self._finish(TargetState.REFUSED, f"target {target.number} refused: {error}")
+            return
+        self._under_way, self._base = task, self._runs
+        self._direction = np.array(target.direction_world)
+        self._events.append(TaskEvent("target", f"target {target.number} begun", {"target": target.number}))
+
+    def _after(self, task: ProbingTask, output: TaskOutput, measurement: Measurement) -> TaskOutput:
+        """The probing's output with run numbers that go on from target to target; it never ends the loop."""
+        if output.run != NO_RUN:
+            output = output._replace(run=self._base + output.run)
+            self._runs = output.run + 1
+        events = tuple(self._numbered(event) for event in output.events)
+        if output.done:
+            self._conclude(task)
+            self._under_way = None
+            self._hold.start(measurement)
+        return output._replace(done=False, events=(*events, *self._events))
+
+    def _conclude(self, task: ProbingTask) -> None:
+        number, failed = self._queue.current, "; ".join(task.failures)
+        if task.cancelled:
+            self._finish(TargetState.CANCELLED, f"target {number} left: {failed}")
+        elif task.runs_done == 0:
+            self._finish(TargetState.FAILED, f"target {number}: {failed}")
+        else:
+            self._finish(TargetState.DONE, failed)
+
+    def _finish(self, state: TargetState, remark: str) -> None:
+        number = self._queue.current
+        self._queue.finish(state, remark)
+        text = remark or f"target {number} {state.name.lower()}"
+        self._events.append(TaskEvent("target", text, {"target": number, "state": state.name}))
+
+    def _numbered(self, event: TaskEvent) -> TaskEvent:
+        data = event.data
+        if not data or "run" not in data:
+            return event
+        run = self._base + int(str(data["run"]))
+        return TaskEvent(event.kind, event.text, {**data, "run": run, "target": self._queue.current})
+
+    def _holding(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        output = self._hold.step_joints(measurement, self._posture, dt_s)
+        return TaskOutput(
+            command=output.command,
+            reference_position_rad=output.motion.position_rad,
+            reference_velocity_rad_s=output.motion.velocity_rad_s,
+            tip_position_world_m=output.tip.position_world_m,
+            tip_velocity_world_m_s=output.tip.velocity_world_m_s,
+            press_direction_world=self._direction,
+            desired_force_n=math.nan,
+            phase=Phase.IDLE,
+            done=self._queue.done and self._settled(),
+            events=tuple(self._events),
+        )

@@ -1,0 +1,110 @@
+"""An arm of servos in the operator's hand, through its robot file: its tip is read, and pushes back.
+
+    tau = g(q) + J(q)^T f
+
+The arm's own weight is held up by its model, and every torque goes through its guard. There is no button: the
+operator selects a place by pressing the tool's force sensor harder than `select_force_n`.
+"""
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from control.arm.rigid_body import RigidBody, TipMotion
+from robot_io.clock import Clock
+from robot_io.driver import DriverCatalogue
+from robot_io.errors import DeviceError, LifecycleError, SafetyTripError
+from robot_io.files.file_model import FileModel, Positive
+from robot_io.guard import Guard
+from robot_io.operator.device import Hand, OperatorDevice
+from robot_io.robot import Robot, build_robot
+from robot_io.robot_file import load_robot_file
+from robot_io.types import Command, FloatArray, Measurement, Status
+
+_WAIT_S = 1.0  # for the first sample
+
+
+class LeaderArmSettings(FileModel):
+    """Which arm."""
+
+    robot: Path  # robot file
+    drivers: tuple[str, ...] = ()  # packages with drivers beside the built-in ones
+    select_force_n: Positive = 5.0
+    deadline_s: Positive = 0.005  # for one exchange with the devices
+
+
+class LeaderArm(OperatorDevice):
+    """An arm; `read` takes a measurement, `set_force` sends one command."""
+
+    name = "leader_arm"
+    Settings: ClassVar[type[FileModel]] = LeaderArmSettings
+    settings: LeaderArmSettings
+
+    def __init__(self, settings: LeaderArmSettings, clock: Clock) -> None:
+        super().__init__(settings, clock)
+        self._robot: Robot | None = None
+        self._measured: Measurement | None = None
+
+    def _open(self) -> None:
+        robot_file = load_robot_file(self.settings.robot)
+        self._body = RigidBody.of_robot(robot_file)
+        self._guard = Guard(
+            robot_file.limits, robot_file.safe_state, robot_file.joint_count, self._body.gravity
+        )
+        self._robot = build_robot(robot_file, DriverCatalogue(*self.settings.drivers), self.clock)
+        self._robot.configure()
+        until_s = self.clock.now_s() + _WAIT_S
+        while not np.isfinite(self._measure().joint_position_rad).all():
+            if self.clock.now_s() > until_s:
+                raise DeviceError(f"{self.name}: the encoders sent nothing within {_WAIT_S:g} s")
+            self.clock.sleep_until(self.clock.now_s() + self.settings.deadline_s)
+
+    def _measure(self) -> Measurement:
+        return self._arm.read(self.clock.now_s() + self.settings.deadline_s)
+
+    def _hand(self) -> Hand:
+        measured = self._measure()
+        if self._is_active:
+            self._guard.watch(measured)
+            if self._guard.tripped and self._guard.finished:
+                raise SafetyTripError(f"{self.name}: {self._guard.tripped.cause}")
+        if measured.encoder_status is Status.FAULT:
+            raise DeviceError(f"{self.name}: the encoders cannot be read {self._arm.bus_errors or ''}")
+        self._measured = measured
+        tip = self._tip(measured)
+        select = measured.force_n > self.settings.select_force_n
+        return Hand(tip.position_world_m, tip.velocity_world_m_s, measured.encoder_at_s, select)
+
+    def _power(self, *, on: bool) -> None:
+        if not on:
+            self._arm.deactivate()
+            return
+        self._arm.activate()
+        self._commanded_s = self.clock.now_s()
+
+    def _push(self, force_world_n: FloatArray) -> FloatArray:
+        if self._measured is None:
+            raise LifecycleError(f"{self.name}: set_force needs a read before")
+        jacobian = self._tip(self._measured).jacobian_world[:3]
+        weight_nm = self._body.gravity(self._measured.joint_position_rad)
+        now_s = self.clock.now_s()
+        wanted = Command(weight_nm + jacobian.T @ force_world_n)
+        allowed = self._guard.limit(wanted, self._measured, now_s - self._commanded_s)
+        self._commanded_s = now_s
+        sent = self._arm.write(allowed, now_s + self.settings.deadline_s)
+        return np.linalg.pinv(jacobian.T) @ (sent.joint_torque_nm - weight_nm)
+
+    def _release(self) -> None:
+        if self._robot is not None:
+            self._robot.close()
+            self._robot = None
+
+    def _tip(self, measured: Measurement) -> TipMotion:
+        return self._body.tip_motion(measured.joint_position_rad, measured.joint_velocity_rad_s)
+
+    @property
+    def _arm(self) -> Robot:
+        if self._robot is None:
+            raise LifecycleError(f"{self.name}: not configured")
+        return self._robot

@@ -1,0 +1,160 @@
+"""The object that the operator feels: a half space with any force law, changed while it is touched.
+
+The object only pushes, along the outward normal of its surface. Two rules hold whatever the law is and
+however often it is changed, so the law itself need not be passive:
+
+1. **Energy.** With E the work that the tip has done on the object since touch (exact for a force that is held
+   from one step to the next) and x the depth, the force is at most
+
+       F <= p (E + E_r) / x,   p = 4
+
+   The best that a tip can then get back on its way out is dE/dx = p (E + E_r) / x, so E + E_r falls as x^p
+   and never below zero: no contact returns more than the reserve E_r above what was put in. A law F ~ x^n
+   stores F x / (n + 1), so the rule does not touch one with n <= 3 that is left unchanged, nor, at rest, one
+   whose stiffness is raised by up to p / (n + 1); after more the full force comes with the next touch.
+   It is a passivity observer (Hannaford and Ryu, IEEE T-RA 18(1), 2002) whose limit acts before the energy
+   is spent, and so without that controller's sudden drop of force; model updates as the source of energy:
+   Willaert et al., "Stability of model-mediated teleoperation: discussion and experiments", EuroHaptics 2012.
+2. **Continuity.** A new law takes over from the present force: the difference fades by at most
+   `largest_jump_n` a step. A surface that moves during contact does so at `surface_speed_m_s`.
+
+Pure: no clock, no device. One step takes a few microseconds.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from robot_io.clip import clip
+from robot_io.errors import InputError
+from robot_io.types import FloatArray, frozen_array
+
+# force_n = law(depth_m, rate_m_s, dt_s): compression positive, 0 for depth <= 0. It is called once in each
+# step, touched or not, so that a law may have a memory.
+ForceLaw = Callable[[float, float, float], float]
+
+_STEEPEST = 4.0  # p: laws up to depth^3 are felt as they are
+_WAYS = 2.0  # the energy must last for as many steps of the way out, the force being held for each
+
+
+def kelvin_voigt(stiffness_n_m: float, damping_n_s_m: float) -> ForceLaw:
+    """F = k x + c dx/dt, cut at zero (paper, section V)."""
+
+    def force_n(depth_m: float, rate_m_s: float, _dt_s: float) -> float:
+        return max(0.0, stiffness_n_m * depth_m + damping_n_s_m * rate_m_s) if depth_m > 0.0 else 0.0
+
+    return force_n
+
+
+def hunt_crossley(stiffness: float, damping: float, exponent: float) -> ForceLaw:
+    """F = (k + b dx/dt) x^n, cut at zero; k [N/m^n], b [N s/m^(n+1)] (Hunt and Crossley 1975, eq. 2)."""
+
+    def force_n(depth_m: float, rate_m_s: float, _dt_s: float) -> float:
+        return max(0.0, stiffness + damping * rate_m_s) * depth_m**exponent if depth_m > 0.0 else 0.0
+
+    return force_n
+
+
+class Touch(NamedTuple):
+    """What one step of the virtual object gave."""
+
+    force_world_n: FloatArray  # on the tip, shape (3,) [N]
+    force_n: float  # the same along the normal, positive in compression [N]
+    depth_m: float  # of the tip below the surface; negative above it [m]
+    energy_j: float  # put in by the tip since touch, by the forces rendered so far [J]
+    withheld_n: float  # how much less than the law's own force is rendered, by the two rules [N]
+
+
+class VirtualObject:
+    """A half space that pushes the tip out by a force law that can be exchanged at any time.
+
+    Args:
+        law: the force law, such as `kelvin_voigt(1000.0, 5.0)`.
+        point_world_m: any point of the undeformed surface, shape (3,) [m].
+        normal_world: out of the object, shape (3,), made a unit vector.
+        largest_jump_n: how much force an update may add or take away in one step [N].
+        surface_speed_m_s: how fast the surface moves to a new place during contact [m/s].
+        reserve_j: what one contact may return beyond what was put in [J]; k q^2 / 4 lets an encoder of step
+            q [m] begin to press on stiffness k [N/m].
+        force_limit_n: no force is larger [N].
+
+    Raises:
+        InputError: the normal is zero, or a value is not finite or not positive.
+    """
+
+    def __init__(
+        self,
+        law: ForceLaw,
+        point_world_m: FloatArray,
+        normal_world: FloatArray,
+        *,
+        largest_jump_n: float = 0.05,
+        surface_speed_m_s: float = 0.01,
+        reserve_j: float = 1e-4,
+        force_limit_n: float = 50.0,
+    ) -> None:
+        settings = (largest_jump_n, surface_speed_m_s, reserve_j, force_limit_n)
+        if not all(math.isfinite(value) and value > 0.0 for value in settings):
+            raise InputError(
+                f"virtual object: jump, speed, reserve and limit must be positive, not {settings}"
+            )
+        normal = frozen_array(normal_world, (3,), what="normal of the surface")
+        length = math.sqrt(float(normal.dot(normal)))
+        if length == 0.0:
+            raise InputError("normal of the surface: it is zero")
+        self._normal = normal / length
+        self._law = law
+        self._height_m = self._wanted_height_m = self._along_normal(point_world_m)
+        self._jump_n, self._surface_m_s = largest_jump_n, surface_speed_m_s
+        self._reserve_j, self._limit_n = reserve_j, force_limit_n
+        self._tip_m = math.nan  # along the normal, at the last step
+        self._force_n = self._energy_j = self._fading_n = 0.0
+        self._updated = False
+
+    def update(self, law: ForceLaw, point_world_m: FloatArray | None = None) -> None:
+        """Render another law from the next step on, and another surface if a point (3,) [m] is given.
+
+        InputError: the point is not finite.
+        """
+        if point_world_m is not None:
+            self._wanted_height_m = self._along_normal(point_world_m)
+        self._law = law
+        self._updated = True
+
+    def step(
+        self, tip_position_world_m: FloatArray, tip_velocity_world_m_s: FloatArray, dt_s: float
+    ) -> Touch:
+        """The force that the tip feels until the next step, `dt_s` [s] later; shapes (3,) [m], [m/s]."""
+        tip_m = float(self._normal.dot(tip_position_world_m))
+        rate_m_s = -float(self._normal.dot(tip_velocity_world_m_s))
+        self._move_surface(tip_m, dt_s)
+        depth_m = self._height_m - tip_m
+        own_n = self._law(depth_m, rate_m_s, dt_s)
+        if depth_m > 0.0:
+            if self._force_n > 0.0:
+                self._energy_j += self._force_n * (self._tip_m - tip_m)
+            self._fade(own_n)
+            way_m = max(depth_m / _STEEPEST, -_WAYS * rate_m_s * dt_s)
+            most_n = max(0.0, self._reserve_j + self._energy_j) / way_m
+            self._force_n = min(max(0.0, own_n + self._fading_n), most_n, self._limit_n)
+        else:
+            self._force_n = self._energy_j = self._fading_n = own_n = 0.0
+        self._tip_m, self._updated = tip_m, False
+        force_world_n = self._normal * self._force_n
+        return Touch(force_world_n, self._force_n, depth_m, self._energy_j, own_n - self._force_n)
+
+    def _along_normal(self, point_world_m: FloatArray) -> float:
+        return float(self._normal.dot(frozen_array(point_world_m, (3,), what="point of the surface")))
+
+    def _move_surface(self, tip_m: float, dt_s: float) -> None:
+        """At once if neither the old nor the new surface is touched, else slowly."""
+        if tip_m >= max(self._height_m, self._wanted_height_m):
+            self._height_m = self._wanted_height_m
+        most_m = self._surface_m_s * dt_s
+        self._height_m += clip(self._wanted_height_m - self._height_m, -most_m, most_m)
+
+    def _fade(self, own_n: float) -> None:
+        """What is left of the difference between the last law's force and the new one's."""
+        if self._updated:
+            self._fading_n = self._force_n - own_n
+        self._fading_n -= clip(self._fading_n, -self._jump_n, self._jump_n)

@@ -1,0 +1,284 @@
+"""`palpate teleop`: work on a virtual object that learns to feel like the real one."""
+
+import sys
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from control.loop.result import Outcome
+from control.probing.plan import ProbingPlan, load_probing_plan
+from control.teleop.follower_task import OnSilence
+from control.teleop.leader_arm import LeaderArm
+from palpate import console
+from palpate.files import existing_file, output_file
+from palpate.render.terminal import print_files
+from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers, takes
+from palpate.runs.permission import ask_for_power
+from palpate.runs.robots import find_robot
+from palpate.teleop.demo import run_demo
+from palpate.teleop.follower import FollowerJob, FollowerOutcome, run_follower
+from palpate.teleop.haptics import HapticJob
+from palpate.teleop.leader import LeaderJob, leader_metadata, run_leader
+from palpate.teleop.operator_file import build_operator
+from palpate.words import as_shell_word, count, safe, shown, typed
+from robot_io.clock import MonotonicClock
+from robot_io.errors import InputError
+from robot_io.link import Impairment, LineSettings
+from robot_io.robot_file import RobotFile, load_robot_file
+from sim_backend.scenario import load_scenario, shipped_scenarios
+
+MILLI, PERCENT = 1e-3, 0.01
+PLAN = ProbingPlan(hold_s=0.4)
+
+group = typer.Typer(
+    rich_markup_mode="rich",
+    add_completion=False,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@group.callback()
+def root(context: typer.Context) -> None:
+    """Work on a virtual object that learns to feel like the real one.
+
+    The operator moves a virtual arm, feels a virtual object and chooses places to probe (leader). Only these
+    places travel. Another arm probes them by itself (follower) and sends back what the object is like; the
+    virtual object changes to match.
+
+    [bold]palpate teleop demo --out DIR[/bold] runs both on this machine, without a device or an arm.
+    """
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+NameOption = Annotated[str, typer.Option("--name", help="Of the pair; the same on both sides.")]
+PortOption = Annotated[int, typer.Option("--port", help="On this machine's loopback, without --link.")]
+LinkOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--link", help="zenoh configuration (JSON5): endpoints, router, certificates.", metavar="FILE"
+    ),
+]
+BadNetworkOption = Annotated[
+    str | None,
+    typer.Option(
+        "--bad-network",
+        help="For trials: delay and jitter [ms] and loss [%] of what this side sends, such as 500,20,10.",
+        metavar="MS,MS,%",
+    ),
+]
+
+
+@group.command()
+@takes(RunOptions)
+def follower(
+    options: RunOptions,
+    *,
+    experiment: Annotated[Path | None, typer.Option(help="Probing plan (YAML) for every target.")] = None,
+    on_silence: Annotated[
+        OnSilence, typer.Option(help="What becomes of the target under way when the leader falls silent.")
+    ] = OnSilence.FINISH,
+    diagnose: Annotated[bool, typer.Option(help="Look for effects that a contact law lacks.")] = True,
+    name: NameOption = "arm",
+    port: PortOption = 7447,
+    link: LinkOption = None,
+    bad_network: BadNetworkOption = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
+    yes: YesOption = False,
+) -> None:
+    """Probe the places that a leader chooses, and send back what the object there is like.
+
+    The arm holds still until a leader is heard and while it is silent. How fast and how hard it probes is in
+    this side's own plan; its guard is in charge, whatever comes over the line. A real arm gets power after a
+    question alone (or --yes), and a countdown.
+
+      palpate teleop follower --scenario stiff -o follower.mcap
+      palpate teleop follower --robot my_arm.yaml --experiment gentle.yaml --link router.json5
+    """
+    robot_file = options.robot_file
+    plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else PLAN
+    job = FollowerJob(
+        robot_file,
+        output_file(out or SESSIONS / f"{options.stamped_name('teleop')}.mcap"),
+        plan,
+        permission=lambda: ask_for_power(_motion(robot_file, plan), yes=yes),
+        link=_line(name, port, link, bad_network),
+        on_silence=on_silence,
+        diagnose=diagnose,
+        **{**options.job, "paced": True},
+    )
+    talk = console.stderr()
+    outcome = run_follower(job, lambda text: talk.print(safe(text)))
+    if options.as_json:
+        console.print_json(_as_data(job, outcome))
+    else:
+        _print(job, outcome)
+    outcome.raise_for_failure()
+
+
+@group.command()
+def leader(  # noqa: PLR0917, one parameter an option
+    operator: Annotated[
+        str, typer.Option("--operator", help="The operator's device, or a YAML file that sets one up.")
+    ] = "keyboard",
+    robot: Annotated[
+        str, typer.Option(help="Virtual arm that the operator moves: shipped, or a file.")
+    ] = "leader",
+    scenario: Annotated[
+        str, typer.Option(help="What the operator feels before anything was probed.", metavar="WORLD")
+    ] = "default",
+    jump_n: Annotated[
+        float, typer.Option(help="Most force that an update may add or take in a millisecond.", metavar="N")
+    ] = 0.05,
+    name: NameOption = "arm",
+    port: PortOption = 7447,
+    link: LinkOption = None,
+    bad_network: BadNetworkOption = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
+    yes: YesOption = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+) -> None:
+    """Move a virtual arm, feel a virtual object, and choose places for the follower to probe.
+
+    The device's button chooses the place below the tip; pressed again there, it calls that off. Every
+    estimate that comes back changes the object that is felt, and says how far it can be trusted. An arm as
+    device (leader_arm) gets power after a question alone (or --yes), and a countdown.
+
+      palpate teleop leader --operator gamepad -o leader.mcap
+      palpate teleop leader --operator touch.yaml --link router.json5
+    """
+    command_line = " ".join(map(as_shell_word, ["palpate", *sys.argv[1:]]))
+    device = build_operator(operator, MonotonicClock())  # only to know that it can be made
+    scene, robot_file = load_scenario(scenario), find_robot(robot)
+    session = output_file(out or SESSIONS / f"{datetime.now().astimezone():%Y%m%d-%H%M%S}-leader.mcap")
+    metadata = leader_metadata(robot_file, scene, command_line)
+    haptics = HapticJob(robot, operator, scene, session, metadata, largest_jump_n=jump_n)
+    line = _line(name, port, link, bad_network)
+    if isinstance(device, LeaderArm):
+        ask_for_power(_pushing(load_robot_file(device.settings.robot)), yes=yes)
+    talk = console.stderr()
+    with talk.status("starting") as status:
+        outcome = run_leader(
+            LeaderJob(haptics, line),
+            lambda text: talk.print(safe(text)),
+            lambda text: status.update(safe(text)),
+        )
+    if as_json:
+        console.print_json({"session": str(session), **asdict(outcome)})
+        return
+    targets = ", ".join(f"{number} {state}" for number, state in outcome.states.items())
+    out_ = console.stdout()
+    out_.print(f"targets: {targets or 'none'}; {count(outcome.estimates, 'estimate')} received")
+    if outcome.lateness is not None:
+        late = outcome.lateness
+        out_.print(f"haptic loop: {late.count} ticks, late p99 {_us(late.p99_s)}, p99.9 {_us(late.p999_s)}")
+    out_.print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
+    console.next_steps((f"palpate inspect {typed(session)} follower.mcap", "both sides on one time line"))
+
+
+@group.command()
+def demo(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for everything.", metavar="DIR")],
+    scenario: Annotated[
+        str, typer.Option(help=f"What is really there: a file, or one of {', '.join(shipped_scenarios())}.")
+    ] = "stiff",
+    bad_network: BadNetworkOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+) -> None:
+    """Both sides as two processes on this machine, with an operator by script; ends within a minute.
+
+    The operator chooses two places and presses on a virtual object that begins as a guess. The last line says
+    how far what was felt is from what is really there.
+
+      palpate teleop demo --out teleop-demo
+      palpate teleop demo --out far --scenario hunt_crossley --bad-network 500,20,10
+    """
+    _line("arm", 7447, None, bad_network)  # only to know that it can be read
+    network = [] if bad_network is None else ["--bad-network", bad_network]
+    with console.stderr().status("leader and follower are at work (about 45 s)"):
+        made = run_demo(out, load_scenario(scenario), network, network)
+    if as_json:
+        files = {what: str(path) for what, path in made.files.items()}
+        settled = made.felt.after_touch()
+        console.print_json(
+            {
+                "files": files,
+                "felt_share": settled.share,
+                "felt_share_with_touch": made.felt.share,
+                "model_share": made.modelled.share,
+                "clock_offset_s": made.joined.offset_s,
+            }
+        )
+        return
+    print_files(console.stdout(), made.files)
+    console.stdout().print(f"models over the follower's own measurements: {made.modelled.in_words()}")
+    console.stdout().print(made.felt_in_words(), soft_wrap=True)
+    sessions = " ".join(typed(made.files[side]) for side in ("leader", "follower"))
+    console.next_steps(
+        (f"palpate inspect {sessions}", "both sides on one time line"),
+        (f"palpate estimate {typed(made.files['follower'])}", "stiffness and damping of every place"),
+    )
+
+
+def _us(seconds: float) -> str:
+    return f"{1e6 * seconds:.0f} us"
+
+
+def _motion(robot_file: RobotFile, plan: ProbingPlan) -> str:
+    speeds = ", ".join(f"{speed / MILLI:g}" for speed in plan.speeds_m_s)
+    return (
+        f"'{robot_file.name}' is going to move to wherever a leader asks: each place is probed at {speeds} "
+        f"mm/s, pressing with {plan.force_limit_n:g} N; its guard stops it beyond "
+        f"{robot_file.limits.force_n:g} N."
+    )
+
+
+def _pushing(robot_file: RobotFile) -> str:
+    torques = ", ".join(f"{torque:g}" for torque in robot_file.limits.torque_nm)
+    return (
+        f"'{robot_file.name}' is going to carry its own weight and to push the hand that holds it, "
+        f"with at most {torques} N m in its joints."
+    )
+
+
+def _line(name: str, port: int, config: Path | None, bad_network: str | None) -> LineSettings:
+    impairment = None
+    if bad_network is not None:
+        parts = numbers("--bad-network", bad_network, ", such as 500,20,10")
+        if len(parts) != 3:
+            raise InputError(f"--bad-network {bad_network!r}: give delay, jitter [ms] and loss [%]")
+        impairment = Impairment(MILLI * parts[0], MILLI * parts[1], PERCENT * parts[2])
+    if config is not None:
+        existing_file(config, "zenoh configuration")
+    return LineSettings(name, port, config, impairment)
+
+
+def _as_data(job: FollowerJob, outcome: FollowerOutcome) -> dict[str, object]:
+    return {
+        "session": str(job.session),
+        "outcome": str(outcome.loop.outcome),
+        "cause": outcome.loop.cause,
+        "targets": {str(number): state.name.lower() for number, state in outcome.states.items()},
+        "estimates": outcome.estimates,
+        "overruns": outcome.loop.overruns,
+        "link_error": outcome.talk_error,
+    }
+
+
+def _print(job: FollowerJob, outcome: FollowerOutcome) -> None:
+    out = console.stdout()
+    states = ", ".join(f"{number} {state.name.lower()}" for number, state in outcome.states.items())
+    end = "" if outcome.loop.outcome is Outcome.FINISHED else f"; [red]{safe(outcome.loop.one_line())}[/red]"
+    out.print(f"targets: {states or 'none'}; {count(outcome.estimates, 'estimate')} sent{end}")
+    if outcome.talk_error:
+        out.print(f"  [yellow]the link was given up: {safe(outcome.talk_error)}[/yellow]")
+    out.print(f"written: [bold]{shown(job.session)}[/bold]", soft_wrap=True)
+    session = typed(job.session)
+    console.next_steps(
+        (f"palpate estimate {session}", "stiffness and damping of every place"),
+        (f"palpate inspect leader.mcap {session}", "both sides on one time line"),
+    )

@@ -1,0 +1,159 @@
+"""Leader and follower as two processes on this machine, with an operator by script."""
+
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from palpate.files import output_file, output_folder, write_text
+from palpate.teleop.figures import draw
+from palpate.teleop.joined import TOUCH_S, Felt, Joined, join
+from palpate.teleop.recording import record_both
+from robot_io.errors import PalpateError
+from robot_io.session import Session
+from sim_backend.contact_laws import KelvinVoigt
+from sim_backend.scenario import ObjectSettings, Scenario
+
+_GUESS = KelvinVoigt(stiffness_n_m=300.0, damping_n_s_m=5.0)  # felt before anything was probed,
+_GUESS_ABOVE_M = 0.003  # and the surface is thought to be so much higher [m]
+_LIMIT_S = 55.0  # after which what still runs is ended
+_PLACES_M = (0.36, 0.40)  # x of the targets
+_ABOVE_M, _BELOW_M = 0.03, 0.02  # of the surface: where the hand waits, and where it wants to go
+_PRESSES = ((1.0, 0.5), (0.8, 0.4), (1.5, 0.3))  # times down, for 60 to 120 mm/s, and of holding [s]
+_LAST_S = 16.0
+_SIDES = ("follower", "leader")
+
+
+@dataclass(frozen=True)
+class TeleopDemo:
+    """What the demo made."""
+
+    joined: Joined
+    felt: Felt  # what was felt, and what the real object would have answered
+    modelled: Felt  # what the models answer to the follower's presses, and what it measured
+    files: dict[str, Path]
+
+    def felt_in_words(self) -> str:
+        """How far what was felt is from what is real."""
+        if not len(self.felt.real_n):
+            return "nothing was felt after the first estimate: the felt force cannot be compared"
+        settled = self.felt.after_touch()
+        return (
+            f"felt force: {100.0 * settled.share:.2g} % rms from the real one, after the first estimate "
+            f"({100.0 * self.felt.share:.2g} % with the first {1e3 * TOUCH_S:g} ms of every touch, where "
+            "passivity withholds a part of the damper's jump)"
+        )
+
+
+def script(surface_m: float) -> dict[str, object]:
+    """The operator's file: choose two places, then press on both until the end.
+
+    Args:
+        surface_m: height of the surface [m].
+    """
+    high_m, low_m = surface_m + _ABOVE_M, surface_m - _BELOW_M
+    one, other = _PLACES_M
+    path: list[dict[str, object]] = []
+    at_s = 0.0
+
+    def go(x_m: float, z_m: float, after_s: float, *, select: bool = False) -> None:
+        nonlocal at_s
+        at_s += after_s
+        path.append({"time_s": round(at_s, 3), "position_world_m": [x_m, 0.0, z_m], "select": select})
+
+    go(one, high_m, 0.0)
+    for x_m in (one, other):
+        go(x_m, high_m, 0.6)
+        go(x_m, high_m, 0.2, select=True)
+        go(x_m, high_m, 0.2)
+    number = 0
+    while at_s < _LAST_S:
+        x_m = _PLACES_M[number // len(_PRESSES) % len(_PLACES_M)]
+        down_s, hold_s = _PRESSES[number % len(_PRESSES)]
+        for z_m, after_s in ((high_m, 0.4), (low_m, down_s), (low_m, hold_s), (high_m, down_s)):
+            go(x_m, z_m, after_s)
+        number += 1
+    return {"device": "scripted", "path": path}
+
+
+def run_demo(
+    folder: Path, real: Scenario, follower: Sequence[str] = (), leader: Sequence[str] = ()
+) -> TeleopDemo:
+    """Run both sides, and look at what they have written.
+
+    Args:
+        folder: where everything goes.
+        real: the world of the follower.
+        follower: its further options.
+        leader: its further options.
+
+    Raises:
+        InputError: something is there already.
+        PalpateError: one of them failed; its words are in its log.
+    """
+    output_folder(folder)
+    sessions = {side: output_file(folder / f"{side}.mcap") for side in _SIDES}
+    operator = folder / "operator.yaml"
+    surface_m = real.object.surface_height_m
+    guess = ObjectSettings(law=_GUESS, surface_height_m=surface_m + _GUESS_ABOVE_M)
+    worlds = {"real": real, "guess": Scenario(description="a guess", object=guess)}
+    write_text(operator, yaml.safe_dump(script(surface_m), sort_keys=False))
+    for name, world in worlds.items():
+        write_text(folder / f"{name}.yaml", world.to_yaml())
+    port = str(_free_port())
+    commands = {
+        "follower": ["--scenario", str(folder / "real.yaml"), *follower],
+        "leader": ["--scenario", str(folder / "guess.yaml"), "--operator", str(operator), *leader],
+    }
+    for side, options in commands.items():
+        options += ["--port", port, "-o", str(sessions[side])]
+    _run_both(folder, commands)
+    joined = join(*(Session.open(path) for path in sessions.values()))
+    felt, modelled = joined.felt_and_real(real), joined.modelled_and_measured()
+    files = {**sessions, "recording": folder / "teleop.rrd", "figures": folder / "figures.png"}
+    record_both(joined, files["recording"])
+    draw(files["figures"], joined, felt, modelled)
+    return TeleopDemo(joined, felt, modelled, files)
+
+
+def _run_both(folder: Path, commands: dict[str, list[str]]) -> None:
+    program = [sys.executable, "-m", "palpate.main", "teleop"]
+    until_s = time.monotonic() + _LIMIT_S
+    running = {}
+    try:
+        for side, options in commands.items():
+            with (folder / f"{side}.log").open("wb") as log:
+                running[side] = subprocess.Popen([*program, side, *options], stdout=log, stderr=log)  # noqa: S603
+        for side in reversed(_SIDES):
+            try:
+                running[side].wait(max(1.0, until_s - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                raise PalpateError(
+                    f"the {side} has not ended after {_LIMIT_S:g} s; see {folder / side}.log"
+                ) from None
+            if running[side].returncode:
+                raise PalpateError(f"the {side} failed: {_last_words(folder / f'{side}.log')}")
+    finally:
+        for process in running.values():
+            if process.poll() is None:
+                process.terminate()
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(10.0)
+                process.kill()
+
+
+def _last_words(log: Path) -> str:
+    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    return lines[-1] if lines else f"without a word (see {log})"
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,279 @@
+"""What the object at a target is like, worked out in processes of their own while the arm goes on.
+
+After every run a first look: spring and damper or Hunt-Crossley, whichever leaves less, with intervals. After
+the last run of a target the diagnosis, which may add effects, and says whether the model is complete.
+"""
+
+import ctypes
+import os
+import signal
+from collections.abc import Callable
+from dataclasses import replace
+from math import nan
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import NamedTuple
+
+import numpy as np
+
+from control.loop.way_out import one_line
+from estimation.channel import ChannelData
+from estimation.data.contact import find_contacts
+from estimation.data.tick_channels import contact_channels
+from estimation.study import ChannelEstimates, Revision
+from estimation.study.revisions import KeptParameter
+from palpate.export.scenario import FittedChannel, export_scenario
+from palpate.study import Study
+from palpate.teleop.object_law import terms_of
+from robot_io.errors import InputError
+from robot_io.link import ObjectEstimate, Parameter
+from robot_io.link.messages import MOST_TEXT
+from robot_io.session import Column, Samples, Stream
+from robot_io.types import FloatArray
+from sim_backend.scenario import Scenario
+
+_MODELS = ("kelvin_voigt", "hunt_crossley")
+_ESTIMATORS = "weighted,lsq"
+Look = Callable[[Samples, int], ObjectEstimate]
+_SURE = 1.96  # standard errors on either side: 95 %
+_NICE = 10  # of the diagnosis, for which nobody waits
+_ENOUGH = 1.3  # times the noise: what leaves no more needs no second law
+_PR_SET_PDEATHSIG = 1  # Linux, prctl(2)
+
+
+def sample_stream(joint_count: int) -> Stream:
+    """What of each tick is needed to estimate; called as in the stream "tick"."""
+    return Stream(
+        "sample",
+        (
+            Column("time_s", "s"),
+            Column("run", "1", dtype="int32"),
+            Column("phase", "1", dtype="int32"),
+            Column("joint_position_rad", "rad", joint_count),
+            Column("force_n", "N"),
+            Column("tip_position_world_m", "m", 3),
+            Column("press_direction_world", "1", 3),
+            Column("encoder_at_s", "s"),
+            Column("force_at_s", "s"),
+            Column("encoder_status", "1", dtype="int32"),
+            Column("force_status", "1", dtype="int32"),
+        ),
+    )
+
+
+def first_look(samples: Samples, target: int) -> ObjectEstimate:
+    """What the runs so far say of the object at a target, by the better of two contact laws.
+
+    Raises:
+        InputError: nothing was touched, or too little to estimate from.
+    """
+    contact = _contact(samples)
+    return _estimate(contact, target, _revision(_better(contact.channel, contact.noise_n)))
+
+
+def second_look(samples: Samples, target: int) -> ObjectEstimate:
+    """The same with what the diagnosis establishes beside the law, and with its verdict.
+
+    What is established and cannot be simulated, and so not felt, is said in words.
+
+    Raises:
+        InputError: as `first_look`.
+    """
+    contact = _contact(samples)
+    found = _better(contact.channel, contact.noise_n)
+    study = Study(contact.channel, found.model.name)
+    (answer,) = study.diagnose(apply=True).channels
+    verdict, words = str(answer.verdict), answer.reason
+    try:
+        (revision,) = study.to_export()
+        made = _estimate(contact, target, revision)
+    except InputError as error:
+        made = _estimate(contact, target, _revision(found))
+        words = f"not all of it can be felt ({error}); {words}"
+    return replace(made, verdict=verdict, words=words[:MOST_TEXT])
+
+
+class Estimator:
+    """Hands the work to two processes, one for each look; whoever owns it asks for the answers.
+
+    Each works at one target at a time; of what waits, only the newest samples of each target are kept.
+    `diagnose` says whether there is a second look.
+    """
+
+    def __init__(self, *, diagnose: bool) -> None:
+        looks = [(first_look, 0), *([(second_look, _NICE)] if diagnose else [])]
+        self._workers = [_Worker(look, nice) for look, nice in looks]
+
+    @property
+    def busy(self) -> bool:
+        """Whether an answer is still to come."""
+        return any(worker.busy for worker in self._workers)
+
+    def look(self, samples: Samples, target: int, *, last: bool) -> None:
+        """Have the samples of a target looked at: once, or where it was the last run also twice."""
+        for worker in self._workers[: 2 if last else 1]:
+            worker.take(samples, target)
+
+    def answers(self) -> list[ObjectEstimate | str]:
+        """Estimates that have been made since the last call, or why there is none."""
+        return [answer for worker in self._workers for answer in worker.answers()]
+
+    def close(self) -> None:
+        """End the processes, whatever they are doing."""
+        for worker in self._workers:
+            worker.process.kill()
+            worker.process.join()
+
+
+class _Worker:
+    """One process with one kind of look. It is sent nothing while it is not waiting: a pipe may fill up."""
+
+    def __init__(self, look: Look, nice: int) -> None:
+        context = get_context("spawn")
+        self._pipe, other = context.Pipe()
+        self.process = context.Process(target=_serve, args=(look, nice, os.getpid(), other), daemon=True)
+        self.process.start()
+        other.close()
+        self._waiting: dict[int, Samples] = {}
+        self._ready = False
+
+    @property
+    def busy(self) -> bool:
+        return self.process.is_alive() and (bool(self._waiting) or not self._ready)
+
+    def take(self, samples: Samples, target: int) -> None:
+        self._waiting[target] = samples
+
+    def answers(self) -> list[ObjectEstimate | str]:
+        found: list[ObjectEstimate | str] = []
+        try:
+            while self._pipe.poll():
+                answer, self._ready = self._pipe.recv(), True
+                found += [] if answer is None else [answer]
+            if self._ready and self._waiting:
+                target = next(iter(self._waiting))
+                self._pipe.send((self._waiting.pop(target), target))
+                self._ready = False
+        except (EOFError, OSError):
+            if self._waiting:
+                self._waiting.clear()
+                found.append("no estimate: the process that estimates has ended")
+        return found
+
+
+def _serve(look: Look, nice: int, parent: int, pipe: Connection) -> None:
+    """Look at whatever comes; ends with its parent, leaves Ctrl-C to it, and may give way to it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(nice)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it ended before it could be heard of
+        return
+    pipe.send(None)  # ready: all is imported
+    while True:
+        try:
+            pipe.send(look(*pipe.recv()))
+        except EOFError:
+            return
+        except InputError as error:
+            pipe.send(f"no estimate: {error}")
+        except Exception as error:  # a fault here must not end the estimates of other targets
+            pipe.send(f"no estimate: {one_line(error)}")
+
+
+class _Contact(NamedTuple):
+    """What was measured at one target."""
+
+    channel: ChannelData
+    tip_world_m: FloatArray  # mean of the tip in contact, shape (3,) [m]
+    direction_world: FloatArray  # into the object, shape (3,)
+    noise_n: float  # of the sensor in free air [N]
+    measured_s: float  # time of the last sample [s]
+
+
+def _contact(samples: Samples) -> _Contact:
+    channels = contact_channels(samples, tared=True)
+    if not channels:
+        raise InputError("nothing was touched at this target")
+    contacts = find_contacts(samples["force_n"], samples["run"], samples["phase"])
+    touched = np.concatenate([contact.rows for contact in contacts])
+    return _Contact(
+        channels[-1],
+        samples["tip_position_world_m"][touched].mean(axis=0),
+        samples["press_direction_world"][touched[-1]],
+        float(np.mean([contact.noise_n for contact in contacts])),
+        float(samples["force_at_s"].max()),
+    )
+
+
+def _better(channel: ChannelData, noise_n: float) -> ChannelEstimates:
+    """The contact law that leaves less; the second is not tried where the first leaves only noise."""
+    found: list[ChannelEstimates] = []
+    for model in _MODELS:
+        try:
+            found += Study(channel, model).estimate(_ESTIMATORS)
+        except InputError as error:
+            failure = error
+        if found and found[0].best.rmse <= _ENOUGH * noise_n:
+            break
+    if not found:
+        raise failure
+    return min(found, key=lambda one: one.best.rmse)
+
+
+def _revision(found: ChannelEstimates) -> Revision:
+    """Estimates as a revision that nobody keeps: what can be written as a simulated object."""
+    kept = {
+        p.name: KeptParameter(
+            value=p.value, std_err=p.std_err if np.isfinite(p.std_err) else None, unit=p.unit
+        )
+        for p in found.best.parameters
+    }
+    return Revision(
+        number=0,
+        parent=None,
+        channel=found.channel.name,
+        model=found.model.name,
+        added="",
+        effects=[],
+        user_effects=[],
+        effort_unit=found.channel.kind.effort_unit,
+        rmse=found.best.rmse,
+        noise_floor=0.0,
+        parameters=kept,
+        data_sha256="",
+        created_utc="",
+        software_version="",
+    )
+
+
+def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstimate:
+    """A fitted model as it travels.
+
+    Raises:
+        InputError: the simulator, whose laws are felt, cannot do what was fitted.
+    """
+    export = export_scenario(Scenario(), [FittedChannel(revision, contact.channel.surface, 0)], "")
+    if export.left_out:
+        raise InputError(export.left_out[0])
+    tip_m, direction = contact.tip_world_m, contact.direction_world
+    along_m = -export.scenario.object.surface_height_m  # as `export_scenario` has it, whatever the direction
+    surface_m = tip_m + (along_m - tip_m @ direction) * direction
+    return ObjectEstimate(
+        revision=0,
+        target=target,
+        surface_world_m=tuple(surface_m.tolist()),
+        direction_world=tuple(direction.tolist()),
+        model=terms_of(export.scenario),
+        parameters=tuple(_parameter(name, kept) for name, kept in revision.parameters.items()),
+        verdict="",
+        words="",
+        rmse_n=revision.rmse,
+        noise_n=contact.noise_n,
+        runs=len(contact.channel.runs),
+        measured_s=contact.measured_s,
+    )
+
+
+def _parameter(name: str, kept: KeptParameter) -> Parameter:
+    reach = nan if kept.std_err is None else _SURE * kept.std_err
+    return Parameter(name, kept.unit, kept.value, kept.value - reach, kept.value + reach)

@@ -1,0 +1,240 @@
+"""The haptic loop, in a process of its own: hand in, force out, a thousand times a second.
+
+It owns the operator's device, the virtual arm and object, and the leader's session. What comes over the line
+reaches it only as estimates that the leader's main process has checked. If that process dies the loop ends:
+force off, session closed.
+"""
+
+import signal
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from math import inf
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+
+from control.arm.rigid_body import RigidBody
+from control.loop.realtime import realtime
+from control.loop.timing import Histogram, SectionTiming, TickGrid
+from control.loop.way_out import one_line
+from control.teleop.link_record import LINK_STREAM
+from control.teleop.virtual_arm import VirtualArm
+from control.teleop.virtual_object import Touch, VirtualObject
+from palpate.runs.robots import find_robot
+from palpate.teleop.in_words import in_words
+from palpate.teleop.object_law import felt_data, force_law, terms_of
+from palpate.teleop.operator_file import build_operator
+from robot_io.clock import Clock, MonotonicClock
+from robot_io.errors import InputError, PalpateError
+from robot_io.link import ObjectEstimate
+from robot_io.operator.device import Hand, OperatorDevice
+from robot_io.robot_file import RobotFile
+from robot_io.session import Column, SessionMetadata, SessionWriter, Stream
+from sim_backend.scenario import Scenario
+
+_DOWN = np.array((0.0, 0.0, -1.0))  # the scene's object is pressed downwards
+GUESS = -1  # revision of the scene's own object, before anything was probed
+_TELL_TICKS = 20
+_MOST_UNREAD = 50  # tellings that the main process has not read; it is never waited for
+STREAM_NAME, FEEL = "haptic", "feel"
+
+
+@dataclass(frozen=True)
+class HapticJob:
+    """What is rendered, for whom, and where it is kept."""
+
+    robot: str  # file or name of the virtual arm
+    operator: str  # file or name of the operator's device
+    scene: Scenario  # what the operator feels before anything was probed
+    session: Path
+    metadata: SessionMetadata
+    rate_hz: float = 1000.0
+    largest_jump_n: float = 0.05  # that an update may make in one tick
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.largest_jump_n < inf:
+            raise InputError(f"--jump-n {self.largest_jump_n}: must be above 0 and finite")
+
+
+@dataclass(frozen=True)
+class Orders:
+    """From the main process to the haptic one."""
+
+    read: int  # how many tellings have been read
+    render: ObjectEstimate | None = None  # what the object is like from now on
+    notes: tuple[tuple[str, str], ...] = ()  # for the session, kind and text
+    link: tuple[object, ...] | None = None  # for the session, a record of `LINK_STREAM`
+    end: bool = False
+
+
+@dataclass(frozen=True)
+class Telling:
+    """From the haptic process to the main one."""
+
+    time_s: float
+    tip_world_m: tuple[float, ...]  # shape (3,)
+    force_n: float
+    depth_m: float
+    selected: tuple[tuple[float, ...], ...] = ()  # places that the operator chose, (3,) each [m]
+    refused: tuple[str, ...] = ()  # what could not be rendered
+    finished: bool = False  # the script has come to its end
+    lateness: SectionTiming | None = None  # of the whole run, with the last telling
+    failure: str = ""  # why it ended early, with the last telling
+
+
+_NOTHING = Telling(0.0, (0.0, 0.0, 0.0), 0.0, 0.0)
+
+
+def haptic_stream(joint_count: int) -> Stream:
+    """The columns of a haptic tick."""
+    return Stream(
+        STREAM_NAME,
+        (
+            Column("time_s", "s", 1, "start of the tick, on the leader's clock"),
+            Column("lateness_s", "s", 1, "woken up after the tick was due"),
+            Column("step_s", "s", 1, "time spent in the tick before"),
+            Column("tip_position_world_m", "m", 3, "of hand and virtual arm"),
+            Column("tip_velocity_world_m_s", "m/s", 3, "of hand and virtual arm"),
+            Column("joint_position_rad", "rad", joint_count, "of the virtual arm"),
+            Column("reached", "1", 1, "whether the virtual arm reaches the hand", "bool"),
+            Column("depth_m", "m", 1, "of the tip below the virtual surface; negative above it"),
+            Column("force_n", "N", 1, "rendered, along the surface's normal"),
+            Column("felt_n", "N", 1, "what of it the device can exert"),
+            Column("withheld_n", "N", 1, "less than the model's own force, for passivity and continuity"),
+            Column("energy_j", "J", 1, "put in by the hand since touch"),
+            Column("revision", "1", 1, "of the estimate that is felt; -1: the scene's guess", "int32"),
+        ),
+    )
+
+
+def run_haptics(job: HapticJob, pipe: Connection) -> None:
+    """Render until the script ends, the main process says so, or it is gone; for a process of its own."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process, which then says to end
+    lateness, failure = Histogram(), ""
+    try:
+        _render(job, pipe, lateness)
+    except (EOFError, BrokenPipeError, ConnectionResetError):  # the main process is gone, and all is closed
+        return
+    except PalpateError as error:
+        failure = str(error)
+    except Exception as error:  # said to the user by the main process
+        failure = one_line(error)
+    with suppress(OSError):
+        pipe.send(replace(_NOTHING, finished=True, lateness=lateness.summary(), failure=failure))
+
+
+def _render(job: HapticJob, pipe: Connection, lateness: Histogram) -> None:
+    clock, robot_file = MonotonicClock(), find_robot(job.robot)
+    device = build_operator(job.operator, clock)
+    streams = [haptic_stream(robot_file.joint_count), LINK_STREAM]
+    with SessionWriter(job.session, streams, job.metadata) as log, device, realtime() as help_given:
+        log.event(clock.now_s(), "realtime", str(help_given))
+        device.activate()
+        _Haptics(job, robot_file, device, log, pipe).run(clock, lateness)
+
+
+class _Haptics:
+    """One run of the loop."""
+
+    def __init__(
+        self,
+        job: HapticJob,
+        robot_file: RobotFile,
+        device: OperatorDevice,
+        log: SessionWriter,
+        pipe: Connection,
+    ) -> None:
+        self._device, self._log, self._pipe = device, log, pipe
+        self._period_s = 1.0 / job.rate_hz
+        body, home_rad = RigidBody.of_robot(robot_file), np.array(robot_file.home_rad)
+        self._arm = VirtualArm(body, np.array(robot_file.sensor_axis_tip), _DOWN, home_rad)
+        surface_m = np.array((0.0, 0.0, job.scene.object.surface_height_m))
+        self._object = VirtualObject(
+            force_law(terms_of(job.scene)), surface_m, -_DOWN, largest_jump_n=job.largest_jump_n
+        )
+        self._revision, self._ticks, self._told, self._read = GUESS, 0, 0, 0
+        self._selected: list[tuple[float, ...]] = []
+        self._refused: list[str] = []
+        self._was_selected = self._end = False
+
+    def run(self, clock: Clock, lateness: Histogram) -> None:
+        """Tick after tick."""
+        grid = TickGrid(clock.now_s() + self._period_s, self._period_s)
+        periods, busy_s = 1, 0.0
+        late_s = np.zeros(_TELL_TICKS)
+        while not self._end:
+            clock.sleep_until(grid.due_s)
+            now_s = clock.now_s()
+            late_s[grid.index % _TELL_TICKS] = now_s - grid.due_s
+            self._tick(now_s, now_s - grid.due_s, busy_s, periods * self._period_s)
+            if grid.index % _TELL_TICKS == _TELL_TICKS - 1:
+                lateness.add(late_s)
+            ended_s = clock.now_s()
+            busy_s = ended_s - now_s
+            periods = grid.advance(ended_s)
+
+    def _tick(self, now_s: float, late_s: float, busy_s: float, dt_s: float) -> None:
+        hand = self._device.read()
+        touch = self._object.step(hand.position_world_m, hand.velocity_world_m_s, dt_s)
+        felt_n = self._device.set_force(touch.force_world_n)
+        self._arm.follow(hand.position_world_m)
+        self._select(hand, touch)
+        self._log.append(
+            STREAM_NAME,
+            (
+                now_s,
+                late_s,
+                busy_s,
+                hand.position_world_m,
+                hand.velocity_world_m_s,
+                self._arm.position_rad,
+                self._arm.reached,
+                touch.depth_m,
+                touch.force_n,
+                -float(felt_n.dot(_DOWN)),
+                touch.withheld_n,
+                touch.energy_j,
+                self._revision,
+            ),
+        )
+        while self._pipe.poll():
+            self._obey(self._pipe.recv(), now_s)
+        self._ticks += 1
+        if self._ticks % _TELL_TICKS == 0 and self._told - self._read < _MOST_UNREAD:
+            self._tell(now_s, hand, touch)
+
+    def _select(self, hand: Hand, touch: Touch) -> None:
+        """A place is chosen when the button goes down, at the virtual surface below the arm's tip."""
+        if hand.select and not self._was_selected:
+            place = self._arm.tip_world_m - touch.depth_m * _DOWN
+            self._selected.append(tuple(place.tolist()))
+        self._was_selected = hand.select
+
+    def _obey(self, orders: Orders, now_s: float) -> None:
+        self._read, self._end = orders.read, self._end or orders.end
+        for kind, text in orders.notes:
+            self._log.event(now_s, kind, text)
+        if orders.link is not None:
+            self._log.append(LINK_STREAM.name, orders.link)
+        if orders.render is not None:
+            self._feel(orders.render, now_s)
+
+    def _feel(self, estimate: ObjectEstimate, now_s: float) -> None:
+        try:
+            self._object.update(force_law(estimate.model), np.array(estimate.surface_world_m))
+        except InputError as error:  # the last one goes on
+            self._refused.append(f"estimate {estimate.revision}: {error}")
+            return
+        self._revision = estimate.revision
+        text = f"estimate {estimate.revision}, target {estimate.target}: {in_words(estimate)}"
+        self._log.event(now_s, FEEL, text, felt_data(estimate))
+
+    def _tell(self, now_s: float, hand: Hand, touch: Touch) -> None:
+        tip = tuple(hand.position_world_m.tolist())
+        finished = getattr(self._device, "finished", False)
+        chosen, refused = tuple(self._selected), tuple(self._refused)
+        self._pipe.send(Telling(now_s, tip, touch.force_n, touch.depth_m, chosen, refused, finished))
+        self._told += 1
+        self._selected.clear()
+        self._refused.clear()

@@ -1,0 +1,190 @@
+"""A leader's and a follower's session on one time line, and how far the felt force is from the real one."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from control.loop.phases import Phase
+from control.loop.tick_record import STREAM_NAME as TICK
+from control.teleop.link_record import STREAM_NAME as LINK
+from palpate.teleop.haptics import FEEL, GUESS
+from palpate.teleop.haptics import STREAM_NAME as HAPTIC
+from palpate.teleop.object_law import force_law, terms_in, terms_of
+from palpate.words import significant
+from robot_io.errors import InputError
+from robot_io.session import Event, Samples, Session
+from robot_io.types import BoolArray, FloatArray
+from sim_backend.scenario import Scenario
+
+TOUCH_S = 0.005  # in which a damper's jump at touch is rendered only as far as passivity allows
+_APART_S = 0.05  # between two touches, at least
+_LEAST_N = 0.2  # of the real force: below this nothing is compared
+_PRESSED = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
+
+
+@dataclass(frozen=True)
+class Felt:
+    """Two forces side by side, shape (n,) each."""
+
+    time_s: FloatArray  # on the leader's clock [s]
+    felt_n: FloatArray
+    real_n: FloatArray
+
+    @property
+    def share(self) -> float:
+        """Root mean square of the difference, as a share of the real force's; NaN of nothing."""
+        if not len(self.real_n):
+            return float("nan")
+        return float(np.sqrt(np.mean((self.felt_n - self.real_n) ** 2) / np.mean(self.real_n**2)))
+
+    def after_touch(self) -> "Felt":
+        """The same without the first `TOUCH_S` of every touch."""
+        begins_s = self.time_s[np.diff(self.time_s, prepend=-np.inf) > _APART_S]
+        since_s = self.time_s - begins_s[np.searchsorted(begins_s, self.time_s, side="right") - 1]
+        late = since_s >= TOUCH_S
+        return Felt(self.time_s[late], self.felt_n[late], self.real_n[late])
+
+    def in_words(self) -> str:
+        """The share, such as "1.2 % rms of 8000 samples"."""
+        if not len(self.real_n):
+            return "nothing to compare"
+        return f"{100.0 * self.share:.2g} % rms of {len(self.real_n)} samples"
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Both sessions; times are the leader's."""
+
+    leader: Session
+    follower: Session
+
+    @cached_property
+    def haptic(self) -> Samples:
+        """The haptic loop's ticks."""
+        return self.leader.samples(HAPTIC)
+
+    @cached_property
+    def ticks(self) -> Samples:
+        """The follower's ticks."""
+        return self.follower.samples(TICK)
+
+    @cached_property
+    def exchanges(self) -> FloatArray:
+        """Leader's time, follower's clock minus leader's, round trip; shape (n, 3) [s], n > 0.
+
+        Raises:
+            InputError: neither side heard the other.
+        """
+        for session, sign in ((self.leader, 1.0), (self.follower, -1.0)):
+            link = session.samples(LINK)
+            known = np.isfinite(link["peer_offset_s"])
+            if known.any():
+                offset_s = sign * link["peer_offset_s"][known]
+                own_s = link["time_s"][known]
+                time_s = own_s if sign > 0 else own_s - offset_s
+                return np.column_stack((time_s, offset_s, link["round_trip_s"][known]))
+        raise InputError(f"{self.leader.path} and {self.follower.path}: neither heard the other")
+
+    @property
+    def offset_s(self) -> float:
+        """The follower's clock minus the leader's, of the exchange with the shortest round trip [s]."""
+        return float(self.exchanges[self.exchanges[:, 2].argmin(), 1])
+
+    @property
+    def round_trip_s(self) -> float:
+        """The shortest round trip: the offset is known to half of it [s]."""
+        return float(self.exchanges[:, 2].min())
+
+    def clocks_in_words(self) -> str:
+        """The offset between the two clocks, as far as it is known."""
+        which = "ahead of" if self.offset_s >= 0.0 else "behind"
+        moved_ms = 1e3 * np.ptp(self.exchanges[:, 1])
+        return (
+            f"the follower's clock is {which} the leader's by {abs(self.offset_s):.6f} s "
+            f"(shortest round trip {1e3 * self.round_trip_s:.2g} ms; "
+            f"over the session it moved by {significant(moved_ms, moved_ms)} ms)"
+        )
+
+    def to_leader(self, follower_s: FloatArray) -> FloatArray:
+        """Times of the follower's clock on the leader's, shape (n,) [s]; clocks may drift apart."""
+        time_s, offset_s, _ = self.exchanges.T
+        near_s = follower_s - np.interp(follower_s - self.offset_s, time_s, offset_s)
+        return np.asarray(near_s)
+
+    def feels(self) -> list[tuple[Event, Mapping[str, Any]]]:
+        """What the operator felt from when on, as events with their data."""
+        return [(event, event.data or {}) for event in self.leader.events if event.kind == FEEL]
+
+    def felt_and_real(self, real: Scenario) -> Felt:
+        """What was felt after the first estimate, and what the real object would have answered to that hand.
+
+        Touches that were under way when the first estimate came are left out: the force fades over then.
+        """
+        haptic = self.haptic
+        law = force_law(terms_of(real))
+        depth_m = real.object.surface_height_m - haptic["tip_position_world_m"][:, 2]
+        rate_m_s, step_s = -haptic["tip_velocity_world_m_s"][:, 2], np.diff(haptic["time_s"], prepend=np.nan)
+        step_s[:1] = 1e-3
+        motion = zip(depth_m.tolist(), rate_m_s.tolist(), step_s.tolist(), strict=True)
+        real_n = np.array([law(*state) for state in motion])
+        counted = _begun_after(haptic["force_n"] > 0.0, haptic["revision"] != GUESS) & (real_n > _LEAST_N)
+        return Felt(haptic["time_s"][counted], haptic["force_n"][counted], real_n[counted])
+
+    def modelled_and_measured(self) -> Felt:
+        """What each target's newest model answers to the follower's presses, and what was measured."""
+        ticks, parts = self.ticks, []
+        newest = {data["target"]: data for _, data in self.feels()}
+        pressed = np.isin(ticks["phase"], _PRESSED) & (ticks["run"] >= 0)
+        targets = self._target_of(ticks["time_s"])
+        air_n = float(np.mean(ticks["force_n"][ticks["phase"] == Phase.FREE_AIR]))
+        for target, data in newest.items():
+            law, rows = force_law(terms_in(data)), np.flatnonzero(targets == target)
+            direction, tip = ticks["press_direction_world"][rows], ticks["tip_position_world_m"][rows]
+            depth_m = np.einsum("ij,ij->i", tip - np.array(data["surface_world_m"]), direction)
+            rate_m_s = np.einsum("ij,ij->i", ticks["tip_velocity_world_m_s"][rows], direction)
+            step_s = np.diff(ticks["time_s"][rows], prepend=ticks["time_s"][rows[:1]] - 1e-3)
+            motion = zip(depth_m.tolist(), rate_m_s.tolist(), step_s.tolist(), strict=True)
+            modelled_n = np.array([law(*state) for state in motion])
+            kept = pressed[rows] & (depth_m > 0.0)
+            measured_n = ticks["force_n"][rows] - air_n
+            parts.append((ticks["time_s"][rows][kept], modelled_n[kept], measured_n[kept]))
+        if not parts:
+            return Felt(*np.zeros((3, 0)))
+        time_s, modelled_n, measured_n = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return Felt(self.to_leader(time_s), modelled_n, measured_n)
+
+    def _target_of(self, time_s: FloatArray) -> FloatArray:
+        """Number of the target that was being probed at the follower's times, shape (n,); -1 before any."""
+        begun = [
+            (event.time_s, event.data["target"])
+            for event in self.follower.events
+            if event.kind == "target" and event.data and "state" not in event.data
+        ]
+        if not begun:
+            return np.full(len(time_s), -1.0)
+        starts_s, numbers = np.array(begun).T
+        found = np.searchsorted(starts_s, time_s, side="right") - 1
+        return np.where(found >= 0, numbers[np.maximum(found, 0)], -1.0)
+
+
+def join(first: Session, second: Session) -> Joined:
+    """Both sessions, whichever comes first.
+
+    Raises:
+        InputError: they are not a leader's and a follower's.
+    """
+    for leader, follower in ((first, second), (second, first)):
+        if HAPTIC in leader.stream_names and {TICK, LINK} <= set(follower.stream_names):
+            return Joined(leader, follower)
+    raise InputError(f"{first.path} and {second.path}: give the sessions of a leader and of its follower")
+
+
+def _begun_after(touching: BoolArray, known: BoolArray) -> BoolArray:
+    """Samples of those touches that began when something was known, shape (n,)."""
+    begins = touching & ~np.concatenate([[False], touching[:-1]])
+    number = np.cumsum(begins)
+    knew = np.concatenate([[False], known[begins]])
+    return np.asarray(touching & knew[number])

@@ -1,0 +1,375 @@
+"""The leader: what the operator wants goes to the follower, what that finds goes to the operator's hand.
+
+This process talks and shows; a process of its own renders (`palpate.teleop.haptics`), so that neither a slow
+network nor a slow terminal is ever felt.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+from math import dist, nan
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+
+import numpy as np
+
+from control.loop.phases import Phase
+from control.loop.timing import SectionTiming
+from control.teleop.disagreement import Disagreement
+from control.teleop.link_record import link_record
+from control.teleop.peer import Arrival, Peer, PeerLimits
+from control.teleop.virtual_object import ForceLaw
+from palpate.runs.session import SOURCE
+from palpate.teleop.haptics import HapticJob, Orders, Telling, run_haptics
+from palpate.teleop.in_words import in_words, trust_in_words
+from palpate.teleop.object_law import force_law, terms_of
+from robot_io.clock import Clock, MonotonicClock
+from robot_io.errors import InputError, PalpateError
+from robot_io.link import (
+    Frame,
+    FrameError,
+    Intent,
+    Line,
+    LineSettings,
+    ObjectEstimate,
+    Report,
+    Target,
+    TargetState,
+)
+from robot_io.link.messages import MOST_TARGETS
+from robot_io.robot_file import RobotFile
+from robot_io.session import SessionMetadata
+from sim_backend.scenario import Scenario
+
+TALK_S = 0.02  # between two intents
+_LINK_RECORD_S, _SHOW_S = 0.1, 0.5
+_FAREWELL_S = 45.0  # how long a follower may take to finish what is queued
+_SAME_PLACE_M = 0.005  # nearer than this to a target is that target
+_START_S = 30.0  # until the haptic process is heard
+_DOWN = (0.0, 0.0, -1.0)
+_OVER = (TargetState.DONE, TargetState.REFUSED, TargetState.CANCELLED, TargetState.FAILED)
+_TOUCHING = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class LeaderJob:
+    """Who leads, what the operator feels at first, and how it is linked."""
+
+    haptics: HapticJob
+    link: LineSettings = field(default_factory=LineSettings)
+    limits: PeerLimits = field(default_factory=PeerLimits)
+
+
+@dataclass(frozen=True)
+class LeaderOutcome:
+    """How it ended."""
+
+    states: dict[int, str]  # what became of each target, as the follower said last
+    estimates: int  # that arrived
+    disagreements: tuple[str, ...]  # each that was shown
+    lateness: SectionTiming | None  # of the haptic loop
+
+
+def leader_metadata(robot_file: RobotFile, scene: Scenario, command_line: str) -> SessionMetadata:
+    """What a leader's session says of itself."""
+    return SessionMetadata(
+        robot_file=robot_file.text,
+        urdf=robot_file.urdf_path.read_text(encoding="utf-8"),
+        scenario=scene.public_yaml(),
+        software_version=version("palpate"),
+        created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
+        command_line=command_line,
+        extra={SOURCE: "leader"},
+    )
+
+
+def run_leader(job: LeaderJob, say: Say, show: Say) -> LeaderOutcome:
+    """Lead until the operator's script ends or Ctrl-C; the session is whole then.
+
+    Args:
+        job: what is to be done.
+        say: told what has happened, one line each.
+        show: told how things stand, a line that replaces the last one.
+
+    Raises:
+        InputError: the link cannot be opened.
+        PalpateError: the haptic process has ended, and why.
+    """
+    clock = MonotonicClock()
+    with Line("leader", job.link, clock) as line, _haptic_process(job.haptics) as (process, pipe):
+        leader = _Leader(job, line, clock, process, pipe, say, show)
+        try:
+            leader.run()
+        except KeyboardInterrupt:
+            say("ending: the follower finishes what is queued; Ctrl-C again leaves it alone")
+            leader.end()
+            leader.run()
+        return leader.outcome()
+
+
+@contextmanager
+def _haptic_process(job: HapticJob) -> Iterator[tuple[BaseProcess, Connection]]:
+    """A process that renders; it ends by itself when the pipe is closed."""
+    context = get_context("spawn")
+    own, other = context.Pipe()
+    process = context.Process(target=run_haptics, args=(job, other), daemon=True)
+    process.start()
+    other.close()
+    try:
+        yield process, own
+    finally:
+        own.close()
+        process.join(_START_S)
+
+
+class _Leader:
+    """One run."""
+
+    def __init__(  # noqa: PLR0917 (what a leader is made of)
+        self,
+        job: LeaderJob,
+        line: Line,
+        clock: Clock,
+        process: BaseProcess,
+        pipe: Connection,
+        say: Say,
+        show: Say,
+    ) -> None:
+        self._line, self._clock, self._process, self._pipe = line, clock, process, pipe
+        self._say, self._show = say, show
+        self._peer = Peer(job.limits)
+        self._targets: list[Target] = []
+        self._cancelled: list[int] = []
+        self._states: dict[int, TargetState] = {}
+        self._remark = ""
+        self._estimates: dict[int, ObjectEstimate] = {}  # newest by target
+        self._seen, self._read, self._restarts, self._received = -1, 0, 0, 0
+        self._felt: ObjectEstimate | None = None  # None: the scene's guess
+        self._notes: list[tuple[str, str]] = []
+        self._telling: Telling | None = None
+        self._law: ForceLaw = force_law(terms_of(job.haptics.scene))
+        self._surface_m = np.array((0.0, 0.0, job.haptics.scene.object.surface_height_m))
+        self._disagreement, self._shown = Disagreement(), set[object]()
+        self._disagreements: list[str] = []
+        self._report_s = nan
+        self._ending_s = self._link_s = self._show_s = nan
+        self._over, self._linked = False, False
+        self._lateness: SectionTiming | None = None
+
+    def run(self) -> None:
+        """Talk until it is over."""
+        begun_s = self._clock.now_s()
+        while not self._over:
+            now_s = self._clock.now_s()
+            self._hear_operator()
+            if self._telling is None and now_s - begun_s > _START_S:
+                raise PalpateError(f"the haptic process was not heard within {_START_S:g} s")
+            self._hear_follower(now_s)
+            self._choose()
+            self._line.send(self._intent())
+            self._order(now_s)
+            if not now_s < self._show_s + _SHOW_S:
+                self._show_s = now_s
+                self._show(self._in_words(now_s))
+            if now_s > self._ending_s + _FAREWELL_S or (self._ending and self._peer.silent(now_s)):
+                self._over = True
+            self._clock.sleep_until(now_s + TALK_S)
+        self._end_haptics()
+
+    def end(self) -> None:
+        """Want nothing more than what is queued."""
+        if not self._ending:
+            self._ending_s = self._clock.now_s()
+
+    @property
+    def _ending(self) -> bool:
+        return self._ending_s == self._ending_s  # not NaN
+
+    def outcome(self) -> LeaderOutcome:
+        """How it ended."""
+        states = {number: state.name.lower() for number, state in self._states.items()}
+        return LeaderOutcome(states, self._received, tuple(self._disagreements), self._lateness)
+
+    def _hear_operator(self) -> None:
+        try:
+            while self._pipe.poll():
+                self._take_telling(self._pipe.recv())
+        except (EOFError, OSError) as error:
+            raise PalpateError(
+                f"the haptic process has ended (exit code {self._process.exitcode})"
+            ) from error
+
+    def _take_telling(self, telling: Telling) -> None:
+        if telling.lateness is not None:
+            self._lateness = telling.lateness
+            if telling.failure:
+                raise PalpateError(f"the haptic loop has ended: {telling.failure}")
+            self._over = True
+            return
+        self._telling, self._read = telling, self._read + 1
+        for place in telling.selected:
+            self._select(place)
+        for text in telling.refused:
+            self._note("refused", f"not felt: {text}")
+        if telling.finished and not self._ending:
+            self.end()
+
+    def _select(self, place: tuple[float, ...]) -> None:
+        """A new target; or, where one is waiting or being probed, that one called off."""
+        waiting = [one for one in self._wanted() if dist(one.position_world_m, place) < _SAME_PLACE_M]
+        for target in waiting:
+            self._cancelled.append(target.number)
+            self._note("target", f"target {target.number} called off")
+        if not waiting:
+            number = len(self._targets)
+            self._targets.append(Target(number, place, _DOWN))
+            self._note("target", f"target {number} chosen at {_millimetres(place)} mm")
+
+    def _hear_follower(self, now_s: float) -> None:
+        for at_s, frame in self._line.receive():
+            arrival = self._peer.judge(frame, at_s)
+            if self._peer.restarts != self._restarts:
+                self._restarts, self._seen = self._peer.restarts, -1  # it counts its estimates from 0 again
+                self._note("link", "another follower has begun")
+            if arrival is Arrival.FRESH:
+                self._take_frame(frame, at_s)
+        linked = not self._peer.silent(now_s)
+        if linked != self._linked:
+            self._note("link", "the follower is heard" if linked else "the follower is silent")
+        self._linked = linked
+
+    def _take_frame(self, frame: Frame, at_s: float) -> None:
+        try:
+            message = frame.message
+        except FrameError:
+            self._line.malformed += 1
+            return
+        self._line.heard(frame, at_s)
+        if isinstance(message, ObjectEstimate):
+            self._take_estimate(message)
+        elif isinstance(message, Report):
+            self._take_report(message, frame.sent_s)
+
+    def _take_estimate(self, estimate: ObjectEstimate) -> None:
+        if estimate.revision <= self._seen:
+            return
+        self._seen, self._received = estimate.revision, self._received + 1
+        if dist(estimate.direction_world, _DOWN) > 1e-3:
+            self._note(
+                "refused", f"estimate {estimate.revision}: the virtual object is pressed downwards only"
+            )
+            return
+        try:
+            force_law(estimate.model)
+        except InputError as error:
+            self._note("refused", f"estimate {estimate.revision} cannot be felt: {error}")
+            return
+        self._estimates[estimate.target] = estimate
+        why = f" ({estimate.words})" if estimate.words else ""
+        self._note("estimate", f"target {estimate.target}: {in_words(estimate)}{why}")
+
+    def _take_report(self, report: Report, sent_s: float) -> None:
+        # A follower that has not heard of this leader yet may still tell of the targets of the last one.
+        states = zip(report.targets, map(TargetState, report.states), strict=True)
+        self._states.update((n, state) for n, state in states if 0 <= n < len(self._targets))
+        if report.remark and report.remark != self._remark:
+            self._note("follower", report.remark)
+        self._remark = report.remark
+        if report.ended:
+            self._note("follower", "the follower has ended")
+            self.end()
+            self._over = True
+        self._compare(report, sent_s)
+
+    def _compare(self, report: Report, sent_s: float) -> None:
+        """Hold what the follower feels against what the virtual object would answer there."""
+        direction = np.array(report.direction_world)
+        depth_m = float((np.array(report.tip_world_m) - self._surface_m).dot(direction))
+        dt_s = min(max(sent_s - self._report_s, 1e-3), 1.0) if self._report_s == self._report_s else TALK_S
+        self._report_s = sent_s
+        predicted_n = self._law(depth_m, report.speed_m_s, dt_s)
+        if report.phase not in _TOUCHING:
+            return
+        place = (report.target, Phase(report.phase).name.lower())
+        self._disagreement.add(place, depth_m, report.force_n, predicted_n)
+        for misfit in self._disagreement.found():
+            if misfit.place not in self._shown:
+                self._shown.add(misfit.place)
+                text = f"target {place[0]}, {place[1]}: {misfit.in_words()}"
+                self._disagreements.append(text)
+                self._note("disagreement", text)
+
+    def _choose(self) -> None:
+        """Feel the estimate of the nearest place that was probed."""
+        if not self._estimates or self._telling is None:
+            return
+        tip = self._telling.tip_world_m
+        nearest = min(self._estimates.values(), key=lambda one: dist(one.surface_world_m[:2], tip[:2]))
+        if nearest is self._felt:
+            return
+        self._felt = nearest
+        self._law, self._surface_m = force_law(nearest.model), np.array(nearest.surface_world_m)
+        self._disagreement, self._shown = Disagreement(max(nearest.noise_n, 0.0)), set()
+        self._send(Orders(self._read, render=nearest))
+
+    def _intent(self) -> Intent:
+        wanted = tuple(self._wanted()[:MOST_TARGETS])
+        return Intent(wanted, tuple(self._cancelled[-MOST_TARGETS:]), self._seen, self._ending)
+
+    def _wanted(self) -> list[Target]:
+        """Targets that the follower has not finished, and that are not called off."""
+        return [
+            one
+            for one in self._targets
+            if self._states.get(one.number) not in _OVER and one.number not in self._cancelled
+        ]
+
+    def _order(self, now_s: float) -> None:
+        """Hand the session's part to the process that writes it."""
+        if self._telling is None or (now_s < self._link_s + _LINK_RECORD_S and not self._notes):
+            return
+        self._link_s = now_s
+        record = link_record(self._peer, self._line.malformed, now_s)
+        self._send(Orders(self._read, notes=tuple(self._notes), link=record))
+        self._notes.clear()
+
+    def _send(self, orders: Orders) -> None:
+        try:
+            self._pipe.send(orders)
+        except OSError as error:
+            raise PalpateError(
+                f"the haptic process has ended (exit code {self._process.exitcode})"
+            ) from error
+
+    def _end_haptics(self) -> None:
+        """Have the session closed, and hear how punctual the loop was."""
+        if self._lateness is None:
+            self._send(Orders(self._read, notes=tuple(self._notes), end=True))
+        while self._lateness is None:
+            self._hear_operator()
+            self._clock.sleep_until(self._clock.now_s() + TALK_S)
+
+    def _note(self, kind: str, text: str) -> None:
+        self._notes.append((kind, text))
+        self._say(text)
+
+    def _in_words(self, now_s: float) -> str:
+        """How things stand, and how far the virtual object can be trusted."""
+        felt, telling = self._felt, self._telling
+        force = "" if telling is None else f"{telling.force_n:5.2f} N felt; "
+        age_s = nan if felt is None else self._peer.since_s(felt.measured_s, now_s)
+        away_m = (
+            nan
+            if felt is None or telling is None
+            else dist(felt.surface_world_m[:2], telling.tip_world_m[:2])
+        )
+        link = "linked" if self._linked else "NO LINK"
+        return f"{force}{trust_in_words(felt, age_s, away_m)}; {link}"
+
+
+def _millimetres(place: tuple[float, ...]) -> str:
+    return "(" + ", ".join(f"{1e3 * value:.0f}" for value in place) + ")"

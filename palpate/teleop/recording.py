@@ -1,0 +1,150 @@
+"""Leader and follower in one Rerun recording, on the leader's time line."""
+
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from palpate.render import palette
+from palpate.render.recording.arm import SOLID, log_moving_arm
+from palpate.render.recording.session import log_phases
+from palpate.render.recording.stream import (
+    BACKGROUND,
+    TIME,
+    plot,
+    recording_file,
+    send_lines,
+    shown_on,
+    time_column,
+)
+from palpate.teleop.haptics import GUESS
+from palpate.teleop.in_words import GEOMETRY
+from palpate.teleop.joined import Joined
+from robot_io.session import Event
+from robot_io.types import FloatArray, IntArray
+
+_PICTURES_HZ = 60.0
+_LEADER_BASE_M = (0.0, 0.5, 0.0)  # beside the follower, in the picture only
+_FORCE, _DEPTH, _PHASE, _LINK, _EVENTS = "force", "depth", "phase", "link", "events"
+_TROUBLE = {"disagreement", "refused", "link", "link_silent", "trip", "no_estimate"}
+_MILLI = 1e3
+
+
+def record_both(joined: Joined, path: Path) -> float:
+    """Write the recording; it appears whole or not at all.
+
+    Returns:
+        A moment worth a picture [s].
+
+    Raises:
+        InputError: the file cannot be written, the sessions hold no arm, or the sides never heard each other.
+    """
+    haptic, ticks = joined.haptic, joined.ticks
+    start_s = float(haptic["time_s"][0])
+    hand_s, arm_s = haptic["time_s"] - start_s, joined.to_leader(ticks["time_s"]) - start_s
+    with recording_file(joined.leader.path.stem, path, _blueprint(joined)) as recording:
+        for name, session, samples, time_s, base_m in (
+            ("leader", joined.leader, haptic, hand_s, _LEADER_BASE_M),
+            ("follower", joined.follower, ticks, arm_s, (0.0, 0.0, 0.0)),
+        ):
+            rows = _pictures(time_s)
+            position_rad = samples.vector("joint_position_rad")[rows]
+            urdf = session.metadata.urdf
+            log_moving_arm(recording, name, urdf, time_s[rows], position_rad, name=name, base_world_m=base_m)
+            _log_events(recording, name, session.events, start_s, joined)
+        _log_forces(recording, joined, hand_s, arm_s)
+        log_phases(recording, _PHASE, ticks["phase"], arm_s)
+        _log_parameters(recording, joined, start_s)
+        _log_link(recording, joined, start_s)
+    felt = np.flatnonzero((haptic["force_n"] > 0.0) & (haptic["revision"] != GUESS))
+    return float(hand_s[felt[len(felt) // 2]]) if len(felt) else float(hand_s[-1] / 2)
+
+
+def _pictures(time_s: FloatArray) -> IntArray:
+    grid = np.arange(time_s[0], time_s[-1], 1.0 / _PICTURES_HZ)
+    return np.unique(np.minimum(np.searchsorted(time_s, grid), len(time_s) - 1))
+
+
+def _log_forces(recording: rr.RecordingStream, joined: Joined, hand_s: FloatArray, arm_s: FloatArray) -> None:
+    haptic, ticks = joined.haptic, joined.ticks
+    send_lines(recording, f"{_FORCE}/leader", hand_s, {"felt": (haptic["force_n"], palette.MODEL, 1.5)})
+    send_lines(
+        recording, f"{_FORCE}/follower", arm_s, {"measured": (ticks["force_n"], palette.MEASURED, 1.5)}
+    )
+    depth = {"below the virtual surface": (_MILLI * haptic["depth_m"], palette.MODEL, 1.5)}
+    send_lines(recording, _DEPTH, hand_s, depth)
+
+
+def _log_parameters(recording: rr.RecordingStream, joined: Joined, start_s: float) -> None:
+    """Each parameter that was felt, as a level with its interval from estimate to estimate."""
+    end_s = float(joined.haptic["time_s"][-1])
+    feels = joined.feels()
+    for name in _parameters(joined):
+        having = [(event.time_s, data) for event, data in feels if name in data["parameters"]]
+        times = [time_s for time_s, _ in having]
+        edges = np.array([[begin, end] for begin, end in zip(times, [*times[1:], end_s], strict=True)])
+        levels = np.repeat([data["parameters"][name] for _, data in having], 2, axis=0)
+        words = ("felt", "95 % from", "95 % to")
+        looks = ((palette.MODEL, 2.0), (palette.BAND, 1.0), (palette.BAND, 1.0))
+        lines = {
+            word: (values.astype(float), *look)
+            for word, values, look in zip(words, levels.T, looks, strict=True)
+        }
+        send_lines(recording, _entity(name), edges.reshape(-1) - start_s, lines)
+
+
+def _log_link(recording: rr.RecordingStream, joined: Joined, start_s: float) -> None:
+    link = joined.leader.samples("link")
+    lines = {
+        "age of the newest report [ms]": (_MILLI * link["age_s"], palette.MEASURED, 1.5),
+        "round trip [ms]": (_MILLI * link["round_trip_s"], palette.FLOOR, 1.5),
+    }
+    send_lines(recording, _LINK, link["time_s"] - start_s, lines)
+
+
+def _log_events(
+    recording: rr.RecordingStream, side: str, events: tuple[Event, ...], start_s: float, joined: Joined
+) -> None:
+    if not events:
+        return
+    times = np.array([event.time_s for event in events])
+    times = (times if side == "leader" else joined.to_leader(times)) - start_s
+    levels = [rr.TextLogLevel.WARN if one.kind in _TROUBLE else rr.TextLogLevel.INFO for one in events]
+    columns = rr.TextLog.columns(text=[f"{side}, {one.kind}: {one.text}" for one in events], level=levels)
+    recording.send_columns(f"{_EVENTS}/{side}", time_column(times), columns)
+
+
+def _parameters(joined: Joined) -> list[str]:
+    names = dict.fromkeys(name for _, data in joined.feels() for name in data["parameters"])
+    return [name for name in names if name not in GEOMETRY]
+
+
+def _entity(parameter: str) -> str:
+    return f"parameter/{parameter.replace('.', '_')}"
+
+
+def _blueprint(joined: Joined) -> rrb.Blueprint:
+    arms = rrb.Spatial3DView(
+        origin="/",
+        name="Follower, and the virtual arm behind it",
+        contents=["arm_leader/**", "arm_follower/**"],
+        background=rrb.Background(color=BACKGROUND),
+        defaults=SOLID,
+        spatial_information=rrb.SpatialInformation(target_frame="world"),
+        eye_controls=rrb.EyeControls3D(
+            position=(0.9, -1.3, 0.8), look_target=(0.25, 0.2, 0.2), eye_up=(0, 0, 1)
+        ),
+    )
+    corner = rrb.Corner2D.LeftTop
+    parameters = [plot(_entity(name), name) for name in _parameters(joined)]
+    left = rrb.Vertical(arms, rrb.TextLogView(origin=_EVENTS, name="Events"), row_shares=[3, 2])
+    right = rrb.Vertical(
+        plot(f"{_FORCE}/leader", "Felt by the operator [N]"),
+        plot(f"{_FORCE}/follower", "Measured by the follower [N]"),
+        rrb.StateTimelineView(origin=_PHASE, name="Follower's phase"),
+        plot(_DEPTH, "Depth of the hand [mm]"),
+        *parameters,
+        plot(_LINK, "Link [ms]", legend=corner),
+    )
+    return shown_on(rrb.Horizontal(left, right, column_shares=[5, 6], name="Teleoperation"), timeline=TIME)

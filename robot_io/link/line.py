@@ -1,0 +1,151 @@
+"""The line between leader and follower: eclipse-zenoh, peers on this machine unless a file says otherwise.
+
+Frames are sent as they are, never repeated by the program: each message says the whole state of its sender.
+A callback of zenoh's own thread only puts bytes aside; whoever calls `receive` decodes them.
+"""
+
+import json
+import secrets
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import nan
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+from robot_io.clock import Clock
+from robot_io.errors import InputError
+from robot_io.link.frame import MOST_BYTES, Frame, FrameError, decode, encode
+from robot_io.link.impairment import BadNetwork, Impairment
+from robot_io.link.messages import Message
+
+Role = Literal["leader", "follower"]
+_OTHER: dict[Role, Role] = {"leader": "follower", "follower": "leader"}
+_WAITING = 4096  # frames that nobody has asked for yet; what comes beyond drives the oldest out
+_LOOPBACK = "tcp/127.0.0.1"
+_RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5}
+
+
+@dataclass(frozen=True)
+class LineSettings:
+    """How the two find each other.
+
+    Without a file both are peers on this machine's loopback, the follower listening; with one it is
+    zenoh's own configuration (JSON5) that says everything: endpoints, router, certificates, access.
+    """
+
+    name: str = "arm"  # of the pair: both sides must give the same
+    port: int = 7447
+    config: Path | None = None
+    impairment: Impairment | None = None  # of what this side sends, for trials
+
+    def __post_init__(self) -> None:
+        if not self.name.replace("-", "").replace("_", "").isalnum():
+            raise InputError(f"link name {self.name!r}: letters, digits, - and _ only")
+        if not 1024 <= self.port <= 65535:
+            raise InputError(f"port {self.port}: 1024 to 65535")
+
+
+class Line:
+    """One end of the line; sends and receives frames.
+
+    Attributes:
+        sender: random number in every frame of this end.
+        malformed: frames that were no frames, or of another version.
+
+    Raises:
+        InputError: zenoh refuses the configuration, or the endpoint cannot be opened.
+    """
+
+    def __init__(self, role: Role, settings: LineSettings, clock: Clock) -> None:
+        import zenoh  # noqa: PLC0415, nobody else should wait for it
+
+        self.sender = secrets.randbits(62)
+        self.malformed = 0
+        self._clock, self._sequence = clock, 0
+        self._heard_sent_s = self._heard_at_s = nan
+        self._waiting: deque[tuple[float, bytes]] = deque(maxlen=_WAITING)
+        self._network = BadNetwork(settings.impairment) if settings.impairment else None
+        config = _config(zenoh, role, settings)
+        key = f"palpate/{settings.name}"
+        try:
+            self._session = zenoh.open(config)
+            self._subscriber = self._session.declare_subscriber(f"{key}/{_OTHER[role]}", self._arrived)
+            self._publisher = self._session.declare_publisher(
+                f"{key}/{role}", congestion_control=zenoh.CongestionControl.DROP, express=True
+            )
+        except zenoh.ZError as error:
+            reason = " ".join(str(error).split())[:200]
+            where = settings.config or f"{_LOOPBACK}:{settings.port}"
+            raise InputError(f"link {where}: {reason}; is the port taken by another {role}?") from error
+        self._put: Callable[[bytes], object] = self._publisher.put
+
+    def send(self, message: Message) -> None:
+        """Send one message with everything a frame says; does not wait for the other side."""
+        now_s = self._clock.now_s()
+        data = encode(self.sender, self._sequence, now_s, self._heard_sent_s, self._heard_at_s, message)
+        self._sequence += 1
+        if self._network is None:
+            self._put(data)
+        else:
+            self._network.put(data, now_s)
+        self._pump()
+
+    def receive(self) -> list[tuple[float, Frame]]:
+        """Frames that have arrived since the last call, each with its time of arrival [s]."""
+        self._pump()
+        arrived = []
+        while self._waiting:
+            at_s, data = self._waiting.popleft()
+            try:
+                arrived.append((at_s, decode(data)))
+            except FrameError:
+                self.malformed += 1
+        return arrived
+
+    def heard(self, frame: Frame, at_s: float) -> None:
+        """Take a frame that arrived at `at_s` [s] as the newest of the peer; the next one sent says so."""
+        self._heard_sent_s, self._heard_at_s = frame.sent_s, at_s
+
+    def close(self) -> None:
+        """End the session; can be called twice."""
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _arrived(self, sample: Any) -> None:  # noqa: ANN401, zenoh's own
+        if len(sample.payload) > MOST_BYTES:  # no frame, and not to be kept in memory until someone asks
+            self.malformed += 1
+            return
+        self._waiting.append((self._clock.now_s(), sample.payload.to_bytes()))
+
+    def _pump(self) -> None:
+        if self._network is not None:
+            for data in self._network.due(self._clock.now_s()):
+                self._put(data)
+
+
+def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN401
+    if settings.config is not None:
+        try:
+            return zenoh.Config.from_file(str(settings.config))
+        except zenoh.ZError as error:
+            reason = " ".join(str(error).split())[:200]
+            raise InputError(f"{settings.config}: is no zenoh configuration: {reason}") from error
+    endpoint = f"{_LOOPBACK}:{settings.port}"
+    way = "listen" if role == "follower" else "connect"
+    config = zenoh.Config()
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("listen/endpoints", json.dumps([endpoint] if way == "listen" else []))
+    config.insert_json5("connect/endpoints", json.dumps([endpoint] if way == "connect" else []))
+    config.insert_json5("connect/retry", json.dumps(_RETRY))
+    config.insert_json5("connect/exit_on_failure", "false")
+    return config

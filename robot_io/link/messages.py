@@ -1,0 +1,186 @@
+"""What leader and follower say to each other; each field's type is its protobuf type as well (see `wire`).
+
+Every message says the whole state of its sender, so one that is lost is made good by the next one.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+from robot_io.errors import InputError
+
+MOST_TARGETS = 64
+MOST_PARAMETERS = 64
+MOST_TEXT = 500  # characters
+_UNIT = 1e-6  # how far a direction may be from a unit vector
+
+
+class TargetState(IntEnum):
+    """What became of a target. The numbers travel: add new ones at the end."""
+
+    QUEUED = 0
+    PROBING = 1
+    DONE = 2
+    REFUSED = 3  # out of reach, or against the follower's own limits
+    CANCELLED = 4
+    FAILED = 5  # tried, and no data came of it
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A place to probe. How fast and how hard is for the follower's own plan to say, not for the network."""
+
+    number: int  # given by the leader, never used twice
+    position_world_m: tuple[float, ...]  # shape (3,), a point near the surface [m]
+    direction_world: tuple[float, ...]  # shape (3,), unit vector into the object
+
+    def __post_init__(self) -> None:
+        _need_count("target number", self.number)
+        _need_vector("target position", self.position_world_m, 100.0)
+        _need_vector("target direction", self.direction_world, 1.0 + _UNIT)
+        if abs(math.hypot(*self.direction_world) - 1.0) > _UNIT:
+            raise InputError(f"target direction {self.direction_world}: is no unit vector")
+
+
+@dataclass(frozen=True, slots=True)
+class Intent:
+    """What the operator wants; leader to follower."""
+
+    targets: tuple[Target, ...]  # in the order in which they are to be probed
+    cancelled: tuple[int, ...]  # numbers of targets that are not wanted any more
+    estimate_seen: int  # revision of the newest estimate that has arrived, -1 for none
+    ended: bool  # the operator is done: finish what is queued, then end
+
+    def __post_init__(self) -> None:
+        _need_few("targets", self.targets, MOST_TARGETS)
+        _need_few("cancelled", self.cancelled, MOST_TARGETS)
+        numbers = [target.number for target in self.targets]
+        if len(set(numbers)) < len(numbers):
+            raise InputError(f"targets {numbers}: a number is there twice")
+        if self.estimate_seen < -1:
+            raise InputError(f"estimate_seen {self.estimate_seen}: at least -1")
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What the follower does and feels at this moment; follower to leader."""
+
+    phase: int  # number of `control.loop.phases.Phase`
+    target: int  # number of the target that is being probed, -1 for none
+    tip_world_m: tuple[float, ...]  # shape (3,) [m]
+    speed_m_s: float  # of the tip along the press direction [m/s]
+    direction_world: tuple[float, ...]  # shape (3,), press direction
+    force_n: float  # measured, less what the sensor shows in free air, positive in compression [N]
+    targets: tuple[int, ...]  # numbers of all targets that are known
+    states: tuple[int, ...]  # `TargetState` of each of them
+    remark: str  # why the newest refusal, failure or stop; empty if there was none
+    ended: bool  # the follower is at rest without torque, and ends
+
+    def __post_init__(self) -> None:
+        _need_vector("tip position", self.tip_world_m, 100.0)
+        _need_vector("press direction", self.direction_world, 1.0 + _UNIT)
+        _need_number("tip speed", self.speed_m_s, 100.0)
+        _need_number("force", self.force_n, 1e6)
+        _need_few("target states", self.targets, MOST_TARGETS)
+        _need_text("remark", self.remark)
+        if len(self.states) != len(self.targets) or not set(self.states) <= set(TargetState):
+            raise InputError(f"target states {self.states}: not one known state for each of {self.targets}")
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter with its 95 % interval; bounds that are not known are NaN."""
+
+    name: str  # such as "stiffness.k"
+    unit: str
+    value: float
+    lower: float
+    upper: float
+
+    def __post_init__(self) -> None:
+        _need_text("parameter name", self.name)
+        _need_text("unit", self.unit)
+        _need_number(self.name, self.value, 1e30)
+        for bound in (self.lower, self.upper):
+            if not (math.isnan(bound) or abs(bound) < 1e30):
+                raise InputError(f"{self.name}: bound {bound} is out of range")
+
+
+@dataclass(frozen=True, slots=True)
+class ContactModel:
+    """One term of the object's model: a contact law or an effect, by the names that a scenario uses."""
+
+    name: str  # such as "kelvin_voigt" or "cubic_stiffness"
+    keys: tuple[str, ...]
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        for text in (self.name, *self.keys):
+            _need_text("name", text)
+        _need_few(f"parameters of {self.name}", self.keys, MOST_PARAMETERS)
+        if len(self.keys) != len(self.values):
+            raise InputError(f"{self.name}: {len(self.keys)} names for {len(self.values)} values")
+        for key, value in zip(self.keys, self.values, strict=True):
+            _need_number(f"{self.name}.{key}", value, 1e30)
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectEstimate:
+    """What the object is like at one target, as the follower's measurements say; follower to leader."""
+
+    revision: int  # counts up with every estimate
+    target: int  # number of the target
+    surface_world_m: tuple[float, ...]  # shape (3,), where the undeformed surface is [m]
+    direction_world: tuple[float, ...]  # shape (3,), unit vector into the object
+    model: tuple[ContactModel, ...]  # the contact law, then established effects
+    parameters: tuple[Parameter, ...]  # with intervals, for people
+    verdict: str  # of the diagnosis; empty before there is one
+    words: str  # what the verdict rests on, one line
+    rmse_n: float  # of the model on the measured runs [N]
+    noise_n: float  # what the sensor's noise alone would leave [N]; NaN if not known
+    runs: int  # how many runs it rests on
+    measured_s: float  # time of the last sample that went into it, on the follower's clock [s]
+
+    def __post_init__(self) -> None:
+        _need_count("estimate's revision", self.revision)
+        _need_vector("surface position", self.surface_world_m, 100.0)
+        _need_vector("press direction", self.direction_world, 1.0 + _UNIT)
+        _need_few("terms", self.model, MOST_PARAMETERS)
+        _need_few("parameters", self.parameters, MOST_PARAMETERS)
+        _need_text("verdict", self.verdict)
+        _need_text("words", self.words)
+        _need_number("rmse", self.rmse_n, 1e6)
+        _need_number("time of measurement", self.measured_s, 1e12)
+        if not self.model:
+            raise InputError("estimate without a contact law")
+
+
+Message = Intent | Report | ObjectEstimate
+
+
+def _need_count(what: str, value: int) -> None:
+    if not 0 <= value < 2**31:
+        raise InputError(f"{what} {value}: at least 0 and below 2^31")
+
+
+def _need_number(what: str, value: float, most: float) -> None:
+    if not abs(value) <= most:  # also NaN
+        raise InputError(f"{what} {value}: not a number up to {most:g}")
+
+
+def _need_vector(what: str, values: Sequence[float], most: float) -> None:
+    if len(values) != 3:
+        raise InputError(f"{what} {values}: three numbers are needed")
+    for value in values:
+        _need_number(what, value, most)
+
+
+def _need_few(what: str, values: Sequence[object], most: int) -> None:
+    if len(values) > most:
+        raise InputError(f"{len(values)} {what}: at most {most}")
+
+
+def _need_text(what: str, text: str) -> None:
+    if len(text) > MOST_TEXT:
+        raise InputError(f"{what}: {len(text)} characters, at most {MOST_TEXT}")

@@ -1,0 +1,207 @@
+"""What every operator device does, whatever it is."""
+
+import numpy as np
+import pytest
+
+from control.teleop.leader_arm import LeaderArm
+from control.teleop.operator_devices import OPERATOR_DEVICES, build_operator_device
+from robot_io.clock import MonotonicClock, SimulatedClock
+from robot_io.errors import DeviceError, InputError, LifecycleError, SafetyTripError
+from tests.contract.operators import BENCHES
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.fixture(params=BENCHES, ids=lambda bench: bench.name)
+def bench(request, tmp_path):
+    made = request.param(tmp_path)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def active(bench):
+    bench.device.configure()
+    bench.device.activate()
+    bench.device.read()
+    bench.wait(0.005)  # an arm's guard limits how fast its torque rises
+    return bench
+
+
+def test_every_device_is_on_a_bench():
+    assert {bench.name for bench in BENCHES} == set(OPERATOR_DEVICES)
+
+
+def test_calls_out_of_order_are_refused(bench):
+    device = bench.device
+    for call in (device.read, device.activate, lambda: device.set_force(UP)):
+        with pytest.raises(LifecycleError):
+            call()
+    with device:
+        with pytest.raises(LifecycleError):
+            device.set_force(UP)
+        with pytest.raises(LifecycleError):
+            device.configure()
+    with pytest.raises(LifecycleError):
+        device.read()
+
+
+def test_it_reads_from_configure_on_and_can_be_opened_again(bench):
+    for _ in range(2):
+        with bench.device as device:
+            hand = device.read()
+            assert hand.position_world_m.shape == hand.velocity_world_m_s.shape == (3,)
+            assert np.isfinite(hand.position_world_m).all()
+            assert 0.0 <= bench.clock.now_s() - hand.sampled_at_s <= bench.oldest_s
+            assert not hand.select
+        device.close()
+
+
+def test_it_follows_the_operator_upwards_in_metres(bench):
+    with bench.device as device:
+        before = device.read()
+        bench.move()
+        after = device.read()
+    assert 0.002 < after.position_world_m[2] - before.position_world_m[2] < 0.15
+    assert after.sampled_at_s > before.sampled_at_s
+
+
+def test_its_button_selects(bench):
+    with bench.device as device:
+        bench.press()
+        assert device.read().select
+
+
+def test_forces_are_rendered_within_range_until_it_is_deactivated(active):
+    force = np.array([0.3, 0.0, 0.5])
+    assert active.device.set_force(force) == pytest.approx(force, abs=0.02)
+    active.device.deactivate()
+    active.device.deactivate()
+    with pytest.raises(LifecycleError):
+        active.device.set_force(UP)
+    active.device.activate()
+
+
+@pytest.mark.parametrize("force", [[np.nan, 0, 0], [0, np.inf, 0], [0, 0], [[0, 0, 0]]], ids=str)
+def test_a_force_that_is_none_is_refused_and_the_device_goes_on(active, force):
+    with pytest.raises(InputError):
+        active.device.set_force(np.array(force))
+    assert active.device.set_force(0.1 * UP) == pytest.approx(0.1 * UP, abs=0.02)
+
+
+def test_a_device_that_is_gone_says_so_and_closes(bench):
+    bench.device.configure()
+    bench.device.read()
+    bench.unplug()
+    with pytest.raises(DeviceError):
+        bench.wait(0.2), bench.device.read()
+    bench.device.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("keyboard", {"terminal": "/nowhere"}),
+        ("keyboard", {"terminal": "/dev/null"}),
+        ("gamepad", {"port": "/nowhere"}),
+        ("mouse", {"port": "/nowhere"}),
+        ("touch", {"library": "/nowhere.so"}),
+        ("touch", {"library": "libc.so.6"}),
+    ],
+)
+def test_a_device_that_is_not_there_is_named(name, settings):
+    device = build_operator_device(name, settings, SimulatedClock())
+    with pytest.raises(DeviceError, match=next(iter(settings.values()))):
+        device.configure()
+
+
+def test_unknown_names_and_settings_are_refused():
+    with pytest.raises(InputError, match="gamepad"):
+        build_operator_device("gamepat", {}, SimulatedClock())
+    with pytest.raises(InputError, match="speed_m_s"):
+        build_operator_device("gamepad", {"speed": 1.0}, SimulatedClock())
+
+
+@pytest.mark.parametrize("bench", [b for b in BENCHES if b.name in {"scripted", "keyboard"}], indirect=True)
+def test_a_modelled_hand_yields_to_a_force_as_its_stiffness_says(active):
+    active.wait(5.0)
+    before = active.device.read().position_world_m
+    active.device.set_force(-6.0 * UP)
+    active.wait(1.0)
+    assert before - active.device.read().position_world_m == pytest.approx([0.0, 0.0, 0.01], abs=1e-5)
+
+
+@pytest.mark.parametrize("bench", [b for b in BENCHES if b.name == "touch"], indirect=True)
+class TestTouch:
+    def test_axes_units_and_limit(self, active):
+        active.move()
+        hand = active.device.read()
+        assert hand.position_world_m == pytest.approx([0.4 - 0.03, -0.01, 0.15 + 0.02])
+        assert hand.velocity_world_m_s == pytest.approx([0.0, 0.0, 0.05])
+        assert active.device.set_force(np.array([0.0, 6.6, 0.0])) == pytest.approx([0.0, 3.3, 0.0])
+        active.device.set_force(np.array([1.0, 2.0, 2.0]))
+        active.wait(0.005)
+        assert active.force() == pytest.approx([-2.0, 2.0, -1.0])
+
+    def test_no_force_without_a_new_one(self, bench):
+        settings = bench.device.Settings(library=bench.settings()["library"], watchdog_s=1e-3)
+        bench.device = type(bench.device)(settings, bench.clock)
+        bench.device.configure()
+        bench.device.activate()
+        bench.device.set_force(UP)
+        bench.wait(0.005)  # the servo thread sleeps for 1 ms each time
+        assert bench.force() == pytest.approx(np.zeros(3))
+
+    def test_it_is_released(self, active):
+        assert active.library.stand_in_open()
+        active.device.close()
+        assert not active.library.stand_in_open()
+
+    def test_another_device_is_refused(self, bench):
+        other = type(bench.device)(
+            bench.device.Settings(device="Left", library=bench.settings()["library"]), MonotonicClock()
+        )
+        with pytest.raises(DeviceError, match="0x0300"):
+            other.configure()
+
+
+@pytest.mark.parametrize("bench", [b for b in BENCHES if b.name == "leader_arm"], indirect=True)
+class TestLeaderArm:
+    def test_it_balances_a_hand(self, active):
+        """A hand that pushes up with 2 N against a force of 2 N downwards: nothing moves."""
+        device, plant = active.device, active.bus.plant
+        before = device.read().position_world_m
+        plant.hand_force_n = 2.0
+        for _ in range(100):
+            device.read()
+            device.set_force(-2.0 * UP)
+            active.wait(1e-3)
+        assert device.read().position_world_m == pytest.approx(before, abs=2e-3)
+        for _ in range(100):
+            device.read()
+            device.set_force(0.0 * UP)
+            active.wait(1e-3)
+        assert device.read().position_world_m[2] > before[2] + 5e-3
+
+    def test_what_a_planar_arm_cannot_push_is_not_claimed(self, active):
+        assert active.device.set_force(np.array([0.0, 3.0, 1.0])) == pytest.approx([0.0, 0.0, 1.0], abs=0.02)
+
+    def test_its_guard_holds(self, active):
+        rendered = active.device.set_force(-500.0 * UP)
+        assert np.linalg.norm(rendered) < 60.0
+        assert isinstance(active.device, LeaderArm)
+        assert np.abs(active.bus.staged_nm).max() <= 15.0
+
+    def test_a_trip_brakes_it_and_is_reported_at_the_end(self, active):
+        device, plant = active.device, active.bus.plant
+
+        def push_hard_for(ticks):
+            for tick in range(ticks):
+                plant.hand_force_n = 60.0 if tick < 15 else 0.0
+                device.read()
+                device.set_force(0.0 * UP)
+                active.wait(1e-3)
+
+        with pytest.raises(SafetyTripError, match="60 N, limit 30 N"):
+            push_hard_for(4000)  # braked, lowered, off
+        assert np.abs(plant.velocity_rad_s).max() < 0.01

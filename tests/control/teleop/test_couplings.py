@@ -1,0 +1,115 @@
+"""Couplings between leader and follower: what they feel like without delay, and whether they make energy."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmarks.teleop.devices import HandArm, SpringDamper, presses
+from benchmarks.teleop.link import Line, LinkFaults
+from benchmarks.teleop.run import SimulatedLink, given_back_j, run
+from control.teleop.couplings.catalogue import COUPLINGS
+from control.teleop.couplings.coupling import Port
+from control.teleop.couplings.direct import DIRECT
+from control.teleop.couplings.four_channel import FOUR_CHANNEL
+from control.teleop.couplings.model_mediated import model_mediated
+from control.teleop.couplings.time_domain import RESERVE_J, TIME_DOMAIN
+from control.teleop.couplings.wave_variables import WAVE_VARIABLES
+
+DT_S = 1e-3
+OBJECT = SpringDamper(1500.0, 10.0)
+HOLD = presses(0.02, 0.02, ((1.0, 2.5), (8.0, 11.0)))
+FAULTS = st.builds(LinkFaults, st.floats(0.0, 0.3), st.floats(0.0, 0.1), st.floats(0.0, 0.4))
+
+
+@st.composite
+def motions(draw, steps=800):
+    """A smooth motion [m] that begins and ends at rest at 0."""
+    amplitudes = np.array(draw(st.lists(st.floats(-0.02, 0.02), min_size=1, max_size=8)))
+    s = np.linspace(0.0, 1.0, steps)
+    waves = np.sin(np.pi * np.outer(np.arange(1, len(amplitudes) + 1), s))
+    return (amplitudes @ waves) * np.minimum(1.0, np.minimum(s, 1.0 - s) / 0.1) ** 2
+
+
+def energy_made_j(coupling, leader_m, follower_m, faults, seed):
+    """What the coupling gave to both devices above what it got from them, at most so far [J]."""
+    sides = coupling.leader(), coupling.follower()
+    lines = [Line(faults, np.random.default_rng([seed, way])) for way in (0, 1)]
+    made = most = 0.0
+    held_n = [0.0, 0.0]  # what hand and tool push back with, in the sign of `Port`
+    ways = np.column_stack([leader_m, follower_m])
+    speeds = np.gradient(ways, DT_S, axis=0)
+    for step, (place, speed) in enumerate(zip(ways[:-1], speeds[:-1], strict=True)):
+        newest = [line.newest(step * DT_S) for line in lines]
+        for end, side in enumerate(sides):
+            force_n, packet = side.step(Port(place[end], speed[end], held_n[end]), newest[end], DT_S)
+            lines[1 - end].send(packet, step * DT_S)
+            held_n[end] = force_n if end else -force_n
+            made += force_n * (ways[step + 1, end] - place[end])
+        most = max(most, made)
+    return most
+
+
+@pytest.mark.parametrize("coupling", [WAVE_VARIABLES, TIME_DOMAIN], ids=lambda c: c.name)
+@settings(max_examples=25)
+@given(leader=motions(), follower=motions(), faults=FAULTS, seed=st.integers(0, 99))
+def test_no_motion_and_no_link_makes_these_produce_energy(coupling, leader, follower, faults, seed):
+    held_n = 8000.0 * np.abs(np.diff(leader)).max() ** 2 + 8000.0 * np.abs(np.diff(follower)).max() ** 2
+    assert energy_made_j(coupling, leader, follower, faults, seed) <= 2.0 * RESERVE_J + held_n
+
+
+@pytest.mark.parametrize("coupling", [DIRECT, FOUR_CHANNEL], ids=lambda c: c.name)
+def test_the_others_do_produce_energy_over_a_delay(coupling):
+    """A hand that moves to and fro while the follower is clamped: the test above can fail."""
+    s = np.linspace(0.0, 1.0, 2000)
+    motion = 0.01 * np.sin(6.0 * np.pi * s) * np.minimum(1.0, np.minimum(s, 1.0 - s) / 0.1) ** 2
+    assert energy_made_j(coupling, motion, 0.0 * motion, LinkFaults(0.1), 0) > 1.0
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda c: c.name)
+def test_without_delay_the_object_is_felt(coupling):
+    """All but four-channel and ours lose the follower's compliance, at most a third of the force here."""
+    trace = run(coupling, OBJECT, HandArm(HOLD), SimulatedLink(LinkFaults(), 0), 11.0)
+    felt_n, there_n = trace["felt_n"][-500:].mean(), 1500.0 * trace["hand_m"][-500:].mean()
+    assert there_n * 0.67 < felt_n < there_n * 1.05
+    assert given_back_j(trace).max() < 2.0 * RESERVE_J
+
+
+def test_direct_coupling_is_unstable_where_passive_ones_are_not():
+    made = {
+        coupling.name: given_back_j(
+            run(coupling, OBJECT, HandArm(HOLD), SimulatedLink(LinkFaults(0.1), 0), 3.0)
+        ).max()
+        for coupling in COUPLINGS
+    }
+    assert made["direct"] > 1.0
+    for name in ("wave variables", "time-domain passivity", "model-mediated"):
+        assert made[name] < 2.0 * RESERVE_J
+
+
+@pytest.mark.parametrize("faults", [LinkFaults(0.1, 0.1, 0.2), LinkFaults(1.0, 0.0, 0.2)], ids=str)
+def test_the_model_is_felt_within_five_percent_over_a_bad_link(faults):
+    trace = run(model_mediated(), OBJECT, HandArm(HOLD), SimulatedLink(faults, 0), 11.0)
+    assert trace["felt_n"][-500:].mean() == pytest.approx(1500.0 * trace["hand_m"][-500:].mean(), rel=0.05)
+
+
+def test_the_follower_presses_by_itself_within_its_limit_and_then_rests():
+    trace = run(model_mediated(), OBJECT, HandArm(HOLD), SimulatedLink(LinkFaults(0.5), 0), 8.0)
+    assert 8.0 < trace["object_n"].max() < 9.0
+    assert np.ptp(trace["follower_m"][-1000:]) < 1e-4
+    assert trace["object_n"][-1000:].max() == 0.0
+
+
+def test_the_line_delays_loses_and_never_goes_back():
+    line = Line(LinkFaults(0.05, 0.02, 0.3), np.random.default_rng(3))
+    seen = []
+    for tick in range(20_000):
+        line.send((float(tick),), tick * DT_S)
+        newest = line.newest(tick * DT_S)
+        if newest is not None:
+            seen.append((tick - newest[0], newest[0]))
+    ages, numbers = np.array(seen).T
+    assert (np.diff(numbers) >= 0).all()
+    assert ages.min() >= 50
+    assert ages.max() < 100
+    assert len(set(numbers)) < 0.7 * 20_000  # the lost, and those that were overtaken

@@ -1,0 +1,189 @@
+"""The follower's queue and task on a plant of their own: what is asked for is probed, nothing else moves."""
+
+import numpy as np
+import pytest
+
+from control.laws.gains import Gains
+from control.loop.phases import Phase
+from control.loop.task import TaskOutput
+from control.probing.plan import ProbingPlan
+from control.probing.task import ProbingTask
+from control.teleop.follower_task import FollowerTask, OnSilence
+from control.teleop.target_queue import TargetQueue
+from robot_io.link import Target, TargetState
+from tests.control.probing_runs import TICK_S, WIDE, plant_above
+from tests.control.reference_plant import TOOL_AXIS_TIP, Plant, test_arm
+from tests.robot_io.link.link_parts import intent, target
+
+PLAN = ProbingPlan(speeds_m_s=(0.1, 0.05), hold_s=0.1, settle_s=0.05, free_air_s=0.1)
+NEAR = target(0, 0.42)
+
+
+class Rig:
+    """A follower on the reference plant; `until` runs it."""
+
+    def __init__(self, on_silence: OnSilence = OnSilence.FINISH) -> None:
+        self.plant: Plant = plant_above()
+        self.queue = TargetQueue()
+        self.queue.linked = True
+        body = test_arm()
+
+        def probing(wanted: Target) -> ProbingTask:
+            place = {
+                "targets_world_m": (wanted.position_world_m,),
+                "press_direction_world": wanted.direction_world,
+            }
+            return ProbingTask(
+                body, TOOL_AXIS_TIP, Gains(), PLAN.model_copy(update=place), position_limits_rad=WIDE
+            )
+
+        self.task = FollowerTask(body, TOOL_AXIS_TIP, Gains(), self.queue, probing, on_silence=on_silence)
+        self.home_rad = self.plant.position_rad.copy()
+        self.task.start(self.plant.measure())
+        self.outputs: list[TaskOutput] = []
+
+    def until(self, reached, limit_s: float = 20.0) -> TaskOutput:
+        """Run until `reached(output)`; returns that output."""
+        end_s = self.plant.time_s + limit_s
+        while True:
+            output = self.task.step(self.plant.measure(), TICK_S)
+            self.outputs.append(output)
+            self.plant.advance(output.command.joint_torque_nm, TICK_S)
+            if reached(output):
+                return output
+            assert self.plant.time_s < end_s, f"never reached; {output.phase.name}, {self.queue.states()}"
+
+    def hold(self, duration_s: float) -> None:
+        end_s = self.plant.time_s + duration_s
+        self.until(lambda _: self.plant.time_s >= end_s)
+
+    @property
+    def away_rad(self) -> float:
+        return float(np.abs(self.plant.position_rad - self.home_rad).max())
+
+    def events(self) -> list[str]:
+        return [event.text for output in self.outputs for event in output.events]
+
+
+def in_phase(phase: Phase):
+    return lambda output: output.phase is phase
+
+
+def test_targets_are_probed_in_order_and_runs_are_numbered_through():
+    rig = Rig()
+    rig.queue.take(intent(NEAR, target(1, 0.40), ended=True))
+    rig.until(lambda output: output.done)
+    assert rig.queue.states() == {0: TargetState.DONE, 1: TargetState.DONE}
+    runs = [output.run for output in rig.outputs if output.run >= 0]
+    assert sorted(set(runs)) == [0, 1, 2, 3]
+    assert runs == sorted(runs)
+    assert rig.away_rad < 0.01
+
+
+def test_the_tool_keeps_its_direction_in_contact():
+    rig = Rig()
+    rig.queue.take(intent(NEAR, ended=True))
+    body, tilts = test_arm(), []
+
+    def look(output: TaskOutput) -> bool:
+        if output.phase in {Phase.LOADING, Phase.HOLD}:
+            _, rotation = body.tip_pose(rig.plant.position_rad)
+            tilts.append(float((rotation @ TOOL_AXIS_TIP)[2]))
+        return output.done
+
+    rig.until(look)
+    assert len(tilts) > 100
+    assert np.degrees(np.arccos(-np.array(tilts))).max() < 0.5
+
+
+def test_without_a_word_from_the_leader_nothing_is_begun():
+    rig = Rig()
+    rig.queue.take(intent(NEAR))
+    rig.queue.linked = False
+    rig.hold(0.5)
+    assert rig.away_rad < 1e-3
+    assert rig.queue.states() == {0: TargetState.QUEUED}
+    rig.queue.linked = True
+    rig.until(in_phase(Phase.LOADING))
+
+
+@pytest.mark.parametrize(
+    ("on_silence", "state"),
+    [(OnSilence.FINISH, TargetState.DONE), (OnSilence.RETREAT, TargetState.CANCELLED)],
+)
+def test_a_cut_link_in_contact_ends_as_configured_and_the_rest_waits(on_silence, state):
+    rig = Rig(on_silence)
+    rig.queue.take(intent(NEAR, target(1, 0.40)))
+    rig.until(in_phase(Phase.HOLD))
+    rig.queue.linked = False
+    rig.until(in_phase(Phase.IDLE))
+    rig.hold(0.5)
+    assert rig.queue.states() == {0: state, 1: TargetState.QUEUED}
+    assert rig.away_rad < 0.01
+    assert rig.plant.contact_force_n() == 0.0
+
+
+@pytest.mark.parametrize("phase", [Phase.MOVE, Phase.FREE_AIR, Phase.APPROACH, Phase.LOADING, Phase.HOLD])
+def test_a_target_can_be_called_off_at_any_time(phase):
+    rig = Rig()
+    rig.queue.take(intent(NEAR))
+    rig.until(in_phase(phase))
+    rig.queue.take(intent(cancelled=(0,)))
+    rig.until(in_phase(Phase.IDLE))
+    assert rig.queue.states() == {0: TargetState.CANCELLED}
+    assert rig.away_rad < 0.01
+    assert not any(output.run > 0 for output in rig.outputs)
+
+
+def test_a_target_out_of_reach_is_refused_and_the_next_one_probed():
+    rig = Rig()
+    rig.queue.take(intent(target(0, 5.0), target(1, 0.42), ended=True))
+    rig.until(lambda output: output.done)
+    assert rig.queue.states() == {0: TargetState.REFUSED, 1: TargetState.DONE}
+    assert any("target 0 refused" in text for text in rig.events())
+
+
+def test_repeated_lost_and_odd_intents_change_nothing():
+    queue = TargetQueue()
+    queue.linked = True
+    wanted = intent(NEAR, target(1, 0.40))
+    for _ in range(3):
+        queue.take(wanted)
+    assert queue.begin() == NEAR
+    assert queue.begin() is None  # one at a time
+    queue.finish(TargetState.DONE)
+    queue.take(wanted)
+    assert queue.begin() == target(1, 0.40)
+    queue.take(intent(cancelled=(0, 44)))
+    assert not queue.unwanted
+    queue.finish(TargetState.DONE)
+    assert not queue.done
+    queue.take(intent(ended=True))
+    assert queue.done
+
+
+def test_what_was_probed_is_not_probed_again_when_its_place_is_needed():
+    queue = TargetQueue()
+    queue.linked = True
+    for number in range(200):
+        queue.take(intent(*(target(n) for n in range(max(number - 20, 0), number + 1))))
+        begun = queue.begin()
+        assert begun is not None
+        assert begun.number == number
+        queue.finish(TargetState.DONE)
+    assert len(queue.states()) <= 64
+
+
+def test_a_new_leader_finds_an_empty_queue():
+    queue = TargetQueue()
+    queue.linked = True
+    queue.take(intent(NEAR, target(1)))
+    queue.begin()
+    queue.forget()
+    assert queue.unwanted
+    assert queue.states() == {}
+    queue.take(intent(NEAR))  # the newcomer's, under the same number
+    assert queue.begin() is None
+    queue.finish(TargetState.CANCELLED)
+    assert queue.states() == {0: TargetState.QUEUED}
+    assert queue.begin() == NEAR

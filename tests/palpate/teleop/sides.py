@@ -1,0 +1,65 @@
+"""One side of a teleoperation that says the same again and again, here or in a process that can be killed."""
+
+import time
+from multiprocessing import get_context
+from multiprocessing.context import SpawnProcess
+
+from control.loop.phases import Phase
+from control.teleop.peer import Arrival, Peer, PeerLimits
+from robot_io.clock import MonotonicClock
+from robot_io.link import Line, LineSettings, ObjectEstimate, Report
+from tests.robot_io.link.link_parts import intent, report, target
+
+WAIT_S = 120.0  # for a machine that has much else to do
+
+
+class Side:
+    """`until` talks until something is heard."""
+
+    def __init__(self, role: str, port: int) -> None:
+        self.line, self.peer = Line(role, LineSettings(port=port), MonotonicClock()), Peer(PeerLimits())
+        self.seen = -1
+        self.heard: list[Report | ObjectEstimate] = []
+
+    def until(self, says, reached, wait_s: float = WAIT_S) -> None:
+        end_s = time.monotonic() + wait_s
+        while not reached(self):
+            assert time.monotonic() < end_s, f"never reached; heard last: {self.heard[-1:]}"
+            for at_s, frame in self.line.receive():
+                if self.peer.judge(frame, at_s) is Arrival.FRESH:
+                    self.line.heard(frame, at_s)
+                    self.heard.append(frame.message)
+            self.line.send(says(self))
+            time.sleep(0.02)
+
+    @property
+    def last(self):
+        return self.heard[-1] if self.heard else None
+
+
+def lead_until_hold(port: int, reached) -> None:
+    """Ask for two places, and say when the first one is held; for a process of its own."""
+    side, wanted = Side("leader", port), intent(target(0, 0.40), target(1, 0.42))
+    side.until(lambda _: wanted, lambda side: isinstance(side.last, Report) and side.last.phase == Phase.HOLD)
+    reached.set()
+    side.until(lambda _: wanted, lambda _: False)
+
+
+def follow_until_asked(port: int, reached) -> None:
+    """Report from an arm that stands still, and say when a target is wanted; for a process of its own."""
+    side, moment = Side("follower", port), report(target=-1, targets=(), states=())
+    side.until(lambda _: moment, lambda side: bool(getattr(side.last, "targets", ())))
+    reached.set()
+    side.until(lambda _: moment, lambda _: False)
+
+
+def killed_when_reached(talk, port: int) -> SpawnProcess:
+    """Run one of the above in a process, and kill it (SIGKILL) once it has got there."""
+    context = get_context("spawn")
+    reached = context.Event()
+    process = context.Process(target=talk, args=(port, reached), daemon=True)
+    process.start()
+    assert reached.wait(WAIT_S)
+    process.kill()
+    process.join()
+    return process

@@ -1,0 +1,55 @@
+"""`palpate teleop` says in one line what is wrong, before anything moves."""
+
+import pytest
+
+from palpate.runs.robots import find_robot
+from tests.palpate.cli import assert_refused, run
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("leader", "--operator", "nosuch"), "the devices are"),
+        (("leader", "--operator", "mouse", "--link", "nosuch.json5"), "nosuch.json5"),
+        (("leader", "--operator", "mouse", "--robot", "nosuch"), "no such robot file"),
+        (("leader", "--operator", "mouse", "--scenario", "nosuch"), "no scenario"),
+        (("leader", "--operator", "mouse", "--name", "a/b"), "link name"),
+        (("leader", "--operator", "mouse", "--jump-n", "nan"), "--jump-n nan"),
+        (("leader", "--operator", "mouse", "--jump-n", "0"), "--jump-n 0"),
+        (("follower", "--bad-network", "5"), "delay, jitter [ms] and loss [%]"),
+        (("follower", "--bad-network", "5,5,200"), "loss 2.0"),
+        (("follower", "--port", "80"), "port 80"),
+        (("follower", "--robot", "nosuch"), "no such robot file"),
+        (("follower", "--on-silence", "jump"), "finish"),
+        (("demo", "--out", "x", "--scenario", "nosuch"), "no scenario"),
+        (("demo",), "--out"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert_refused(run("teleop", *arguments), words)
+    assert not list(tmp_path.glob("**/*.mcap"))
+
+
+@pytest.mark.parametrize(
+    "text", ["device: nosuch", "path: []", "device: scripted", "- scripted", "device: [mouse]"]
+)
+def test_an_operator_file_that_says_too_little_is_refused(text, tmp_path):
+    path = tmp_path / "operator.yaml"
+    path.write_text(text)
+    assert_refused(run("teleop", "leader", "--operator", path), "operator.yaml")
+
+
+def test_an_arm_in_the_operators_hand_gets_no_power_without_permission(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "operator.yaml"
+    path.write_text(f"device: leader_arm\nrobot: {find_robot('follower').path}\n")
+    assert_refused(run("teleop", "leader", "--operator", path), "nobody is there to be asked", "--yes")
+    assert not list(tmp_path.glob("**/*.mcap"))
+
+
+def test_help_shows_all_three():
+    result = run("teleop")
+    assert result.exit_code == 0
+    for name in ("leader", "follower", "demo"):
+        assert name in result.output

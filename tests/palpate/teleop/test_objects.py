@@ -1,0 +1,106 @@
+"""An object's way: measured, estimated, sent, felt."""
+
+import numpy as np
+import pytest
+
+from control.loop.tick_record import tick_stream
+from control.probing.plan import ProbingPlan
+from palpate.teleop.estimating import first_look, second_look
+from palpate.teleop.in_words import in_words, trust_in_words
+from palpate.teleop.object_law import felt_data, force_law, terms_in, terms_of
+from robot_io.errors import InputError
+from robot_io.link import ContactModel
+from robot_io.session import Samples
+from sim_backend.scenario import load_scenario
+from tests.control.simulated_arms import SimulatedArm
+from tests.robot_io.link.link_parts import DOWN, estimate
+
+PLAN = ProbingPlan(hold_s=0.3)
+CUBIC = {"hidden": [{"effect": "cubic_stiffness", "cubic_n_m3": 4e6}]}
+TRUE_DEPTHS_M = np.linspace(0.001, 0.012, 12)
+
+
+def probed(scenario: dict) -> Samples:
+    """The ticks of a probing, as the follower keeps them."""
+    arm = SimulatedArm("follower", PLAN, scenario)
+    arm.run()
+    stream = tick_stream(arm.robot.joint_count)
+    return Samples.from_records(stream, np.array(arm.log.records, stream.dtype))
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        {},
+        {
+            "object": {
+                "law": {"name": "hunt_crossley", "stiffness": 7000.0, "damping": 4000.0, "exponent": 1.5}
+            }
+        },
+    ],
+    ids=["kelvin_voigt", "hunt_crossley"],
+)
+def test_the_first_look_is_the_object(scenario):
+    samples = probed(scenario)
+    one_run = samples.select(samples["run"] == 0)
+    found, world = first_look(one_run, 4), load_scenario(scenario)
+    assert found.model[0].name == world.object.law.name
+    assert (found.target, found.runs) == (4, 1)
+    assert found.surface_world_m[2] == pytest.approx(0.05, abs=1e-4)
+    felt, real = force_law(found.model), world.object.law
+    for depth_m in TRUE_DEPTHS_M:
+        for rate_m_s in (0.0, 0.1):
+            assert felt(depth_m, rate_m_s, 1e-3) == pytest.approx(
+                real.force_n(depth_m, rate_m_s), rel=0.03, abs=0.05
+            )
+
+
+def test_an_established_effect_is_felt():
+    found = second_look(probed(CUBIC), 0)
+    assert found.verdict == "missing"
+    assert [term.name for term in found.model] == ["kelvin_voigt", "cubic_stiffness"]
+    felt, real = force_law(found.model), force_law(terms_of(load_scenario(CUBIC)))
+    for depth_m in TRUE_DEPTHS_M:
+        assert felt(depth_m, 0.0, 1e-3) == pytest.approx(real(depth_m, 0.0, 1e-3), rel=0.02, abs=0.05)
+
+
+def test_nothing_touched_is_no_estimate():
+    with pytest.raises(InputError, match="nothing was touched"):
+        first_look(probed({"object": {"surface_height_m": -0.5}}), 0)
+
+
+def test_a_law_with_a_memory_is_felt_as_the_world_has_it():
+    scenario = {"hidden": [{"effect": "stress_relaxation", "stiffness_n_m": 300.0, "time_s": 0.1}]}
+    felt = force_law(terms_of(load_scenario(scenario)))
+    forces_n = [felt(0.01, 0.0, 1e-3) for _ in range(1000)]
+    assert forces_n[0] == pytest.approx(500.0 * 0.01 + 300.0 * 0.01, rel=0.02)
+    assert forces_n[-1] == pytest.approx(500.0 * 0.01, rel=0.01)
+
+
+def test_what_a_session_keeps_can_be_felt_again():
+    sent = estimate()
+    assert terms_in(felt_data(sent)) == sent.model
+
+
+@pytest.mark.parametrize(
+    ("terms", "words"),
+    [
+        ((), "without a contact law"),
+        ((ContactModel("rubber", (), ()),), "rubber"),
+        ((ContactModel("kelvin_voigt", ("stiffness_n_m", "damping_n_s_m"), (-1.0, 0.0)),), "stiffness_n_m"),
+        ((*estimate().model, ContactModel("gravity_tilt", ("pitch_rad",), (0.1,))), "does not act between"),
+        ((*estimate().model, ContactModel("payload", ("mass_kg",), (1.0,))), "joint"),
+    ],
+)
+def test_what_cannot_be_felt_is_refused(terms, words):
+    with pytest.raises(InputError, match=words):
+        force_law(terms)
+
+
+def test_trust_says_what_it_rests_on():
+    assert "a guess" in trust_in_words(None, float("nan"), float("nan"))
+    told = trust_in_words(estimate(verdict=""), 4.4, 0.012)
+    assert told.startswith("target 0, 12 mm away, 4 s old: k 500.0 ± 1.0 N/m")
+    assert told.endswith("not diagnosed")
+    assert in_words(estimate()).endswith("3 runs; adequate")
+    assert estimate().direction_world == DOWN

@@ -1,0 +1,127 @@
+"""Leader and follower as real processes, and what becomes of one when the other is killed."""
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import yaml
+
+from palpate.teleop.demo import script
+from palpate.teleop.joined import join
+from robot_io.session import Session
+from tests.palpate.cli import assert_refused, run
+from tests.palpate.teleop.sides import WAIT_S, Side, follow_until_asked, killed_when_reached, lead_until_hold
+from tests.robot_io.link.link_parts import intent
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@contextmanager
+def started(side: str, *options: str) -> Iterator[subprocess.Popen]:
+    command = [sys.executable, "-m", "palpate.main", "teleop", side, *options]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize(("on_silence", "ending"), [("finish", "DONE"), ("retreat", "CANCELLED")])
+def test_a_killed_leader_leaves_the_arm_safe_and_another_one_is_heard(tmp_path, on_silence, ending):
+    port, session = free_port(), tmp_path / "follower.mcap"
+    options = ("--port", str(port), "-o", str(session), "--no-diagnose", "--on-silence", on_silence)
+    with started("follower", *options) as process:
+        assert killed_when_reached(lead_until_hold, port).exitcode == -signal.SIGKILL
+        time.sleep(6.0)
+        assert process.poll() is None
+        second = Side("leader", port)
+        second.until(lambda _: intent(ended=True), lambda side: getattr(side.last, "ended", False))
+        output, _ = process.communicate(timeout=WAIT_S)
+    assert process.returncode == 0, output
+    kept = Session.open(session)
+    texts = [event.data["state"] for event in kept.events if event.kind == "target" and "state" in event.data]
+    assert texts[0] == ending
+    assert "link_silent" in [event.kind for event in kept.events]
+    ticks = kept.samples("tick")
+    assert not ticks["guard_tripped"].any()
+    silent_s = next(event.time_s for event in kept.events if event.kind == "link_silent")
+    after = ticks["time_s"] > silent_s
+    probed = np.unique(ticks["run"][after])
+    assert set(probed) <= {-1, 0, 1, 2}  # the second target was never begun
+    assert np.abs(ticks["joint_position_rad"][-1] - ticks["joint_position_rad"][0]).max() < 0.01
+
+
+def test_a_killed_follower_leaves_the_operator_with_the_virtual_object_and_a_word(tmp_path):
+    port, session, plan = free_port(), tmp_path / "leader.mcap", tmp_path / "operator.yaml"
+    plan.write_text(yaml.safe_dump(script(0.05)))
+    with started("leader", "--port", str(port), "-o", str(session), "--operator", str(plan)) as process:
+        assert killed_when_reached(follow_until_asked, port).exitcode == -signal.SIGKILL
+        output, _ = process.communicate(timeout=WAIT_S)
+    assert process.returncode == 0, output
+    assert "the follower is silent" in output
+    haptic = Session.open(session).samples("haptic")
+    assert haptic["force_n"].max() > 1.0  # felt without a follower, too
+    assert haptic["time_s"][-1] - haptic["time_s"][0] > 15.0
+
+
+def test_a_killed_main_process_ends_the_haptic_one_with_its_session_closed(tmp_path):
+    session, plan = tmp_path / "leader.mcap", tmp_path / "operator.yaml"
+    plan.write_text(yaml.safe_dump(script(0.05)))
+    with started(
+        "leader", "--port", str(free_port()), "-o", str(session), "--operator", str(plan)
+    ) as process:
+        end_s = time.monotonic() + WAIT_S
+        while not session.exists():
+            assert time.monotonic() < end_s
+            time.sleep(0.1)
+        time.sleep(2.0)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    while Session.open(session).unclosed or "haptic" not in Session.open(session).stream_names:
+        assert time.monotonic() < end_s, "the haptic process goes on without its main process"
+        time.sleep(0.2)
+    assert len(Session.open(session).samples("haptic")) > 500
+
+
+def test_both_sides_on_one_time_line_and_what_is_felt_is_what_is_there(tmp_path):
+    """Joined, the two sessions say when what happened, and how far apart the forces are."""
+    port, plan = str(free_port()), tmp_path / "operator.yaml"
+    plan.write_text(yaml.safe_dump(script(0.05)))
+    sessions = {side: tmp_path / f"{side}.mcap" for side in ("leader", "follower")}
+    common = {side: ("--port", port, "-o", str(path)) for side, path in sessions.items()}
+    with (
+        started("follower", *common["follower"], "--no-diagnose") as follower,
+        started("leader", *common["leader"], "--operator", str(plan), "--scenario", "soft") as leader,
+    ):
+        said = [process.communicate(timeout=2 * WAIT_S)[0] for process in (leader, follower)]
+    assert (leader.returncode, follower.returncode) == (0, 0), said
+    joined = join(*(Session.open(path) for path in sessions.values()))
+    assert joined.modelled_and_measured().share < 0.05
+    assert joined.round_trip_s < 0.05
+
+    def first(session: Session, kind: str) -> float:
+        return next(event.time_s for event in session.events if event.kind == kind)
+
+    chosen, felt = (first(joined.leader, kind) for kind in ("target", "feel"))
+    begun, made = joined.to_leader(
+        np.array([first(joined.follower, kind) for kind in ("target", "estimate")])
+    )
+    slack_s = 0.5  # what a simulated clock may slip between two exchanges on a busy machine
+    assert chosen < begun + slack_s < made + slack_s < felt + 2 * slack_s  # the order, across both clocks
+    result = run("inspect", sessions["follower"], sessions["leader"], "--save", tmp_path / "both.rrd")
+    assert result.exit_code == 0, result.output
+    which = "ahead of" if joined.offset_s >= 0.0 else "behind"
+    assert f"the follower's clock is {which} the leader's by" in result.stdout
+    assert_refused(run("inspect", sessions["leader"]), "give that of its follower as well")
+    assert_refused(run("inspect", sessions["leader"], sessions["leader"]), "a leader and of its follower")

@@ -1,0 +1,105 @@
+"""One side is started again while the other goes on: numbers begin anew, and nothing old is mixed in."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from control.teleop.peer import PeerLimits
+from palpate.teleop import follower, leader
+from palpate.teleop.haptics import HapticJob
+from palpate.teleop.leader import LeaderJob
+from robot_io.link import ObjectEstimate, TargetState, decode, encode
+from sim_backend.scenario import load_scenario
+from tests.robot_io.link.link_parts import estimate, intent, report
+
+LATER_S = 5.0  # by then a side that says nothing is gone
+
+
+class StoredLine:
+    """A line whose frames are given, at a time of the test's choosing."""
+
+    def __init__(self):
+        self.arrived, self.sent, self.malformed, self.now = [], [], 0, 0.0
+
+    def put(self, sender, sequence, message):
+        frame = decode(encode(sender, sequence, self.now, float("nan"), float("nan"), message))
+        self.arrived.append((self.now, frame))
+
+    def receive(self):
+        arrived, self.arrived = self.arrived, []
+        return arrived
+
+    def heard(self, frame, at_s):
+        pass
+
+    def send(self, message):
+        self.sent.append(message)
+
+    def now_s(self):
+        return self.now
+
+
+@pytest.fixture
+def line():
+    return StoredLine()
+
+
+@pytest.fixture
+def led(line):
+    haptics = HapticJob("leader", "keyboard", load_scenario("default"), Path("unused"), None)
+    ignore = [].append
+    return leader._Leader(LeaderJob(haptics), line, line, None, None, ignore, ignore)
+
+
+@pytest.fixture
+def followed(line, monkeypatch):
+    answers = []
+    fake = SimpleNamespace(answers=lambda: [answers.pop(0)] if answers else [], busy=False)
+    monkeypatch.setattr(follower, "Estimator", lambda *, diagnose: fake)
+    job = SimpleNamespace(limits=PeerLimits(), diagnose=True)
+    talk = follower.Talk(line, line, job, [].append)
+    return talk, answers
+
+
+def test_what_became_of_the_last_leaders_targets_says_nothing_of_this_ones(led, line):
+    line.put(1, 0, report(targets=(0, 1), states=(TargetState.DONE, TargetState.REFUSED)))
+    led._hear_follower(line.now)
+    led._select((0.4, 0.0, 0.05))
+    assert [one.number for one in led._intent().targets] == [0]
+
+
+def test_estimates_of_a_follower_that_was_started_again_are_taken(led, line):
+    line.put(1, 0, estimate(revision=7))
+    led._hear_follower(line.now)
+    assert led._intent().estimate_seen == 7
+    line.now += LATER_S
+    again = estimate(revision=0, rmse_n=0.5)
+    line.put(2, 0, again)
+    led._hear_follower(line.now)
+    assert led._intent().estimate_seen == 0
+    assert led._estimates[0] == again
+
+
+def test_another_leaders_target_is_not_taken_for_the_last_ones(followed, line):
+    talk, answers = followed
+    line.put(1, 0, intent())
+    talk._listen()
+    answers.append(estimate(runs=6, verdict="adequate"))
+    talk._think()
+    line.now += LATER_S
+    line.put(2, 0, intent())
+    talk._listen()
+    answers.append(estimate(runs=1, verdict=""))
+    talk._think()
+    assert [one.runs for one in talk._unseen()] == [6, 1]
+
+
+def test_a_later_verdict_replaces_one_whatever_it_is_called(followed, line):
+    talk, answers = followed
+    for verdict in ("incomplete", "adequate", ""):
+        answers.append(estimate(runs=6, verdict=verdict))
+        talk._think()
+    (kept,) = talk._unseen()
+    assert isinstance(kept, ObjectEstimate)
+    assert kept.verdict == "adequate"

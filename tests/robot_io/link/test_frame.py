@@ -1,0 +1,85 @@
+"""Frames: what is sent arrives as it was, and what was damaged or makes no sense does not arrive at all."""
+
+from math import inf, nan
+
+import numpy as np
+import pytest
+
+from robot_io.errors import InputError
+from robot_io.link import ContactModel, FrameError, Target, decode, encode
+from robot_io.link.frame import MOST_BYTES
+from tests.robot_io.link.link_parts import estimate, intent, report, target
+
+MESSAGES = [intent(target(), target(7, 0.44), cancelled=(3,), ended=True), report(remark="µ"), estimate()]
+
+
+def framed(message, sequence: int = 5) -> bytes:
+    return encode(2**61 + 3, sequence, 1.25, nan, 7.5, message)
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda one: type(one).__name__)
+def test_what_is_sent_arrives_as_it_was(message):
+    frame = decode(framed(message))
+    assert frame.message == message
+    assert (frame.sender, frame.sequence, frame.sent_s, frame.heard_at_s) == (2**61 + 3, 5, 1.25, 7.5)
+    assert frame.heard_sent_s != frame.heard_sent_s
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda one: type(one).__name__)
+def test_no_damaged_frame_is_taken(message):
+    rng, whole = np.random.default_rng(1), framed(message)
+    for _ in range(1000):
+        data = bytearray(whole)
+        for place in rng.integers(0, len(data), rng.integers(1, 6)):
+            data[place] ^= int(rng.integers(1, 256))
+        cut = bytes(data[: rng.integers(0, len(data) + 1)]) if rng.random() < 0.2 else bytes(data)
+        if cut != whole:
+            with pytest.raises(FrameError):
+                decode(cut)
+
+
+def test_frames_of_another_version_are_refused_by_name(monkeypatch):
+    monkeypatch.setattr("robot_io.link.frame.VERSION", 2)
+    newer = framed(MESSAGES[0])
+    monkeypatch.setattr("robot_io.link.frame.VERSION", 1)
+    with pytest.raises(FrameError, match="version 2 of the messages; this program speaks 1"):
+        decode(newer)
+
+
+@pytest.mark.parametrize("data", [b"", b"1234", bytes(MOST_BYTES + 1)])
+def test_what_is_no_frame_is_refused(data):
+    with pytest.raises(FrameError):
+        decode(data)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Target(0, (0.4, nan, 0.05), (0.0, 0.0, -1.0)),
+        lambda: Target(0, (0.4, 0.0, 1e9), (0.0, 0.0, -1.0)),
+        lambda: Target(0, (0.4, 0.0), (0.0, 0.0, -1.0)),
+        lambda: Target(0, (0.4, 0.0, 0.05), (0.0, 0.0, -0.9)),
+        lambda: Target(-1, (0.4, 0.0, 0.05), (0.0, 0.0, -1.0)),
+        lambda: intent(target(1), target(1)),
+        lambda: intent(*map(target, range(65))),
+        lambda: report(force_n=inf),
+        lambda: report(states=(2,)),
+        lambda: report(states=(2, 99)),
+        lambda: report(remark="x" * 501),
+        lambda: estimate(model=()),
+        lambda: estimate(surface_world_m=(nan, 0.0, 0.0)),
+        lambda: ContactModel("kelvin_voigt", ("stiffness_n_m",), (nan,)),
+        lambda: ContactModel("kelvin_voigt", ("stiffness_n_m",), ()),
+    ],
+)
+def test_messages_that_make_no_sense_cannot_be_made(make):
+    with pytest.raises(InputError):
+        make()
+
+
+def test_a_message_that_makes_no_sense_is_refused_where_it_arrives(monkeypatch):
+    with monkeypatch.context() as unchecked:
+        unchecked.setattr(Target, "__post_init__", lambda self: None)
+        sent = framed(intent(Target(0, (nan, 0.0, 0.0), (0.0, 0.0, -1.0))))
+    with pytest.raises(FrameError, match="target position"):
+        decode(sent).message  # noqa: B018

@@ -1,0 +1,189 @@
+"""The line itself: both ends on the loopback, a restart, a bad network, a stranger without certificate."""
+
+import json
+import socket
+import subprocess
+import time
+from contextlib import ExitStack
+
+import pytest
+
+from robot_io.clock import MonotonicClock
+from robot_io.errors import InputError
+from robot_io.link import Impairment, Line, LineSettings
+from robot_io.link.frame import MOST_BYTES
+from robot_io.link.impairment import BadNetwork
+from tests.robot_io.link.link_parts import intent, report, target
+
+WAIT_S = 20.0
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def heard(sender: Line, receiver: Line, message, wait_s: float = WAIT_S) -> bool:
+    """Whether a message arrives, sent again and again."""
+    until_s = time.monotonic() + wait_s
+    while time.monotonic() < until_s:
+        sender.send(message)
+        time.sleep(0.02)
+        if any(frame.message == message for _, frame in receiver.receive()):
+            return True
+    return False
+
+
+def test_both_ends_hear_each_other_also_after_one_was_started_again():
+    settings, clock = LineSettings(port=free_port()), MonotonicClock()
+    with Line("leader", settings, clock) as leader:
+        for _ in range(2):
+            with Line("follower", settings, clock) as follower:
+                assert heard(leader, follower, intent(target()))
+                assert heard(follower, leader, report())
+
+
+def test_a_second_follower_is_refused_in_one_line():
+    settings, clock = LineSettings(port=free_port()), MonotonicClock()
+    with Line("follower", settings, clock), pytest.raises(InputError, match="taken by another follower"):
+        Line("follower", settings, clock)
+
+
+def test_pairs_of_another_name_do_not_hear_each_other():
+    port, clock = free_port(), MonotonicClock()
+    with (
+        Line("follower", LineSettings("one", port), clock) as follower,
+        Line("leader", LineSettings("two", port), clock) as other,
+        Line("leader", LineSettings("one", port), clock) as leader,
+    ):
+        assert heard(leader, follower, intent(target()))
+        assert not heard(other, follower, intent(target(1)), 0.5)
+
+
+def test_a_bad_network_delays_and_loses_as_it_says():
+    network = BadNetwork(Impairment(delay_s=0.5, jitter_s=0.05, loss=0.2, seed=3))
+    for number in range(5000):
+        network.put(b"%d" % number, 0.0)
+    assert network.due(0.2) == []
+    early, late = network.due(0.5), network.due(1.0)
+    assert len(early) + len(late) == pytest.approx(4000, abs=100)
+    assert len(early) == pytest.approx(len(late), rel=0.1)
+    assert early != sorted(early, key=int)  # some have overtaken others
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [({"port": 80}, "port 80"), ({"name": "a/b"}, "link name"), ({"name": ""}, "link name")],
+)
+def test_settings_that_make_no_line(settings, words):
+    with pytest.raises(InputError, match=words):
+        LineSettings(**settings)
+
+
+def certificates(folder) -> None:
+    """A CA, and a certificate of its own for "side"; "stranger" has one of another CA."""
+
+    def openssl(*words: str) -> None:
+        subprocess.run(["openssl", *words], cwd=folder, check=True, capture_output=True)
+
+    (folder / "names").write_text("subjectAltName=DNS:localhost,IP:127.0.0.1\n")
+    for ca, side in (("ca", "side"), ("other_ca", "stranger")):
+        key = ["-newkey", "rsa:2048", "-nodes", "-keyout"]
+        openssl("req", "-x509", *key, f"{ca}.key", "-out", f"{ca}.pem", "-days", "2", "-subj", f"/CN={ca}")
+        openssl("req", *key, f"{side}.key", "-out", f"{side}.csr", "-subj", f"/CN={side}")
+        signed = ["-CA", f"{ca}.pem", "-CAkey", f"{ca}.key", "-CAcreateserial", "-extfile", "names"]
+        openssl("x509", "-req", "-in", f"{side}.csr", "-out", f"{side}.pem", "-days", "2", *signed)
+
+
+def secured(folder, way: str, side: str, port: int):
+    """A zenoh configuration with certificates on both sides, and only the two keys of the pair allowed."""
+    tls = {
+        "root_ca_certificate": str(folder / "ca.pem"),
+        "enable_mtls": True,
+        "listen_private_key": str(folder / f"{side}.key"),
+        "listen_certificate": str(folder / f"{side}.pem"),
+        "connect_private_key": str(folder / f"{side}.key"),
+        "connect_certificate": str(folder / f"{side}.pem"),
+    }
+    messages = ["put", "declare_subscriber"]
+    rule = {"id": "pair", "permission": "allow", "flows": ["ingress", "egress"], "messages": messages}
+    endpoints = {"endpoints": [f"tls/127.0.0.1:{port}"]}
+    config = {
+        "mode": "peer",
+        "scouting": {"multicast": {"enabled": False}},
+        "listen": endpoints if way == "listen" else {"endpoints": []},
+        "connect": {"endpoints": [], "exit_on_failure": False} | (endpoints if way == "connect" else {}),
+        "transport": {"link": {"tls": tls}},
+        "access_control": {
+            "enabled": True,
+            "default_permission": "deny",
+            "rules": [rule | {"key_exprs": ["palpate/arm/**"]}],
+            "subjects": [{"id": "anybody with a certificate"}],
+            "policies": [{"rules": ["pair"], "subjects": ["anybody with a certificate"]}],
+        },
+    }
+    path = folder / f"{way}-{side}.json5"
+    path.write_text(json.dumps(config))
+    return path
+
+
+def test_a_peer_without_our_certificate_is_refused_and_other_keys_are_denied(tmp_path):
+    certificates(tmp_path)
+    port, other_port, clock = free_port(), free_port(), MonotonicClock()
+    with ExitStack() as stack:
+
+        def line(role, side: str, port: int, name: str = "arm") -> Line:
+            config = secured(tmp_path, "listen" if role == "follower" else "connect", side, port)
+            return stack.enter_context(Line(role, LineSettings(name, config=config), clock))
+
+        follower, stranger = line("follower", "side", port), line("leader", "stranger", port)
+        assert not heard(stranger, follower, intent(target()), 2.0)
+        assert heard(line("leader", "side", port), follower, intent(target()))
+        plain = stack.enter_context(Line("leader", LineSettings(port=port), clock))
+        assert not heard(plain, follower, intent(target(2)), 1.0)
+        elsewhere = [line(role, "side", other_port, "elsewhere") for role in ("leader", "follower")]
+        assert not heard(*elsewhere, intent(target(1)), 2.0)  # the certificates are good, the key is not
+
+
+def test_both_sides_meet_through_a_router(tmp_path):
+    import zenoh
+
+    endpoint = {"endpoints": [f"tcp/127.0.0.1:{free_port()}"]}
+    router, client = (
+        {"mode": mode, way: endpoint, "scouting": {"multicast": {"enabled": False}}}
+        for mode, way in (("router", "listen"), ("client", "connect"))
+    )
+    path = tmp_path / "client.json5"
+    path.write_text(json.dumps(client))
+    settings, clock = LineSettings(config=path), MonotonicClock()
+    with (
+        zenoh.open(zenoh.Config.from_json5(json.dumps(router))),  # what the program zenohd is
+        Line("leader", settings, clock) as leader,
+        Line("follower", settings, clock) as follower,
+    ):
+        assert heard(leader, follower, intent(target()))
+        assert heard(follower, leader, report())
+
+
+def test_a_file_that_is_no_zenoh_configuration_is_refused(tmp_path):
+    path = tmp_path / "bad.json5"
+    path.write_text("{mode: 'nonsense'}")
+    with pytest.raises(InputError, match="no zenoh configuration"):
+        Line("leader", LineSettings(config=path), MonotonicClock())
+
+
+def test_what_is_larger_than_a_frame_is_dropped_when_it_arrives():
+    import zenoh
+
+    settings, clock = LineSettings(port=free_port()), MonotonicClock()
+    config = zenoh.Config()
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("connect/endpoints", json.dumps([f"tcp/127.0.0.1:{settings.port}"]))
+    with Line("follower", settings, clock) as follower, zenoh.open(config) as stranger:
+        until_s = time.monotonic() + WAIT_S
+        while not follower.malformed and time.monotonic() < until_s:
+            stranger.put("palpate/arm/leader", bytes(MOST_BYTES + 1))
+            time.sleep(0.05)
+        assert follower.malformed
+        assert not follower._waiting
