@@ -18,11 +18,12 @@ from palpate.failures import OneLineGroup
 from robot_io.errors import InputError
 
 ORDER = (
-    *("demo", "probe", "estimate", "inspect", "compare", "diagnose", "add", "revisions", "export", "reveal"),
-    *("import", "info", "calibrate", "doctor"),
+    *("demo", "probe", "estimate", "inspect", "compare", "diagnose", "resolve", "add", "remove", "revisions"),
+    *("workbench", "report", "export", "reveal"),
+    *("import", "info", "study", "teleop", "calibrate", "doctor"),
 )
 
-_NAMELESS = re.compile(r"--[a-z-]+=")  # an option with nothing after its sign
+_WITHOUT_VALUE = re.compile(r"--[a-z-]+=")  # an option with nothing after its sign
 
 
 class CommandGroup(OneLineGroup):
@@ -93,7 +94,7 @@ def _refuse_empty(arguments: list[str]) -> None:
     """
     before = ["", *arguments]
     for number, argument in enumerate(arguments):
-        if not argument or _NAMELESS.fullmatch(argument):
+        if not argument or _WITHOUT_VALUE.fullmatch(argument):
             place = argument or before[number]
             raise InputError(f"an argument is empty{f' ({place} ...)' if place else ''}; give it a value")
 

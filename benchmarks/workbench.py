@@ -1,0 +1,205 @@
+"""Measures the workbench page in Chromium: from tick to new curves, ready time, memory, a thousand ticks.
+
+    python benchmarks/workbench.py [--session FILE] [--ticks 1000] [--streamlit PYTHON] [--chromium PATH]
+
+Without --session a minute at 1 kHz of a simulated arm of three joints with contact is probed first. A tick
+ends when the error in held-out runs and the curves have changed in the browser, at its next frame.
+Measured are effects that the page has fitted ahead, as after a few seconds of looking, and others at once.
+--streamlit names the Python of another environment, with streamlit, for the same two curves in such a page.
+"""
+
+import argparse
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import psutil  # type: ignore[import-untyped]
+from playwright.sync_api import Page, TimeoutError, sync_playwright
+
+from robot_io.types import FloatArray
+
+HERE = Path(__file__).resolve().parent
+MOST_S = 120.0
+PATIENCE_MS = 20_000.0  # for each effect to be fitted ahead
+HIDDEN, SEED, REPEATS = "cubic_stiffness", 3, 9
+EFFECTS = (
+    *("cubic_stiffness", "stress_relaxation", "plastic_set", "adhesion", "drift", "quadratic_damping"),
+    *("dry_friction", "hunt_crossley", "tool_compliance", "layered_stiffness", "bias", "saturation"),
+    *("power_law_stiffness", "exponential_stiffness", "delay", "lag", "hysteresis", "deadband"),
+)
+_TICK = """effect => new Promise((done, failed) => {
+  const box = document.querySelector(`[data-effect="${effect}"] .q-checkbox`);
+  const plot = document.querySelector('.js-plotly-plot');
+  const error = () => document.querySelector('[data-error]').dataset.error;
+  const before = error(), drawn = plot.data[2].y; let begun = performance.now();
+  const look = () => {
+    const changed = error() !== before && plot.data[2].y !== drawn;
+    if (changed) requestAnimationFrame(() => done(performance.now() - begun));
+    else if (performance.now() - begun > 60000) failed(effect); else setTimeout(look, 2);
+  };
+  begun = performance.now(); box.click(); look();
+})"""
+_STREAMLIT = """() => new Promise(done => {
+  const value = () => document.querySelector('[data-testid="stMetricValue"]').innerText;
+  const lines = () => [...document.querySelectorAll('.js-line')];
+  const paths = () => lines().map(p => p.getAttribute('d')).join('').length;
+  const before = value(), drawn = paths(), begun = performance.now();
+  document.querySelector('[data-testid="stCheckbox"] input').click();
+  const look = () => { if (value() !== before && paths() !== drawn && paths() > 0)
+      requestAnimationFrame(() => done(performance.now() - begun));
+    else if (performance.now() - begun > 60000) done(NaN); else setTimeout(look, 2); };
+  look();
+})"""
+
+
+@contextmanager
+def served(command: Sequence[str], port: int, folder: Path) -> Iterator[psutil.Process]:
+    """A server of this machine, until the context ends."""
+    paths = os.pathsep.join([str(HERE.parent), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": paths}
+    process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.DEVNULL)
+    try:
+        while socket.socket().connect_ex(("127.0.0.1", port)):
+            time.sleep(0.02)
+        yield psutil.Process(process.pid)
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def megabytes(process: psutil.Process) -> float:
+    """Resident memory of a process and all below it."""
+    every = (process, *process.children(recursive=True))
+    return float(sum(one.memory_info().rss for one in every)) / 1e6
+
+
+def free_port() -> int:
+    """A port that nobody has."""
+    with socket.socket() as tried:
+        tried.bind(("127.0.0.1", 0))
+        return int(tried.getsockname()[1])
+
+
+def ticks(page: Page, effects: Sequence[str], pause_s: float) -> FloatArray:
+    """Milliseconds from each tick on and off to the new curves."""
+    found = []
+    for effect in effects:
+        for _ in range(2):
+            found.append(page.evaluate(_TICK, effect))
+            time.sleep(pause_s)
+    return np.array(found)
+
+
+def weighed(page: Page, effect: str) -> bool:
+    """Whether the page has fitted an effect ahead; a busy machine may not come to it in time."""
+    try:
+        page.wait_for_selector(f'[data-effect="{effect}"] .evidence span', timeout=PATIENCE_MS)
+    except TimeoutError:
+        return False
+    return True
+
+
+def said(what: str, times_ms: FloatArray) -> None:
+    """Print median and 95th percentile."""
+    median, high = np.median(times_ms), np.quantile(times_ms, 0.95)
+    print(f"{what}: median {median:.0f} ms, p95 {high:.0f} ms ({len(times_ms)} ticks)", flush=True)
+
+
+def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> None:
+    """The page of palpate."""
+    port, begun = free_port(), time.perf_counter()
+    command = [
+        sys.executable,
+        "-m",
+        "palpate.main",
+        "workbench",
+        str(session),
+        "--port",
+        str(port),
+        "--no-browser",
+    ]
+    with served(command, port, folder) as process:
+        page.goto(f"http://127.0.0.1:{port}")
+        page.wait_for_selector(".scatterlayer .js-line")
+        curves_s = time.perf_counter() - begun
+        page.wait_for_selector("[data-error]")
+        error_s = time.perf_counter() - begun
+        print(f"page ready: raw curves {curves_s:.1f} s, error {error_s:.1f} s after the command")
+        page.wait_for_selector('[data-effect="cubic_stiffness"] .q-checkbox')
+        said("at once, hardly anything fitted ahead", ticks(page, EFFECTS[:6], 0.3))
+        ready = [effect for effect in EFFECTS if weighed(page, effect)]
+        page.wait_for_timeout(3000)
+        said("of effects fitted ahead", ticks(page, ready, 1.0))
+        for _ in range(20):
+            page.evaluate(_TICK, EFFECTS[0])
+        page.wait_for_timeout(3000)
+        before = megabytes(process)
+        said("many", np.array([page.evaluate(_TICK, EFFECTS[0]) for _ in range(count)]))
+        page.wait_for_timeout(3000)
+        after = megabytes(process)
+        print(f"memory of all processes: {before:.0f} MB, after {count} ticks {after / before - 1:+.1%}")
+
+
+def measure_streamlit(page: Page, python: str, session: Path, folder: Path) -> None:
+    """A Streamlit page with the same two curves and the same fits."""
+    port = free_port()
+    options = ["--server.port", str(port), "--server.address", "127.0.0.1", "--server.headless", "true"]
+    options += ["--browser.gatherUsageStats", "false"]
+    script = str(HERE / "pages" / "streamlit_page.py")
+    with served([python, "-m", "streamlit", "run", script, *options, "--", str(session)], port, folder):
+        page.goto(f"http://127.0.0.1:{port}")
+        page.wait_for_selector(".js-line")
+        page.wait_for_timeout(2000)
+        for _ in range(4):
+            page.evaluate(_STREAMLIT)
+            page.wait_for_timeout(1000)
+        times = []
+        for _ in range(20):
+            times.append(page.evaluate(_STREAMLIT))
+            page.wait_for_timeout(1000)
+        said("Streamlit, two curves, fits made before", np.array(times))
+
+
+def probed(folder: Path) -> Path:
+    """A minute of a simulated arm that presses an object with something hidden in it."""
+    session = folder / "minute.mcap"
+    options = ["--hidden", HIDDEN, "--seed", str(SEED), "--repeats", str(REPEATS), "--out", str(session)]
+    subprocess.run(
+        [sys.executable, "-m", "palpate.main", "probe", *options], check=True, stdout=subprocess.DEVNULL
+    )
+    return session
+
+
+def main() -> None:
+    """Measure."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--session", type=Path)
+    parser.add_argument("--ticks", type=int, default=1000)
+    parser.add_argument("--streamlit", metavar="PYTHON")
+    parser.add_argument("--chromium", default="/usr/bin/chromium")
+    chosen = parser.parse_args()
+    print(f"load of the machine before: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    with TemporaryDirectory() as name, sync_playwright() as playwright:
+        folder = Path(name)
+        session = chosen.session.resolve() if chosen.session else probed(folder)
+        browser = playwright.chromium.launch(executable_path=chosen.chromium, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1400, "height": 900})
+        page.set_default_timeout(1000 * MOST_S)
+        measure_workbench(page, session, folder, chosen.ticks)
+        if chosen.streamlit:
+            measure_streamlit(page, chosen.streamlit, session, folder)
+        browser.close()
+    print(f"load of the machine after: {os.getloadavg()[0]:.1f}")
+
+
+if __name__ == "__main__":
+    main()

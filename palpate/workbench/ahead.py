@@ -1,0 +1,91 @@
+"""Fits that the next tick may ask for, made ahead by another process while the page is idle.
+
+They are the same fits by the same engine from the same data, so that it makes no difference who made them.
+"""
+
+import asyncio
+import os
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+from estimation.effect import Effect
+from estimation.study import StudyChannel, engine
+from palpate.study import Study
+
+_NICE = 10
+_MOST = 40  # fits that the other process keeps to go on from
+
+
+class Ahead:
+    """One process that fits models of one channel.
+
+    Args:
+        study: that takes the fits over.
+        channel: what is fitted.
+    """
+
+    def __init__(self, study: Study, channel: StudyChannel) -> None:
+        self._study, self._channel = study, channel
+        own = [one for one in study.effects if type(one).__module__.startswith("estimation.")]
+        self._names = {one.name for one in own}
+        given = (channel, own)
+        _working.add(self)
+        self._pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=_begin, initargs=given)
+
+    async def fit(self, effects: Sequence[str]) -> None:
+        """Make a fit known to the study, if it is not yet.
+
+        Raises:
+            InputError: it cannot be fitted.
+        """
+        if self._names.issuperset(effects) and not self._study.known(self._channel, effects):
+            packed = await asyncio.wrap_future(self._pool.submit(_packed, tuple(effects)))
+            self._study.take(self._channel, effects, packed)
+
+    def close(self) -> None:
+        """End the process, whatever it is doing."""
+        _working.discard(self)
+        for process in list((self._pool._processes or {}).values()):
+            process.terminate()
+        self._pool.shutdown(cancel_futures=True)
+
+
+_working: set[Ahead] = set()
+
+
+def close_all() -> None:
+    """End all such processes, when the server ends."""
+    for one in list(_working):
+        one.close()
+
+
+_channel: StudyChannel
+_library: dict[str, Effect] = {}
+_fits: dict[tuple[str, ...], engine.Fitted] = {}
+
+
+def _begin(channel: StudyChannel, effects: Sequence[Effect]) -> None:
+    """Make this process ready: it gives way to the page."""
+    global _channel  # noqa: PLW0603, of this process alone
+    os.nice(_NICE)
+    _channel = channel
+    _library.update({one.name: one for one in effects})
+
+
+def _packed(effects: tuple[str, ...]) -> engine.Packed:
+    return engine.pack(_fitted(effects))
+
+
+def _fitted(effects: tuple[str, ...]) -> engine.Fitted:
+    """As `Fits.fit`, from the fits of this process."""
+    if effects not in _fits:
+        if not effects:
+            _fits[effects] = engine.fit(_channel.data, _channel.model)
+        else:
+            parent = _fitted(effects[:-1])
+            model = parent.model.with_effect(_library[effects[-1]].suited_to(parent.data))
+            _fits[effects] = engine.fit(_channel.data, model, parent)
+        while len(_fits) > _MOST:
+            del _fits[next(iter(_fits))]
+    return _fits[effects]

@@ -1,0 +1,305 @@
+"""What lies on the bench: a study, the model chosen on the page, and the way back; no page in it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from estimation.channel import ChannelKind
+from estimation.diagnosis import ChannelDiagnosis
+from estimation.diagnosis.candidates import candidates
+from estimation.effect import Effect, Parameter
+from estimation.gate import refuse, usable
+from estimation.study import Fitted, Revision, StudyChannel
+from estimation.study.source import joined, open_source
+from palpate.study import Study
+from palpate.words import as_shell_word
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+Bounds = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The model that is chosen: one step of undo and redo.
+
+    Attributes:
+        channel: its name.
+        effects: added to the base model, in order.
+        held: parameters that the fit leaves where they are, by "effect.parameter".
+        bounds: of others.
+    """
+
+    channel: str
+    effects: tuple[str, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, Bounds] = field(default_factory=dict)
+
+    def with_effects(self, effects: Sequence[str]) -> "Choice":
+        """The same with other effects; what was said of parameters that are gone is dropped."""
+        gone = set(self.effects) - set(effects)
+        held = {name: value for name, value in self.held.items() if name.partition(".")[0] not in gone}
+        bounds = {name: pair for name, pair in self.bounds.items() if name.partition(".")[0] not in gone}
+        return Choice(self.channel, tuple(effects), held, bounds)
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """The chosen model beside the base model.
+
+    Attributes:
+        choice: what was chosen.
+        base: the base model.
+        fitted: the chosen one; its intervals are computed when they are first asked for.
+        steps: label and held-out error of the base model and of each effect added.
+        floor: noise floor of the channel.
+    """
+
+    choice: Choice
+    base: Fitted
+    fitted: Fitted
+    steps: tuple[tuple[str, float], ...]
+    floor: float
+
+    def error_at(self, values: Mapping[str, float]) -> float:
+        """Root mean square error of the model at other parameters, where the error is judged."""
+        judged = self.base.judged
+        left = self.fitted.data.effort[judged] - self.fitted.at(values)[judged]
+        return float(np.sqrt(np.mean(left**2)))
+
+
+class Bench:
+    """One study on the page, with undo and redo.
+
+    Args:
+        study: what was measured.
+        source: the file with its options as typed in a command; empty for data without a file.
+    """
+
+    def __init__(self, study: Study, source: str = "") -> None:
+        self.study, self.source = study, source
+        self._past: list[Choice] = []
+        self._future: list[Choice] = []
+        first = next((one for one in study.channels if not self.refusal(one)), study.channels[0])
+        self.choice = self._start_of(first.name)
+
+    @property
+    def channel(self) -> StudyChannel:
+        """The channel that is shown, with its base model."""
+        return self.study.channel(self.choice.channel)
+
+    @property
+    def diagnosis(self) -> ChannelDiagnosis | None:
+        """What was found in this channel, if anybody asked."""
+        return self.study.known_diagnosis(self.channel)
+
+    def refusal(self, channel: StudyChannel) -> str:
+        """Why a channel cannot be judged; empty where it can."""
+        return refuse(channel.data.select(usable(channel.data)), channel.model) or ""
+
+    def effects(self) -> tuple[Effect, ...]:
+        """The library for this channel: what can be added to its base model."""
+        fitted = self.study.fit(self.channel)
+        return candidates(fitted.data, fitted.model, self.study.effects)
+
+    def show(self, choice: Choice | None = None) -> Shown:
+        """Fit a choice, the present one by default, by the very fit that the commands use.
+
+        Raises:
+            InputError: it cannot be fitted.
+        """
+        chosen = choice or self.choice
+        one = self.study.channel(chosen.channel)
+        base, names = self.study.fit(one), chosen.effects
+        stages = [self.study.fit(one, names[:count]) for count in range(len(names) + 1)]
+        steps = [(one.model.name, base.rmse)]
+        steps += [(f"+ {name}", stage.rmse) for name, stage in zip(names, stages[1:], strict=True)]
+        fitted = self.study.fit_held(one, names, chosen.held, chosen.bounds)
+        if fitted is not stages[-1]:
+            steps.append(("held and bounded", fitted.rmse))
+        return Shown(chosen, base, fitted, tuple(steps), self.study.noise_floor(one))
+
+    def choose(self, choice: Choice) -> Shown:
+        """Fit a choice and make it the present one; nothing changes if it cannot be fitted.
+
+        Raises:
+            InputError: it cannot be fitted.
+        """
+        shown = self.show(choice)
+        if choice != self.choice:
+            self._past.append(self.choice)
+            self._future.clear()
+            self.choice = choice
+        return shown
+
+    def toggled(self, effect: str) -> Choice:
+        """The present choice with an effect added, or taken away if it is there."""
+        now = self.choice.effects
+        return self.choice.with_effects(
+            [name for name in now if name != effect] if effect in now else [*now, effect]
+        )
+
+    def with_held(self, name: str, value: float | None) -> Choice:
+        """The present choice with a parameter held at a value; None to free it."""
+        held = {other: at for other, at in self.choice.held.items() if other != name}
+        bounds = {other: pair for other, pair in self.choice.bounds.items() if other != name}
+        return replace(self.choice, held=held if value is None else held | {name: value}, bounds=bounds)
+
+    def with_bounds(self, name: str, bounds: Bounds) -> Choice:
+        """The present choice with a parameter bounded.
+
+        Raises:
+            InputError: the lower bound is not below the upper one.
+        """
+        if not bounds[0] < bounds[1]:
+            raise InputError(
+                f"{name}: the lower bound {bounds[0]:g} is not below the upper one {bounds[1]:g}"
+            )
+        held = {other: at for other, at in self.choice.held.items() if other != name}
+        return replace(self.choice, held=held, bounds={**self.choice.bounds, name: bounds})
+
+    def can_undo(self) -> bool:
+        """Whether there is a step to go back to."""
+        return bool(self._past)
+
+    def can_redo(self) -> bool:
+        """Whether a step was undone."""
+        return bool(self._future)
+
+    def undo(self) -> Shown:
+        """Go back one step."""
+        if self._past:
+            self._future.append(self.choice)
+            self.choice = self._past.pop()
+        return self.show()
+
+    def redo(self) -> Shown:
+        """Go forward again."""
+        if self._future:
+            self._past.append(self.choice)
+            self.choice = self._future.pop()
+        return self.show()
+
+    def to_channel(self, name: str) -> Shown:
+        """Show another channel, with what was last added to it."""
+        return self.choose(self._start_of(name))
+
+    def to_revision(self, revision: Revision) -> Shown:
+        """Show a kept revision.
+
+        Raises:
+            InputError: it is of other data, or of another base model than the page shows.
+        """
+        self.study.check(revision)
+        if self.study.channel(revision.channel).model.name != revision.model:
+            raise InputError(
+                f"revision {revision.number} begins with {revision.model}: open the page with "
+                f"--model {revision.model}"
+            )
+        return self.choose(Choice(revision.channel, tuple(revision.effects)))
+
+    def keep(self) -> tuple[Revision, ...]:
+        """Keep the chosen effects as revisions, as `palpate add --fresh` does; held values are not kept."""
+        if not self.choice.effects:
+            raise InputError("nothing is added yet: tick an effect first")
+        return self.study.add(*self.choice.effects, channel=self.choice.channel, fresh=True).revisions
+
+    def parameter(self, name: str) -> Parameter:
+        """What is known of a parameter of the chosen model before any fit."""
+        model = self.study.fit(self.channel, self.choice.effects).model
+        return {**model.gains, **model.inner}[name]
+
+    def joined_with(self, path: Path) -> "Bench":
+        """A bench with the runs of another session after those of this one; in memory.
+
+        Raises:
+            InputError: the session cannot be read, or has no channel of this one.
+        """
+        source = joined(self.study.source, open_source(path))
+        return Bench(Study(source, self.channel.model.name))
+
+    def command(self) -> str:
+        """The command that does what the page shows; empty where none does."""
+        if self.choice.held or self.choice.bounds or not self.source:
+            return ""
+        model, where = self.channel.model.name, f"--channel {as_shell_word(self.choice.channel)}"
+        if not self.choice.effects:
+            return f"palpate compare {self.source} --model {model} {where}"
+        return f"palpate add {self.source} {' '.join(self.choice.effects)} --fresh --model {model} {where}"
+
+    def python(self) -> str:
+        """The Python line that does what the page shows."""
+        effects = "".join(f'"{name}", ' for name in self.choice.effects)
+        channel = f'"{self.choice.channel}"'
+        if self.choice.held or self.choice.bounds:
+            given = [f"held={dict(self.choice.held)!r}"] * bool(self.choice.held)
+            given += [f"bounds={dict(self.choice.bounds)!r}"] * bool(self.choice.bounds)
+            names = f"[{effects.removesuffix(', ')}]"
+            return f"study.fit_held({channel}, {names}, {', '.join(given)})"
+        if not effects:
+            return f"study.compare({channel})"
+        return f"study.add({effects}channel={channel}, fresh=True)"
+
+    def _start_of(self, name: str) -> Choice:
+        newest = self.study.latest(self.study.channel(name))
+        own = () if newest is None or newest.user_effects else tuple(newest.effects)
+        return Choice(name, own)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one effect takes from the error beside the others that are chosen.
+
+    Attributes:
+        effect: its name.
+        falls: share of the held-out error.
+        change: of the residual at some samples, of unit length: alike where effects do the same.
+    """
+
+    effect: str
+    falls: float
+    change: FloatArray
+
+
+_SAMPLES = 3000  # by which effects are compared
+ALIKE = 0.95  # cosine above which two effects do the same to this data
+TELLING = 0.05  # share of the error below which an effect does nothing here
+
+
+def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> Evidence:
+    """What one effect takes away beside others of the model.
+
+    Raises:
+        InputError: it cannot be fitted.
+    """
+    before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
+    step = max(len(before.data) // _SAMPLES, 1)
+    change = np.nan_to_num((before.residual - fitted.residual)[::step])
+    length = float(np.linalg.norm(change))
+    return Evidence(effect, 1.0 - fitted.rmse / before.rmse, change / length if length > 0.0 else change)
+
+
+def groups(found: Sequence[Evidence]) -> list[list[Evidence]]:
+    """Effects with those that do the same to this data, the most telling first."""
+    left = sorted(found, key=lambda one: -one.falls)
+    made: list[list[Evidence]] = []
+    while left:
+        first = left[0]
+        alike = [
+            one
+            for one in left
+            if one is first
+            or (min(one.falls, first.falls) > TELLING and abs(float(one.change @ first.change)) > ALIKE)
+        ]
+        made.append(alike)
+        left = [one for one in left if one not in alike]
+    return made
+
+
+def kind_in_words(kind: ChannelKind) -> str:
+    """What a channel is, for its button."""
+    return {ChannelKind.CONTACT: "contact force", ChannelKind.REVOLUTE: "joint torque"}.get(
+        kind, "joint force"
+    )

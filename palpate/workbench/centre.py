@@ -1,0 +1,188 @@
+"""The middle of the page: curves with cursors, run selection, residual maps."""
+
+from typing import Any
+
+import numpy as np
+from nicegui import events, ui
+
+from palpate.workbench import curves, words
+from palpate.workbench.bench import Bench, Shown
+from palpate.workbench.curves import Motion
+from palpate.workbench.plot import Plot
+from robot_io.types import FloatArray
+
+MOST_RUNS = 60  # that can be chosen one by one
+
+
+class Centre:
+    """Curves of one channel; a tick redraws the model's alone."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self._data = bench.channel.data
+        self._motion = Motion.of(self._data)
+        self._span_s: tuple[float, float] | None = None
+        self._shown: Shown | None = None
+        self._drawn: tuple[FloatArray, FloatArray] | None = None  # effort and residual of the model
+        self._cursors: dict[str, float] = {}
+        self._next = "A"
+
+    def build(self) -> None:
+        """Put the elements where they are; raw curves are there before, and whatever, the analysis says."""
+        with ui.element("section").classes("card"):
+            with ui.row().classes("bar"):
+                ui.html("<h2>Curves</h2>", sanitize=False).props(f'title="{words.CURVES}"')
+                self._runs()
+            self._time = Plot(curves.time_figure(self._motion, None, None))
+            self._time.element.on("plotly_relayout", self._zoomed, js_handler=_ZOOMED)
+            self._time.element.on("plotly_click", self._clicked, js_handler=_CLICKED)
+            self._cursor_bar()
+        with ui.element("section").classes("card"):
+            ui.html("<h2>Over the state</h2>", sanitize=False).props(f'title="{words.STATE}"')
+            self._state = Plot(curves.state_figure(self._motion, None))
+        with ui.element("section").classes("card") as self._map_card:
+            ui.html("<h2>Residual over the state</h2>", sanitize=False).props(f'title="{words.MAP}"')
+            self._map: Plot | None = None
+
+    def show(self, shown: Shown) -> None:
+        """Draw a fit; the first one of a channel with its base model."""
+        first, self._shown = self._shown is None, shown
+        self._drawn = _of(shown)
+        if first:
+            self._redraw()
+        else:
+            self._model(*self._drawn)
+
+    def show_map(self) -> None:
+        """Draw the residual map, which takes longest and so comes last."""
+        if self._shown is None or self._drawn is None:
+            return
+        if self._map is None:
+            with self._map_card:
+                figure = curves.map_figure(
+                    self._motion, self._shown.base.residual, self._shown.fitted.residual
+                )
+                self._map = Plot(figure)
+        else:
+            self._map.restyle(curves.map_update(self._motion, self._shown.fitted.residual))
+
+    def preview(self, effort: FloatArray) -> None:
+        """Draw another prediction (n,) than that of the fit, while a slider is pulled."""
+        self._model(
+            effort,
+            np.where(self._shown.base.judged, self._data.effort - effort, np.nan) if self._shown else effort,
+        )
+
+    def _model(self, effort: FloatArray, left: FloatArray) -> None:
+        self._time.restyle(curves.model_update(self._motion, effort, left, self._span_s))
+        self._state.restyle(curves.state_update(self._motion, effort))
+        self._read_cursors()
+
+    def _redraw(self) -> None:
+        if self._shown is None or self._drawn is None:
+            self._time.replace(curves.time_figure(self._motion, None, None))
+            self._state.replace(curves.state_figure(self._motion, None))
+            return
+        base = _of_base(self._shown)
+        figure = curves.time_figure(self._motion, *base)
+        update, traces = curves.time_update(self._motion, base, self._drawn, self._span_s)
+        for number in traces:
+            figure["data"][number] |= {"x": update["x"][number], "y": update["y"][number]}
+        figure["layout"] |= curves.cursor_shapes(self._cursors)
+        self._time.replace(figure)
+        self._state.replace(curves.state_figure(self._motion, self._drawn[0]))
+
+    def _runs(self) -> None:
+        there = self._data.runs.tolist()
+        if not 1 < len(there) <= MOST_RUNS:
+            return
+        ui.select(
+            {run: f"run {run}" for run in there}, multiple=True, label="all runs", on_change=self._chose_runs
+        ).props("dense outlined options-dense clearable use-chips aria-label='runs to draw'").classes(
+            "runs"
+        ).tooltip(words.RUNS)
+
+    def _chose_runs(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        self._motion = Motion.of(self._data, event.value or ())
+        self._span_s = None
+        self._redraw()
+        if self._map is not None and self._shown is not None:
+            shown = self._shown
+            self._map.replace(curves.map_figure(self._motion, shown.base.residual, shown.fitted.residual))
+
+    def _zoomed(self, event: events.GenericEventArguments) -> None:
+        span = event.args
+        self._span_s = (float(span[0]), float(span[1])) if span else None
+        if self._shown is not None and self._drawn is not None:
+            self._time.restyle(
+                curves.time_update(self._motion, _of_base(self._shown), self._drawn, self._span_s)
+            )
+
+    def _cursor_bar(self) -> None:
+        with ui.row().classes("bar cursors"):
+            ui.label("cursors").props(f'title="{words.CURSORS}"').classes("quiet")
+            self._at = {name: self._cursor_input(name) for name in ("A", "B")}
+            self._reading = ui.html("", sanitize=False).classes("reading").mark("reading")
+
+    def _cursor_input(self, name: str) -> ui.number:
+        def typed(event: events.ValueChangeEventArguments[Any]) -> None:
+            if event.value is not None and self._cursors.get(name) != event.value:
+                self._set_cursor(name, float(event.value))
+
+        return (
+            ui.number(f"{name} [s]", format="%.3f", on_change=typed).props("dense outlined").classes("cursor")
+        )
+
+    def _clicked(self, event: events.GenericEventArguments) -> None:
+        name, self._next = self._next, "B" if self._next == "A" else "A"
+        self._set_cursor(name, float(event.args))
+        self._at[name].set_value(round(float(event.args), 4))
+
+    def _set_cursor(self, name: str, time_s: float) -> None:
+        self._cursors[name] = time_s
+        self._time.relayout(curves.cursor_shapes(self._cursors))
+        self._read_cursors()
+
+    def _read_cursors(self) -> None:
+        if self._cursors:
+            rows = {
+                name: int(np.argmin(np.abs(self._motion.time_s - t))) for name, t in self._cursors.items()
+            }
+            self._reading.set_content(" &nbsp; ".join(self._readings(rows)))
+
+    def _readings(self, rows: dict[str, int]) -> list[str]:
+        unit, effort = self._motion.axes.effort_unit, self._data.effort
+        model = self._drawn[0] if self._drawn else None
+        said = []
+        for name, row in rows.items():
+            beside = (
+                "" if model is None else f", model {model[row]:.4g}, left {effort[row] - model[row]:+.3g}"
+            )
+            said.append(f"<b>{name}</b> {effort[row]:.4g} {unit}{beside}")
+        if len(rows) == 2:
+            a, b = rows["A"], rows["B"]
+            depth, apart = (
+                self._motion.axes.position.split(" [")[0],
+                np.diff(self._motion.position[[a, b]])[0],
+            )
+            said.append(
+                f"<b>B − A</b> {self._motion.time_s[b] - self._motion.time_s[a]:.4g} s, "
+                f"{effort[b] - effort[a]:+.4g} {unit}, {depth} {apart:+.4g}"
+            )
+        return said
+
+
+_ZOOMED = """(e) => {
+  const r = e['xaxis.range[0]'] !== undefined ? [e['xaxis.range[0]'], e['xaxis.range[1]']] : e['xaxis.range'];
+  if (r) emit(r); else if (e['xaxis.autorange']) emit(null);
+}"""
+_CLICKED = "(e) => { if (e.points && e.points.length) emit(e.points[0].x); }"
+
+
+def _of(shown: Shown) -> tuple[FloatArray, FloatArray]:
+    """Effort that the fit expects, and what it leaves in held-out runs, (n,) each."""
+    return shown.fitted.at(shown.fitted.values), shown.fitted.residual
+
+
+def _of_base(shown: Shown) -> tuple[FloatArray, FloatArray]:
+    return shown.base.at(shown.base.values), shown.base.residual

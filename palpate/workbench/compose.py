@@ -1,0 +1,192 @@
+"""What stands on the page: a bench with its diagnosis, or a place to begin where there is no data yet."""
+
+import asyncio
+import shlex
+from functools import partial
+from pathlib import Path
+
+from nicegui import run, ui
+
+from estimation.data.channels import is_session
+from estimation.data.import_options import ImportOptions
+from palpate.files import output_folder, write_text
+from palpate.next_plan import plan_text, same_world
+from palpate.resolving.designing import next_probe
+from palpate.runs.options import SESSIONS
+from palpate.workbench import words
+from palpate.workbench.bench import Bench
+from palpate.workbench.diagnosis import DiagnosisCard
+from palpate.workbench.gallery import Gallery
+from palpate.workbench.home import Home
+from palpate.workbench.live import Live, newest_growing, ran
+from palpate.workbench.load import Drop
+from palpate.workbench.page import Page
+from palpate.workbench.riddle import RiddleCard
+from robot_io.errors import PalpateError
+
+_NEXT = "next-experiment.yaml"
+
+
+async def compose(home: Home) -> None:
+    """Build the page for what the server shows."""
+    if home.bench is None:
+        _begin(home)
+        return
+    bench = home.bench
+    gallery = Gallery(bench)
+
+    def below(page: Page) -> None:
+        card = DiagnosisCard(bench, page.apply, page.found)
+        if home.riddle:
+            RiddleCard(bench, card.start).build()
+        card.build(lambda: _next_step(home, bench))
+
+    page = Page(bench, lambda: _opening(home))
+    await page.build(below, gallery.open)
+
+
+def _begin(home: Home) -> None:
+    """Where nothing is open: drop a file, choose one, or probe."""
+    with ui.element("div").classes("begin"):
+        ui.html('<b class="brand">palpate workbench</b>', sanitize=False)
+        if home.error:
+            ui.label(home.error).classes("bad").mark("refused")
+        drop = _choose(home)
+        if home.error and home.file is not None and not is_session(home.file):
+            ui.timer(0.01, partial(drop.begin, home.file), once=True)  # its columns may be put right
+
+
+def _opening(home: Home) -> None:
+    """The same in a dialog, where something is open."""
+    with ui.dialog() as dialog, ui.card().classes("gallery"):
+        _choose(home)
+        ui.button("Close", on_click=dialog.close).props("flat no-caps")
+    dialog.on("hide", dialog.delete)
+    dialog.open()
+
+
+def _choose(home: Home) -> Drop:
+    drop = Drop(lambda path, options: _show(home, path, options))
+    drop.build()
+    files = [file for file in home.folder.iterdir() if is_data(file)] if home.folder.is_dir() else []
+    for file in sorted(files, key=lambda one: -one.stat().st_mtime)[:12]:
+        ui.button(file.name, on_click=partial(drop.begin, file)).props("flat dense no-caps")
+    if sum(map(is_session, files)) > 1:
+        words_of_all = "All sessions of the folder as one study"
+        ui.button(words_of_all, on_click=partial(drop.begin, home.folder)).props("flat dense no-caps")
+    growing = newest_growing(home.folder) if home.folder.is_dir() else None
+    if growing is not None:
+        Live(growing, lambda path: _show(home, path, ImportOptions())).build()
+    place = ui.element("div")
+    ui.button(
+        "Probe the simulated arm", icon="precision_manufacturing", on_click=lambda: _probe(home, [], place)
+    ).props("outline no-caps dense").mark("probe")
+    return drop
+
+
+def is_data(file: Path) -> bool:
+    """Whether a file of a folder is offered."""
+    return file.is_file() and (is_session(file) or file.suffix in {".csv", ".parquet", ".npz", ".gz"})
+
+
+async def _show(home: Home, path: Path, options: ImportOptions) -> None:
+    """Open a file, and show it; an error is said where it was chosen."""
+    assert home.open is not None  # noqa: S101, set before the page is served
+    opener = home.open
+    home.bench = await asyncio.to_thread(lambda: opener(path, options))
+    home.error, home.riddle = "", False
+    ui.navigate.reload()
+
+
+async def _probe(home: Home, arguments: list[str], place: ui.element, *, join: bool = False) -> None:
+    """Probe, following the session as it grows; what comes back is opened, or joined to what is there."""
+    session = _new_session(home)
+
+    async def done(path: Path) -> None:
+        if join and home.bench is not None:
+            home.bench = await asyncio.to_thread(home.bench.joined_with, path)
+            ui.navigate.reload()
+        else:
+            await _show(home, path, ImportOptions())
+
+    place.clear()
+    with place:
+        ui.label(shlex.join(["palpate", "probe", *arguments, "--out", str(session)])).classes("code")
+        Live(session, done).build()
+    if failed := await ran(["probe", *arguments, "--out", str(session)], lambda line: None):
+        with place:
+            ui.label(failed).classes("bad")
+
+
+async def _resolve(home: Home, world: str, place: ui.element) -> None:
+    """Run `palpate resolve` in the world that was probed; its decisions are told as they come."""
+    folder = next(f for n in range(1, 10_000) if not (f := _sessions(home) / f"resolve-{n}").exists())
+    arguments = ["resolve", *shlex.split(world), "--out", str(folder)]
+    place.clear()
+    with place:
+        ui.label(shlex.join(["palpate", *arguments])).classes("code")
+        told = ui.log(max_lines=200).classes("told").mark("told")
+    if failed := await ran(arguments, told.push):
+        told.push(failed)
+        return
+    await _show(home, folder, ImportOptions())
+
+
+def _new_session(home: Home) -> Path:
+    folder = _sessions(home)
+    return next(path for n in range(1, 10_000) if not (path := folder / f"workbench-{n}.mcap").exists())
+
+
+def _sessions(home: Home) -> Path:
+    return output_folder(SESSIONS if home.folder == Path() else home.folder)
+
+
+def _next_step(home: Home, bench: Bench) -> None:
+    """The experiment that sets apart what is left, on the arm that was probed, one click away."""
+    found, session = bench.diagnosis, bench.study.source.session
+    world = None if session is None else same_world(session)
+    folder = bench.study.folder
+    if session is None or found is None or found.next_experiment is None or world is None or folder is None:
+        return
+    place = ui.element("div")
+    # What a session says of itself is data of others; drivers are code, and run after a question alone.
+    simulated = "simulated" in session.metadata.extra.get("source", "") and "--drivers" not in world
+
+    async def go() -> None:
+        ui.notify("designing the experiment")
+        try:
+            following = await run.io_bound(lambda: next_probe(bench.study, [found]))
+            if following is None:
+                ui.notify("no experiment that this arm can do would tell more")
+                return
+            text = plan_text(following.proposal, following.plan)
+            write_text(output_folder(folder) / _NEXT, text)
+        except PalpateError as error:
+            ui.notify(str(error), type="negative")
+            return
+        arguments = ["--experiment", str(folder / _NEXT), *shlex.split(world)]
+        if simulated:
+            await _probe(home, arguments, place, join=True)
+        elif await _permitted(following.plan.force_limit_n, arguments):
+            await _probe(home, [*arguments, "--yes"], place, join=True)
+
+    if simulated:
+        ui.button(
+            "Resolve: probe until one explanation is left", on_click=lambda: _resolve(home, world, place)
+        ).props(f'dense outline no-caps title="{words.RESOLVE}"').mark("resolve")
+    text = "Run it on the simulated arm" if simulated else "Run it on the robot"
+    ui.button(text, on_click=go).props("dense outline no-caps").mark("next")
+
+
+async def _permitted(force_n: float, arguments: list[str]) -> bool:
+    """The question before a real arm gets power, as `palpate probe` asks it."""
+    with ui.dialog().props("persistent") as dialog, ui.card():
+        ui.label(f"The arm is going to move, and to press with {force_n:g} N.").classes("text-bold")
+        ui.label("Keep clear of it, also from below, with its switch in your hand. Power the arm now?")
+        ui.label(shlex.join(["palpate", "probe", *arguments])).classes("code")
+        with ui.row():
+            ui.button("No", on_click=lambda: dialog.submit(False)).props("outline no-caps autofocus")
+            ui.button("Yes, power it", on_click=lambda: dialog.submit(True)).props(
+                "unelevated no-caps color=negative"
+            )
+    return bool(await dialog)

@@ -1,0 +1,287 @@
+"""The curves of the page: few enough points for a browser, and updates that send only what changed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from palpate.render import palette
+from palpate.render.build import axes_of, one_after_the_other
+from palpate.render.figures import PLOT_CONFIG
+from palpate.render.thinning import peaks
+from palpate.render.view import Axes, residual_map
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+MOST_POINTS = 1200  # of a curve over time
+MOST_OF_STATE = 900
+_FEW = 4  # runs over the state, where none were chosen
+_MILLI = 1e3
+_FONT = {"family": "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif", "size": 12}
+_AXIS = {
+    "gridcolor": "#e8ecf0",
+    "zerolinecolor": "#c3cbd3",
+    "automargin": True,
+    "ticks": "",
+    "title": {"standoff": 6},
+}
+MEASURED, BASE, MODEL, LEFT_BEFORE, LEFT = range(5)  # traces over time
+Figure = dict[str, Any]
+Restyle = tuple[dict[str, Any], list[int]]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A channel as it is drawn: units that people read, and which samples of which runs."""
+
+    data: ChannelData
+    runs: tuple[int, ...]
+    axes: Axes
+    time_s: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+
+    @classmethod
+    def of(cls, data: ChannelData, runs: Sequence[int] = ()) -> "Motion":
+        """The motion of some runs; of all without any."""
+        axes = axes_of(data.kind)
+        scale = _MILLI if "mm" in axes.position else 1.0
+        return cls(
+            data, tuple(runs), axes, one_after_the_other(data), scale * data.position, scale * data.velocity
+        )
+
+    @property
+    def judged(self) -> BoolArray:
+        """Samples of the chosen runs, shape (n,)."""
+        return np.isin(self.data.run, self.runs) if self.runs else np.ones(len(self.data), dtype=np.bool_)
+
+    @property
+    def engaged(self) -> BoolArray:
+        """Where the object can push, shape (n,)."""
+        return self.data.engaged
+
+    def rows(self, values: FloatArray, most: int, span_s: tuple[float, float] | None = None) -> IntArray:
+        """Samples to draw so that peaks of `values` (n,) are seen; -1 for a gap between two runs."""
+        chosen = self.judged
+        if span_s is not None:
+            chosen &= (self.time_s >= span_s[0]) & (self.time_s <= span_s[1])
+        there = np.flatnonzero(chosen)
+        kept = there[peaks(values[there], most)] if len(there) else there
+        breaks = np.flatnonzero(np.diff(self.data.run[kept])) + 1
+        return np.insert(kept, breaks, -1)
+
+
+def picked(values: FloatArray, rows: IntArray) -> np.ndarray:
+    """Values at rows, NaN for a gap; small numbers, that a browser gets quickly."""
+    found = values[rows].astype(np.float32)
+    found[rows < 0] = np.nan
+    return found
+
+
+def time_figure(motion: Motion, base: FloatArray | None, left: FloatArray | None) -> Figure:
+    """Measured effort, base model and model over time; below, what they leave."""
+    rows = motion.rows(motion.data.effort, MOST_POINTS)
+    x, unit = picked(motion.time_s, rows), motion.axes.effort_unit
+    effort = picked(motion.data.effort, rows)
+    nothing = np.full(len(rows), np.nan, dtype=np.float32)
+    drawn = nothing if base is None else picked(base, rows)
+    rest = nothing if left is None else picked(left, rows)
+    traces = [
+        _line("measured", x, effort, palette.MEASURED, 1.6, unit),
+        _line("base model", x, drawn, palette.BASE, 1.2, unit, dash="4px,3px"),
+        _line("model", x, drawn, palette.MODEL, 1.4, unit),
+        _line("left by base", x, rest, palette.BASE, 1.0, unit, yaxis="y2", showlegend=False),
+        _line("left by model", x, rest, palette.MODEL, 1.1, unit, yaxis="y2", showlegend=False),
+    ]
+    most = 1.15 * float(np.nanmax(np.abs(left))) if left is not None and np.isfinite(left).any() else 1.0
+    layout = _layout(
+        410,
+        xaxis={
+            **_AXIS,
+            "title": {"text": "time, runs one after the other [s]", "standoff": 6},
+            "anchor": "y2",
+        },
+        yaxis={**_AXIS, "title": {"text": motion.axes.effort, "standoff": 6}, "domain": [0.4, 1.0]},
+        yaxis2={
+            **_AXIS,
+            "title": {"text": f"left [{unit}]", "standoff": 6},
+            "domain": [0.0, 0.32],
+            "range": [-most, most],
+        },
+        dragmode="zoom",
+        uirevision=motion.data.name,
+    )
+    return {"data": traces, "layout": layout, "config": PLOT_CONFIG}
+
+
+def time_update(
+    motion: Motion,
+    base: tuple[FloatArray, FloatArray],
+    now: tuple[FloatArray, FloatArray],
+    span_s: tuple[float, float] | None,
+) -> Restyle:
+    """All curves over time again, with as many points in the span that is looked at; see `time_figure`."""
+    rows = motion.rows(motion.data.effort, MOST_POINTS, span_s)
+    ys = [motion.data.effort, base[0], now[0], base[1], now[1]]
+    return {"x": [picked(motion.time_s, rows)] * len(ys), "y": [picked(y, rows) for y in ys]}, list(
+        range(len(ys))
+    )
+
+
+def model_update(
+    motion: Motion, predicted: FloatArray, left: FloatArray, span_s: tuple[float, float] | None
+) -> Restyle:
+    """The model's curves alone."""
+    rows = motion.rows(motion.data.effort, MOST_POINTS, span_s)
+    return {"y": [picked(predicted, rows), picked(left, rows)]}, [MODEL, LEFT]
+
+
+def _state_rows(motion: Motion) -> IntArray:
+    """Samples of a few runs, evenly in time: a path over the state has no peaks to keep."""
+    there = motion.data.runs
+    few = motion.runs or tuple(there[np.unique(np.linspace(0, len(there) - 1, _FEW).astype(int))].tolist())
+    rows = np.flatnonzero(np.isin(motion.data.run, few) & near(motion))
+    kept = rows[:: max(len(rows) // MOST_OF_STATE, 1)]
+    return np.insert(kept, np.flatnonzero(np.diff(motion.data.run[kept])) + 1, -1)
+
+
+def near(motion: Motion) -> BoolArray:
+    """Where a contact is pressed, and somewhat before and after; all of a joint's motion."""
+    if motion.data.kind is not ChannelKind.CONTACT:
+        return np.ones(len(motion.data), dtype=np.bool_)
+    return motion.position > -0.1 * float(motion.position.max())
+
+
+def state_figure(motion: Motion, predicted: FloatArray | None) -> Figure:
+    """Measured effort and model over position, and over velocity."""
+    rows = _state_rows(motion)
+    effort, unit = picked(motion.data.effort, rows), motion.axes.effort_unit
+    model = np.full(len(rows), np.nan, dtype=np.float32) if predicted is None else picked(predicted, rows)
+    traces = []
+    for number, values in enumerate((motion.position, motion.velocity)):
+        place = {"xaxis": f"x{number + 1}" if number else "x", "showlegend": False}
+        x = picked(values, rows)
+        traces.append(_line("measured", x, effort, palette.MEASURED, 1.3, unit, **place))
+        traces.append(_line("model", x, model, palette.MODEL, 1.2, unit, **place))
+    layout = _layout(
+        270,
+        xaxis={**_AXIS, "title": {"text": motion.axes.position, "standoff": 6}, "domain": [0.0, 0.48]},
+        xaxis2={**_AXIS, "title": {"text": motion.axes.velocity, "standoff": 6}, "domain": [0.52, 1.0]},
+        yaxis={**_AXIS, "title": {"text": motion.axes.effort, "standoff": 6}},
+        uirevision=motion.data.name,
+    )
+    return {"data": traces, "layout": layout, "config": PLOT_CONFIG}
+
+
+def state_update(motion: Motion, predicted: FloatArray) -> Restyle:
+    """The model's curves over the state."""
+    rows = _state_rows(motion)
+    return {"y": [picked(predicted, rows)] * 2}, [1, 3]
+
+
+def map_figure(motion: Motion, before: FloatArray, now: FloatArray) -> Figure:
+    """What base model and model leave over the state, in the same colours."""
+    first, second = residual_map(motion, before), residual_map(motion, now)
+    found = np.abs(first.mean[np.isfinite(first.mean)])
+    reach = float(np.quantile(found, 0.98)) if len(found) else 1.0
+    unit = motion.axes.effort_unit
+    traces = [
+        {
+            "type": "heatmap",
+            "x": each.position.astype(np.float32),
+            "y": each.velocity.astype(np.float32),
+            "z": each.mean.astype(np.float32),
+            "zmin": -reach,
+            "zmax": reach,
+            "colorscale": [list(stop) for stop in palette.RESIDUAL],
+            "showscale": number == 1,
+            "xaxis": "x2" if number else "x",
+            "colorbar": {"thickness": 10, "title": {"text": f"left [{unit}]", "side": "right"}},
+            "hovertemplate": f"%{{x:.3g}}, %{{y:.3g}}: %{{z:.3g}} {unit}<extra></extra>",
+        }
+        for number, each in enumerate((first, second))
+    ]
+    layout = _layout(
+        250,
+        xaxis={
+            **_AXIS,
+            "title": {"text": motion.axes.position, "standoff": 6},
+            "domain": [0.0, 0.48],
+            "showgrid": False,
+        },
+        xaxis2={
+            **_AXIS,
+            "title": {"text": motion.axes.position, "standoff": 6},
+            "domain": [0.52, 1.0],
+            "showgrid": False,
+        },
+        yaxis={**_AXIS, "title": {"text": motion.axes.velocity, "standoff": 6}, "showgrid": False},
+        annotations=[_above("base model", 0.24), _above("model", 0.76)],
+        uirevision=motion.data.name,
+    )
+    return {"data": traces, "layout": layout, "config": PLOT_CONFIG}
+
+
+def map_update(motion: Motion, residual: FloatArray) -> Restyle:
+    """The model's map."""
+    each = residual_map(motion, residual)
+    x, y, z = (part.astype(np.float32) for part in (each.position, each.velocity, each.mean))
+    return {"x": [x], "y": [y], "z": [z]}, [1]
+
+
+def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
+    """The cursors A and B as lines with their letters."""
+    colors = {"A": "#1d2733", "B": palette.TRUTH}
+    lines = [
+        {"type": "line", "xref": "x", "yref": "paper", "x0": t, "x1": t, "y0": 0, "y1": 1,
+         "line": {"color": colors[name], "width": 1.2, "dash": "dot"}}
+        for name, t in times_s.items()
+    ]  # fmt: skip
+    letters = [
+        {"xref": "x", "yref": "paper", "x": t, "y": 1.0, "yanchor": "bottom", "text": name,
+         "showarrow": False, "font": {"color": colors[name], "size": 12}}
+        for name, t in times_s.items()
+    ]  # fmt: skip
+    return {"shapes": lines, "annotations": letters}
+
+
+def picture(
+    x: FloatArray, curves: Sequence[tuple[FloatArray, str]], width: int = 72, height: int = 44
+) -> str:
+    """A small drawing of curves (n,) over x (n,), as SVG without axes."""
+    every = np.concatenate([y for y, _ in curves])
+    low, high = float(every.min()), float(every.max())
+    left, right = float(x.min()), float(x.max())
+    paths = []
+    for y, color in curves:
+        across = 2 + (width - 4) * (x - left) / ((right - left) or 1.0)
+        down = height - 2 - (height - 4) * (y - low) / ((high - low) or 1.0)
+        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across, down, strict=True))
+        paths.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="1.4"/>')
+    size = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
+    return f'<svg {size} aria-hidden="true">{"".join(paths)}</svg>'
+
+
+def _above(text: str, x: float) -> dict[str, Any]:
+    place = {"xref": "paper", "yref": "paper", "x": x, "y": 1.0, "yanchor": "bottom"}
+    return {**place, "text": text, "showarrow": False}
+
+
+def _line(  # noqa: PLR0917, what a line is made of
+    name: str, x: np.ndarray, y: np.ndarray, color: str, width: float, unit: str, **more: object
+) -> dict[str, Any]:
+    dash = more.pop("dash", "solid")
+    return {
+        "type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "connectgaps": False,
+        "line": {"color": color, "width": width, "dash": dash, "simplify": True},
+        "hovertemplate": f"%{{x:.4g}}: %{{y:.4g}} {unit}", **more,
+    }  # fmt: skip
+
+
+def _layout(height: int, **more: object) -> dict[str, Any]:
+    return {
+        "height": height, "margin": {"l": 56, "r": 12, "t": 24, "b": 40}, "font": _FONT,
+        "paper_bgcolor": "#fff", "plot_bgcolor": "#fff", "hovermode": "closest",
+        "legend": {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}, **more,
+    }  # fmt: skip

@@ -1,0 +1,49 @@
+"""What the server shows; data is read while the page's library is still being imported."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING
+
+from estimation.data.import_options import ImportOptions
+from robot_io.errors import PalpateError
+
+if TYPE_CHECKING:
+    from palpate.workbench.bench import Bench
+
+
+@dataclass
+class Home:
+    """What the server shows.
+
+    Attributes:
+        folder: whose sessions are offered.
+        file: that was asked for; None for none.
+        riddle: whether something was hidden for the user to find.
+        bench: once data was read.
+        reading: what is being read; empty once that is done.
+        error: why it could not be.
+        open: makes a bench of a file.
+    """
+
+    folder: Path
+    file: Path | None = None
+    riddle: bool = False
+    bench: "Bench | None" = None
+    reading: str = ""
+    error: str = ""
+    open: "Callable[[Path, ImportOptions], Bench] | None" = None
+
+    def read(self, make: "Callable[[], Bench]", what: str) -> None:
+        """Make the bench in another thread; the page waits for it."""
+        self.reading = what
+        Thread(target=self._read, args=(make,), daemon=True).start()
+
+    def _read(self, make: "Callable[[], Bench]") -> None:
+        try:
+            self.bench = make()
+        except PalpateError as error:
+            self.error = str(error)
+        finally:
+            self.reading = ""

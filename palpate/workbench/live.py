@@ -1,0 +1,145 @@
+"""A probing that still goes on: the page follows the session file, and the control loop waits for nothing.
+
+The session's writer is a process of its own; what it has written in whole chunks is read back here.
+"""
+
+import asyncio
+import sys
+from collections.abc import Awaitable, Callable, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from nicegui import ui
+
+from control.loop.tick_record import STREAM_NAME
+from palpate.render import palette
+from palpate.render.thinning import peaks
+from robot_io.errors import PalpateError
+from robot_io.session import Samples, Session
+from robot_io.types import FloatArray
+
+PERIOD_S = 0.5
+SPAN_S = 12.0  # that is shown
+_POINTS = 600  # of a curve
+
+
+def newest_growing(folder: Path) -> Path | None:
+    """The newest session of a folder, if it is still being written."""
+    files = sorted(folder.glob("*.mcap"), key=lambda file: file.stat().st_mtime)
+    if not files:
+        return None
+    try:
+        return files[-1] if Session.open(files[-1]).truncated else None
+    except PalpateError:
+        return None
+
+
+def online_residual(ticks: Samples) -> FloatArray:
+    """Force less that of the online estimates of k, c and surface, (n,) [N]; NaN where there are none."""
+    along = np.sum(ticks["tip_position_world_m"] * ticks["press_direction_world"], axis=1)
+    speed = np.sum(ticks["tip_velocity_world_m_s"] * ticks["press_direction_world"], axis=1)
+    depth = along - ticks["surface_m"]
+    expected = np.where(depth > 0.0, ticks["stiffness_n_m"] * depth + ticks["damping_n_s_m"] * speed, 0.0)
+    left: FloatArray = ticks["force_n"] - np.maximum(expected, 0.0)
+    return left
+
+
+def live_figure(ticks: Samples) -> dict[str, Any]:
+    """Force with its residual, torques, and online estimates over the last seconds."""
+    time_s = ticks["time_s"]
+    last = time_s > time_s[-1] - SPAN_S if len(time_s) else np.zeros(0, dtype=np.bool_)
+    traces = [
+        _trace("force [N]", time_s[last], ticks["force_n"][last], palette.MEASURED, "y"),
+        _trace(
+            "residual of the estimates [N]", time_s[last], online_residual(ticks)[last], palette.TRUTH, "y"
+        ),
+    ]
+    torques = ticks.vector("torque_measured_nm")[last]
+    for number, torque in enumerate(torques.T, start=1):
+        color = palette.JOINTS[(number - 1) % len(palette.JOINTS)]
+        traces.append(_trace(f"torque {number} [N m]", time_s[last], torque, color, "y2"))
+    traces.append(_trace("k [N/m]", time_s[last], ticks["stiffness_n_m"][last], palette.MODEL, "y3"))
+    traces.append(_trace("c [N s/m]", time_s[last], ticks["damping_n_s_m"][last], palette.FLOOR, "y4"))
+    layout = {
+        "height": 460, "margin": {"l": 56, "r": 50, "t": 10, "b": 40},
+        "showlegend": True, "uirevision": "live",
+        "legend": {"orientation": "h", "y": -0.12}, "xaxis": {"title": {"text": "time [s]"}, "anchor": "y3"},
+        "yaxis": {"domain": [0.68, 1.0], "title": {"text": "force [N]"}},
+        "yaxis2": {"domain": [0.34, 0.62], "title": {"text": "torque [N m]"}},
+        "yaxis3": {"domain": [0.0, 0.28], "title": {"text": "k [N/m]"}},
+        "yaxis4": {"overlaying": "y3", "side": "right", "title": {"text": "c [N s/m]"}, "showgrid": False},
+    }  # fmt: skip
+    return {"data": traces, "layout": layout, "config": {"displaylogo": False}}
+
+
+class Live:
+    """Follows one session until it is complete; then it is opened."""
+
+    def __init__(self, session: Path, done: Callable[[Path], Awaitable[None]]) -> None:
+        self._session, self._done = session, done
+        self._reading, self._size = False, -1
+
+    def build(self) -> None:
+        """Put the elements."""
+        with ui.element("section").classes("card"):
+            ui.html(f"<h2>Live: {escape(self._session.name)}</h2>", sanitize=False)
+            self._words = ui.label("waiting for the first chunk").classes("quiet").mark("live")
+            self._plot = ui.plotly({"data": [], "layout": {"height": 460}}).classes("plot")
+        self._timer = ui.timer(PERIOD_S, self._follow)
+
+    async def _follow(self) -> None:
+        size = self._session.stat().st_size if self._session.exists() else -1
+        if self._reading or size in {self._size, -1}:
+            return
+        self._reading, self._size = True, size
+        try:
+            session = await asyncio.to_thread(Session.open, self._session)
+            ticks = session.samples(STREAM_NAME)
+        except PalpateError:
+            return  # nothing whole is there yet
+        finally:
+            self._reading = False
+        if not len(ticks):
+            return
+        self._words.set_text(
+            f"{ticks['time_s'][-1]:.1f} s, run {int(ticks['run'].max()) + 1}, {len(ticks)} ticks"
+        )
+        self._plot.update_figure(live_figure(ticks))
+        if not session.truncated:
+            self._timer.deactivate()
+            await self._done(self._session)
+
+
+async def ran(arguments: Sequence[str], hear: Callable[[str], object]) -> str:
+    """Run a palpate command in a process of its own.
+
+    Args:
+        arguments: of `palpate`; nobody is there to be asked.
+        hear: called with each line that it prints.
+
+    Returns:
+        What it said wrong, in one line; empty if it did what it should.
+    """
+    process = await asyncio.create_subprocess_exec(
+        *[sys.executable, "-m", "palpate.main", *arguments],
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    assert process.stdout is not None  # noqa: S101, asked for above
+    assert process.stderr is not None  # noqa: S101, asked for above
+    errors = asyncio.create_task(process.stderr.read())
+    async for line in process.stdout:
+        hear(line.decode(errors="replace").rstrip())
+    said = (await errors).decode(errors="replace").strip()
+    return "" if await process.wait() == 0 else (said.splitlines() or ["it failed"])[-1]
+
+
+def _trace(name: str, x: FloatArray, y: FloatArray, color: str, axis: str) -> dict[str, Any]:
+    rows = peaks(y, _POINTS)
+    return {
+        "type": "scatter", "mode": "lines", "name": name, "x": x[rows].astype(np.float32), "yaxis": axis,
+        "y": y[rows].astype(np.float32), "line": {"color": color, "width": 1.3},
+    }  # fmt: skip

@@ -1,0 +1,270 @@
+"""The page: composes its parts, and carries out what is clicked; one fit at a time, the newest last."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from nicegui import events, ui
+
+from palpate.derived import derived_folder
+from palpate.files import output_folder
+from palpate.outcome import REPORT
+from palpate.render.build import axes_of
+from palpate.workbench import words
+from palpate.workbench.bench import Bench, Choice, Shown, kind_in_words
+from palpate.workbench.centre import Centre
+from palpate.workbench.effects import Effects
+from palpate.workbench.parameters import Error, Lines, Parameters
+from robot_io.errors import InputError, PalpateError
+
+_NEXT_S = 0.03  # for the browser to draw what was sent before
+
+
+class Page:
+    """One browser's view of the bench.
+
+    Args:
+        bench: what is shown.
+        opening: lets the user choose another file.
+    """
+
+    def __init__(self, bench: Bench, opening: Callable[[], None]) -> None:
+        self.bench, self._opening = bench, opening
+        self._busy = asyncio.Lock()
+        self._idle = asyncio.Event()
+        self._idle.set()
+        self._turn = 0
+        self._shown: Shown | None = None
+
+    async def build(self, below: Callable[["Page"], None], gallery: Callable[[str], Awaitable[None]]) -> None:
+        """Put everything in its place: raw curves first, then the fit, then the evidence."""
+        self._header()
+        refused = self.bench.refusal(self.bench.channel)
+        with ui.element("div").classes("desk"):
+            with ui.element("div").classes("left"):
+                if refused:
+                    gates(self.bench)
+                below(self)
+                self._effects = Effects(self.bench, self.tick, gallery)
+                if not refused:
+                    self._effects.build()
+            with ui.element("div").classes("middle"):
+                self._centre = Centre(self.bench)
+                self._centre.build()
+            with ui.element("div").classes("right"):
+                self._error, self._lines = Error(), Lines(self.bench)
+                self._parameters = Parameters(self.bench, self.choose, self._preview)
+                if not refused:
+                    self._error.build()
+                    self._parameters.build()
+                    gates(self.bench)
+                self._lines.build()
+                self._revisions = ui.element("section").classes("card")
+        self._lines.show()
+        self._list_revisions()
+        ui.keyboard(self._key, ignore=["input", "textarea"])
+        if not refused:
+            ui.timer(0.01, self._first, once=True)
+
+    async def tick(self, effect: str) -> None:
+        """Add an effect, or take it away."""
+        await self._change(lambda: self.bench.choose(self.bench.toggled(effect)))
+
+    async def choose(self, choice: Choice) -> None:
+        """Show another choice."""
+        await self._change(lambda: self.bench.choose(choice))
+
+    async def apply(self, effects: tuple[str, ...]) -> None:
+        """Show the base model with these effects, as a diagnosis proposes."""
+        await self.choose(Choice(self.bench.choice.channel, effects))
+
+    def found(self) -> None:
+        """A diagnosis is there: the error is measured by its noise floor, and groups by its word."""
+        if self._shown is not None:
+            self._effects.arrange()
+            ui.timer(0.01, lambda: self._change(self.bench.show), once=True)
+
+    async def _first(self) -> None:
+        await self._change(self.bench.show)
+        if self._shown is not None:
+            self._effects.fill()
+            await self._effects.weigh(self._idle)
+
+    async def _change(self, work: Callable[[], Shown]) -> None:
+        """Fit, and show: error and curves at once, maps next, intervals when they are ready."""
+        self._turn += 1
+        turn = self._turn
+        self._idle.clear()
+        try:
+            async with self._busy:
+                shown = await self._worked(work)
+                if shown is None:
+                    return
+                self._show(shown)
+            if turn == self._turn:
+                await asyncio.sleep(_NEXT_S)
+                self._show_beside(shown)
+                await asyncio.sleep(_NEXT_S)
+                self._centre.show_map()
+                found = await asyncio.to_thread(lambda: dict(shown.fitted.parameters))
+                if turn == self._turn:
+                    self._parameters.show_intervals(found)
+        finally:
+            if turn == self._turn:
+                self._idle.set()
+
+    async def _worked(self, work: Callable[[], Shown]) -> Shown | None:
+        """What work gives; what was shown before if it fails, for the ticks to say so."""
+        try:
+            return await asyncio.to_thread(work)
+        except PalpateError as error:
+            ui.notify(str(error), type="warning", multi_line=True, timeout=8000)
+            return self._shown
+
+    def _show(self, shown: Shown) -> None:
+        """What the user looks at after a tick."""
+        self._shown = shown
+        self._error.show(shown)
+        self._centre.show(shown)
+        self._lines.show()
+        self._undo.set_enabled(self.bench.can_undo())
+        self._redo.set_enabled(self.bench.can_redo())
+
+    def _show_beside(self, shown: Shown) -> None:
+        """What takes the browser longer, and is looked at later."""
+        self._parameters.show(shown)
+        self._effects.show(shown.choice.effects)
+
+    def _preview(self, values: dict[str, float] | None) -> None:
+        shown = self._shown
+        if shown is None:
+            return
+        if values is None:
+            self._error.show(shown)
+            self._centre.show(shown)
+            return
+        effort = shown.fitted.at(values)
+        self._centre.preview(effort)
+        unit = axes_of(shown.fitted.data.kind).effort_unit
+        self._error.preview(shown.error_at(values), unit, shown.floor)
+
+    def _header(self) -> None:
+        study, choice = self.bench.study, self.bench.choice
+        with ui.element("div").classes("top"):
+            ui.html('<b class="brand">palpate</b>', sanitize=False)
+            ui.label(study.source.name).classes("file")
+            options = {
+                one.name: f"{one.name.replace('_', ' ')} · {kind_in_words(one.data.kind)}"
+                for one in study.channels
+            }
+            ui.select(options, value=choice.channel, on_change=self._channel_chosen).props(
+                "dense outlined options-dense aria-label=channel"
+            ).classes("channel").mark("channel")
+            ui.label(f"base model {self.bench.channel.model.name}").classes("quiet wide")
+            ui.space()
+            ui.button("Open", icon="folder_open", on_click=self._opening).props(
+                'flat dense no-caps title="Another file or session, or a new probing"'
+            ).mark("open")
+            self._undo = (
+                ui.button("Undo", icon="undo", on_click=self._undone)
+                .props('flat dense no-caps title="Ctrl+Z"')
+                .mark("undo")
+            )
+            self._redo = (
+                ui.button("Redo", icon="redo", on_click=self._redone)
+                .props('flat dense no-caps title="Ctrl+Shift+Z"')
+                .mark("redo")
+            )
+            self._undo.set_enabled(self.bench.can_undo())
+            self._redo.set_enabled(self.bench.can_redo())
+            ui.button("Keep", icon="bookmark_add", on_click=self._keep).props(
+                f'flat dense no-caps title="{words.KEEP}"'
+            ).mark("keep")
+            ui.button("Report", icon="description", on_click=self._report).props(
+                'unelevated dense no-caps title="Write report.html with all that is shown"'
+            ).mark("report")
+
+    async def _channel_chosen(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        try:
+            await asyncio.to_thread(self.bench.to_channel, event.value)
+        except InputError:  # it cannot be judged: its raw curves and the reason are shown
+            self.bench.choice = Choice(event.value)
+        ui.navigate.reload()
+
+    async def _undone(self) -> None:
+        await self._step(self.bench.undo)
+
+    async def _redone(self) -> None:
+        await self._step(self.bench.redo)
+
+    async def _step(self, work: Callable[[], Shown]) -> None:
+        before = self.bench.choice.channel
+        await self._change(work)
+        if self.bench.choice.channel != before:
+            ui.navigate.reload()
+
+    async def _key(self, event: events.KeyEventArguments) -> None:
+        if event.action.keydown and event.modifiers.ctrl and event.key.name in {"z", "Z", "y"}:
+            again = event.key.name == "y" or event.modifiers.shift
+            await (self._redone() if again else self._undone())
+
+    async def _keep(self) -> None:
+        try:
+            kept = await asyncio.to_thread(self.bench.keep)
+        except PalpateError as error:
+            ui.notify(str(error), type="warning")
+            return
+        ui.notify(f"kept as revision {kept[-1].number}", type="positive")
+        self._list_revisions()
+
+    async def _report(self) -> None:
+        study = self.bench.study
+        path = study.source.path
+        folder = study.folder or (derived_folder(path) if path is not None else Path("palpate-data"))
+        try:
+            if self.bench.choice.effects:
+                await asyncio.to_thread(self.bench.keep)
+            commands = [line for line in [self.bench.command()] if line]
+            written = await asyncio.to_thread(lambda: study.report(output_folder(folder) / REPORT, commands))
+        except PalpateError as error:
+            ui.notify(str(error), type="warning")
+            return
+        self._list_revisions()
+        ui.notify(f"report: {written}", type="positive", multi_line=True, timeout=10_000)
+
+    def _list_revisions(self) -> None:
+        self._revisions.clear()
+        with self._revisions:
+            ui.html("<h2>Revisions</h2>", sanitize=False).props(f'title="{words.REVISIONS}"')
+            kept = [one for one in self.bench.study.revisions if one.channel == self.bench.choice.channel][
+                -8:
+            ]
+            for one in reversed(kept):
+                terms = " + ".join([one.model, *one.effects])
+                text = f"{one.number} · {one.rmse:.3g} {one.effort_unit} · {terms}"
+                ui.button(
+                    text, on_click=lambda one=one: self._change(lambda: self.bench.to_revision(one))
+                ).props("flat dense no-caps align=left").classes("revision")
+            if not kept:
+                ui.label("none kept yet").classes("quiet")
+
+
+def gates(bench: Bench) -> None:
+    """The checklist of the gate."""
+    from estimation.gate import checklist  # noqa: PLC0415
+
+    one = bench.channel
+    found = checklist(one.data, one.model)
+    with ui.element("section").classes("card"):
+        ui.html("<h2>Is this data fit to be judged?</h2>", sanitize=False).props(f'title="{words.GATES}"')
+        rows = []
+        for kind, text in words.GATE.items():
+            if kind not in found:
+                rows.append(f'<li class="quiet">· {text}: not checked</li>')
+            elif found[kind]:
+                rows.append(f'<li class="bad">✗ {text}<br><span>{escape(found[kind])}</span></li>')
+            else:
+                rows.append(f'<li class="good">✓ {text}</li>')
+        ui.html(f'<ul class="gates">{"".join(rows)}</ul>', sanitize=False).mark("gates")

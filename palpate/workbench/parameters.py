@@ -1,0 +1,226 @@
+"""The right of the page: error, waterfall, parameters, and the lines that do the same."""
+
+import math
+from collections.abc import Awaitable, Callable
+from html import escape
+
+from nicegui import events, ui
+
+from estimation.estimate import ParameterEstimate
+from palpate.render.view import NOISE
+from palpate.words import NOT_DETERMINED
+from palpate.workbench import words
+from palpate.workbench.bench import Bench, Choice, Shown
+from robot_io.errors import InputError
+
+Choose = Callable[[Choice], Awaitable[None]]
+_STEPS = 200  # of a slider
+
+
+class Error:
+    """The held-out error, large, and how it fell."""
+
+    def build(self) -> None:
+        """Put the elements."""
+        with ui.element("section").classes("card"):
+            ui.html("<h2>Error in held-out runs</h2>", sanitize=False).props(f'title="{words.ERROR}"')
+            self._number = (
+                ui.html("…", sanitize=False).classes("error").mark("error").props("aria-live=polite")
+            )
+            self._fall = ui.html("", sanitize=False).props(f'title="{words.FALL}"').mark("waterfall")
+
+    def show(self, shown: Shown) -> None:
+        """State the error of a fit."""
+        unit, error = shown.fitted.data.kind.effort_unit, shown.fitted.rmse
+        self._number.set_content(_number(error, unit, shown.floor))
+        self._fall.set_content(waterfall(shown.steps, shown.floor, unit))
+
+    def preview(self, error: float, unit: str, floor: float) -> None:
+        """State the error at the values of the sliders."""
+        self._number.set_content(_number(error, unit, floor, "at these values, all runs"))
+
+
+def _number(error: float, unit: str, floor: float, what: str = "") -> str:
+    times = error / floor if floor > 0.0 else math.inf
+    at_floor = times < NOISE
+    beside = "at the noise floor" if at_floor else f"{times:.1f} × noise floor"
+    name = "fits" if at_floor else "misses"
+    return (
+        f'<b data-error="{error!r}" class="{name}">{error:.3g} {unit}</b> '
+        f'<span class="quiet" title="{words.FLOOR}">{what or beside}</span>'
+    )
+
+
+def waterfall(steps: tuple[tuple[str, float], ...], floor: float, unit: str) -> str:
+    """The error of each stage as bars, with the noise floor as a line."""
+    most = max(error for _, error in steps) or 1.0
+    rows, before = [], steps[0][1]
+    for label, error in steps:
+        falls = f" −{100 * (1 - error / before):.0f} %" if error < 0.995 * before else ""
+        kind = "base" if label == steps[0][0] else ""
+        rows.append(
+            f'<div class="step"><span class="label">{escape(label)}</span><span class="track">'
+            f'<i class="{kind}" style="width:{100 * error / most:.1f}%"></i>'
+            f'<u style="left:{100 * min(floor / most, 1.0):.1f}%"></u></span>'
+            f'<span class="value">{error:.3g} {unit}<em>{falls}</em></span></div>'
+        )
+        before = error
+    return f'<div class="fall">{"".join(rows)}<div class="floor">noise floor {floor:.3g} {unit}</div></div>'
+
+
+class Parameters:
+    """Sliders, intervals, and what is held or bounded."""
+
+    def __init__(
+        self, bench: Bench, choose: Choose, preview: Callable[[dict[str, float] | None], None]
+    ) -> None:
+        self._bench, self._choose, self._preview = bench, choose, preview
+        self._shown: Shown | None = None
+        self._values: dict[str, float] = {}
+        self._intervals: dict[str, ui.label] = {}
+        self._numbers: dict[str, ui.label] = {}
+        self._sliders: dict[str, ui.slider] = {}
+
+    def build(self) -> None:
+        """Put the elements."""
+        with ui.element("section").classes("card"):
+            with ui.row().classes("bar"):
+                ui.html("<h2>Parameters</h2>", sanitize=False).props(f'title="{words.SLIDER}"')
+                ui.space()
+                self._back = ui.button("back to the fit", on_click=self._reset).props("flat dense no-caps")
+                self._back.set_visibility(False)
+            self._list = ui.element("div").classes("parameters")
+
+    def show(self, shown: Shown) -> None:
+        """List the parameters of a fit; its intervals come later."""
+        self._shown, self._values = shown, dict(shown.fitted.values)
+        same = list(self._numbers) == list(self._values)
+        self._back.set_visibility(False)
+        if same:
+            for name, value in self._values.items():
+                self._numbers[name].set_text(self._worded(name, value))
+                self._intervals[name].set_text(self._said(name))
+            return
+        self._list.clear()
+        self._intervals, self._numbers, self._sliders = {}, {}, {}
+        with self._list:
+            for name, value in self._values.items():
+                self._row(name, value)
+
+    def show_intervals(self, found: dict[str, ParameterEstimate]) -> None:
+        """State the 95 % intervals."""
+        for name, one in found.items():
+            if name in self._intervals:
+                half = (one.interval[1] - one.interval[0]) / 2.0
+                said = f"± {half:.2g}" if math.isfinite(half) else NOT_DETERMINED
+                self._intervals[name].set_text(self._said(name, said))
+                self._numbers[name].set_text(self._worded(name, one.value))
+                self._values[name] = one.value
+
+    def _said(self, name: str, interval: str = "± …") -> str:
+        if name in self._bench.choice.held:
+            return "held"
+        if name in self._bench.choice.bounds:
+            low, high = self._bench.choice.bounds[name]
+            return f"within {low:.3g} to {high:.3g}, {interval}"
+        return interval
+
+    def _worded(self, name: str, value: float) -> str:
+        assert self._shown is not None  # noqa: S101, set by `show`
+        kind = self._shown.fitted.data.kind
+        model = self._shown.fitted.model
+        unit = {**model.gains, **model.inner}[name].unit
+        return f"{value:.4g} {unit.format(effort=kind.effort_unit, position=kind.position_unit)}"
+
+    def _row(self, name: str, value: float) -> None:
+        effect, _, parameter = name.partition(".")
+        with ui.element("div").classes("parameter").props(f'data-parameter="{name}"'):
+            ui.html(f"{escape(effect.replace('_', ' '))} <b>{escape(parameter)}</b>", sanitize=False).classes(
+                "name"
+            )
+            self._numbers[name] = ui.label(self._worded(name, value)).classes("value")
+            self._intervals[name] = (
+                ui.label(self._said(name)).classes("interval").props(f'title="{words.INTERVAL}"')
+            )
+            low, high = self._ends(name, value)
+            slider = ui.slider(min=low, max=high, step=(high - low) / _STEPS, value=value).props(
+                f'dense aria-label="{name}" title="{words.SLIDER}"'
+            )
+            slider.on("update:model-value", lambda event, name=name: self._pulled(event, name), throttle=0.05)
+            self._sliders[name] = slider
+            held = name in self._bench.choice.held
+            ui.button(
+                icon="lock" if held else "lock_open", on_click=lambda name=name: self._hold(name)
+            ).props(f'flat dense size=sm title="{words.HOLD}" aria-label="hold {name}"')
+            ui.button(icon="unfold_more", on_click=lambda: self._ask_bounds(name, low, high)).props(
+                f'flat dense size=sm title="{words.BOUND}" aria-label="bound {name}"'
+            )
+
+    def _ask_bounds(self, name: str, low: float, high: float) -> None:
+        with self._list, ui.dialog() as dialog, ui.card().classes("bounds"):
+            ui.label(f"Bounds of {name}").classes("text-bold")
+            lower = ui.number("at least", value=float(f"{low:.4g}")).props("dense outlined")
+            upper = ui.number("at most", value=float(f"{high:.4g}")).props("dense outlined")
+
+            async def bound() -> None:
+                try:
+                    choice = self._bench.with_bounds(name, (lower.value or 0.0, upper.value or 0.0))
+                except InputError as error:
+                    ui.notify(str(error), type="warning")
+                    return
+                dialog.close()
+                await self._choose(choice)
+
+            async def free() -> None:
+                dialog.close()
+                await self._choose(self._bench.with_held(name, None))
+
+            with ui.row():
+                ui.button("bound", on_click=bound).props("dense unelevated no-caps")
+                ui.button("free", on_click=free).props("dense flat no-caps")
+        dialog.on("hide", dialog.delete)
+        dialog.open()
+
+    def _ends(self, name: str, value: float) -> tuple[float, float]:
+        """The range of a slider: twice the value to either side, within what makes sense."""
+        parameter = self._bench.parameter(name)
+        reach = 2.0 * abs(value) or (parameter.typical[1] - parameter.typical[0])
+        low, high = max(value - reach, parameter.lower), min(value + reach, parameter.upper)
+        return (low, high) if low < high else (value - reach, value + reach)
+
+    def _pulled(self, event: events.GenericEventArguments, name: str) -> None:
+        self._values[name] = float(event.args)
+        self._numbers[name].set_text(self._worded(name, self._values[name]))
+        self._back.set_visibility(True)
+        self._preview(self._values)
+
+    def _reset(self) -> None:
+        if self._shown is not None:
+            for name, value in self._shown.fitted.values.items():
+                self._sliders[name].set_value(value)
+            self.show(self._shown)
+            self._preview(None)
+
+    async def _hold(self, name: str) -> None:
+        held = name in self._bench.choice.held
+        self._numbers.clear()  # the row is drawn again, with its lock
+        await self._choose(self._bench.with_held(name, None if held else self._values[name]))
+
+
+class Lines:
+    """The command and the Python line that do the same."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+
+    def build(self) -> None:
+        """Put the elements."""
+        with ui.element("section").classes("card same"):
+            ui.html("<h2>The same without this page</h2>", sanitize=False)
+            self._command = ui.label().classes("code").mark("command")
+            self._python = ui.label().classes("code").mark("python")
+
+    def show(self) -> None:
+        """State the lines."""
+        self._command.set_text(self._bench.command() or "no command holds parameters; in Python:")
+        self._python.set_text(self._bench.python())

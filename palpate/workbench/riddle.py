@@ -1,0 +1,130 @@
+"""The riddle: something is hidden in the simulated object; who finds it, you or the diagnosis?"""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from nicegui import ui
+
+from palpate.demo.hidden import PLAN, drawn_seed
+from palpate.runs.hiding import open_answer
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import DEFAULT, DEFAULT_SCENARIO, find_robot
+from palpate.workbench.bench import Bench
+from robot_io.errors import PalpateError
+from robot_io.session import Session
+from sim_backend.hidden import noise_scale
+from sim_backend.imperfection import IMPERFECTIONS
+from sim_backend.noise_scale import CONTACT
+from sim_backend.scenario import load_scenario
+
+HIDDEN = (
+    *("adhesion", "cubic_stiffness", "delay", "dry_friction", "layered_stiffness", "plastic_set"),
+    *("quadratic_damping", "stress_relaxation"),
+)
+STRENGTH = 20.0  # times the noise floor
+
+
+def pose(folder: Path, seed: int | None = None) -> Path:
+    """Probe an object in which one of `HIDDEN` is hidden; the answer is sealed beside the session.
+
+    Raises:
+        PalpateError: the session cannot be written.
+    """
+    drawn = drawn_seed() if seed is None else seed
+    rng, scenario = np.random.default_rng(drawn), load_scenario(DEFAULT_SCENARIO)
+    effect = IMPERFECTIONS[str(rng.choice(HIDDEN))]
+    hidden = scenario.with_hidden([effect.at_strength(STRENGTH, CONTACT, noise_scale(scenario), rng)])
+    session = folder / f"riddle-{drawn}.mcap"
+    job = ProbingJob(
+        find_robot(DEFAULT),
+        session,
+        PLAN,
+        scenario=hidden,
+        seed=drawn,
+        command_line="palpate workbench --riddle",
+    )
+    run_probing(job).raise_for_failure()
+    return session
+
+
+@dataclass(frozen=True)
+class Score:
+    """Who was right.
+
+    Attributes:
+        truth: what was hidden.
+        guessed: what the user had ticked.
+        found: what the diagnosis named.
+        alike: effects that the diagnosis says this data cannot tell from what it named.
+    """
+
+    truth: frozenset[str]
+    guessed: frozenset[str]
+    found: frozenset[str]
+    alike: frozenset[str]
+
+    def in_words(self) -> str:
+        """The result in a few sentences."""
+        said = f"Hidden was {_listed(self.truth)}. "
+        said += f"You said {_listed(self.guessed)}: {self._rated(self.guessed)}. "
+        said += f"The diagnosis said {_listed(self.found)}: {self._rated(self.found)}."
+        if self.alike & self.truth:
+            said += f" It adds that this data cannot tell that from {_listed(self.alike)}."
+        return said
+
+    def _rated(self, names: frozenset[str]) -> str:
+        if names == self.truth:
+            return "right"
+        if names & self.truth:
+            return "partly right"
+        return (
+            "as good as right, this data cannot tell them apart" if names and names <= self.alike else "wrong"
+        )
+
+
+def _listed(names: frozenset[str]) -> str:
+    return " and ".join(sorted(name.replace("_", " ") for name in names)) or "nothing"
+
+
+class RiddleCard:
+    """Where the user says what is hidden, and hears the answer."""
+
+    def __init__(self, bench: Bench, diagnose: Callable[[], Awaitable[None]]) -> None:
+        self._bench, self._diagnose = bench, diagnose
+
+    def build(self) -> None:
+        """Put the elements."""
+        with ui.element("section").classes("card"):
+            ui.html("<h2>Riddle</h2>", sanitize=False)
+            ui.label(
+                "The arm pressed an object that is a spring and a damper, and one thing more. Tick what you "
+                "think it is until the error falls to the noise floor; then say so."
+            )
+            self._button = (
+                ui.button("That is it", on_click=self._judge).props("unelevated dense no-caps").mark("guess")
+            )
+            self._answer = ui.label().classes("text-bold").mark("score")
+
+    async def _judge(self) -> None:
+        guessed = frozenset(self._bench.choice.effects)
+        self._button.disable()
+        self._answer.set_text("the diagnosis is thinking about it, too")
+        await self._diagnose()
+        self._button.enable()
+        found, path = self._bench.diagnosis, self._bench.study.source.path
+        if found is None or path is None:
+            self._answer.set_text("stopped: no answer was opened")
+            return
+        try:
+            answer = await asyncio.to_thread(lambda: open_answer(Session.open(path)))
+        except PalpateError as error:
+            self._answer.set_text(str(error))
+            return
+        named = frozenset(entry.effect for entry in found.accepted)
+        alike = frozenset(name for entry in found.accepted for name in entry.confused_with) | named
+        self._answer.set_text(
+            Score(frozenset(e.name for e in answer.hidden), guessed, named, alike).in_words()
+        )

@@ -1,0 +1,56 @@
+"""What plots, numbers and verdicts of the page mean, in one plain sentence each, shown on hover."""
+
+ERROR = (
+    "Root mean square of measured minus predicted effort in runs that the gains were not fitted to: "
+    "each run is predicted from the others."
+)
+FLOOR = (
+    "The error that would be left if nothing were missing, estimated by a flexible regression; noise alone."
+)
+FALL = "Error in held-out runs, one bar for each effect added; the green line is the noise floor."
+CURVES = (
+    "Blue is measured, grey the base model, orange the model that is chosen; below, measured minus model."
+)
+STATE = "The same curves over position and over velocity: loops are damping or friction, bends are stiffness."
+MAP = "Mean of measured minus model over position and velocity: red above, blue below; a good model is pale."
+EVIDENCE = (
+    "How much of the held-out error this effect takes away, or took, beside the others that are ticked."
+)
+ALIKE = "What these change has a cosine above 0.95; a diagnosis says whether this data can tell them apart."
+INTERVAL = (
+    "95 % interval: an experiment like this one gives values within it 19 times of 20, if the model is right."
+)
+SLIDER = (
+    "Pull to see the curves at another value, the other parameters as they are; nothing is fitted meanwhile."
+)
+HOLD = "Keep this parameter at this value, and fit the others again."
+BOUND = "Fit again; if the parameter would leave the bounds, it is held at the nearer one."
+RUNS = (
+    "Which runs are drawn. All are fitted, and each is predicted without itself: that is its held-out error."
+)
+CURSORS = "Click into the curves to set cursor A or B, or type a time: values and differences are read there."
+KEEP = "Keep the chosen effects as a revision, as palpate add does; go back to it at any time."
+REVISIONS = "Models that were kept, here or by the command line; choose one to go back to it."
+GATES = "Checked before anything is fitted: a fit of such data would only look like an answer."
+DIAGNOSE = (
+    "Try every effect and pairs of them, and say which are established; takes a while, and can be stopped."
+)
+VERDICTS = {
+    "adequate": "Nothing is missing that this data can show.",
+    "missing": "These effects are established, whatever else is left.",
+    "unexplained": "Structure is left, and no effect in the library is established for it.",
+    "insufficient": "This data cannot say; the reason says what to record.",
+}
+GATE = {
+    "enough": "enough data: samples, runs, and something to hold out",
+    "units": "units and times belong together",
+    "sync": "effort and motion belong together in time and sign",
+    "excitation": "excitation: the object is met, and the signals change",
+    "readings": "readings: fine enough, and not rectified",
+    "saturation": "not at the end of the sensor's range",
+}
+EFFECTS = "Physical causes that the base model lacks; tick one to add it, and again to take it away."
+PICTURE = "What it looks like: grey without, orange with it. Click for live sliders."
+RESOLVE = (
+    "Probes, diagnoses, and probes again in the way that best tells apart what is left; see palpate resolve."
+)

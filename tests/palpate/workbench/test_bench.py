@@ -1,0 +1,196 @@
+"""What the page stands on, without a browser: choices, evidence, columns, gates, riddles, live curves."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from estimation.channel import ChannelKind
+from estimation.data.table import read_table
+from estimation.effects import EFFECTS
+from estimation.gate import checklist
+from estimation.study.source import joined, open_source
+from palpate.study import Study
+from palpate.workbench import words
+from palpate.workbench.ahead import Ahead
+from palpate.workbench.bench import Bench, evidence_of, groups
+from palpate.workbench.curves import MOST_POINTS, Motion, picked, time_figure
+from palpate.workbench.effects import plain, sized
+from palpate.workbench.load import guess, options_of, units_of
+from palpate.workbench.riddle import Score
+from robot_io.errors import InputError
+from tests.palpate.presses import write_presses
+
+
+@pytest.fixture(scope="module")
+def press(tmp_path_factory):
+    return write_presses(tmp_path_factory.mktemp("press") / "press.csv")
+
+
+@pytest.fixture
+def bench(press):
+    return Bench(Study(press, keep=False), "press.csv")
+
+
+def test_a_tick_is_the_fit_that_add_makes(bench, press):
+    shown = bench.choose(bench.toggled("cubic_stiffness"))
+    change = Study(press, keep=False).add("cubic_stiffness")
+    assert shown.fitted.rmse == change.result.stages[-1].rmse
+    assert [error for _, error in shown.steps] == [stage.rmse for stage in change.result.stages]
+    assert bench.keep()[-1].rmse == shown.fitted.rmse
+
+
+def test_undo_and_redo_go_both_ways_and_a_new_choice_ends_redo(bench):
+    plain_error = bench.show().fitted.rmse
+    bench.choose(bench.toggled("cubic_stiffness"))
+    bench.choose(bench.with_held("stiffness.k", 300.0))
+    assert bench.undo().choice.held == {}
+    assert bench.undo().fitted.rmse == plain_error
+    assert not bench.can_undo()
+    assert bench.redo().choice.effects == ("cubic_stiffness",)
+    bench.choose(bench.toggled("cubic_stiffness"))
+    assert not bench.can_redo()
+
+
+def test_what_is_held_goes_with_its_effect(bench):
+    bench.choose(bench.toggled("cubic_stiffness"))
+    bench.choose(bench.with_held("cubic_stiffness.k3", 1e6))
+    assert bench.toggled("cubic_stiffness").held == {}
+
+
+def test_a_choice_that_cannot_be_fitted_changes_nothing(bench):
+    before = bench.choice
+    with pytest.raises(InputError):
+        bench.choose(bench.toggled("no_such_effect"))
+    assert bench.choice == before
+    with pytest.raises(InputError, match="below"):
+        bench.with_bounds("stiffness.k", (2.0, 1.0))
+
+
+def test_the_python_line_does_what_the_page_shows(bench, press):
+    bench.choose(bench.toggled("cubic_stiffness"))
+    shown = bench.choose(bench.with_held("stiffness.k", 300.0))
+    said = eval(bench.python(), {"study": Study(press, keep=False)})
+    assert said.values == shown.fitted.values
+    assert bench.command() == ""
+    bench.undo()
+    assert bench.command() == (
+        "palpate add press.csv cubic_stiffness --fresh --model kelvin_voigt --channel contact"
+    )
+
+
+def test_effects_that_do_the_same_stand_together(bench):
+    study, channel = bench.study, bench.channel
+    names = ("cubic_stiffness", "power_law_stiffness", "delay")
+    found = groups([evidence_of(study, channel, (), name) for name in names])
+    assert {one.effect for one in found[0]} == {"cubic_stiffness", "power_law_stiffness"}
+    assert [one.effect for one in found[1]] == ["delay"]
+
+
+def test_a_fit_made_ahead_is_the_same_to_the_last_digit(bench, press):
+    async def ahead():
+        process = Ahead(bench.study, bench.channel)
+        try:
+            await process.fit(("cubic_stiffness", "delay"))
+        finally:
+            process.close()
+
+    asyncio.run(ahead())
+    assert bench.study.known(bench.channel, ("cubic_stiffness", "delay"))
+    theirs, own = bench.study, Study(press, keep=False)
+    chain = ("cubic_stiffness", "delay")
+    assert theirs.fit("contact", chain).values == own.fit("contact", chain).values
+    assert np.array_equal(
+        theirs.fit("contact", chain).residual, own.fit("contact", chain).residual, equal_nan=True
+    )
+    assert theirs.fit("contact", chain).parameters == own.fit("contact", chain).parameters
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("time_s,displacement_mm,force_N", ["time s", "displacement mm", "force N"]),
+        ("t [ms],depth (mm),Fz [mN]", ["time ms", "displacement mm", "force mN"]),
+        ("clock,z,load", ["time s", "displacement m", "force N"]),
+        ("n,angle (deg),torque [Nm]", ["time s", "position deg", "torque Nm"]),
+    ],
+)
+def test_columns_are_guessed(tmp_path, header, expected):
+    t = np.arange(0, 1, 0.01)
+    path = tmp_path / "some.csv"
+    np.savetxt(path, np.column_stack([t, np.sin(t), np.cos(t)]), delimiter=",", header=header, comments="")
+    found = guess(read_table(path))
+    assert [f"{one.quantity} {one.unit}" for one in found] == expected
+    assert all(one.unit in units_of(one.quantity) for one in found)
+
+
+def test_corrected_columns_are_options_of_the_command(press):
+    columns = guess(read_table(press))
+    columns[2].unit = "mN"
+    options = options_of(columns)
+    assert options.units["force_N"] == "mN"
+    study = Study(press, columns=options.columns, units=options.units, keep=False)
+    assert np.abs(study.channels[0].data.effort).max() < 0.01
+    columns[1].quantity = "force"
+    with pytest.raises(InputError, match="several columns"):
+        options_of(columns)
+
+
+def test_the_checklist_says_what_refuse_says(press):
+    from dataclasses import replace
+
+    data = Study(press, keep=False).channels[0].data
+    assert set(checklist(data).values()) == {""}
+    assert set(checklist(data)) == set(words.GATE)
+    assert "check the sign" in checklist(replace(data, effort=-data.effort))["excitation"]
+    assert "millimetres" in checklist(replace(data, position=1e3 * data.position))["units"]
+    flat = np.minimum(data.effort, 0.5 * data.effort.max())
+    assert "at its end" in checklist(replace(data, effort=flat))["saturation"]
+    assert list(checklist(data.select(np.arange(50)))) == ["enough"]
+
+
+def test_curves_are_short_and_keep_their_peaks(press):
+    data = Study(press, keep=False).channels[0].data
+    motion = Motion.of(data)
+    rows = motion.rows(data.effort, 200)
+    assert len(rows) <= 220
+    assert np.nanmax(picked(data.effort, rows)) == pytest.approx(data.effort.max())
+    assert np.isnan(picked(data.effort, rows)).sum() == len(data.runs) - 1
+    assert all(len(trace["x"]) <= 1.1 * MOST_POINTS for trace in time_figure(motion, None, None)["data"])
+    near = motion.rows(data.effort, 200, (1.0, 1.5))
+    assert np.ptp(motion.time_s[near[near >= 0]]) <= 0.5
+    assert set(data.run[Motion.of(data, (2,)).rows(data.effort, 100)]) == {2}
+
+
+@pytest.mark.parametrize("kind", list(ChannelKind))
+def test_every_effect_that_applies_to_a_plain_motion_is_seen_in_its_picture(kind):
+    data, model = plain(kind)
+    names = {one.name for one in model.effects}
+    base = dict.fromkeys(model.inner, 0.0) | {"stiffness.k": 500.0, "damping.c": 4.0}
+    base |= {"inertia.m": 0.02, "viscous_friction.d": 0.3}
+    for effect in (one() for name, one in EFFECTS.items() if name not in names):
+        if effect.applies_to(data) and effect.gains and not effect.name.startswith("run_"):
+            drawn = model.with_effect(effect).predict(data, sized(data, model, base, effect))
+            assert np.ptp(drawn - data.effort) > 0.0, effect.name
+
+
+def test_two_measurements_become_one_with_the_runs_of_both(press, tmp_path):
+    other = write_presses(tmp_path / "more.csv", seed=9, speeds_m_s=(0.05, 0.06))
+    both = joined(open_source(press), open_source(other)).channels[0]
+    assert len(both.runs) == 6
+    study = Study(joined(open_source(press), open_source(other)))
+    assert study.fit("contact", ["cubic_stiffness"]).rmse == pytest.approx(0.02, rel=0.1)
+    swing = {"time_s": np.arange(0, 1, 0.01), "position_rad": np.zeros(100), "torque_Nm": np.zeros(100)}
+    with pytest.raises(InputError, match="no channel"):
+        joined(open_source(press), open_source(swing))
+
+
+@pytest.mark.parametrize(
+    ("guessed", "said"),
+    [({"delay"}, "You said delay: right"), ({"drift"}, "drift: wrong"), ({"lag"}, "cannot tell them apart"),
+     ({"delay", "drift"}, "partly right"), (set(), "You said nothing: wrong")],
+)  # fmt: skip
+def test_the_riddle_is_scored_against_the_diagnosis(guessed, said):
+    named = frozenset({"lag"})
+    score = Score(frozenset({"delay"}), frozenset(guessed), named, named | {"delay"})
+    assert said in score.in_words()

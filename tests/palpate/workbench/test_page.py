@@ -1,0 +1,240 @@
+"""The page in a real browser without a window: a user's way through it, by mouse and by keyboard."""
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.palpate.presses import write_presses
+
+CHROMIUM = Path("/usr/bin/chromium")
+sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=f"no {CHROMIUM} (apt-get install chromium)")
+WAIT_MS = 60_000  # a busy machine is no failure
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def serve(tmp_path, monkeypatch):
+    """Starts the command in a folder of its own; gives the address."""
+    started = []
+
+    def begin(*arguments):
+        command = [
+            sys.executable,
+            "-m",
+            "palpate.main",
+            "workbench",
+            *map(str, arguments),
+            "--port",
+            "0",
+            "--no-browser",
+        ]
+        paths = {"PYTHONPATH": str(Path(__file__).parents[3]), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
+        process = subprocess.Popen(command, cwd=tmp_path, env=paths, stdout=subprocess.PIPE, text=True)
+        started.append(process)
+        address = re.search(r"http://127\.0\.0\.1:(\d+)", process.stdout.readline())
+        while socket.socket().connect_ex(("127.0.0.1", int(address[1]))):
+            assert process.poll() is None
+            time.sleep(0.1)
+        return address[0]
+
+    yield begin
+    for process in started:
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) in {0, 130}
+
+
+class Tab:
+    """One tab that notes what it should never see."""
+
+    def __init__(self, browser, address, width=1400):
+        self.page = browser.new_page(viewport={"width": width, "height": 900})
+        self.page.set_default_timeout(WAIT_MS)
+        self.wrong = []
+        self.page.on(
+            "console", lambda message: self.wrong.append(message.text) if message.type == "error" else None
+        )
+        self.page.on("pageerror", lambda error: self.wrong.append(str(error)))
+        self.page.on("request", lambda request: self._check(request.url, address))
+        self.page.on("websocket", lambda socket: self._check(socket.url.replace("ws:", "http:"), address))
+        self.page.goto(address)
+
+    def _hear(self, message):
+        if message.type == "error":
+            self.wrong.append(message.text)
+
+    def _check(self, url, address):
+        if not url.startswith((address, "data:", "blob:")):
+            self.wrong.append(f"request to {url}")
+
+    def error(self):
+        return float(self.page.wait_for_selector("[data-error]").get_attribute("data-error"))
+
+    def wait_for_other_error(self, than):
+        script = "than => +document.querySelector('[data-error]').dataset.error !== than"
+        self.page.wait_for_function(script, arg=than)
+        return self.error()
+
+    def box(self, effect):
+        return self.page.wait_for_selector(f'[data-effect="{effect}"] .q-checkbox')
+
+
+@pytest.fixture
+def press(tmp_path):
+    return write_presses(tmp_path / "press.csv")
+
+
+def test_tick_error_falls_undo_keep_report(browser, serve, press):
+    tab = Tab(browser, serve(press))
+    before = tab.error()
+    tab.box("cubic_stiffness").click()
+    after = tab.wait_for_other_error(before)
+    assert after < 0.3 * before
+    page = tab.page
+    page.wait_for_selector("text=/± [0-9]/")  # intervals
+    curves = "() => document.querySelectorAll('.js-plotly-plot')[0].data.map(t => t.y.length)"
+    assert all(0 < points < 2000 for points in page.evaluate(curves))
+    assert "palpate add press.csv cubic_stiffness" in page.inner_text(".same")
+    page.click("text=Undo")
+    assert tab.wait_for_other_error(after) == before
+    page.click("text=Redo")
+    assert tab.wait_for_other_error(before) == after
+    page.click("button:has-text('Report')")
+    page.wait_for_selector("text=/report: .*report.html/")
+    report = press.parent / "press-palpate" / "report.html"
+    assert "cubic_stiffness" in report.read_text()
+    page.wait_for_selector(".revision:has-text('cubic_stiffness')")
+    assert tab.wrong == []
+
+
+def test_the_keyboard_alone_suffices(browser, serve, press):
+    tab = Tab(browser, serve(press))
+    before, keys = tab.error(), tab.page.keyboard
+    tab.box("cubic_stiffness")
+    focused = "() => document.activeElement.closest('[data-effect]')?.dataset.effect ?? ''"
+    for _ in range(200):
+        keys.press("Tab")
+        if tab.page.evaluate(focused) == "cubic_stiffness":
+            break
+    keys.press("Space")
+    after = tab.wait_for_other_error(before)
+    assert after < before
+    keys.press("Control+z")
+    assert tab.wait_for_other_error(after) == before
+    keys.press("Control+y")
+    assert tab.wait_for_other_error(before) == after
+    assert tab.wrong == []
+
+
+def test_a_slider_shows_another_value_and_a_held_one_is_fitted_around(browser, serve, press):
+    tab = Tab(browser, serve(press))
+    before, page = tab.error(), tab.page
+    page.focus('[aria-label="stiffness.k"] [tabindex="0"]')
+    for _ in range(10):
+        page.keyboard.press("ArrowRight")
+    assert tab.wait_for_other_error(before) > before
+    page.wait_for_selector("text=at these values")
+    page.click('[aria-label="hold stiffness.k"]')
+    page.wait_for_selector("text=held and bounded")
+    assert "fit_held" in page.inner_text(".same")
+    assert tab.error() > before
+    assert tab.wrong == []
+
+
+def test_a_narrow_window_has_no_sideways_scroll(browser, serve, press):
+    tab = Tab(browser, serve(press), width=400)
+    before = tab.error()
+    assert tab.page.evaluate("() => document.documentElement.scrollWidth") <= 400
+    tab.box("cubic_stiffness").click()
+    assert tab.wait_for_other_error(before) < before
+    assert tab.wrong == []
+
+
+def test_a_dropped_file_is_shown_corrected_and_judged(browser, serve, tmp_path, press):
+    other = tmp_path / "odd" / "odd.csv"
+    other.parent.mkdir()
+    other.write_text(
+        press.read_text().replace("time_s,displacement_m,force_N,run", "t [s],depth,Fz [N],trial")
+    )
+    tab = Tab(browser, serve())
+    page = tab.page
+    page.set_input_files("input[type=file]", other)
+    page.wait_for_selector("text=is this right?")
+    assert "depth" in page.inner_text(".dropped")
+    page.click("text=Use these columns")
+    assert tab.error() > 0.0
+    assert "--column displacement=depth" in page.inner_text(".same")
+    page.wait_for_selector("text=not at the end of the sensor")
+    assert tab.wrong == []
+
+
+def test_a_file_of_unknown_columns_is_put_right_in_the_page(browser, serve, press):
+    press.write_text(press.read_text().replace("time_s,displacement_m,force_N,run", "t,depth,Fz,trial"))
+    tab = Tab(browser, serve(press))
+    tab.page.wait_for_selector(".begin .bad")
+    tab.page.click("text=Use these columns")
+    assert tab.error() > 0.0
+    assert tab.wrong == []
+
+
+def test_data_that_is_refused_shows_why_and_its_raw_curves(browser, serve, press):
+    lines = press.read_text().splitlines()
+    press.write_text("\n".join([lines[0], *(line for line in lines[1:] if line.endswith(",0"))]))
+    tab = Tab(browser, serve(press))
+    tab.page.wait_for_selector(".gates .bad")
+    assert "nothing can be held out" in tab.page.inner_text(".gates")
+    tab.page.wait_for_selector(".js-plotly-plot .scatterlayer path")
+    assert tab.wrong == []
+
+
+def test_diagnosis_runs_beside_is_stopped_and_its_step_applied(browser, serve, press):
+    tab = Tab(browser, serve(press))
+    before, page = tab.error(), tab.page
+    page.click("button:has-text('Diagnose')")
+    page.click("button:has-text('Stop')")
+    page.wait_for_selector("text=nothing was changed")
+    page.click("button:has-text('Diagnose')")
+    page.wait_for_selector(".verdict.missing")
+    page.click("button:has-text('Add cubic_stiffness')")
+    assert tab.wait_for_other_error(before) < before
+    assert tab.wrong == []
+
+
+def test_the_gallery_simulates_on_the_own_motion(browser, serve, press):
+    tab = Tab(browser, serve(press))
+    tab.box("stress_relaxation")
+    page = tab.page
+    page.click('[data-effect="stress_relaxation"] .picture')
+    last = (
+        "() => { const p = [...document.querySelectorAll('.js-plotly-plot')].pop(); "
+        "return JSON.stringify(p.data[1].y) }"
+    )
+    page.wait_for_selector(".gallery .scatterlayer path")
+    before = page.evaluate(last)
+    page.click('.gallery [aria-label="stress_relaxation.k1"]', position={"x": 20, "y": 10})
+    page.wait_for_function(f"before => ({last})() !== before", arg=before)
+    assert tab.wrong == []
+
+
+def test_a_probing_is_followed_while_it_goes_on(browser, serve, tmp_path):
+    sessions = tmp_path / "sessions"
+    sessions.mkdir()
+    tab = Tab(browser, serve(sessions))
+    tab.page.click("text=Probe the simulated arm")
+    tab.page.wait_for_selector("text=palpate probe")
+    assert tab.error() > 0.0  # the session that came back is open
+    assert [file.name for file in sessions.glob("*.mcap")] == ["workbench-1.mcap"]
+    assert tab.wrong == []
