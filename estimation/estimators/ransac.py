@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtr
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
@@ -126,7 +126,7 @@ class Ransac(Estimator):
         """
         inside = np.abs(residuals) < self.threshold
         ratio = self.threshold / max(robust_sigma(residuals), np.finfo(float).tiny)
-        slope = stats.norm.cdf(ratio) - stats.norm.cdf(-ratio) - 2 * ratio * stats.norm.pdf(ratio)
+        slope = ndtr(ratio) - ndtr(-ratio) - 2 * ratio * np.exp(-0.5 * ratio**2) / np.sqrt(2 * np.pi)
         squared = regression.weights**2
         score = np.where(inside, squared * residuals, 0.0)
         refined = sandwich(regression.columns, score, squared * slope, regression.run)

@@ -43,7 +43,7 @@ class Decision:
 
     Attributes:
         probe: its number, from 1.
-        session: its file.
+        session: its file, in the folder of the log.
         seconds: that it took on the robot's clock.
         left: what each channel may be explained by: by channel, groups of effects that are not told apart.
         end: why it was the last; None if another follows.
@@ -209,7 +209,7 @@ def _decision(  # noqa: PLR0917 (what it is made of)
         then = _ENDS[end or End.SEPARATED]
     return Decision(
         number,
-        str(session),
+        session.name,
         seconds,
         left,
         end,
