@@ -13,6 +13,7 @@ from control.probing.plan import ProbingPlan, load_probing_plan
 from control.teleop.follower_task import OnSilence
 from control.teleop.leader_arm import LeaderArm
 from palpate import console
+from palpate.console import command_group
 from palpate.files import existing_file, output_file
 from palpate.render.terminal import print_files
 from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers, takes
@@ -33,26 +34,15 @@ from sim_backend.scenario import load_scenario, shipped_scenarios
 MILLI, PERCENT = 1e-3, 0.01
 PLAN = ProbingPlan(hold_s=0.4)
 
-group = typer.Typer(
-    rich_markup_mode="rich",
-    add_completion=False,
-    invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-
-
-@group.callback()
-def root(context: typer.Context) -> None:
+group = command_group(
     """Work on a virtual object that learns to feel like the real one.
 
-    The operator moves a virtual arm, feels a virtual object and chooses places to probe (leader). Only these
-    places travel. Another arm probes them by itself (follower) and sends back what the object is like; the
-    virtual object changes to match.
+The operator moves a virtual arm, feels a virtual object and chooses places to probe (leader). Only these
+places travel. Another arm probes them by itself (follower) and sends back what the object is like; the
+virtual object changes to match.
 
-    [bold]palpate teleop demo --out DIR[/bold] runs both on this machine, without a device or an arm.
-    """
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+[bold]palpate teleop demo --out DIR[/bold] runs both on this machine, without a device or an arm."""
+)
 
 
 NameOption = Annotated[str, typer.Option("--name", help="Of the pair; the same on both sides.")]
@@ -203,25 +193,27 @@ def demo(
         made = run_demo(out, load_scenario(scenario), network, network)
     if as_json:
         files = {what: str(path) for what, path in made.files.items()}
-        settled = made.felt.after_touch()
+        settled = made.felt.settled()
         console.print_json(
             {
                 "files": files,
                 "felt_share": settled.share,
-                "felt_share_with_touch": made.felt.share,
+                "felt_share_with_all": made.felt.share,
+                "verdicts": made.joined.verdicts(),
                 "model_share": made.modelled.share,
                 "clock_offset_s": made.joined.offset_s,
             }
         )
         return
+    sessions = " ".join(typed(made.files[side]) for side in ("leader", "follower"))
     print_files(console.stdout(), made.files)
     console.stdout().print(f"models over the follower's own measurements: {made.modelled.in_words()}")
-    console.stdout().print(made.felt_in_words(), soft_wrap=True)
-    sessions = " ".join(typed(made.files[side]) for side in ("leader", "follower"))
+    console.stdout().print(made.verdicts_in_words(), soft_wrap=True)
     console.next_steps(
         (f"palpate inspect {sessions}", "both sides on one time line"),
         (f"palpate estimate {typed(made.files['follower'])}", "stiffness and damping of every place"),
     )
+    console.stdout().print(made.felt_in_words(), soft_wrap=True)
 
 
 def _us(seconds: float) -> str:
