@@ -167,6 +167,17 @@ def is_credible(effect: Effect, trial: Trial) -> bool:
     return not isinstance(effect, AdditiveEffect) or _within_bounds(effect, trial, LOOSE)
 
 
+def bounds_passed(effect: Effect, trial: Trial) -> dict[str, float]:
+    """The bound that each gain of an effect is beyond, by "effect.parameter"."""
+    found = {}
+    for parameter in effect.gains:
+        name = f"{effect.name}.{parameter.name}"
+        bound = float(np.clip(trial.parameters[name], parameter.lower, parameter.upper))
+        if bound != trial.parameters[name]:
+            found[name] = bound
+    return found
+
+
 def is_misnamed(effect: Effect, trial: Trial, bench: Bench) -> bool:
     """Whether the effect has become another thing than its name says, see `Effect.is_misnamed`."""
     data = trial.model.moved(bench.frame.data, trial.parameters)

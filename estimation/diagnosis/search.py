@@ -13,6 +13,7 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.diagnosis.candidates import (
     Candidate,
+    bounds_passed,
     candidates,
     is_credible,
     is_misnamed,
@@ -26,7 +27,7 @@ from estimation.fit.chance import chance_gains
 from estimation.fit.frame import coarse_copy
 from estimation.fit.memory import Memory
 from estimation.fit.standing import Fit, Standing, stand
-from estimation.fit.trial import attempt
+from estimation.fit.trial import Trial, attempt
 from estimation.model import Model
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray
@@ -97,12 +98,32 @@ class Search:
         """A model, fitted from these parameters on unless it is known already."""
         key = _key(model)
         if key not in self._fits:
-            self._fits[key] = stand(self.data, model, parameters, self.good, self._memory)
+            self._fits[key] = self._stand(model, parameters)
         return self._fits[key]
+
+    def _stand(self, model: Model, parameters: Mapping[str, float]) -> Standing:
+        """A model fitted, each base gain that an added effect turns beyond its bounds held at the bound.
+
+        What a simple model says by a spring or a damper may be said by what is added: then there is none.
+        """
+        made = stand(self.data, model, parameters, self.good, self._memory)
+        beyond = {} if _key(model) == _key(self.model) else self._beyond(made.trial)
+        if not beyond:
+            return made
+        return self._stand(replace(model, held={**model.held, **beyond}), made.trial.parameters)
+
+    def _beyond(self, trial: Trial) -> dict[str, float]:
+        """Bounds of the base gains that are beyond them, and are not in the base model."""
+        return {
+            name: bound
+            for effect in self.model.effects
+            if not is_credible(effect, trial) and is_credible(effect, self.start.trial)
+            for name, bound in bounds_passed(effect, trial).items()
+        }
 
     def refitted(self, model: Model, parameters: Mapping[str, float]) -> Standing:
         """A model fitted from other parameters, and kept where that is better."""
-        key, anew = _key(model), stand(self.data, model, parameters, self.good, self._memory)
+        key, anew = _key(model), self._stand(model, parameters)
         known = self._fits.get(key)
         if known is None or anew.trial.sse < (1.0 - TIE) * known.trial.sse:
             self._fits[key] = anew
