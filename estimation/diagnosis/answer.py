@@ -193,7 +193,7 @@ def _next(found: Judgement, accepted: Sequence[Accepted]) -> NextExperiment | No
 
 def _fits(found: Judgement, entry: Accepted) -> dict[str, Standing]:
     """The final model, and those with a rival in the place of an effect, by the name of that."""
-    tried = found.search.screened(found.search.without(found.end, entry.effect))
+    tried = found.search.instead(found.end, entry.effect)
     by_name = {one.effect.name: one for one in tried}
     rivals = {name: found.search.with_candidate(by_name[name]) for name in entry.confused_with}
     return {entry.effect: found.end, **rivals}

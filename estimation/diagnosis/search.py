@@ -47,6 +47,7 @@ SHORTLIST, _FINE = (
     4,
 )  # effects tried on all samples; blocks within which a copy of blocks hardly tells times
 _NEAR = 1.5  # times the squared error that is left, from which another effect may get below it
+_LITTLE = 0.2  # of the error, beyond which draws that show as much prove no more than that they are few
 FEW_STARTS = 4  # places where a second effect is tried
 Progress = Callable[[str, float], None]
 _Key = tuple[frozenset[str], tuple[str, ...]]
@@ -106,11 +107,13 @@ class Search:
 
         What a simple model says by a spring or a damper may be said by what is added: then there is none.
         """
-        made = stand(self.data, model, parameters, self.good, self._memory)
-        beyond = {} if _key(model) == _key(self.model) else self._beyond(made.trial)
-        if not beyond:
-            return made
-        return self._stand(replace(model, held={**model.held, **beyond}), made.trial.parameters)
+        held = dict(self.model.held)
+        while True:
+            made = stand(self.data, replace(model, held=held), parameters, self.good, self._memory)
+            beyond = {} if _key(model) == _key(self.model) else self._beyond(made.trial)
+            if not beyond:
+                return made
+            held, parameters = held | beyond, made.trial.parameters
 
     def _beyond(self, trial: Trial) -> dict[str, float]:
         """Bounds of the base gains that are beyond them, and are not in the base model."""
@@ -307,8 +310,12 @@ def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
     """The model that explains most, each of its effects needed beside the others."""
     sketch = whole.sketch or whole
     on_all = partial(_refined, whole)
+
+    def is_enough(found: Standing) -> bool:
+        return found.left_of_blocks() < _LITTLE and is_complete(found)
+
     best = on_all(_climb(sketch, sketch.start))
-    if is_complete(best):
+    if is_enough(best):
         return best
     for first in (*sketch.extensions(sketch.start, FIRSTS), *_pairs(sketch)):
         if set(sketch.added(first)) <= set(whole.added(best)):
@@ -319,7 +326,7 @@ def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
         known = sketch.fitted(best.trial.model, best.trial.parameters)
         if rough.trial.held_out < (1.0 - TIE) * known.trial.held_out:
             best = whole.ordered([best, on_all(rough)])[0]
-            if is_complete(best):
+            if is_enough(best):
                 break
     return best
 
