@@ -1,11 +1,12 @@
 # Two commands: `make demo` probes an object in simulation, `make test` runs every test.
-PYTHON ?= python3.11
-VENV   := .venv
+# The newest CPython that runs here.
+PYTHON ?= $(shell for v in 14 13 12 11; do python3.$$v -c '' 2>/dev/null && echo python3.$$v && break; done)
+VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test lint env clean
+.PHONY: demo test quick lint env clean
 
 demo: $(READY)
 	@$(BIN)/palpate demo
@@ -13,18 +14,22 @@ demo: $(READY)
 test: $(READY)
 	@$(BIN)/pytest
 
+# For another version of Python or another engine: the simulated world, and control in it.
+quick: $(READY)
+	@$(BIN)/pytest -q tests/sim_backend/test_*.py tests/control
+
 lint: $(READY)
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 
 env: $(READY)
 
-# The interpreter is checked before anything is downloaded: PyBullet would otherwise be compiled for minutes and fail.
+# The interpreter is checked before anything is downloaded.
 $(READY): pyproject.toml constraints.txt
-	@command -v $(PYTHON) >/dev/null 2>&1 || { \
-	  echo "palpate needs CPython 3.11 ($(PYTHON) was not found): PyBullet has no wheel for 3.12 and newer."; \
+	@command -v "$(PYTHON)" >/dev/null 2>&1 || { \
+	  echo "palpate needs CPython 3.11 or newer ($(or $(PYTHON),python3.11) was not found)."; \
 	  echo "Install it (Debian 12: apt install python3.11 python3.11-venv; elsewhere: pyenv install 3.11, or uv python install 3.11)"; \
 	  echo "and name it if needed: make PYTHON=/path/to/python3.11 demo"; exit 2; }
-	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v == (3, 11) else "palpate needs CPython 3.11, this is %d.%d: PyBullet has no wheel for it. Use: make PYTHON=python3.11" % v)'
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v >= (3, 11) else "palpate needs CPython 3.11 or newer, this is %d.%d. Use: make PYTHON=python3.11" % v)'
 	@echo "Making the environment in $(VENV) (once, about a minute) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(PIP) --only-binary=:all: -c constraints.txt -e '.[dev]' || { \

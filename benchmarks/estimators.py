@@ -19,7 +19,7 @@ from filterpy.kalman import KalmanFilter
 from scipy.optimize import least_squares
 from sklearn.linear_model import HuberRegressor, LinearRegression, RANSACRegressor, TheilSenRegressor
 
-from estimation.accuracy import Noise, Press, ransac_map, recover_hunt_crossley
+from estimation.accuracy import Noise, Press
 from estimation.contact_estimator import ContactLaw, OnlineContactLaw
 from estimation.contact_estimators import CONTACT_ESTIMATORS
 from estimation.estimator import OnlineEstimator
@@ -183,39 +183,6 @@ def follow(estimator: OnlineEstimator, rows: FloatArray, force_n: FloatArray) ->
     return np.array(gains), (time.process_time() - begun) / len(gains)
 
 
-def future_work(draws: int) -> None:
-    """The map of RANSAC's settings, and Hunt-Crossley over its range."""
-    print("\nRANSAC's settings, Kelvin-Voigt, noise 0.02 N and 30 % outliers: error over the bound, k / c\n")
-    cells = ransac_map(
-        KELVIN_VOIGT,
-        NOISES["30 % outliers"],
-        thresholds_n=(0.005, 0.01, 0.02, 0.04, 0.06, 0.1, 0.2, 0.5),
-        subsets=(2, 5, 10),
-        trials=(30, 300),
-        draws=max(5, draws // 5),
-    )
-    for cell in cells:
-        print(
-            f"threshold {cell.threshold_n:5.3f} N, subset {cell.subset:2d}, {cell.trials:4d} trials: "
-            f"{cell.k_over_bound:6.2f} / {cell.c_over_bound:6.2f}, failed {100 * cell.failed:.0f} %"
-        )
-    print(
-        "\nHunt-Crossley over its range, noise 0.02 N and 30 % outliers: error of k / b / n over the bound\n"
-    )
-    laws = [
-        ContactLaw(k, ratio * k, n, n)
-        for n, k in ((1.0, 500.0), (1.5, 5e3), (2.0, 5e4))
-        for ratio in (0.2, 2.0)
-    ]
-    names = ("robust_hunt_crossley", "log_linear_ewrls")
-    for each in recover_hunt_crossley(
-        laws, NOISES["30 % outliers"], estimators=names, draws=max(5, draws // 5)
-    ):
-        k, b, n = each.over_bound
-        law = f"k {each.law.stiffness:g}, b {each.law.damping:g}, n {each.law.exponent:g}"
-        print(f"{law:28s} {each.estimator:22s} {k:8.2f} / {b:8.2f} / {n:8.2f}")
-
-
 def main() -> None:
     """Print all tables."""
     parser = argparse.ArgumentParser(
@@ -240,7 +207,6 @@ def main() -> None:
         table(title, press, {name: methods[name] for name in methods if not only or name in only}, draws)
     if not only:
         step_study()
-        future_work(draws)
 
 
 if __name__ == "__main__":

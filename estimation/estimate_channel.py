@@ -9,8 +9,7 @@ from estimation.data.contact import contact_rows
 from estimation.effects.contact_offset import ContactOffset
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
-from estimation.fitting.fit import Fit, fit
-from estimation.fitting.problem import NO_BOUNDS, Bounds, Problem
+from estimation.fit.samples import SampleFit, fit_samples
 from estimation.model import Model
 from estimation.regression import Regression
 from estimation.rounding import mark_coarse, rounding_errors, steps_spanned
@@ -48,7 +47,7 @@ def estimate_channel(
 ) -> Estimate:
     """Estimate all parameters of a model that is linear in its gains.
 
-    Inner parameters (where the surface lies, an exponent) are found by `fit`, with the estimator's own loss;
+    `fit_samples` finds inner parameters (where the surface lies, an exponent) with the estimator's own loss;
     then the estimator finds the gains, and their errors take in what the inner parameters leave open.
 
     Args:
@@ -68,13 +67,13 @@ def estimate_channel(
     _check_samples(data, model, used)
     if data.surface is not None:
         data = replace(data, touching=used)
-    problem = Problem(model, data, used, within=_where_touched(data, used))
     if model.inner or data.tare is not None or data.position_step > 0.0:
-        searched = fit(model, data, rows=used, loss=estimator.loss, within=problem.within)
-        regression = problem.regression(problem.scale.vector(searched.parameters))
-        found = _combine(problem, searched, estimator.fit(regression, rng=rng))
+        narrowed = replace(model, within=_where_touched(data, used))
+        searched = fit_samples(narrowed, data, used, estimator.loss)
+        regression = model.regression(data, searched.parameters).select(used)
+        found = _combine(searched, data, used, estimator.fit(regression, rng=rng))
     else:
-        regression = problem.regression(np.zeros(0))
+        regression = model.regression(data, {}).select(used)
         found = estimator.fit(regression, rng=rng)
     parameters = tuple(replace(p, at_bound=model.at_bound(p.name, p.value)) for p in found.parameters)
     found = replace(found, parameters=parameters)
@@ -96,19 +95,19 @@ def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
         )
 
 
-def _where_touched(data: ChannelData, used: BoolArray) -> Bounds:
+def _where_touched(data: ChannelData, used: BoolArray) -> dict[str, tuple[float, float]]:
     """Bounds of a surface that was found: what the touch allows; where it is, if the press tells no slope.
 
     Where forces begin may be deeper than the touch, if something pulls that the model does not know.
     """
     if data.surface is None:
-        return NO_BOUNDS
+        return {}
     if steps_spanned(data, used) < FEWEST_STEPS:
         return {_OFFSET: (-_NOWHERE_M, _NOWHERE_M)}
     return {_OFFSET: (data.surface.highest_m - data.surface.position_m, float("inf"))}
 
 
-def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:
+def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Estimate) -> Estimate:
     """Gains as the estimator has them, inner parameters as the search has them, errors of both together.
 
     Given the inner parameters p, the gains g have the estimator's covariance; p is uncertain by C, also where
@@ -126,17 +125,17 @@ def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:
     matrix[:gain_count, :gain_count] = given.covariance + follow @ spread @ follow.T
     matrix[:gain_count, gain_count:] = follow @ spread
     matrix[gain_count:, :gain_count] = (follow @ spread).T
-    matrix += _of_tare(problem, searched, given.inliers)
-    rounding = _of_rounding(problem, searched, given)
+    matrix += _of_tare(searched, data, rows, given.inliers)
+    rounding = _of_rounding(searched, data, rows, given)
     values -= rounding.mean(axis=1)
     matrix += rounding @ rounding.T / rounding.shape[1]
     return assemble(
         given.estimator,
         tuple(searched.parameters),
-        problem.model.units(problem.data),
+        searched.model.units(data),
         values,
         jacobian=searched.jacobian,
-        effort=problem.data.effort[problem.rows],
+        effort=data.effort[rows],
         residuals=given.residuals,
         covariance=Covariance(matrix, searched.covariance.degrees_of_freedom),
         inliers=given.inliers,
@@ -145,25 +144,24 @@ def _combine(problem: Problem, searched: Fit, given: Estimate) -> Estimate:
     )
 
 
-def _of_tare(problem: Problem, searched: Fit, inliers: BoolArray) -> FloatArray:
+def _of_tare(searched: SampleFit, data: ChannelData, rows: BoolArray, inliers: BoolArray) -> FloatArray:
     """Covariance of all parameters from errors of the tare, (m, m), as least squares would follow them."""
     matrix = np.zeros_like(searched.covariance.matrix)
-    tare, free = problem.data.tare, np.isfinite(searched.covariance.std_err)
-    if tare is not None and free.any():
-        errors = tare.errors(problem.data.run[problem.rows])[inliers]
+    free = np.isfinite(searched.covariance.std_err)
+    if data.tare is not None and free.any():
+        errors = data.tare.errors(data.run[rows])[inliers]
         columns = searched.jacobian[inliers][:, free]
-        matrix[np.ix_(free, free)] = common_error_covariance(columns, errors, problem.weights[inliers])
+        matrix[np.ix_(free, free)] = common_error_covariance(columns, errors)
     return matrix
 
 
-def _of_rounding(problem: Problem, searched: Fit, given: Estimate) -> FloatArray:
+def _of_rounding(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Estimate) -> FloatArray:
     """Errors of all parameters at other places of the encoder's grid, (m, r); one of zeros where none is."""
-    used = problem.rows.copy()
+    used = rows.copy()
     used[used] = given.inliers
-    gains = np.array([parameter.value for parameter in given.parameters])
-    vector = problem.scale.vector(searched.parameters)
-    errors = rounding_errors(Problem(problem.model, problem.data, used), gains, vector)
-    if not errors.size or steps_spanned(problem.data, problem.rows) < FEWEST_STEPS:
+    gains = {parameter.name: parameter.value for parameter in given.parameters}
+    errors = rounding_errors(searched.model, data, used, searched.parameters | gains)
+    if not errors.size or steps_spanned(data, rows) < FEWEST_STEPS:
         return np.zeros((len(errors), 1))
     errors[~np.isfinite(searched.covariance.std_err)] = 0.0
     return errors

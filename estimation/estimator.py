@@ -6,9 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from estimation.estimate import Estimate
-from estimation.fitting.loss import Loss
+from estimation.fit.robust import Loss
 from estimation.regression import Regression
-from robot_io.types import FloatArray
+from estimation.statistics.uncertainty import Covariance, assemble
+from robot_io.types import BoolArray, FloatArray
 
 
 class Estimator(ABC):
@@ -37,6 +38,31 @@ class Estimator(ABC):
         Raises:
             InputError: the method cannot work on these samples.
         """
+
+    def _estimate(
+        self,
+        regression: Regression,
+        gains: FloatArray,
+        covariance: Covariance,
+        *,
+        inliers: BoolArray | None = None,
+        history: FloatArray | None = None,
+        details: dict[str, float] | None = None,
+    ) -> Estimate:
+        """What was found, judged; see `assemble`."""
+        return assemble(
+            self.name,
+            regression.names,
+            regression.units,
+            gains,
+            jacobian=regression.columns,
+            effort=regression.effort,
+            residuals=regression.effort - regression.columns @ gains,
+            covariance=covariance,
+            inliers=inliers,
+            history=history,
+            details=details,
+        )
 
 
 class OnlineEstimator(Estimator):

@@ -1,7 +1,7 @@
 """A model: named effects in a fixed order, and what they predict together."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,11 +24,13 @@ class Model:
         name: such as "kelvin_voigt".
         effects: in the order in which they were added.
         held: parameters that a fit leaves at these values.
+        within: narrower bounds than physics has, of inner parameters that may be there.
     """
 
     name: str
     effects: tuple[Effect, ...]
     held: Parameters = field(default_factory=dict)
+    within: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the effects.
@@ -62,7 +64,11 @@ class Model:
     @cached_property
     def inner(self) -> dict[str, Parameter]:
         """Nonlinear parameters by "effect.parameter"."""
-        return {f"{e.name}.{p.name}": p for e in self.effects for p in e.inner}
+        known = {f"{e.name}.{p.name}": p for e in self.effects for p in e.inner}
+        for name in known.keys() & self.within.keys():
+            (low, high), p = self.within[name], known[name]
+            known[name] = replace(p, lower=max(low, p.lower), upper=min(high, p.upper))
+        return known
 
     def at_bound(self, name: str, value: float) -> bool:
         """Whether an inner parameter "effect.parameter" is at a bound of its search; gains have none."""
@@ -73,13 +79,12 @@ class Model:
         """Whether, with the inner parameters fixed, the effort is linear in the gains."""
         return all(effect.linear for effect in self.sensors)
 
-    def regression(self, data: ChannelData, inner: Parameters, sigma: FloatArray | None = None) -> Regression:
+    def regression(self, data: ChannelData, inner: Parameters) -> Regression:
         """The linear problem left when the inner parameters are fixed.
 
         Args:
             data: the channel.
             inner: a value for each of `self.inner`.
-            sigma: see `Regression`.
 
         Returns:
             Columns and the effort still to be explained (known parts already taken off).
@@ -94,7 +99,7 @@ class Model:
             sensed = sensor.sense(np.column_stack([columns, known]), data, own(sensor, inner))
             columns, known = sensed[:, :-1], sensed[:, -1]
         units = self.units(data)[: len(self.gains)]
-        return Regression(columns, data.effort - known, tuple(self.gains), units, sigma, data.run)
+        return Regression(columns, data.effort - known, tuple(self.gains), units, data.run)
 
     def units(self, data: ChannelData) -> tuple[str, ...]:
         """Units of the gains, then of the inner parameters, in this channel."""
@@ -109,12 +114,32 @@ class Model:
         """
         return self.linearise(data, parameters)[1]
 
+    def inner_slopes(self, data: ChannelData, parameters: Parameters, step: float) -> list[FloatArray]:
+        """Slope of the prediction by each inner parameter at fixed gains, each of shape (n,).
+
+        Args:
+            data: the channel.
+            parameters: a value for every gain and inner parameter.
+            step: of the difference quotient, relative to a value or its typical range.
+        """
+        slopes = []
+        for name, parameter in self.inner.items():
+            value, (low, high) = parameters[name], parameter.typical
+            reach = step * (abs(value) if parameter.log and value else high - low)
+            ahead, behind = min(value + reach, parameter.upper), max(value - reach, parameter.lower)
+            change = self.predict(data, {**parameters, name: ahead}) - self.predict(
+                data, {**parameters, name: behind}
+            )
+            slopes.append(change / (ahead - behind))
+        return slopes
+
     def linearise(
         self, data: ChannelData, parameters: Parameters, parts: Parts | None = None
     ) -> tuple[FloatArray, FloatArray]:
         """What the model expects, and how that changes with its gains.
 
-        An object can only push: in a contact, the sum of its one-sided effects is cut off at zero.
+        An object can only push: in a contact, the sum of its one-sided effects is cut off at zero, unless the
+        sample is known to press.
 
         Args:
             data: the channel; its effort is used only by effects that need it (tool compliance).
@@ -129,7 +154,8 @@ class Model:
         effort: FloatArray = known + slopes @ gains
         if data.kind is ChannelKind.CONTACT:
             push = slopes[:, self._one_sided] @ gains[self._one_sided]
-            lifted = np.flatnonzero(push < 0.0)
+            lets_go = push < 0.0 if data.touching is None else (push < 0.0) & ~data.touching
+            lifted = np.flatnonzero(lets_go)
             if len(lifted):
                 slopes = slopes.copy()
                 slopes[lifted[:, None], self._one_sided] = 0.0

@@ -8,14 +8,6 @@ from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 
-def weights_of(sigma: FloatArray | None, count: int) -> FloatArray:
-    """1 / sigma with mean square 1, shape (count,); ones if the noise is equal."""
-    if sigma is None:
-        return np.ones(count)
-    inverse: FloatArray = 1.0 / sigma
-    return np.asarray(inverse / np.sqrt(np.mean(inverse**2)))
-
-
 @dataclass(frozen=True)
 class Regression:
     """effort = columns @ gains + noise.
@@ -25,7 +17,6 @@ class Regression:
         effort: shape (n,).
         names: the p gains' names.
         units: the p gains' units.
-        sigma: standard deviation of each sample's noise, shape (n,), up to a common factor; None for equal.
         run: number of the run of each sample, shape (n,); the noise of samples of one run, in order of time,
             may be correlated, that of different runs is not. None for one run.
     """
@@ -34,7 +25,6 @@ class Regression:
     effort: FloatArray
     names: tuple[str, ...]
     units: tuple[str, ...]
-    sigma: FloatArray | None = None
     run: IntArray | None = None
 
     def __post_init__(self) -> None:
@@ -48,22 +38,15 @@ class Regression:
             raise InputError(
                 f"regression: columns {self.columns.shape}, effort {self.effort.shape}, names {self.names}"
             )
-        for what, values in (("sigma", self.sigma), ("run", self.run)):
-            if values is not None and values.shape != (samples,):
-                raise InputError(f"regression: {what} has shape {values.shape}, expected ({samples},)")
+        if self.run is not None and self.run.shape != (samples,):
+            raise InputError(f"regression: run has shape {self.run.shape}, expected ({samples},)")
         if samples <= gains:
             raise InputError(f"regression: {samples} samples cannot determine {gains} parameters")
 
     def select(self, rows: BoolArray | IntArray) -> "Regression":
         """The problem with only these samples (a mask or indices)."""
-        sigma = None if self.sigma is None else self.sigma[rows]
         run = None if self.run is None else self.run[rows]
-        return replace(self, columns=self.columns[rows], effort=self.effort[rows], sigma=sigma, run=run)
-
-    @property
-    def weights(self) -> FloatArray:
-        """See `weights_of`."""
-        return weights_of(self.sigma, len(self.effort))
+        return replace(self, columns=self.columns[rows], effort=self.effort[rows], run=run)
 
     @property
     def condition_number(self) -> float:

@@ -7,7 +7,8 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import differentiate
 from estimation.estimate import Estimate, Identifiability
-from estimation.fitting.problem import Problem
+from estimation.fit.samples import slopes_of
+from estimation.model import Model, Parameters
 from estimation.signals.blocks import blocks
 from estimation.signals.pieces import number_pieces
 from estimation.statistics.least_squares import solve
@@ -53,7 +54,7 @@ def in_steps(data: ChannelData, rows: BoolArray) -> str:
     return f"the press spans {steps:.1f} steps of the encoder ({span})"
 
 
-def rounding_errors(problem: Problem, gains: FloatArray, vector: FloatArray) -> FloatArray:
+def rounding_errors(model: Model, data: ChannelData, rows: BoolArray, parameters: Parameters) -> FloatArray:
     """By how much other places of the grid would have moved the parameters, shape (m, r).
 
     The residuals do not show it: a hold lies within one step and has one error, steps make a derived velocity
@@ -63,19 +64,19 @@ def rounding_errors(problem: Problem, gains: FloatArray, vector: FloatArray) -> 
     Gauss and Newton.
 
     Args:
-        problem: what was fitted.
-        gains: as found, shape (p,).
-        vector: inner parameters as found, on their search scale, shape (q,).
+        model: what was fitted.
+        data: the channel.
+        rows: samples that count, shape (n,).
+        parameters: as found, by "effect.parameter".
 
     Returns:
         Errors of gains and inner parameters, a column a repetition; none where the grid is fine enough.
     """
-    data, rows = problem.data, problem.rows
     if steps_spanned(data, rows) > _MANY_STEPS:
-        return np.zeros((len(gains) + len(vector), 0))
+        return np.zeros((len(parameters), 0))
     rng = np.random.default_rng(_SEED)
     smooth = replace(data, position=_smoothed(data))
-    effort = smooth.effort - Problem(problem.model, smooth, rows).residuals(gains, vector)
+    effort = model.predict(smooth, parameters)
     pieces = number_pieces(data.time_s, data.run)
     half, errors = None, []
     for shift in (rng.random(_DRAWS) + np.arange(_DRAWS)) / _DRAWS:
@@ -84,10 +85,8 @@ def rounding_errors(problem: Problem, gains: FloatArray, vector: FloatArray) -> 
         motion = differentiate(data.time_s, position, pieces, half, rounding=data.position_step**2 / 12)
         half = motion.half_windows[0]
         again = replace(data, position=position, velocity=motion.velocity, effort=effort)
-        repeated = Problem(problem.model, again, rows)
-        slopes = repeated.slopes(gains, vector)[rows]
-        error = solve(slopes, repeated.residuals(gains, vector)[rows], problem.weights).gains
-        errors.append(error * np.concatenate([np.ones(len(gains)), problem.scale.rates(vector)]))
+        left = effort - model.predict(again, parameters)
+        errors.append(solve(slopes_of(model, again, parameters)[rows], left[rows]).gains)
     return np.column_stack(errors)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import typer
 from rich.box import SIMPLE_HEAD as SIMPLE
 from rich.console import Console, JustifyMethod
 from rich.markup import escape
@@ -85,3 +86,20 @@ def next_steps(*commands: tuple[str, str]) -> None:
     for command, purpose in runnable:
         room = " " * (width - len(command))
         console.print(f"  [cyan]{escape(command)}[/cyan]{room}  [dim]{purpose}[/dim]", soft_wrap=True)
+
+
+def command_group(about: str) -> typer.Typer:
+    """Commands under one name, which by itself prints its help."""
+    group = typer.Typer(
+        rich_markup_mode="rich",
+        add_completion=False,
+        invoke_without_command=True,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+
+    @group.callback(help=about)
+    def root(context: typer.Context) -> None:
+        if context.invoked_subcommand is None:
+            typer.echo(context.get_help())
+
+    return group

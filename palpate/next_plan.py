@@ -10,7 +10,7 @@ from palpate.runs.hiding import SEALED
 from palpate.words import as_shell_word
 from robot_io.session import Session
 
-_WORLD = ("--robot", "--scenario", "--seed", "--hidden", "--drivers")
+_WORLD = ("--robot", "--scenario", "--engine", "--seed", "--hidden", "--drivers")
 _WIRE = "--wire"
 
 

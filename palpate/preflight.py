@@ -4,7 +4,7 @@ import importlib.util
 import sys
 from pathlib import Path
 
-PYTHON = (3, 11)
+OLDEST = (3, 11)
 
 
 def python_problem(version: tuple[int, int]) -> str | None:
@@ -13,11 +13,11 @@ def python_problem(version: tuple[int, int]) -> str | None:
     Args:
         version: major and minor, as in `sys.version_info[:2]`.
     """
-    if version == PYTHON:
+    if version >= OLDEST:
         return None
     return (
-        f"palpate needs CPython 3.11, this is {version[0]}.{version[1]} (PyBullet has no wheel for 3.12 and "
-        "newer): install python3.11 and run: make PYTHON=python3.11 env"
+        f"palpate needs CPython 3.11 or newer, this is {version[0]}.{version[1]}: install it and run: "
+        "make PYTHON=python3.11 env"
     )
 
 

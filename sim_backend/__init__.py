@@ -1,4 +1,4 @@
-"""The stand-in for hardware: an arm, an object and sensors in PyBullet, behind robot_io's interfaces."""
+"""The stand-in for hardware: an arm, an object and sensors in a physics engine, as robot_io's devices."""
 
 from sim_backend.hooks import ContactEffect, Effects, JointEffect, SensorEffect
 from sim_backend.scenario import Scenario, load_scenario, parse_scenario, shipped_scenarios

@@ -1,26 +1,25 @@
 """The reconfigurable compliance object: a flat surface whose law can change while it is touched."""
 
-from sim_backend.bullet import bullet
 from sim_backend.contact_law import ContactLaw
 from sim_backend.contact_laws import EngineContact
-
-_HALF_WIDTH_M = 2.0
-_HALF_HEIGHT_M = 0.5
+from sim_backend.engines import Engine
 
 
 class ComplianceObject:
     """A horizontal surface, frictionless, that answers depth and rate with an upward force.
 
     Args:
-        client: PyBullet client of the world it is in.
+        engine: of the world it is in.
         law: its contact law.
         surface_height_m: world height of the undeformed surface [m].
+
+    Raises:
+        InputError: the law is an engine's own contact, and this engine has none.
     """
 
-    def __init__(self, client: int, law: ContactLaw, surface_height_m: float) -> None:
-        self._client = client
+    def __init__(self, engine: Engine, law: ContactLaw, surface_height_m: float) -> None:
+        self._engine = engine
         self._surface_height_m = surface_height_m
-        self._box: int | None = None
         self.set_law(law)
 
     @property
@@ -34,38 +33,19 @@ class ComplianceObject:
         return self._surface_height_m
 
     @property
-    def box(self) -> int | None:
-        """PyBullet's number of the box, where the law is the engine's own contact."""
-        return self._box
+    def is_engine_contact(self) -> bool:
+        """Whether the engine itself exerts the force."""
+        return isinstance(self._law, EngineContact)
 
     def set_law(self, law: ContactLaw) -> None:
-        """Change the law, from the next physics step on."""
+        """Change the law, from the next physics step on. InputError: the engine has no such contact."""
+        self._tell_engine(law, self._surface_height_m)
         self._law = law
-        self._rebuild_box()
 
     def move_surface(self, height_m: float) -> None:
         """Change the world height of the undeformed surface [m], from the next physics step on."""
+        self._tell_engine(self._law, height_m)
         self._surface_height_m = height_m
-        self._rebuild_box()
 
-    def _rebuild_box(self) -> None:
-        if self._box is not None:
-            bullet.removeBody(self._box, self._client)
-            self._box = None
-        if not isinstance(self._law, EngineContact):
-            return
-        half_extents = [_HALF_WIDTH_M, _HALF_WIDTH_M, _HALF_HEIGHT_M]
-        shape = bullet.createCollisionShape(
-            bullet.GEOM_BOX, halfExtents=half_extents, physicsClientId=self._client
-        )
-        centre = [0.0, 0.0, self._surface_height_m - _HALF_HEIGHT_M]
-        self._box = bullet.createMultiBody(0.0, shape, basePosition=centre, physicsClientId=self._client)
-        bullet.changeDynamics(
-            self._box,
-            -1,
-            contactStiffness=self._law.stiffness_n_m,
-            contactDamping=self._law.damping_n_s_m,
-            lateralFriction=0.0,
-            restitution=0.0,
-            physicsClientId=self._client,
-        )
+    def _tell_engine(self, law: ContactLaw, height_m: float) -> None:
+        self._engine.set_surface(law if isinstance(law, EngineContact) else None, height_m)

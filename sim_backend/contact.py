@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 
-from sim_backend.arm import SimulatedArm
-from sim_backend.bullet import bullet
 from sim_backend.compliance_object import ComplianceObject
+from sim_backend.engines import Engine
 from sim_backend.hooks import ContactState, Effects
 from sim_backend.object_answer import ObjectAnswer
 
@@ -19,8 +18,7 @@ class Contact:
     together.
 
     Args:
-        client: PyBullet client of both.
-        arm: the arm.
+        engine: it moves the arm.
         target: the object.
         step_s: length h of a physics step [s].
         effects: what is hidden; those of contact and tool act here.
@@ -33,11 +31,8 @@ class Contact:
         tip_position_m: of the tip frame in the world (3) [m].
     """
 
-    def __init__(
-        self, client: int, arm: SimulatedArm, target: ComplianceObject, step_s: float, effects: Effects
-    ) -> None:
-        self._client = client
-        self._arm = arm
+    def __init__(self, engine: Engine, target: ComplianceObject, step_s: float, effects: Effects) -> None:
+        self._engine = engine
         self._object = target
         self._step_s = step_s
         self._answer = ObjectAnswer(effects)
@@ -45,7 +40,7 @@ class Contact:
 
     def update(self, time_s: float) -> None:
         """Work out what holds at the arm's present state, reached at `time_s` [s] by a step."""
-        self.tip_position_m, velocity, self._quaternion = self._arm.tip_state()
+        self.tip_position_m, velocity, self._quaternion = self._engine.tip_state()
         speed, before = -velocity[2], self._speed_before_m_s
         self._speed_before_m_s = speed
         self.rate_m_s = speed if before is None else 1.5 * speed - 0.5 * before
@@ -57,15 +52,10 @@ class Contact:
         self._speed_before_m_s = None
 
     def _update_force(self, time_s: float) -> None:
-        box = self._object.box
-        by_engine_n = None if box is None else self._engine_force_n(box)
+        by_engine_n = self._engine.surface_force_n() if self._object.is_engine_contact else None
         state = ContactState(time_s, self._step_s, self.depth_m, self.rate_m_s)
         self.force_n = self._answer.force_n(self._object.law, state, by_engine_n)
         self.push_n = self.force_n - (by_engine_n or 0.0)
-
-    def _engine_force_n(self, box: int) -> float:
-        points = bullet.getContactPoints(self._arm.body, box, physicsClientId=self._client)
-        return float(sum(point[9] for point in points))
 
     def compression_n(self, sensor_axis_tip: Sequence[float]) -> float:
         """The part of the force that lies along the sensor axis, positive in compression [N].

@@ -47,6 +47,8 @@ def dynamics_urdf(
 
 
 def _reduce(robot: ET.Element, tip_frame: str, mass_scale: float, behind_tip_m: FloatArray) -> None:
+    if not robot.get("name"):
+        raise InputError("URDF: <robot> has no name")
     links = {link.get("name", ""): link for link in robot.findall("link")}
     if tip_frame not in links:
         raise InputError(f"URDF: no link '{tip_frame}' for tip_frame. Valid: {', '.join(sorted(links))}")

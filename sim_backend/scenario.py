@@ -12,6 +12,7 @@ from robot_io.files.file_model import FileModel, Number, validate
 from robot_io.files.safe_yaml import load_yaml, parse_yaml
 from sim_backend.contact_law import ContactLaw, describe_contact_law, parse_contact_law
 from sim_backend.contact_laws import EngineContact, KelvinVoigt
+from sim_backend.engines import EngineName, default_engine
 from sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
 from sim_backend.sensors import SensorSettings
 
@@ -40,6 +41,8 @@ class ArmSettings(FileModel):
 class PhysicsSettings(FileModel):
     """How the physics is integrated."""
 
+    # What integrates it; by default PyBullet where it is installed.
+    engine: EngineName = Field(default_factory=default_engine)
     # Steps per second [Hz]; four in a tick of 1 kHz by default.
     rate_hz: Number = Field(default=4000.0, ge=100, le=1e6)
     gravity_m_s2: Number = 9.81  # fall acceleration, downwards [m/s^2]
@@ -54,7 +57,7 @@ class Scenario(FileModel):
     object: ObjectSettings = ObjectSettings()  # what is probed
     arm: ArmSettings = ArmSettings()  # the arm's deviations
     sensors: SensorSettings = SensorSettings()  # how the robot perceives it
-    physics: PhysicsSettings = PhysicsSettings()  # how it is integrated
+    physics: PhysicsSettings = Field(default_factory=PhysicsSettings)  # how it is integrated
     # Effects that the robot's models do not know, from drives to links and from object to tip.
     hidden: Annotated[tuple[Hidden, ...], Field(max_length=100)] = ()
 
@@ -82,6 +85,10 @@ class Scenario(FileModel):
     def with_seed(self, seed: int) -> Self:
         """The same world with other noise. InputError: it is no seed."""
         return validate(type(self), self.model_dump() | {"hidden": self.hidden, "seed": seed})
+
+    def with_engine(self, engine: EngineName) -> Self:
+        """The same world in another physics engine."""
+        return self.model_copy(update={"physics": self.physics.model_copy(update={"engine": engine})})
 
     def to_yaml(self) -> str:
         """The whole scenario, defaults included, in the form that `parse_scenario` reads."""

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import floor
-from weakref import finalize
 from zlib import crc32
 
 import numpy as np
@@ -13,10 +12,10 @@ from numpy.typing import ArrayLike
 from robot_io.clip import clip
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, frozen_array
-from sim_backend.arm import SimulatedArm
-from sim_backend.bullet import bullet
 from sim_backend.compliance_object import ComplianceObject
 from sim_backend.contact import Contact
+from sim_backend.dynamics_urdf import dynamics_urdf
+from sim_backend.engines import engine_class
 from sim_backend.hidden import hidden_effects
 from sim_backend.hooks import NO_EFFECTS, Effects, JointState
 from sim_backend.scenario import Scenario
@@ -49,7 +48,7 @@ class Truth:
 
 
 class World:
-    """A PyBullet world of its own under one scenario; other worlds in the process do not disturb it.
+    """A world of its own under one scenario; other worlds in the process do not disturb it.
 
     Args:
         arm: the robot.
@@ -58,7 +57,8 @@ class World:
         start_s: time of the initial state on the robot's clock [s].
 
     Raises:
-        InputError: PyBullet cannot load the robot, or its parts or what is hidden do not fit each other.
+        InputError: the physics engine is not installed or cannot load the robot, or its parts or what is
+            hidden do not fit each other.
 
     Attributes:
         object: what is probed; its law and height may be changed at any time.
@@ -82,39 +82,37 @@ class World:
         self._joints: list[float] | None = None
         self.sensor_load_n = 0.0
         self.held = False
-        self._client: int = bullet.connect(bullet.DIRECT)
-        self._end = finalize(self, _disconnect, self._client)  # a forgotten world would keep its 28 MB
-        self._end.atexit = False
-        try:
-            self._build_plant(arm)
-        except InputError:
-            self.close()
-            raise
+        self._build_plant(arm)
         self._build_sensors()
         self._torque_nm: Sequence[float] = [0.0] * self.joint_count
         self._alters_joints = bool(effects.joint or effects.friction)
         self._observe()
 
     def _build_plant(self, arm: ArmDescription) -> None:
-        client, scenario = self._client, self.scenario
+        scenario = self.scenario
         gravity_m_s2: Sequence[float] = (0.0, 0.0, -scenario.physics.gravity_m_s2)
         urdf_text = arm.urdf_text
         for effect in self._effects.plant:
             gravity_m_s2 = effect.gravity_m_s2(gravity_m_s2)
             urdf_text = effect.urdf(urdf_text, arm.tip_frame)
-        bullet.setGravity(*gravity_m_s2, client)
-        bullet.setPhysicsEngineParameter(fixedTimeStep=self._step_s, contactSlop=0.0, physicsClientId=client)
-        self._arm = SimulatedArm(
-            client,
+        text = dynamics_urdf(
             urdf_text,
             arm.tip_frame,
             mass_scale=scenario.arm.mass_scale,
             tip_radius_m=scenario.arm.tip_radius_m,
             sensor_axis_tip=arm.sensor_axis_tip,
         )
-        self._arm.place(arm.home_rad)
-        self.object = ComplianceObject(client, scenario.object.law, scenario.object.surface_height_m)
-        self._contact = Contact(client, self._arm, self.object, self._step_s, self._effects)
+        engine = engine_class(scenario.physics.engine)
+        self._engine = engine(text, arm.tip_frame, step_s=self._step_s, gravity_m_s2=gravity_m_s2)
+        try:
+            self._place(arm.home_rad)
+            self.object = ComplianceObject(
+                self._engine, scenario.object.law, scenario.object.surface_height_m
+            )
+        except InputError:
+            self.close()
+            raise
+        self._contact = Contact(self._engine, self.object, self._step_s, self._effects)
 
     def _build_sensors(self) -> None:
         settings, effects = self.scenario.sensors, self._effects
@@ -136,7 +134,7 @@ class World:
     @property
     def joint_count(self) -> int:
         """Number of joints n."""
-        return self._arm.joint_count
+        return self._engine.joint_count
 
     @property
     def time_s(self) -> float:
@@ -146,18 +144,27 @@ class World:
     @property
     def torque_limit_nm(self) -> list[float]:
         """Largest torque of each drive (n) [N m]."""
-        return self._arm.torque_limit_nm
+        return self._engine.torque_limit_nm
 
     def place(self, position_rad: ArrayLike, velocity_rad_s: ArrayLike | None = None) -> None:
         """Put the joints elsewhere (n) [rad], moving at `velocity_rad_s` (n) [rad/s] or at rest.
 
         InputError: wrong number of joints.
         """
-        self._arm.place(position_rad, velocity_rad_s)
+        self._place(position_rad, velocity_rad_s)
         for effect in self._effects.joint:
             effect.restart()
         self._contact.restart()
         self._observe()
+
+    def _place(self, position_rad: ArrayLike, velocity_rad_s: ArrayLike | None = None) -> None:
+        shape = (self.joint_count,)
+        position = frozen_array(position_rad, shape, what="joint position")
+        at_rest = np.zeros(shape)
+        speed = frozen_array(
+            at_rest if velocity_rad_s is None else velocity_rad_s, shape, what="joint velocity"
+        )
+        self._engine.place(position.tolist(), speed.tolist())
 
     def set_torque(self, torque_nm: ArrayLike) -> None:
         """What the drives exert from now on (n) [N m], cut at their limits.
@@ -165,7 +172,7 @@ class World:
         InputError: wrong number of joints, or a torque that is not finite.
         """
         torque = frozen_array(torque_nm, (self.joint_count,), what="joint torque").tolist()
-        limits = self._arm.torque_limit_nm
+        limits = self._engine.torque_limit_nm
         self._torque_nm = [clip(t, -limit, limit) for t, limit in zip(torque, limits, strict=True)]
 
     def advance_to(self, time_s: float) -> None:
@@ -173,8 +180,8 @@ class World:
         last_step = floor((time_s - self._start_s) / self._step_s + 1e-6)
         while self._steps < last_step:
             if not self.held:
-                self._arm.push(self._joint_torque_nm(), self._contact.push_n, self._contact.tip_position_m)
-                bullet.stepSimulation(self._client)
+                self._engine.push(self._joint_torque_nm(), self._contact.push_n, self._contact.tip_position_m)
+                self._engine.step()
             self._steps += 1
             self._observe()
 
@@ -189,19 +196,19 @@ class World:
             limit: Sequence[float] = [0.0] * self.joint_count
             for friction in self._effects.friction:
                 limit = friction.friction_nm(state, limit)
-            self._arm.brake(limit)
+            self._engine.brake(limit)
         return torque
 
     def _joint_state(self) -> JointState:
         n, joints = self.joint_count, self._joint_values()
         position = joints[:n]
-        mass_matrix = partial(self._arm.mass_matrix, position)
+        mass_matrix = partial(self._engine.mass_matrix, position)
         return JointState(self.time_s, self._step_s, position, joints[n:], self._torque_nm, mass_matrix)
 
     def _joint_values(self) -> list[float]:
         """Positions and velocities (2n) of the present state; the engine is asked once for it."""
         if self._joints is None:
-            self._joints = self._arm.joint_state()
+            self._joints = self._engine.joint_state()
         return self._joints
 
     def _observe(self) -> None:
@@ -219,7 +226,7 @@ class World:
 
     def truth(self) -> Truth:
         """The state as it is."""
-        joints = np.array(self._arm.joint_state())
+        joints = np.array(self._engine.joint_state())
         return Truth(
             time_s=self.time_s,
             joint_position_rad=joints[: self.joint_count],
@@ -234,14 +241,21 @@ class World:
     def inverse_dynamics(
         self, position_rad: ArrayLike, velocity_rad_s: ArrayLike, acceleration_rad_s2: ArrayLike
     ) -> FloatArray:
-        """Joint torques (n) [N m] for a motion in free air; see `SimulatedArm.inverse_dynamics`."""
-        return self._arm.inverse_dynamics(position_rad, velocity_rad_s, acceleration_rad_s2)
+        """Torques (n) [N m] for a motion in free air, by the engine's own recursive Newton-Euler.
+
+        Args:
+            position_rad: (n) [rad].
+            velocity_rad_s: (n) [rad/s].
+            acceleration_rad_s2: (n) [rad/s^2].
+
+        Raises:
+            InputError: wrong number of joints.
+        """
+        motion = (position_rad, velocity_rad_s, acceleration_rad_s2)
+        shape = (self.joint_count,)
+        lists = [frozen_array(values, shape, what="joint motion").tolist() for values in motion]
+        return self._engine.inverse_dynamics(*lists)
 
     def close(self) -> None:
-        """End the PyBullet client. Can be called again."""
-        self._end()
-
-
-def _disconnect(client: int) -> None:
-    if bullet.isConnected(client):
-        bullet.disconnect(client)
+        """Free what the engine holds. Can be called again."""
+        self._engine.close()

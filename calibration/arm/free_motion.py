@@ -10,7 +10,7 @@ from control.arm.rigid_body import RigidBody
 from control.laws.computed_torque import ComputedTorque
 from control.laws.gains import TrackingGains
 from control.loop.phases import Phase
-from control.loop.task import NO_RUN, TaskEvent, TaskOutput
+from control.loop.task import NO_RUN, TaskEvent, TaskOutput, aimed_output
 from control.paths.trajectory import JointMotion, JointMove
 from robot_io.errors import SafetyTripError
 from robot_io.types import Command, FloatArray, Measurement
@@ -80,18 +80,8 @@ class FreeMotion:
     ) -> TaskOutput:
         """What the loop is given; there is no object, so no direction into it: zeros."""
         tip = self.body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
-        return TaskOutput(
-            command=Command(torque_nm),
-            reference_position_rad=motion.position_rad,
-            reference_velocity_rad_s=motion.velocity_rad_s,
-            tip_position_world_m=tip.position_world_m,
-            tip_velocity_world_m_s=tip.velocity_world_m_s,
-            press_direction_world=np.zeros(3),
-            desired_force_n=math.nan,
-            phase=phase,
-            run=run,
-            done=done,
-            events=events,
+        return aimed_output(
+            Command(torque_nm), motion, tip, np.zeros(3), phase, run=run, done=done, events=events
         )
 
 

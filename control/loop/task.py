@@ -7,7 +7,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from control.arm.rigid_body import TipMotion
 from control.loop.phases import Phase
+from control.paths.trajectory import JointMotion
 from robot_io.types import Command, FloatArray, Measurement
 
 NO_RUN = -1  # `run` between runs
@@ -59,6 +61,26 @@ class Task(Protocol):
 
         `dt_s` is the time since the previous tick [s]; a whole multiple of the period after an overrun.
         """
+
+
+def aimed_output(
+    command: Command,
+    motion: JointMotion,
+    tip: TipMotion,
+    direction: FloatArray,
+    phase: Phase,
+    *,
+    desired_force_n: float = math.nan,
+    run: int = NO_RUN,
+    done: bool = False,
+    events: tuple[TaskEvent, ...] = (),
+) -> TaskOutput:
+    """The output of a task that aimed at a motion of the joints; `tip` is measured, the rest as there."""
+    position_m, velocity_m_s = tip.position_world_m, tip.velocity_world_m_s
+    aimed = (motion.position_rad, motion.velocity_rad_s)
+    return TaskOutput(
+        command, *aimed, position_m, velocity_m_s, direction, desired_force_n, phase, run, done, events
+    )
 
 
 def aimless_output(joint_count: int, phase: Phase, run: int = NO_RUN) -> TaskOutput:

@@ -19,7 +19,7 @@ from control.laws.gains import Gains, gains_of
 from control.laws.hybrid import ControlOutput, HybridController
 from control.laws.touch import free_air_problem
 from control.loop.phases import Phase
-from control.loop.task import NO_RUN, TaskEvent, TaskOutput
+from control.loop.task import NO_RUN, TaskEvent, TaskOutput, aimed_output
 from control.loop.tick_record import Estimates
 from control.paths.trajectory import JointBrake, JointPath
 from control.probing.plan import ProbingPlan
@@ -158,15 +158,13 @@ class ProbingTask:
             self._witness.pause()
         else:
             self._witness.watch(measurement, output, dt_s, in_free_air=phase in _IN_FREE_AIR)
-        return TaskOutput(
-            command=output.command,
-            reference_position_rad=output.motion.position_rad,
-            reference_velocity_rad_s=output.motion.velocity_rad_s,
-            tip_position_world_m=output.tip.position_world_m,
-            tip_velocity_world_m_s=output.tip.velocity_world_m_s,
-            press_direction_world=self._direction,
+        return aimed_output(
+            output.command,
+            output.motion,
+            output.tip,
+            self._direction,
+            phase,
             desired_force_n=run.desired_force_n if run else math.nan,
-            phase=phase,
             run=run.spec.run if run else NO_RUN,
             done=phase is Phase.IDLE,
             events=tuple(self._events),

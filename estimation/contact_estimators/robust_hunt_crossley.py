@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.contact_estimator import ContactEstimator, ContactLaw, check_samples
-from estimation.fitting.m_steps import Settled, settle
+from estimation.fit.robust import Settled, settle
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 

@@ -6,11 +6,11 @@ from estimation.estimate import Estimate
 from estimation.estimator import Estimator
 from estimation.regression import Regression
 from estimation.statistics.least_squares import solve
-from estimation.statistics.uncertainty import assemble, sandwich
+from estimation.statistics.uncertainty import sandwich
 
 
 class Lsq(Estimator):
-    """Minimise the sum of squared residuals, each over its noise where the regression knows it."""
+    """Minimise the sum of squared residuals."""
 
     name = "lsq"
     summary = "least squares: the best there is while the noise is even and nothing lies far off"
@@ -18,16 +18,7 @@ class Lsq(Estimator):
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         """See `Estimator.fit`."""
-        gains = solve(regression.columns, regression.effort, regression.weights).gains
+        gains = solve(regression.columns, regression.effort).gains
         residuals = regression.effort - regression.columns @ gains
-        squared = regression.weights**2
-        return assemble(
-            self.name,
-            regression.names,
-            regression.units,
-            gains,
-            jacobian=regression.columns,
-            effort=regression.effort,
-            residuals=residuals,
-            covariance=sandwich(regression.columns, squared * residuals, squared, regression.run),
-        )
+        covariance = sandwich(regression.columns, residuals, np.ones(len(residuals)), regression.run)
+        return self._estimate(regression, gains, covariance)

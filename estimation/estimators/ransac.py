@@ -7,12 +7,12 @@ from scipy import stats
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
-from estimation.fitting.loss import Loss
-from estimation.fitting.subsets import solve_subsets
+from estimation.fit.robust import Loss
 from estimation.regression import Regression
 from estimation.statistics.least_squares import solve
 from estimation.statistics.noise_level import robust_sigma
-from estimation.statistics.uncertainty import Covariance, assemble, sandwich
+from estimation.statistics.subsets import solve_subsets
+from estimation.statistics.uncertainty import Covariance, sandwich
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -66,22 +66,13 @@ class Ransac(Estimator):
         gains, inliers = self._refine(regression, subsets.gains[int(np.argmax(counts))])
         residuals = regression.effort - regression.columns @ gains
         rivals = subsets.gains[counts >= counts.max() - np.sqrt(counts.max())]
-        return assemble(
-            self.name,
-            regression.names,
-            regression.units,
-            gains,
-            jacobian=regression.columns,
-            effort=regression.effort,
-            residuals=residuals,
-            covariance=self._covariance(regression, residuals, rivals - gains),
-            inliers=inliers,
-            details={
-                "trials": float(self.trials),
-                "skipped_subsets": float(subsets.skipped),
-                "inlier_share": float(np.mean(inliers)),
-            },
-        )
+        details = {
+            "trials": float(self.trials),
+            "skipped_subsets": float(subsets.skipped),
+            "inlier_share": float(np.mean(inliers)),
+        }
+        covariance = self._covariance(regression, residuals, rivals - gains)
+        return self._estimate(regression, gains, covariance, inliers=inliers, details=details)
 
     def _inlier_counts(self, regression: Regression, gains: FloatArray) -> IntArray:
         """Number of inliers of each candidate, shape (trials,)."""
@@ -105,7 +96,7 @@ class Ransac(Estimator):
                     f"{self.threshold:g}; raise the threshold to about the noise, or take 'robust'"
                 )
             fitted = regression.select(inliers)
-            gains = solve(fitted.columns, fitted.effort, fitted.weights).gains
+            gains = solve(fitted.columns, fitted.effort).gains
             before, inliers = inliers, self._inliers(regression, gains)
             if np.array_equal(before, inliers):
                 break
@@ -127,9 +118,8 @@ class Ransac(Estimator):
         inside = np.abs(residuals) < self.threshold
         ratio = self.threshold / max(robust_sigma(residuals), np.finfo(float).tiny)
         slope = stats.norm.cdf(ratio) - stats.norm.cdf(-ratio) - 2 * ratio * stats.norm.pdf(ratio)
-        squared = regression.weights**2
-        score = np.where(inside, squared * residuals, 0.0)
-        refined = sandwich(regression.columns, score, squared * slope, regression.run)
+        score = np.where(inside, residuals, 0.0)
+        refined = sandwich(regression.columns, score, np.full(len(score), slope), regression.run)
         spread = Covariance(rivals.T @ rivals / max(1, len(rivals)), refined.degrees_of_freedom)
         enough = len(rivals) > rivals.shape[1] + 1
         return spread if ratio < _FAR_BELOW and enough and _smaller(spread, refined) else refined

@@ -8,7 +8,7 @@ from estimation.estimate import Estimate
 from estimation.estimator import OnlineEstimator
 from estimation.regression import Regression
 from estimation.statistics.serial_covariance import sum_covariance
-from estimation.statistics.uncertainty import Covariance, assemble
+from estimation.statistics.uncertainty import Covariance
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -65,8 +65,7 @@ class RecursiveEstimator(OnlineEstimator):
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         """See `Estimator.fit`; the samples are taken in their order, the last gains are the estimate."""
-        weights = regression.weights
-        rows, efforts = regression.columns * weights[:, None], (regression.effort * weights).tolist()
+        rows, efforts = regression.columns, regression.effort.tolist()
         count, gain_count = rows.shape
         level = np.sqrt(np.mean(rows**2, axis=0))
         self._begin(np.maximum(self.variance, (_INITIAL_EFFORT / np.where(level > 0, level, 1.0)) ** 2))
@@ -76,19 +75,10 @@ class RecursiveEstimator(OnlineEstimator):
             pulls[index] = self._pull
         gains = history[-1]
         residuals = regression.effort - regression.columns @ gains
-        terms = _pull_on_last(rows, pulls) * (weights * residuals)[:, None]
+        terms = _pull_on_last(rows, pulls) * residuals[:, None]
         summed = sum_covariance(terms, regression.run)
-        return assemble(
-            self.name,
-            regression.names,
-            regression.units,
-            gains,
-            jacobian=regression.columns,
-            effort=regression.effort,
-            residuals=residuals,
-            covariance=Covariance(summed.matrix, max(1.0, summed.effective_count - gain_count)),
-            history=history,
-        )
+        covariance = Covariance(summed.matrix, max(1.0, summed.effective_count - gain_count))
+        return self._estimate(regression, gains, covariance, history=history)
 
 
 def _pull_on_last(rows: FloatArray, pulls: FloatArray) -> FloatArray:

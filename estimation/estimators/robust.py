@@ -4,13 +4,12 @@ import numpy as np
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
-from estimation.fitting.loss import Loss, absolute_share
-from estimation.fitting.m_steps import Settled, settle
-from estimation.fitting.subsets import solve_subsets
+from estimation.fit.robust import Loss, Settled, absolute_share, settle
 from estimation.regression import Regression
 from estimation.statistics.least_squares import solve
 from estimation.statistics.noise_level import NoiseLevel, robust_sigma
-from estimation.statistics.uncertainty import assemble, sandwich
+from estimation.statistics.subsets import solve_subsets
+from estimation.statistics.uncertainty import sandwich
 from robot_io.types import FloatArray
 
 _STARTS = 150  # subsets of the start: of p = 4, at 40 % outliers, none is clean with probability 1e-9
@@ -24,7 +23,7 @@ class Robust(Estimator):
 
     The start is the least median of squares over random subsets; the scale is the residuals' floor plus a
     share of the predicted effort (see `NoiseLevel`), so that a force sensor whose noise grows with the force
-    is weighted as it deserves. Where the regression brings its own sigma, only its factor is estimated.
+    is weighted as it deserves.
 
     Such a start can settle on one half of the samples that happens to fit perfectly, as a long rest does, and
     call the rest outliers. Where that many are left out it is not they who are wrong but the model; then the
@@ -46,43 +45,30 @@ class Robust(Estimator):
         settled = _settle(regression, _least_median(regression, rng))
         if settled.inside.mean() < _FEWEST_INSIDE:
             settled = _settle(regression, *_least_absolute(regression))
-        sigma = settled.sigma
-        psi, slope = settled.influence
-        return assemble(
-            self.name,
-            regression.names,
-            regression.units,
-            settled.values,
-            jacobian=regression.columns,
-            effort=regression.effort,
-            residuals=settled.residuals,
-            covariance=sandwich(regression.columns, psi / sigma, slope / sigma**2, regression.run),
-            inliers=settled.inside,
-            details={"noise_floor": settled.level.floor, "noise_share": settled.level.share},
-        )
+        (psi, slope), sigma = settled.influence, settled.sigma
+        covariance = sandwich(regression.columns, psi / sigma, slope / sigma**2, regression.run)
+        details = {"noise_floor": settled.level.floor, "noise_share": settled.level.share}
+        return self._estimate(regression, settled.values, covariance, inliers=settled.inside, details=details)
 
 
 def _settle(regression: Regression, start: FloatArray, level: NoiseLevel | None = None) -> Settled:
     columns = regression.columns
-    shape = None if regression.sigma is None else 1.0 / regression.weights
-    return settle(lambda gains: (columns @ gains, columns), regression.effort, start, shape, level)
+    return settle(lambda gains: (columns @ gains, columns), regression.effort, start, level)
 
 
 def _least_absolute(regression: Regression) -> tuple[FloatArray, NoiseLevel]:
     """Gains (p,) that nearly minimise the sum of absolute residuals, and the even noise that they leave."""
-    weights = regression.weights
-    share = np.ones(len(weights))
+    share = np.ones(len(regression.effort))
     for _ in range(_ABSOLUTE_ROUNDS):
-        gains = solve(regression.columns, regression.effort, weights * np.sqrt(share)).gains
-        left = weights * (regression.effort - regression.columns @ gains)
+        gains = solve(regression.columns, regression.effort, np.sqrt(share)).gains
+        left = regression.effort - regression.columns @ gains
         share = absolute_share(left)
     return gains, NoiseLevel(max(robust_sigma(left), float(np.finfo(float).tiny)), 0.0)
 
 
 def _least_median(regression: Regression, rng: np.random.Generator) -> FloatArray:
-    """Gains of the subset whose median absolute weighted residual is smallest, shape (p,)."""
-    weights = regression.weights
-    columns, effort = regression.columns * weights[:, None], regression.effort * weights
+    """Gains of the subset whose median absolute residual is smallest, shape (p,)."""
+    columns, effort = regression.columns, regression.effort
     candidates = solve_subsets(columns, effort, columns.shape[1], _STARTS, rng).gains
     rows = rng.permutation(len(effort))[:_START_SAMPLES]
     distance = np.abs(candidates @ columns[rows].T - effort[rows])

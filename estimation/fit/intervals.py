@@ -81,17 +81,8 @@ def _free_slopes(bench: Bench, trial: Trial) -> FloatArray:
 
 def inner_slopes(bench: Bench, trial: Trial) -> list[FloatArray]:
     """Slope of the prediction by each inner parameter at fixed gains, each of shape (m,)."""
-    frame, slopes = bench.frame, []
-    for name, parameter in trial.model.inner.items():
-        value = trial.parameters[name]
-        low, high = parameter.typical
-        step = _STEP * (abs(value) if parameter.log and value else high - low)
-        ahead, behind = (
-            trial.model.predict(frame.data, {**trial.parameters, name: value + side * step})
-            for side in (1, -1)
-        )
-        slopes.append(_without_jumps(frame.reduce((ahead - behind) / (2.0 * step))))
-    return slopes
+    found = trial.model.inner_slopes(bench.frame.data, trial.parameters, _STEP)
+    return [_without_jumps(bench.frame.reduce(slope)) for slope in found]
 
 
 def _without_jumps(slope: FloatArray) -> FloatArray:

@@ -12,9 +12,9 @@ from robot_io.types import FloatArray
 _TIMES = 4
 _FAR = 0.9  # of the energy before
 _EVALUATIONS = 40
-_SETTLED = 1e-5  # share of the energy that a step must take away for another to be worth it
+_SETTLED = 1e-5
 _ARRIVED = 1.0001  # the quotient needs efforts that are settled
-_STEP = 2e-3  # difference quotient, relative to a parameter's scale
+_STEP = 2e-3
 
 
 @dataclass(frozen=True)
@@ -50,19 +50,25 @@ class Scale:
         return abs(self.start) or high - low
 
 
-def polish(bench: Bench, trial: Trial) -> Trial:
+def polish(bench: Bench, trial: Trial, settled: float = _SETTLED, step: float = _STEP) -> Trial:
     """Fit all inner parameters of a trial together, the gains by variable projection.
 
     Where that leads far, the gains may not have followed yet: then it is done again from there.
+
+    Args:
+        bench: where to fit.
+        trial: where to begin.
+        settled: share of the energy that a step must take away for another to be worth it.
+        step: of the difference quotient, relative to a parameter's scale.
     """
     for _ in range(_TIMES):
-        before, trial = trial, _polished(bench, trial)
+        before, trial = trial, _polished(bench, trial, settled, step)
         if trial.sse > _FAR * before.sse:
             break
     return trial
 
 
-def _polished(bench: Bench, trial: Trial) -> Trial:
+def _polished(bench: Bench, trial: Trial, settled: float, step: float) -> Trial:
     """One search; what is at an end of its range stays there: it would cut short every step of the others."""
     scales = {
         name: Scale(parameter, trial.parameters[name])
@@ -87,8 +93,8 @@ def _polished(bench: Bench, trial: Trial) -> Trial:
         residual,
         start,
         bounds=(low, high),
-        diff_step=_STEP,
-        ftol=_SETTLED,
+        diff_step=step,
+        ftol=settled,
         max_nfev=_EVALUATIONS,
         x_scale=0.1,
     )

@@ -24,10 +24,11 @@ _LOST = 1e6  # times the largest effort
 
 @dataclass(frozen=True)
 class Bench:
-    """Where models are tried: the blocks and the colour of their noise."""
+    """Where models are tried: the blocks, the colour of their noise, and weights of their residuals (m,)."""
 
     frame: Frame
     colour: Colour
+    weights: FloatArray | None = None
 
     @cached_property
     def kept(self) -> BoolArray:
@@ -44,7 +45,11 @@ class Bench:
 
     def whiten(self, blocks: FloatArray) -> FloatArray:
         """Blocks (m,) or (m, k) with the colour taken out, shape (w,) or (w, k)."""
-        return self.colour.whiten(blocks)[self.kept]
+        return self._white(blocks)[self.kept]
+
+    def _white(self, blocks: FloatArray) -> FloatArray:
+        white = self.colour.whiten(blocks)
+        return white if self.weights is None else (white.T * self.weights).T
 
     def fit(
         self,
@@ -70,7 +75,7 @@ class Bench:
             names: of the gains of the first columns, by which others of the arm may know them.
         """
         order, folds = self._by_fold
-        white = np.take(self.colour.whiten(np.column_stack([columns, target])), order, axis=0)
+        white = np.take(self._white(np.column_stack([columns, target])), order, axis=0)
         return Moments(
             cross_products(white[rows] for rows in folds).products, self._known(names, columns.shape[1])
         )

@@ -65,9 +65,7 @@ def sandwich(
     return Covariance(matrix / np.outer(lengths, lengths), freedom)
 
 
-def common_error_covariance(
-    jacobian: FloatArray, errors: FloatArray, weights: FloatArray | None = None
-) -> FloatArray:
+def common_error_covariance(jacobian: FloatArray, errors: FloatArray) -> FloatArray:
     """What errors that many samples share do to the solution, shape (m, m).
 
     The residuals do not show them: the parameters go along with an error e as far as they can, which is its
@@ -77,9 +75,8 @@ def common_error_covariance(
     Args:
         jacobian: shape (n, m), of the prediction with respect to the parameters.
         errors: shape (n, r), one standard error of each of r independent errors, in the samples that have it.
-        weights: shape (n,), see `solve`.
     """
-    moved = np.column_stack([solve(jacobian, error, weights).gains for error in errors.T])
+    moved = np.column_stack([solve(jacobian, error).gains for error in errors.T])
     return np.asarray(moved @ moved.T)
 
 

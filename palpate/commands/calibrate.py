@@ -15,6 +15,7 @@ from calibration.force.plateaus import STANDARD_GRAVITY_M_S2, read_reference_fil
 from calibration.force.weighing import read_weighing
 from estimation.data.import_options import parse_pairs
 from palpate import console
+from palpate.console import command_group
 from palpate.files import different_files, existing_file, output_file, whole_set
 from palpate.render.calibration import (
     arm_figure,
@@ -44,28 +45,17 @@ from robot_io.errors import InputError, PalpateError
 CALIBRATIONS = Path("calibrations")
 PERCENT = 0.01
 
-group = typer.Typer(
-    rich_markup_mode="rich",
-    add_completion=False,
-    invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-
-
-@group.callback()
-def root(context: typer.Context) -> None:
+group = command_group(
     """Find out how force sensor, encoders, drives and base differ from what they say.
 
-    Each writes one YAML file; name it in the robot file, and every measurement and command is corrected:
+Each writes one YAML file; name it in the robot file, and every measurement and command is corrected:
 
-    calibration: {force: force.yaml, encoder: encoder.yaml}
+calibration: {force: force.yaml, encoder: encoder.yaml}
 
-    Do [bold]encoder[/bold] first, then [bold]gravity[/bold] and [bold]torque[/bold]; force at any time.
+Do [bold]encoder[/bold] first, then [bold]gravity[/bold] and [bold]torque[/bold]; force at any time.
 
-    The arm moves under its guard. Ctrl-C brings it to rest, and no calibration is written.
-    """
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+The arm moves under its guard. Ctrl-C brings it to rest, and no calibration is written."""
+)
 
 
 @group.command()

@@ -16,8 +16,10 @@ from palpate.files import output_file
 from palpate.render.estimates import as_data, print_estimates
 from palpate.render.progress import diagnosis_progress, probing_progress
 from palpate.render.terminal import print_files, print_stages
+from palpate.runs.options import ENGINE
 from palpate.study_view import result_view
 from palpate.words import as_shell_word, shown, significant, typed
+from sim_backend.engines import EngineName
 from sim_backend.imperfection import Imperfection
 from sim_backend.scenario import MOST_SEED, Scenario, load_scenario, shipped_scenarios
 
@@ -28,6 +30,7 @@ def command(
     scenario: Annotated[
         str, typer.Option(help=f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}.")
     ] = DEFAULT,
+    engine: Annotated[EngineName | None, typer.Option(help=ENGINE)] = None,
     seed: Annotated[
         int | None,
         typer.Option(
@@ -45,11 +48,13 @@ def command(
     minute.
     """
     world = load_scenario(scenario)
+    if engine is not None:
+        world = world.with_engine(engine)
     session = output_file(out or _default_session())
     second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if can_hide(world) else None
     if seed is None and second is not None:
         seed = drawn_seed()
-    again = _repeated(scenario, seed)
+    again = _repeated(scenario, engine, seed)
     talk = console.stderr()
     by = "" if seed is None else f" (seed {seed})"
     talk.print(f"A simulated arm probes [bold]{world.description or scenario}[/bold] at three speeds{by}.")
@@ -68,10 +73,12 @@ def command(
     _next(demo, hidden, again)
 
 
-def _repeated(scenario: str, seed: int | None) -> str:
+def _repeated(scenario: str, engine: EngineName | None, seed: int | None) -> str:
     """The command that makes this very demo again."""
     words = ["palpate", "demo", *(["--scenario", scenario] if scenario != DEFAULT else [])]
-    return " ".join(map(as_shell_word, [*words, *(["--seed", str(seed)] if seed is not None else [])]))
+    words += ["--engine", engine] if engine is not None else []
+    words += ["--seed", str(seed)] if seed is not None else []
+    return " ".join(map(as_shell_word, words))
 
 
 def _default_session() -> Path:

@@ -13,6 +13,7 @@ from control.probing.plan import ProbingPlan, load_probing_plan
 from control.teleop.follower_task import OnSilence
 from control.teleop.leader_arm import LeaderArm
 from palpate import console
+from palpate.console import command_group
 from palpate.files import existing_file, output_file
 from palpate.render.terminal import print_files
 from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers, takes
@@ -33,26 +34,15 @@ from sim_backend.scenario import load_scenario, shipped_scenarios
 MILLI, PERCENT = 1e-3, 0.01
 PLAN = ProbingPlan(hold_s=0.4)
 
-group = typer.Typer(
-    rich_markup_mode="rich",
-    add_completion=False,
-    invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-
-
-@group.callback()
-def root(context: typer.Context) -> None:
+group = command_group(
     """Work on a virtual object that learns to feel like the real one.
 
-    The operator moves a virtual arm, feels a virtual object and chooses places to probe (leader). Only these
-    places travel. Another arm probes them by itself (follower) and sends back what the object is like; the
-    virtual object changes to match.
+The operator moves a virtual arm, feels a virtual object and chooses places to probe (leader). Only these
+places travel. Another arm probes them by itself (follower) and sends back what the object is like; the
+virtual object changes to match.
 
-    [bold]palpate teleop demo --out DIR[/bold] runs both on this machine, without a device or an arm.
-    """
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+[bold]palpate teleop demo --out DIR[/bold] runs both on this machine, without a device or an arm."""
+)
 
 
 NameOption = Annotated[str, typer.Option("--name", help="Of the pair; the same on both sides.")]

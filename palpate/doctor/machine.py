@@ -4,12 +4,13 @@ Simulation needs nothing of the last, so that nothing there is a failure.
 """
 
 import os
-import re
 import resource
 import sys
 from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
+
+from packaging.requirements import Requirement
 
 from palpate import preflight
 from palpate.doctor.finding import Finding, Level, fail, graded, ok, warn
@@ -17,6 +18,12 @@ from palpate.doctor.viewer import rerun, viewer_port
 
 CONSTRAINTS = Path(__file__).resolve().parents[2] / "constraints.txt"
 GRAVITY = 9.81  # [m/s2]
+_MASS_ON_A_RAIL = """
+<robot name="drop"><link name="rail"/>
+  <link name="mass"><inertial><mass value="1"/>
+    <inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="fall" type="prismatic"><parent link="rail"/><child link="mass"/><axis xyz="0 0 1"/>
+    <limit lower="-10" upper="10" effort="10" velocity="10"/></joint></robot>"""
 ARPHRD_CAN = "280"  # kernel's hardware type of a CAN interface, include/uapi/linux/if_arp.h
 USB_LATENCY_MS = 1
 _WARN, _FAIL = Level.WARN, Level.FAIL
@@ -28,7 +35,7 @@ RIGHTS = (
 
 
 def python() -> Iterator[Finding]:
-    """CPython 3.11, in an environment of its own."""
+    """A CPython that palpate runs on, in an environment of its own."""
     version = ".".join(str(part) for part in sys.version_info[:3])
     problem = preflight.python_problem((sys.version_info[0], sys.version_info[1])) or ""
     bare = "not a virtual environment: make env, then use .venv/bin/palpate"
@@ -47,8 +54,8 @@ def control_package() -> Iterator[Finding]:
 def packages() -> Iterator[Finding]:
     """Every dependency is there, in the version that the project is tested with."""
     pinned = _pinned_versions()
-    required = [line for line in metadata.requires("palpate") or [] if "extra ==" not in line]
-    wanted = [re.split(r"[^\w.-]", line)[0].lower() for line in required]
+    required = [Requirement(line) for line in metadata.requires("palpate") or []]
+    wanted = [one.name.lower() for one in required if not one.marker or one.marker.evaluate({"extra": ""})]
     found = {name: _installed_version(name) for name in wanted}
     missing = [name for name, version in found.items() if version is None]
     other = [
@@ -80,24 +87,23 @@ def _installed_version(name: str) -> str | None:
         return None
 
 
-def pybullet() -> Iterator[Finding]:
-    """The physics engine does its work: a dropped body falls as it should."""
-    from sim_backend.bullet import bullet as engine  # noqa: PLC0415, an import that fails is a finding
+def physics_engines() -> Iterator[Finding]:
+    """Every physics engine that is installed does its work: a dropped mass falls as it should."""
+    from sim_backend.engines import engine_class, installed_engines  # noqa: PLC0415, a failing import is a finding
 
-    client = engine.connect(engine.DIRECT)
-    try:
-        body = engine.createMultiBody(baseMass=1.0, physicsClientId=client)
-        engine.setGravity(0, 0, -GRAVITY, physicsClientId=client)
-        step_s = engine.getPhysicsEngineParameters(physicsClientId=client)["fixedTimeStep"]
-        engine.stepSimulation(physicsClientId=client)
-        speed = engine.getBaseVelocity(body, physicsClientId=client)[0][2]
-    finally:
-        engine.disconnect(client)
-    expected = -GRAVITY * step_s
-    value = (
-        f"{metadata.version('pybullet')}, a dropped body falls at {speed:.4f} m/s, expected {expected:.4f}"
-    )
-    yield graded("pybullet", value, (_FAIL, abs(speed - expected) > 0.01 * abs(expected), "make clean env"))
+    engines = installed_engines()
+    if not engines:
+        yield fail("physics engine", "neither PyBullet nor MuJoCo is installed", "make clean env")
+    for name in engines:
+        step_s = 1e-3
+        engine = engine_class(name)(_MASS_ON_A_RAIL, "mass", step_s=step_s, gravity_m_s2=(0.0, 0.0, -GRAVITY))
+        try:
+            engine.step()
+            speed, expected = engine.joint_state()[1], -GRAVITY * step_s
+        finally:
+            engine.close()
+        value = f"a dropped mass falls at {speed:.6f} m/s, expected {expected:.6f}"
+        yield graded(name, value, (_FAIL, abs(speed - expected) > 1e-6, "make clean env"))
 
 
 def pinocchio() -> Iterator[Finding]:
@@ -183,7 +189,7 @@ def _text(path: Path) -> str:
 
 
 CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
-    *(python, control_package, packages, pybullet, pinocchio, rerun, viewer_port),
+    *(python, control_package, packages, physics_engines, pinocchio, rerun, viewer_port),
     *(real_time, memory_lock, serial_ports, can_interfaces),
 )
 

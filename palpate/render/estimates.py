@@ -10,9 +10,9 @@ from rich.table import Table
 
 from estimation.channel import ChannelData
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
-from estimation.fitting.misfit import Misfit, misfit
 from estimation.gate.gate import spoilt
 from estimation.rounding import in_steps, steps_spanned
+from estimation.statistics.misfit import Misfit, misfit
 from estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
 from estimation.surface import FEWEST_STEPS
 from palpate.console import table

@@ -1,24 +1,24 @@
 """The HTML report: one file that needs nothing else, and no network."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from html import escape
-from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import plotly.graph_objects as go
 import yaml
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from palpate.files import write_text
 from palpate.render import figures
+from palpate.render.page import rendered
 from palpate.render.terminal import with_interval
 from palpate.render.view import ChannelView, StudyView
 from palpate.words import chance
 
-_HERE = Path(__file__).parent
+_TEMPLATE = Path(__file__).parent / "report.html"
 _GREEK = {"tau": "τ", "mu": "μ", "pi": "π", "alpha": "α", "beta": "β", "omega": "ω"}
 
 
@@ -34,24 +34,12 @@ def write_report(view: StudyView, path: Path) -> Path:
 
 def document(view: StudyView) -> str:
     """The whole page."""
-    environment = Environment(
-        loader=FileSystemLoader(_HERE),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
+    filters: dict[str, Callable[..., Any]] = {
         "bold": bold, "typeset": typeset, "interval": with_interval, "chance": chance,
         "yaml": lambda data: yaml.safe_dump(dict(data), sort_keys=False),
     }  # fmt: skip
-    return environment.get_template("report.html").render(
-        view=view,
-        style=Markup((_HERE / "report.css").read_text(encoding="utf-8")),  # noqa: S704, our own
-        plotly=Markup(get_plotlyjs()),  # noqa: S704, plotly's own
-        plots=_plots,
-        version=version("palpate"),
-    )
+    plotly = Markup(get_plotlyjs())  # noqa: S704, plotly's own
+    return rendered(_TEMPLATE, filters, view=view, plotly=plotly, plots=_plots)
 
 
 def _plots(channel: ChannelView) -> dict[str, Markup]:

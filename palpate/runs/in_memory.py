@@ -17,7 +17,7 @@ from robot_io.guard import Guard
 from robot_io.robot import build_robot
 from robot_io.robot_file import RobotFile
 from robot_io.session import Samples
-from sim_backend.drivers.pybullet_bus import PyBulletBus
+from sim_backend.drivers.simulated_bus import SimulatedBus
 from sim_backend.scenario import Scenario
 
 
@@ -57,7 +57,7 @@ def probe_in_memory(robot_file: RobotFile, scenario: Scenario, plan: ProbingPlan
     guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
     robot = build_robot(robot_file, DriverCatalogue(SIMULATED_DRIVERS), clock)
     for bus in robot.buses.values():
-        if isinstance(bus, PyBulletBus):
+        if isinstance(bus, SimulatedBus):
             bus.use_scenario(scenario)
     with robot:
         run_loop(robot, guard, task, clock, log, rate_hz=robot_file.control_rate_hz).raise_for_trip()

@@ -18,6 +18,7 @@ from palpate.runs.robots import DEFAULT, find_robot, importable, shipped_robots
 from robot_io.errors import InputError
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray
+from sim_backend.engines import EngineName
 from sim_backend.scenario import MOST_SEED, load_scenario, shipped_scenarios
 
 SESSIONS = Path("sessions")
@@ -26,6 +27,7 @@ SHARES = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0)  # of the f
 BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, which are not quite where the URDF says
 _ROBOT = f"Robot file, or a shipped arm: {', '.join(shipped_robots())}."
 _SCENARIO = f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}."
+ENGINE = "Physics engine of the simulated world; default: as the scenario says, or PyBullet if installed."
 _HIDDEN = "Hide effects in the simulated world: random, one's name, or a YAML file with a list."
 _WIRE = "Real drivers, byte by byte, but emulated devices: no hardware is touched."
 _DRIVERS = "Python package with drivers of your own."
@@ -38,6 +40,7 @@ class RunOptions:
 
     robot: Annotated[str, typer.Option(help=_ROBOT)] = DEFAULT
     scenario: Annotated[str | None, typer.Option(help=_SCENARIO)] = None
+    engine: Annotated[EngineName | None, typer.Option(help=ENGINE)] = None
     seed: Annotated[int | None, typer.Option(help="Seed of all simulated noise.", min=0, max=MOST_SEED)] = (
         None
     )
@@ -57,6 +60,7 @@ class RunOptions:
         """What they say of an `ArmJob`."""
         return {
             "scenario": load_scenario(self.scenario) if self.scenario is not None else None,
+            "engine": self.engine,
             "seed": self.seed,
             "hidden": self.hidden,
             "wired": self.wire,

@@ -15,7 +15,7 @@ from robot_io.clock import Clock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError
 from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
-from sim_backend.drivers.pybullet_bus import PyBulletBus
+from sim_backend.drivers.simulated_bus import SimulatedBus
 from sim_backend.emulators.faults import Faults
 from sim_backend.emulators.wiring import WiredArm, wire_up
 from sim_backend.scenario import Scenario
@@ -84,11 +84,11 @@ def is_simulated(robot_file: RobotFile) -> bool:
     Raises:
         InputError: it is, but there is another bus too: devices would run on the time of a simulation.
     """
-    worlds = [name for name, bus in robot_file.buses.items() if bus.driver == PyBulletBus.name]
+    worlds = [name for name, bus in robot_file.buses.items() if bus.driver == SimulatedBus.name]
     others = [name for name in robot_file.buses if name not in worlds]
     if worlds and others:
         raise InputError(
-            f"{robot_file.path}: bus '{worlds[0]}' is simulated ({PyBulletBus.name}) and bus '{others[0]}' "
+            f"{robot_file.path}: bus '{worlds[0]}' is simulated ({SimulatedBus.name}) and bus '{others[0]}' "
             f"({robot_file.buses[others[0]].driver}) is not: simulated time passes as fast as can be, "
             "which no device could follow; let all be simulated, or none"
         )

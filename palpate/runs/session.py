@@ -24,7 +24,8 @@ from robot_io.errors import DeviceError, InputError
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
 from robot_io.session import SessionMetadata, SessionWriter, Stream
-from sim_backend.drivers.pybullet_bus import PyBulletBus
+from sim_backend.drivers.simulated_bus import SimulatedBus
+from sim_backend.engines import EngineName
 from sim_backend.scenario import Scenario, load_scenario
 from sim_backend.world import World
 
@@ -40,6 +41,7 @@ class ArmJob:
     session: Path  # the new session file
     _: KW_ONLY
     scenario: Scenario | None = None  # simulated world instead of the one that the robot file names
+    engine: EngineName | None = None  # physics engine instead of the scenario's
     seed: int | None = None  # of all simulated noise instead of the scenario's
     again: int = 0  # how often the same world was run before: the same is hidden in it, its noise is other
     hidden: str | None = None  # what to hide in the simulated world, see `palpate.runs.hiding`
@@ -188,12 +190,12 @@ def _set_up(
         stack.callback(arm.bench.close)
         return build_robot(arm.robot_file, drivers, clock, calibrations), scenario, lambda: arm.plant.world
     robot = build_robot(job.robot_file, drivers, clock, calibrations)
-    bus = next((bus for bus in robot.buses.values() if isinstance(bus, PyBulletBus)), None)
+    bus = next((bus for bus in robot.buses.values() if isinstance(bus, SimulatedBus)), None)
     if bus is None:
-        if any(option is not None for option in (job.scenario, job.seed, job.hidden)):
+        if any(option is not None for option in (job.scenario, job.engine, job.seed, job.hidden)):
             raise InputError(
-                f"robot '{job.robot_file.name}' is not simulated: scenario, seed and hidden effects mean "
-                "nothing to it, unless its devices are emulated (--wire)"
+                f"robot '{job.robot_file.name}' is not simulated: scenario, engine, seed and hidden effects "
+                "mean nothing to it, unless its devices are emulated (--wire)"
             )
         return robot, None, None
     scenario = _altered(job.scenario or bus.scenario, job)
@@ -202,7 +204,9 @@ def _set_up(
 
 
 def _altered(scenario: Scenario, job: ArmJob) -> Scenario:
-    """The scenario with the seed and the hidden effects that are asked for."""
+    """The scenario with the engine, the seed and the hidden effects that are asked for."""
+    if job.engine is not None:
+        scenario = scenario.with_engine(job.engine)
     if job.seed is not None:
         scenario = scenario.with_seed(job.seed)
     hidden = scenario if job.hidden is None else hide(scenario, job.hidden)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ Work = Callable[[Mapping[str, Any], int], list[Row]]
 """Parameters and seed in, rows of scalars out; equal arguments give equal rows."""
 
 _PHYSICS = ("robot_io", "control", "estimation", "sim_backend")
-_LIBRARIES = ("numpy", "scipy", "pin", "pybullet")
+_LIBRARIES = ("numpy", "scipy", "pin", "pybullet", "mujoco-core")
 _ENDINGS = {".py", ".urdf", ".yaml"}
 
 
@@ -65,12 +65,19 @@ def code_version(module: str) -> str:
     Raises:
         InputError: there is no such module.
     """
-    digest = sha256("".join(f"{name} {version(name)}\n" for name in _LIBRARIES).encode())
+    digest = sha256("".join(f"{name} {_version_of(name)}\n" for name in _LIBRARIES).encode())
     for folder in (*map(_folder_of, _PHYSICS), _folder_of(module)):
         for path in _sources(folder):
             digest.update(f"{folder.name}/{path.relative_to(folder).as_posix()}\0".encode())
             digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+def _version_of(library: str) -> str:
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def _folder_of(module: str) -> Path:

@@ -6,21 +6,19 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-import palpate.render
 from palpate.files import output_folder, whole_file, write_text
+from palpate.render.page import rendered
 from palpate.sweep.figures import Drawing
 from palpate.sweep.summary import Table
 
 PAGE, FIGURES, TABLES = "index.html", "figures", "tables"
 _PIXELS_PER_INCH = 132
-_HERE, _RENDER = Path(__file__).parent, Path(palpate.render.__file__).parent
+_TEMPLATE = Path(__file__).parent / "page.html"
 
 
 @dataclass(frozen=True)
@@ -58,22 +56,14 @@ def write_page(
             pictures[section.title] = _save(section.drawing, folder / FIGURES)
         for table in (*section.tables, *section.more):
             write_text(folder / TABLES / f"{table.name}.csv", as_csv(table))
-    environment = Environment(
-        loader=FileSystemLoader(_HERE),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["cell"] = cell
-    page = environment.get_template("page.html").render(
+    page = rendered(
+        _TEMPLATE,
+        {"cell": cell},
         title=title,
         summary=summary,
         facts=facts,
         sections=sections,
         pictures=pictures,
-        style=Markup((_RENDER / "report.css").read_text(encoding="utf-8")),  # noqa: S704, our own
-        version=version("palpate"),
     )
     write_text(folder / PAGE, page)
     return folder / PAGE

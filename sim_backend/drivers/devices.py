@@ -1,4 +1,4 @@
-"""Encoders, drives and force sensor of the simulated arm, on a `pybullet_bus`."""
+"""Encoders, drives and force sensor of the simulated arm, on a `simulated_bus`."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -11,7 +11,7 @@ from robot_io.errors import LifecycleError
 from robot_io.files.file_model import FileModel
 from robot_io.interfaces import ForceSensor, JointEncoder, JointTorque
 from robot_io.types import FloatArray, Reading, Status
-from sim_backend.drivers.pybullet_bus import PyBulletBus
+from sim_backend.drivers.simulated_bus import SimulatedBus
 from sim_backend.sensors import Sample
 from sim_backend.sensors.sampling import quantise
 
@@ -30,7 +30,7 @@ class SimEncoder(JointEncoder):
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         context.settings_as(FileModel, settings)
-        self._bus = context.bus_as(PyBulletBus)
+        self._bus = context.bus_as(SimulatedBus)
         self._joint_count = context.robot_file.joint_count
 
     @property
@@ -55,7 +55,7 @@ class SimTorque(JointTorque):
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         context.settings_as(FileModel, settings)
-        self._bus = context.bus_as(PyBulletBus)
+        self._bus = context.bus_as(SimulatedBus)
         self._joint_count = context.robot_file.joint_count
         self._resolution_nm = 0.0
         self._active = False
@@ -97,7 +97,7 @@ class SimForce(ForceSensor):
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         context.settings_as(FileModel, settings)
-        self._bus = context.bus_as(PyBulletBus)
+        self._bus = context.bus_as(SimulatedBus)
 
     def read_force(self) -> Reading:
         return reading_of(self._bus.force_sample, slice(None), 1)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from estimation.accuracy import Noise, Press, ransac_map, recover_hunt_crossley
+from estimation.accuracy import Noise, Press
 from estimation.contact_estimator import ContactLaw
+from estimation.contact_estimators import CONTACT_ESTIMATORS
 from estimation.estimate_channel import estimate_channel
 from estimation.estimators import ESTIMATORS
 from estimation.estimators.lsq import Lsq
@@ -43,27 +44,14 @@ def test_the_bound_of_hunt_crossley_is_that_of_finite_differences():
     np.testing.assert_allclose(HUNT_CROSSLEY.bound(Noise()), expected, rtol=1e-4)
 
 
-def test_a_threshold_below_the_noise_throws_information_away():
-    cells = ransac_map(
-        KELVIN_VOIGT, Noise(0.02), thresholds_n=(0.005, 0.08), subsets=(5,), trials=(100,), draws=15
-    )
-    narrow, wide = (cell.k_over_bound for cell in cells)
-    assert narrow > 3.0
-    assert wide < 1.7
-    assert all(cell.failed == 0.0 for cell in cells)
-
-
-def test_a_threshold_without_a_consensus_is_counted_as_failed():
-    (cell,) = ransac_map(KELVIN_VOIGT, Noise(0.02), thresholds_n=(1e-9,), subsets=(5,), trials=(10,), draws=3)
-    assert cell.failed == 1.0
-    assert np.isnan(cell.k_over_bound)
-
-
-def test_hunt_crossley_is_recovered_over_its_range():
-    laws = [ContactLaw(k, k, n, n) for k, n in ((500.0, 1.0), (5e3, 1.5), (1e5, 2.2))]
-    found = recover_hunt_crossley(laws, Noise(outliers=0.3), estimators=("robust_hunt_crossley",), draws=20)
-    for each in found:
-        assert np.all(each.over_bound < 1.8), each
+@pytest.mark.parametrize(("k", "n"), [(500.0, 1.0), (5e3, 1.5), (1e5, 2.2)])
+def test_hunt_crossley_is_recovered_over_its_range_with_outliers(k, n):
+    press, noise, errors = Press(ContactLaw(k, k, n, n)), Noise(outliers=0.3), []
+    for seed in range(15):
+        rng = np.random.default_rng(seed)
+        force_n, estimator = press.read(noise, rng), CONTACT_ESTIMATORS["robust_hunt_crossley"]()
+        errors.append(estimator.fit(press.depth_m, press.speed_m_s, force_n, rng=rng)[:3] - press.truth)
+    assert np.all(np.sqrt(np.mean(np.square(errors), axis=0)) < 1.8 * press.bound(noise))
 
 
 @pytest.mark.parametrize(("outliers", "most"), [(0.0, 1.35), (0.3, 1.6)])

@@ -3,8 +3,8 @@ import pytest
 from sklearn.linear_model import LinearRegression, RANSACRegressor
 
 from estimation.estimators.ransac import Ransac
-from estimation.fitting.subsets import solve_subsets
 from estimation.regression import Regression
+from estimation.statistics.subsets import solve_subsets
 from robot_io.errors import InputError
 from tests.estimation.problems import NAMES, TRUTH, UNITS, motion, problem, std_errs, values
 

@@ -55,19 +55,6 @@ def test_intervals_are_honest_with_outliers_and_uneven_noise():
     assert np.all(np.mean(rates, axis=0) > 0.86)
 
 
-def test_a_given_sigma_is_used_and_only_its_factor_estimated():
-    columns, _ = motion()
-    sigma = np.where(np.arange(900) % 2 == 0, 1.0, 30.0)
-    rng = np.random.default_rng(2)
-    errors = []
-    for _ in range(40):
-        regression = problem(rng, noise=0.0)
-        noisy = regression.effort + 0.01 * sigma * rng.standard_normal(900)
-        told = type(regression)(columns, noisy, regression.names, regression.units, sigma, regression.run)
-        errors.append(values(fit(Robust(), told)) - TRUTH)
-    assert np.all(np.std(errors, axis=0) < 1.3 * cramer_rao(0.01 * sigma))
-
-
 def test_a_long_rest_that_fits_perfectly_does_not_outvote_the_motion():
     """Half of the samples rest where the model is exact; in the others it is a little wrong everywhere."""
     columns, run = motion(1800)

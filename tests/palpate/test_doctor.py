@@ -5,6 +5,7 @@ import json
 import pytest
 
 from palpate.doctor import Level, examine_all, machine, viewer
+from sim_backend.engines import default_engine
 from tests.palpate.cli import run
 
 
@@ -16,7 +17,7 @@ def test_this_machine_can_run_palpate():
 def test_json_has_a_remedy_for_everything_that_is_not_ok():
     result = run("doctor", "--json")
     findings = json.loads(result.stdout)["findings"]
-    assert {"python", "control package", "packages", "pybullet", "real time"} <= {
+    assert {"python", "control package", "packages", default_engine(), "real time"} <= {
         f["subject"] for f in findings
     }
     assert all(finding["remedy"] for finding in findings if finding["level"] != "ok")

@@ -42,7 +42,14 @@ def shipped_arm(name):
 
 
 def scenario(
-    law=None, surface_m=0.0, rate_hz=4000.0, gravity=GRAVITY_M_S2, mass_scale=1.0, seed=1, **sensors
+    law=None,
+    surface_m=0.0,
+    rate_hz=4000.0,
+    gravity=GRAVITY_M_S2,
+    mass_scale=1.0,
+    seed=1,
+    engine=None,
+    **sensors,
 ):
     """A scenario without a file; `force=..., torque=..., encoder=...` are the sensors' settings."""
     law = KelvinVoigt(stiffness_n_m=500.0, damping_n_s_m=20.0) if law is None else law
@@ -52,7 +59,7 @@ def scenario(
             "object": {"surface_height_m": surface_m, "law": law},
             "arm": {"mass_scale": mass_scale},
             "sensors": sensors,
-            "physics": {"rate_hz": rate_hz, "gravity_m_s2": gravity},
+            "physics": {"rate_hz": rate_hz, "gravity_m_s2": gravity} | ({"engine": engine} if engine else {}),
         }
     )
 

@@ -169,7 +169,7 @@ def test_the_pole_of_a_long_fall_is_not_the_engine_s_speed_limit():
         ({"urdf_text": "<robot name='r'><link name='probe'/></robot>"}, "not a serial arm"),
         (
             {"urdf_text": "<robot><link name='probe'/></robot>"},
-            "PyBullet cannot load it .Expected a name for robot",
+            "<robot> has no name",
         ),
         ({"urdf_text": SLIDER_URDF.replace('{mass_kg}"', 'heavy"')}, "a number is not one: .*'heavy'"),
         ({"tip_frame": "rail"}, "joints that do not move the tip: lift"),

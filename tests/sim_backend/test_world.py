@@ -7,11 +7,13 @@ import pytest
 
 from robot_io.errors import InputError
 from sim_backend import ContactEffect, Effects, JointEffect, SensorEffect
-from sim_backend.bullet import bullet
 from sim_backend.contact_laws import EngineContact, HuntCrossley, KelvinVoigt
 from tests.sim_backend.parts import GRAVITY_M_S2, column, make_world, scenario, shipped_arm, slider, watch
 
 WEIGHT_N = GRAVITY_M_S2  # of the slider's 1 kg
+OWN_CONTACT = pytest.mark.parametrize(
+    "engine", ["pybullet"], indirect=True
+)  # MuJoCo has none that is a spring
 
 
 def settled_depth(world, duration_s=3.0):
@@ -34,6 +36,7 @@ def test_an_object_can_change_while_it_is_touched():
     world.close()
 
 
+@OWN_CONTACT
 @pytest.mark.parametrize("stiffness", [200.0, 500.0, 7000.0])
 def test_the_engine_s_contact_carries_a_weight_at_the_depth_of_its_spring(stiffness):
     damping = np.sqrt(stiffness)
@@ -44,6 +47,7 @@ def test_the_engine_s_contact_carries_a_weight_at_the_depth_of_its_spring(stiffn
     world.close()
 
 
+@OWN_CONTACT
 def test_the_engine_s_contact_pushes_the_arm_s_probe_at_the_tip_frame():
     arm = shipped_arm("follower")
     world = make_world(arm, scenario(EngineContact(stiffness_n_m=1000, damping_n_s_m=60)))
@@ -57,6 +61,7 @@ def test_the_engine_s_contact_pushes_the_arm_s_probe_at_the_tip_frame():
     world.close()
 
 
+@OWN_CONTACT
 def test_law_and_engine_contact_replace_each_other():
     world = make_world(slider(0.001), scenario(EngineContact(stiffness_n_m=500, damping_n_s_m=40)))
     engine = settled_depth(world)
@@ -64,6 +69,21 @@ def test_law_and_engine_contact_replace_each_other():
     assert settled_depth(world) == pytest.approx(engine, rel=0.01)
     world.object.set_law(EngineContact(stiffness_n_m=1000, damping_n_s_m=40))
     assert settled_depth(world) == pytest.approx(WEIGHT_N / 1000, rel=0.01)
+    world.close()
+
+
+@pytest.mark.parametrize("engine", ["mujoco"], indirect=True)
+def test_an_engine_without_a_contact_of_its_own_refuses_the_law_and_keeps_the_other():
+    own, spring = (
+        EngineContact(stiffness_n_m=500, damping_n_s_m=40),
+        KelvinVoigt(stiffness_n_m=500, damping_n_s_m=40),
+    )
+    with pytest.raises(InputError, match="engine 'mujoco' has none: use 'kelvin_voigt'"):
+        make_world(slider(), scenario(own))
+    world = make_world(slider(), scenario(spring))
+    with pytest.raises(InputError, match="engine 'mujoco' has none"):
+        world.object.set_law(own)
+    assert world.object.law == spring
     world.close()
 
 
@@ -81,7 +101,7 @@ def test_worlds_side_by_side_do_not_disturb_each_other():
         second.advance_to(tick * 1e-3 * 0.7)
         depths.append(first.truth().depth_m)
         if tick == 150:
-            second.object.set_law(EngineContact(stiffness_n_m=100, damping_n_s_m=1))
+            second.object.set_law(KelvinVoigt(stiffness_n_m=100, damping_n_s_m=1))
     second.close()
     first.advance_to(0.4)
     first.close()
@@ -159,6 +179,7 @@ def test_a_contact_effect_acts_on_the_tip_once_a_step():
     world.close()
 
 
+@OWN_CONTACT
 def test_a_contact_effect_adds_to_the_engine_s_contact_too():
     class Doubled(ContactEffect):
         def contact_force_n(self, state, force_n):
@@ -195,27 +216,12 @@ def test_sensor_effects_act_on_their_own_sensor():
     world.close()
 
 
+@OWN_CONTACT
 def test_a_forgotten_world_does_not_keep_its_engine():
-    world = make_world(slider(0.1), scenario())
-    client = world._client
+    bullet = pytest.importorskip("pybullet")
+    world = make_world(slider(0.1), scenario(engine="pybullet"))
+    client = world._engine._client
     assert bullet.isConnected(client)
     del world
     gc.collect()
     assert not bullet.isConnected(client)
-
-
-def test_steps_taken_in_bundles_far_from_the_object_are_the_same_steps():
-    def dropped(longest_bundle):
-        world = make_world(slider(0.05), scenario(KelvinVoigt(stiffness_n_m=500, damping_n_s_m=20)))
-        world._longest_bundle = longest_bundle
-        seen = []
-        for tick in range(1, 300):
-            world.advance_to(tick * 1e-3)
-            seen.append((world.encoder.read(tick * 1e-3), world.force_sensor.read(tick * 1e-3)))
-        truth = world.truth()
-        world.close()
-        return seen, truth.force_n, truth.joint_position_rad.tolist(), world.time_s
-
-    one_by_one, bundled = dropped(1), dropped(4)
-    assert bundled == one_by_one
-    assert bundled[1] > 5.0  # it fell far, and touched

@@ -20,7 +20,7 @@ from estimation.effects.contact_offset import ContactOffset
 from estimation.estimate_channel import estimate_channel, fitting_rows
 from estimation.estimator import Estimator
 from estimation.estimators import ESTIMATORS
-from estimation.fitting.fit import fit
+from estimation.fit.samples import fit_samples
 from estimation.model import Model
 from estimation.models import MODELS
 from estimation.study.channels import CONTACT_MODEL
@@ -193,7 +193,7 @@ def _estimated(channel: ChannelData, model: Model, spec: str | Mapping[str, Any]
 def _samples(channel: ChannelData, model: Model) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Depth, speed and force in contact, for methods that must be told the surface: that of least squares."""
     rows = fitting_rows(channel)
-    surface_m = fit(model, channel, rows=rows).parameters[f"{ContactOffset.name}.offset"]
+    surface_m = fit_samples(model, channel, rows).parameters[f"{ContactOffset.name}.offset"]
     return channel.position[rows] - surface_m, channel.velocity[rows], channel.effort[rows]
 
 

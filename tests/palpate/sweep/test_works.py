@@ -52,12 +52,9 @@ def test_every_estimator_has_a_row_near_the_truth_and_the_bound_is_of_its_error(
     for row in rows:
         assert row["stiffness.k"] == pytest.approx(800, rel=0.02)
         assert row["true stiffness.k"] == 800
-    errors = [
-        (row["stiffness.k"] - 800) / row["bound stiffness.k"]
-        for seed in range(2, 10)
-        for row in probing.estimate(PARAMETERS | {"estimators": ["robust"]}, seed)
-    ]
-    assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 2.5  # 8 draws of an estimator that is nearly efficient
+    noisy = PARAMETERS | {"estimators": ["robust"], "noise_percent": 5.0, "draws": 12}
+    errors = [(row["stiffness.k"] - 800) / row["bound stiffness.k"] for row in probing.estimate(noisy, 1)]
+    assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 2.5  # of an estimator that is nearly efficient
 
 
 def test_the_bound_follows_the_noise():

@@ -1,4 +1,4 @@
-"""Efficient M-estimation by a few steps from a start that stands outliers, linear or not.
+"""Fits that stand outliers: what a residual costs, and steps to the efficient M-estimate, linear or not.
 
 Biweight psi and the noise of each sample are found again from the samples inside after each step or two. From
 a start that is near, as many steps as here are as efficient as the fully iterated estimate (D. G. Simpson,
@@ -8,6 +8,7 @@ D. Ruppert, R. J. Carroll, On One-Step GM Estimates and Stability of Inferences 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from estimation.statistics.noise_level import NoiseLevel, fit_noise_level, robus
 from robot_io.types import BoolArray, FloatArray
 
 CUT = 5.5  # of the biweight, in sigmas: 97.5 % efficient at Gaussian noise
+_CAUCHY_CUT = 2.385  # in sigmas: 95 % efficient at Gaussian noise
+_SMALLEST_RESIDUAL = 0.05  # in sigmas: keeps 1 / |residual| finite
 _INSIDE = 4.0  # sigmas within which a sample tells about the noise
 _LEVELS = 3  # times that the noise is found again
 _STEPS = 2  # with one noise
@@ -24,6 +27,26 @@ _FEWEST_SHARE = 0.05  # of the samples, to tell about the noise
 
 Evaluate = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """From parameters (p,) to the predicted effort (n,) and its slopes by them (n, p)."""
+
+
+class Loss(StrEnum):
+    """Loss of a standardised residual u."""
+
+    LINEAR = "linear"  # u^2 / 2: least squares
+    CAUCHY = "cauchy"  # grows with log u: stands outliers
+    BIWEIGHT = "biweight"  # Cauchy's, and from there a few steps with what is far off left out: see `settle`
+
+
+def cauchy_influence(standardised: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Cauchy's weight psi(u) / u in an equivalent least squares, and the slope of psi, each (n,)."""
+    square = (standardised / _CAUCHY_CUT) ** 2
+    return 1.0 / (1.0 + square), (1.0 - square) / (1.0 + square) ** 2
+
+
+def absolute_share(residuals: FloatArray) -> FloatArray:
+    """Squared weights with which least squares, repeated, minimises absolute residuals, shape (n,)."""
+    smallest = _SMALLEST_RESIDUAL * max(robust_sigma(residuals), np.finfo(float).tiny)
+    return np.asarray(1.0 / np.maximum(np.abs(residuals), smallest))
 
 
 @dataclass(frozen=True)
@@ -35,7 +58,7 @@ class Settled:
         slopes: of the prediction by them, shape (n, p).
         residuals: effort minus prediction, shape (n,).
         sigma: noise of each sample, shape (n,).
-        level: the same as floor and share, in units of the given shape.
+        level: the same as floor and share.
     """
 
     values: FloatArray
@@ -58,11 +81,7 @@ class Settled:
 
 
 def settle(
-    evaluate: Evaluate,
-    effort: FloatArray,
-    start: FloatArray,
-    shape: FloatArray | None = None,
-    known: NoiseLevel | None = None,
+    evaluate: Evaluate, effort: FloatArray, start: FloatArray, known: NoiseLevel | None = None
 ) -> Settled:
     """Step from `start` to the M-estimate.
 
@@ -70,15 +89,14 @@ def settle(
         evaluate: the model.
         effort: shape (n,).
         start: parameters that most samples agree with, shape (p,).
-        shape: noise of each sample up to a factor, shape (n,); None to find how it grows with the effort.
         known: noise that needs not be found; None to take it from the residuals.
     """
     values = start
     predicted, slopes = evaluate(values)
     inside = np.ones(len(effort), dtype=np.bool_)
     for _ in range(_LEVELS):
-        level = known or _level(effort - predicted, predicted, inside, shape)
-        sigma = level.sigma(predicted) if shape is None else level.floor * shape
+        level = known or _level(effort - predicted, predicted, inside)
+        sigma = level.sigma(predicted)
         for _ in range(_STEPS):
             weights = np.clip(1.0 - ((effort - predicted) / (CUT * sigma)) ** 2, 0.0, None) / sigma
             step = solve(slopes, effort - predicted, weights).gains
@@ -91,12 +109,8 @@ def settle(
     return Settled(values, slopes, effort - predicted, sigma, level)
 
 
-def _level(
-    residuals: FloatArray, predicted: FloatArray, inside: BoolArray, shape: FloatArray | None
-) -> NoiseLevel:
+def _level(residuals: FloatArray, predicted: FloatArray, inside: BoolArray) -> NoiseLevel:
     """Noise of the samples inside; of all where too few are."""
     if np.count_nonzero(inside) < _FEWEST_SHARE * len(inside):
         inside = np.ones_like(inside)
-    if shape is not None:
-        return NoiseLevel(max(robust_sigma((residuals / shape)[inside]), float(np.finfo(float).tiny)), 0.0)
     return fit_noise_level(residuals[inside], predicted[inside])

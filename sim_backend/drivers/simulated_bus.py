@@ -18,14 +18,14 @@ from sim_backend.world import ArmDescription, World
 _REST_RAD, _REST_RAD_S = 0.01, 0.1  # nearer and slower than this the arm is on its rest
 
 
-class PyBulletSettings(FileModel):
+class SimulatedBusSettings(FileModel):
     """What the robot file says about the world."""
 
     # Name of a shipped scenario, path of a scenario file, or the scenario itself.
     scenario: str | dict[str, object] = "default"
 
 
-class PyBulletBus(Bus):
+class SimulatedBus(Bus):
     """A simulated world in place of a wire.
 
     On a simulated clock the world moves whenever the clock does; on any other it catches up at each poll and
@@ -33,7 +33,7 @@ class PyBulletBus(Bus):
     when it is deactivated there.
 
     Args:
-        settings: as `PyBulletSettings`.
+        settings: as `SimulatedBusSettings`.
         context: clock and robot file.
 
     Raises:
@@ -49,7 +49,7 @@ class PyBulletBus(Bus):
     name: ClassVar[str] = "pybullet"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        own = context.settings_as(PyBulletSettings, settings)
+        own = context.settings_as(SimulatedBusSettings, settings)
         if isinstance(own.scenario, Mapping) and own.scenario.get("hidden"):
             problem = "belongs in a scenario file: a session keeps the robot file, for everybody to read"
             raise input_error(context.robot_file.document, (*context.section, "scenario", "hidden"), problem)
@@ -81,7 +81,7 @@ class PyBulletBus(Bus):
     def configure(self) -> None:
         """Build the world, with the arm at home and at rest.
 
-        InputError: PyBullet cannot load the URDF, or it does not fit the robot file.
+        InputError: the physics engine cannot load the URDF, or it does not fit the robot file.
         """
         robot = self._robot_file
         try:

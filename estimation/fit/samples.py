@@ -1,0 +1,204 @@
+"""A model fitted to single samples of a channel, some of which may be wrong: what an estimator begins from.
+
+Gains by variable projection inside a bounded search for the inner parameters (`polish`). Outliers weigh
+less by iteration (P. W. Holland, R. E. Welsch, Robust Regression Using Iteratively Reweighted Least-Squares,
+Comm. Stat. 6 (1977)), first by absolute residuals, whose minimum does not depend on the start.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.fit.colour import WHITE
+from estimation.fit.frame import Frame
+from estimation.fit.polish import polish
+from estimation.fit.robust import Loss, Settled, absolute_share, cauchy_influence, settle
+from estimation.fit.trial import Bench, Trial, attempt
+from estimation.model import Model
+from estimation.statistics.noise_level import robust_sigma
+from estimation.statistics.uncertainty import Covariance, sandwich
+from robot_io.types import BoolArray, FloatArray
+
+_ROUNDS = 40
+_ABSOLUTE_ROUNDS = 5
+_TOLERANCE = 1e-7
+_STEP = 1e-5  # of an inner parameter in a difference quotient, relative to its value or typical range
+_INSIDE = 1e-3  # of its range, that a search begins away from a bound
+
+
+@dataclass(frozen=True)
+class SampleFit:
+    """A model with its parameters.
+
+    Attributes:
+        model: what was fitted.
+        parameters: gains, then inner parameters, by "effect.parameter".
+        covariance: of the parameters in that order; NaN for an inner parameter that ended at its bound, if
+            that is not one of `Model.within`.
+        unbounded: the same as if there were no bounds: a bound is no measurement.
+        residuals: effort minus prediction in the samples that were fitted.
+        jacobian: slopes of the prediction in those samples, one column for each parameter.
+    """
+
+    model: Model
+    parameters: dict[str, float]
+    covariance: Covariance
+    unbounded: Covariance
+    residuals: FloatArray
+    jacobian: FloatArray
+
+
+def fit_samples(
+    model: Model, data: ChannelData, rows: BoolArray | None = None, loss: Loss = Loss.LINEAR
+) -> SampleFit:
+    """Fit all parameters of a model together.
+
+    Args:
+        model: what to fit.
+        data: whole runs of the channel; effects with memory see all of it.
+        rows: samples whose residuals count, shape (n,); None for all.
+        loss: `Loss.CAUCHY` or `Loss.BIWEIGHT` where some samples may be wrong.
+    """
+    count = len(data)
+    used = np.ones(count, dtype=np.bool_) if rows is None else rows
+    bench = Bench(
+        Frame(data, np.arange(count)[:, None], data.run, np.zeros(count, dtype=np.int64), used), WHITE
+    )
+    begun = _scanned(bench, model, loss)
+    trial = _finely(bench, begun) if loss is Loss.LINEAR else _reweighted(bench, begun)
+    return _described(trial, bench, loss)
+
+
+def slopes_of(model: Model, data: ChannelData, parameters: Mapping[str, float]) -> FloatArray:
+    """Change of the prediction with each gain and each inner parameter, shape (n, p + q)."""
+    by_gain, _ = model.linearise(data, parameters)
+    return np.column_stack([by_gain, *model.inner_slopes(data, parameters, _STEP)])
+
+
+def _finely(bench: Bench, trial: Trial) -> Trial:
+    return polish(bench, trial, settled=1e-10, step=_STEP)
+
+
+def _scanned(bench: Bench, model: Model, loss: Loss) -> Trial:
+    """The best of the starts that each effect proposes, one effect after the other."""
+    inner = {name: float(parameter.spread(3)[1]) for name, parameter in model.inner.items()}
+    best = attempt(bench, model, _inside(model, inner))
+    for effect in model.effects:
+        if effect.inner:
+            proposals = [
+                inner | {f"{effect.name}.{name}": value for name, value in start.items()}
+                for start in effect.starts(bench.frame.data)
+            ]
+            trials = [attempt(bench, model, _inside(model, proposal)) for proposal in proposals]
+            best = min(trials, key=lambda trial: _cost(bench, trial, loss))
+            inner = {name: best.parameters[name] for name in model.inner}
+    return best
+
+
+def _inside(model: Model, inner: Mapping[str, float]) -> dict[str, float]:
+    """Inner parameters off their bounds, where a search would be stuck."""
+    inside = {}
+    for name, value in inner.items():
+        low, high = model.inner[name].lower, model.inner[name].upper
+        margin = _INSIDE * (high - low)
+        inside[name] = float(np.clip(value, low + margin, high - margin))
+    return inside
+
+
+def _cost(bench: Bench, trial: Trial, loss: Loss) -> float:
+    """What these inner parameters leave: squares, or the mean absolute residual if the loss is robust."""
+    if loss is Loss.LINEAR:
+        return trial.sse
+    for _ in range(_ABSOLUTE_ROUNDS):
+        weighted = replace(bench, weights=np.sqrt(absolute_share(trial.residual)))
+        trial = attempt(weighted, trial.model, trial.parameters)
+    return float(np.mean(np.abs(trial.residual[bench.kept])))
+
+
+def _reweighted(bench: Bench, trial: Trial) -> Trial:
+    """Repeat the search with Cauchy's weights from the residuals of the one before."""
+    for number in range(_ROUNDS):
+        absolute = number < _ABSOLUTE_ROUNDS
+        left = trial.residual
+        share = absolute_share(left) if absolute else cauchy_influence(left / _core(left[bench.kept]))[0]
+        weighted = replace(bench, weights=np.sqrt(share))
+        before, trial = trial, _finely(weighted, attempt(weighted, trial.model, trial.parameters))
+        if not absolute and _is_settled(before, trial):
+            break
+    return trial
+
+
+def _core(residuals: FloatArray) -> float:
+    return max(robust_sigma(residuals), float(np.finfo(float).tiny))
+
+
+def _is_settled(before: Trial, after: Trial) -> bool:
+    """Whether no gain moved by more than a share of the largest, nor an inner parameter of its range."""
+    gains, inner = list(after.model.gains), after.model.inner
+    largest = max((abs(after.parameters[name]) for name in gains), default=0.0)
+    scale = dict.fromkeys(gains, largest) | {n: p.typical[1] - p.typical[0] for n, p in inner.items()}
+    moved = {name: abs(after.parameters[name] - before.parameters[name]) for name in scale}
+    return all(moved[name] <= _TOLERANCE * size for name, size in scale.items())
+
+
+def _settled(bench: Bench, trial: Trial) -> Settled:
+    """From a solution that stands outliers to the efficient one near it; what is at a bound stays there."""
+    model, data, rows = trial.model, bench.frame.data, bench.kept
+    fixed = [
+        name in model.inner and model.inner[name].at_bound(value) for name, value in trial.parameters.items()
+    ]
+
+    def evaluate(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        parameters = _named(model, values)
+        slopes = slopes_of(model, data, parameters)[rows]
+        slopes[:, fixed] = 0.0
+        return model.predict(data, parameters)[rows], slopes
+
+    return settle(evaluate, data.effort[rows], np.array(list(trial.parameters.values())))
+
+
+def _named(model: Model, values: FloatArray) -> dict[str, float]:
+    """Parameters by name, inner ones within their bounds."""
+    named = dict(zip((*model.gains, *model.inner), values.tolist(), strict=True))
+    return named | {n: float(np.clip(named[n], p.lower, p.upper)) for n, p in model.inner.items()}
+
+
+def _described(trial: Trial, bench: Bench, loss: Loss) -> SampleFit:
+    """The fit with the standard errors of all parameters together."""
+    model, data, rows = trial.model, bench.frame.data, bench.kept
+    parameters = trial.parameters
+    if loss is Loss.BIWEIGHT:
+        settled = _settled(bench, trial)
+        parameters = _named(model, settled.values)
+        psi, slope = settled.influence
+        score, slope = psi / settled.sigma, slope / settled.sigma**2
+    residuals = (data.effort - model.predict(data, parameters))[rows]
+    if loss is Loss.LINEAR:
+        score, slope = residuals, np.ones(len(residuals))
+    elif loss is Loss.CAUCHY:
+        weight, slope = cauchy_influence(residuals / _core(residuals))
+        score = weight * residuals
+    jacobian = slopes_of(model, data, parameters)[rows]
+    free = np.array(
+        [n not in model.inner or n in model.within or not model.at_bound(n, v) for n, v in parameters.items()]
+    )
+    unbounded = sandwich(jacobian, score, slope, data.run[rows])
+    if not np.isfinite(unbounded.matrix).all():
+        unbounded = _spread_out(sandwich(jacobian[:, free], score, slope, data.run[rows]), free)
+    return SampleFit(model, parameters, _without(unbounded, ~free), unbounded, residuals, jacobian)
+
+
+def _without(covariance: Covariance, fixed: BoolArray) -> Covariance:
+    """The covariance with NaN for those that ended at a bound."""
+    matrix = covariance.matrix.copy()
+    matrix[fixed, :] = matrix[:, fixed] = np.nan
+    return Covariance(matrix, covariance.degrees_of_freedom)
+
+
+def _spread_out(covariance: Covariance, free: BoolArray) -> Covariance:
+    """The covariance of all parameters, NaN for those that were not free."""
+    matrix = np.full((len(free), len(free)), np.nan)
+    matrix[np.ix_(free, free)] = covariance.matrix
+    return Covariance(matrix, covariance.degrees_of_freedom)

@@ -1,1 +1,0 @@
-"""Fits a model to a channel."""

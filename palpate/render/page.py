@@ -1,0 +1,25 @@
+"""Pages from templates: each stands alone, with its style inside."""
+
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+_STYLE = Path(__file__).parent / "report.css"
+
+
+def rendered(template: Path, filters: Mapping[str, Callable[..., Any]], **values: object) -> str:
+    """The page that a template makes of values; `style` and `version` are given to all."""
+    environment = Environment(
+        loader=FileSystemLoader(template.parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= filters
+    style = Markup(_STYLE.read_text(encoding="utf-8"))  # noqa: S704, our own
+    return environment.get_template(template.name).render(**values, style=style, version=version("palpate"))

@@ -1,0 +1,129 @@
+"""The arm in MuJoCo: the object's force and all torques are applied as generalised forces."""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+from sim_backend.engines.engine import Engine, Quaternion, check_serial
+
+# Friction and stops are soft constraints here. This is as hard as they get: within 2 steps, to 1 part in 1e4.
+_STEPS_TO_STOP = 2.0
+_HARD = [0.9999, 0.9999, 0.001, 0.5, 2.0]
+
+mujoco.set_mju_user_warning(lambda text: None)  # it would write MUJOCO_LOG.TXT where the user happens to be
+
+
+class MujocoEngine(Engine):
+    """See `Engine`. Joint damping, armature and friction of the URDF are off, as in PyBullet."""
+
+    name: ClassVar[str] = "mujoco"
+
+    def __init__(
+        self, urdf_text: str, tip_frame: str, *, step_s: float, gravity_m_s2: Sequence[float]
+    ) -> None:
+        self._model = model = _load(urdf_text)
+        model.opt.timestep = step_s
+        model.opt.gravity[:] = gravity_m_s2
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        for losses in (model.dof_damping, model.dof_armature, model.dof_frictionloss, model.jnt_stiffness):
+            losses[:] = 0.0
+        model.jnt_solref[:] = model.dof_solref[:] = (_STEPS_TO_STOP * step_s, 1.0)
+        model.jnt_solimp[:] = model.dof_solimp[:] = _HARD
+        self._tip = int(model.body(tip_frame).id)
+        check_serial([model.joint(i).name for i in range(model.njnt)], self._joints_towards_tip())
+        effort = zip(model.jnt_actfrclimited, model.jnt_actfrcrange[:, 1], strict=True)
+        self.torque_limit_nm = [float(limit) if limited else np.inf for limited, limit in effort]
+        self._data = mujoco.MjData(model)
+        self._aside = mujoco.MjData(model)  # for questions about other states
+        self._tip_velocity = np.zeros(6)
+        self._force_world_n = np.zeros(3)
+        self._no_torque = np.zeros(3)
+        self._update_links()
+
+    def _joints_towards_tip(self) -> list[str]:
+        body, names = self._tip, []
+        while body > 0:
+            first = self._model.body_jntadr[body]
+            names += [self._model.joint(first + i).name for i in range(self._model.body_jntnum[body])]
+            body = self._model.body_parentid[body]
+        return names
+
+    def place(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
+        self._data.qpos[:] = position_rad
+        self._data.qvel[:] = velocity_rad_s
+        self._data.qacc_warmstart[:] = 0.0
+        self._update_links()
+
+    def joint_state(self) -> list[float]:
+        positions: list[float] = self._data.qpos.tolist()
+        velocities: list[float] = self._data.qvel.tolist()
+        return positions + velocities
+
+    def tip_state(self) -> tuple[Sequence[float], Sequence[float], Quaternion]:
+        data, tip, velocity = self._data, self._tip, self._tip_velocity
+        mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_XBODY, tip, velocity, 0)
+        w, x, y, z = data.xquat[tip].tolist()
+        return data.xpos[tip].tolist(), velocity[3:].tolist(), (x, y, z, w)
+
+    def push(self, torque_nm: Sequence[float], tip_force_z_n: float, tip_position_m: Sequence[float]) -> None:
+        data = self._data
+        data.qfrc_applied[:] = torque_nm
+        if tip_force_z_n:
+            self._force_world_n[2] = tip_force_z_n
+            mujoco.mj_applyFT(
+                self._model,
+                data,
+                self._force_world_n,
+                self._no_torque,
+                data.xpos[self._tip],
+                self._tip,
+                data.qfrc_applied,
+            )
+
+    def brake(self, friction_nm: Sequence[float]) -> None:
+        self._model.dof_frictionloss[:] = friction_nm
+
+    def step(self) -> None:
+        mujoco.mj_step(self._model, self._data)
+        self._update_links()
+
+    def _update_links(self) -> None:
+        """A step leaves positions and velocities of links as they were before it."""
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_comVel(self._model, self._data)
+
+    def mass_matrix(self, position_rad: Sequence[float]) -> FloatArray:
+        self._aside.qpos[:] = position_rad
+        mujoco.mj_fwdPosition(self._model, self._aside)
+        matrix = np.zeros((self.joint_count, self.joint_count))
+        mujoco.mj_fullM(self._model, self._aside, matrix)
+        return matrix
+
+    def inverse_dynamics(
+        self,
+        position_rad: Sequence[float],
+        velocity_rad_s: Sequence[float],
+        acceleration_rad_s2: Sequence[float],
+    ) -> FloatArray:
+        aside, torque = self._aside, np.zeros(self.joint_count)
+        aside.qpos[:], aside.qvel[:], aside.qacc[:] = position_rad, velocity_rad_s, acceleration_rad_s2
+        mujoco.mj_fwdPosition(self._model, aside)
+        mujoco.mj_fwdVelocity(self._model, aside)
+        mujoco.mj_rne(self._model, aside, 1, torque)
+        return torque
+
+
+def _load(urdf_text: str) -> mujoco.MjModel:
+    try:
+        specification = mujoco.MjSpec.from_string(urdf_text)
+        specification.compiler.fusestatic = (
+            False  # the tip frame would be merged into the link that carries it
+        )
+        return specification.compile()
+    except ValueError as error:
+        raise InputError(f"URDF: MuJoCo cannot load it ({' '.join(str(error).split())})") from error

@@ -1,0 +1,132 @@
+"""Fits to single samples: at the Cramer-Rao bound, and near it among outliers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.effects import EFFECTS
+from estimation.estimate import Identifiability
+from estimation.estimate_channel import estimate_channel
+from estimation.estimators import ESTIMATORS
+from estimation.fit.robust import Loss
+from estimation.fit.samples import fit_samples
+from estimation.model import Model
+from tests.estimation.contact_data import base_model, channel, swing
+
+TRUTH = {"hunt_crossley.k": 2000.0, "hunt_crossley.b": 1500.0, "hunt_crossley.n": 1.3}
+NOISE_N = 0.02
+
+
+def hunt_crossley_data(seed, outliers=0.0, noise=NOISE_N):
+    rng = np.random.default_rng(seed)
+    t, x, v = swing()
+    k, b, n = TRUTH.values()
+    force = k * x**n + b * x**n * v + noise * rng.standard_normal(len(t))
+    wrong = rng.random(len(t)) < outliers
+    return channel(np.where(wrong, force + rng.uniform(-1.0, 4.0, len(t)), force), x, v, t)
+
+
+def relative_errors(found):
+    return np.array([found.parameters[name] / true - 1 for name, true in TRUTH.items()])
+
+
+def cramer_rao():
+    """Relative bound from derivatives worked out by hand."""
+    _, x, v = swing()
+    k, b, n = TRUTH.values()
+    jacobian = np.column_stack([x**n, x**n * v, (k + b * v) * x**n * np.log(x)])
+    return np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))) * NOISE_N / np.array([k, b, n])
+
+
+@pytest.mark.parametrize("loss", list(Loss))
+def test_finds_gains_and_exponent_without_noise(loss):
+    found = fit_samples(base_model("hunt_crossley"), hunt_crossley_data(0, noise=0.0), loss=loss)
+    np.testing.assert_allclose(relative_errors(found), 0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("loss", "outliers", "times"),
+    [(Loss.LINEAR, 0.0, 1.3), (Loss.CAUCHY, 0.3, 2.5)],
+)
+def test_errors_are_near_the_cramer_rao_bound_and_within_the_intervals(loss, outliers, times):
+    model, errors, held = base_model("hunt_crossley"), [], []
+    for seed in range(20):
+        found = fit_samples(model, hunt_crossley_data(seed, outliers), loss=loss)
+        errors.append(relative_errors(found))
+        low, high = found.covariance.intervals(np.array(list(found.parameters.values()))).T
+        held.append((low <= list(TRUTH.values())) & (list(TRUTH.values()) <= high))
+    assert np.all(np.sqrt(np.mean(np.square(errors), axis=0)) < times * cramer_rao())
+    assert np.all(np.mean(held, axis=0) > 0.8)
+
+
+def test_least_squares_does_not_stand_outliers():
+    found = fit_samples(base_model("hunt_crossley"), hunt_crossley_data(0, outliers=0.3))
+    assert abs(relative_errors(found)[0]) > 0.2
+
+
+def test_only_the_chosen_rows_count():
+    data = hunt_crossley_data(1)
+    rows = np.arange(len(data)) % 2 == 0
+    spoilt = replace(data, effort=np.where(rows, data.effort, 100.0))
+    found = fit_samples(base_model("hunt_crossley"), spoilt, rows)
+    np.testing.assert_allclose(relative_errors(found), 0.0, atol=0.02)
+    assert np.std(found.residuals) < 0.03
+
+
+def test_finds_where_the_surface_is():
+    rng = np.random.default_rng(3)
+    t, x, v = swing()
+    data = channel(800 * x + 30 * v + 0.02 * rng.standard_normal(len(t)), x + 0.0004, v, t)
+    data = replace(data, touching=np.ones(len(t), dtype=bool))
+    model = base_model("kelvin_voigt", surface_found=True)
+    offset = estimate_channel(data, model, ESTIMATORS["lsq"](), rng=rng)["contact_offset.offset"]
+    assert offset.unit == "m"
+    assert abs(offset.value - 0.0004) < 4 * offset.std_err < 5e-5
+
+
+def test_says_when_the_search_ends_at_a_bound():
+    t, x, v = swing()
+    data = channel(1e9 * x**5, x, v, t)  # an exponent beyond what the effect allows
+    found = estimate_channel(
+        data, base_model("hunt_crossley"), ESTIMATORS["lsq"](), rng=np.random.default_rng(0)
+    )
+    assert found["hunt_crossley.n"].value == pytest.approx(4.0)
+    assert np.isnan(found["hunt_crossley.n"].std_err)
+    assert np.isfinite(found["hunt_crossley.k"].std_err)
+    assert found.identifiability is Identifiability.WEAK
+    assert "hunt_crossley.n: the search ended at the bound" in found.note
+
+
+def test_a_gain_is_no_surer_for_a_partner_that_ended_at_its_bound():
+    # the surface lies 30 mm off, 20 mm is the bound: only the slope says what k is
+    rng = np.random.default_rng(8)
+    t = np.arange(0.0, 1.0, 1e-3)
+    x = 0.004 + 0.0002 * np.sin(9.0 * t)
+    data = channel(100.0 * (x + 0.03) + 0.02 * rng.standard_normal(len(t)), x, np.gradient(x, t), t)
+    model = base_model("kelvin_voigt", surface_found=True)
+    found = estimate_channel(data, model, ESTIMATORS["robust"](), rng=np.random.default_rng(1))
+    assert np.isnan(found["contact_offset.offset"].std_err)
+    level_alone = 0.02 / np.sqrt(np.sum((x + 0.02) ** 2))  # what k would be known to if that were the surface
+    slope_alone = 0.02 / np.sqrt(np.sum((x - x.mean()) ** 2))  # what it is known to
+    assert level_alone < 0.1 * slope_alone
+    assert found["stiffness.k"].std_err == pytest.approx(slope_alone, rel=0.5)
+
+
+def test_jacobian_is_that_of_the_formula():
+    found = fit_samples(base_model("hunt_crossley"), hunt_crossley_data(7))
+    _, x, v = swing()
+    k, b, n = found.parameters.values()
+    jacobian = np.column_stack([x**n, x**n * v, (k + b * v) * x**n * np.log(x)])
+    np.testing.assert_allclose(found.jacobian, jacobian, rtol=1e-6, atol=1e-9)
+
+
+def test_two_searched_effects_at_once():
+    rng = np.random.default_rng(8)
+    t, x, v = swing(4000)
+    k, b, n = TRUTH.values()
+    force = k * x**n * (1 + b / k * v) + 0.01 * rng.standard_normal(len(t))
+    model = Model("both", (EFFECTS["hunt_crossley"](), EFFECTS["contact_offset"]()))
+    found = fit_samples(model, channel(force, x - 0.0003, v, t))
+    assert found.parameters["contact_offset.offset"] == pytest.approx(-0.0003, abs=5e-5)
+    assert found.parameters["hunt_crossley.n"] == pytest.approx(1.3, abs=0.02)
