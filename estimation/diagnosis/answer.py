@@ -104,16 +104,7 @@ def fitted(standing: Standing) -> Fitted:
 
 
 def _parameters(standing: Standing) -> dict[str, ParameterValue]:
-    bench, trial = final(standing)
-    return {
-        name: ParameterValue(
-            value=one.value,
-            std_err=one.std_err if np.isfinite(one.std_err) else None,
-            unit=one.unit,
-            at_bound=trial.model.at_bound(name, one.value),
-        )
-        for name, one in values(bench, trial).items()
-    }
+    return {name: ParameterValue.of(one) for name, one in values(*final(standing)).items()}
 
 
 def _accepted(found: Judgement, path: Sequence[Standing]) -> list[Accepted]:

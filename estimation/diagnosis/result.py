@@ -1,8 +1,12 @@
 """What a diagnosis says, in documented and stable keys (see docs/diagnosis.md)."""
 
 from enum import StrEnum
+from math import isfinite
+from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from estimation.estimate import ParameterEstimate
 
 
 class Verdict(StrEnum):
@@ -25,6 +29,12 @@ class ParameterValue(_Entry):
     std_err: float | None
     unit: str
     at_bound: bool = False
+
+    @classmethod
+    def of(cls, found: ParameterEstimate) -> Self:
+        """An estimate as it is written down."""
+        std_err = found.std_err if isfinite(found.std_err) else None
+        return cls(value=found.value, std_err=std_err, unit=found.unit, at_bound=found.at_bound)
 
 
 Parameters = dict[str, ParameterValue]

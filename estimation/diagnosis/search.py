@@ -233,16 +233,15 @@ class Search:
 
     def is_sensible(self, standing: Standing) -> bool:
         """Whether added effects are what their names say, and turn no base gain beyond its bounds."""
-        names, trial = set(self.added(standing)), standing.trial
+        return all(self.is_sound(standing, effect.name) for effect in standing.trial.model.effects)
 
-        def is_sound(effect: Effect) -> bool:
-            if effect.name in names:
-                return is_possible(effect, trial, standing.plain) and not is_misnamed(
-                    effect, trial, standing.plain
-                )
-            return is_credible(effect, trial) or not is_credible(effect, self.start.trial)
-
-        return all(is_sound(effect) for effect in trial.model.effects)
+    def is_sound(self, standing: Standing, name: str) -> bool:
+        """The same of one effect."""
+        (effect,) = (one for one in standing.trial.model.effects if one.name == name)
+        trial, bench = standing.trial, standing.plain
+        if name in self.added(standing):
+            return is_possible(effect, trial, bench) and not is_misnamed(effect, trial, bench)
+        return is_credible(effect, trial) or not is_credible(effect, self.start.trial)
 
     def exchanged(self, standing: Standing, name: str) -> list[Standing]:
         """Models with another effect in the place of one, of those that may do better, in order."""
@@ -364,14 +363,17 @@ def _climb(search: Search, standing: Standing) -> Standing:
 
 
 def _looked_back(search: Search, standing: Standing) -> Standing:
-    """Drop what later effects made needless, and exchange what another would now do better."""
+    """Drop what later effects made needless, and exchange what another would now do better, or is sound."""
     for name in search.added(standing):
         less = search.without(standing, name)
         if not search.is_needed(less, standing):
             standing = less
-        else:
-            better = [one for one in search.exchanged(standing, name) if search.is_better(one, standing)]
-            standing = better[0] if better else standing
+            continue
+        is_sound = search.is_sound(standing, name)
+        better = (
+            one for one in search.exchanged(standing, name) if not is_sound or search.is_better(one, standing)
+        )
+        standing = next(better, standing if is_sound else less)
     return standing
 
 

@@ -18,7 +18,8 @@ class DryFriction(AdditiveEffect):
     """F = f s; the direction of motion s takes a short path to turn round, and stays at rest.
 
     Each touch begins unstrained, s = 0: what rubs has nothing to hold on to before. Slower than `transition`,
-    a film between the surfaces gives way, and s goes to less than the sign of the motion.
+    a film between the surfaces gives way, and s goes to less than the sign of the motion. With the shortest
+    path that may be, there is nothing but the film: s = tanh(v/transition), also at rest.
     """
 
     name = "dry_friction"
@@ -46,18 +47,19 @@ class DryFriction(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        touch = stretches(data.engaged, data.run)
-        way = steadied(data.position, data.time_s, data.run)
-        s = direction(way, touch, inner["presliding"], np.tanh(data.velocity / inner["transition"]))
+        s = np.tanh(data.velocity / inner["transition"])
+        if inner["presliding"] > self.inner[0].lower:
+            touch = stretches(data.engaged, data.run)
+            s = direction(steadied(data.position, data.time_s, data.run), touch, inner["presliding"], s)
         return np.where(data.engaged, s, 0.0)[:, None]
 
     def suited_to(self, data: ChannelData) -> "DryFriction":
         """See `Effect.suited_to`: what the tool pulls with it rubs at its sides, and needs no push."""
-        pressed, air = data.effort[data.engaged], np.abs(data.effort[~data.engaged])
+        pressed, air = data.effort[data.engaged], data.effort[~data.engaged]
         if not len(pressed):
             return self
-        noise = float(np.quantile(air, _MOST)) if len(air) else 0.0
-        least = -2.0 * noise - _LITTLE * float(np.max(np.abs(pressed)))
+        noise = float(np.quantile(air, 1.0 - _MOST)) if len(air) else 0.0
+        least = 2.0 * min(noise, 0.0) - _LITTLE * float(np.max(np.abs(pressed)))
         return _AtTheSides() if np.quantile(pressed, 1.0 - _MOST) < least else self
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
@@ -65,9 +67,12 @@ class DryFriction(AdditiveEffect):
         depth = max(float(np.max(data.position, initial=0.0)), 1e-9)
         speed = float(np.sqrt(np.mean(data.velocity[data.engaged] ** 2))) if data.engaged.any() else 1.0
         paths = [(part, 1e-3) for part in np.geomspace(1e-3, 1e-1, 5)]
-        speeds = [(1e-4, part) for part in (0.01, 0.03, 0.1)]
+        speeds = [(0.0, part) for part in (0.003, 0.01, 0.03, 0.1)]
         return tuple(
-            {"presliding": float(path * depth), "transition": float(share * speed) or 1e-7}
+            {
+                "presliding": max(float(path * depth), self.inner[0].lower),
+                "transition": float(share * speed) or 1e-7,
+            }
             for path, share in (*paths, *speeds)
         )
 

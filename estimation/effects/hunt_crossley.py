@@ -1,11 +1,12 @@
 """The nonlinear contact of Hunt and Crossley."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from robot_io.types import FloatArray
 
 
@@ -39,3 +40,18 @@ class HuntCrossley(AdditiveEffect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         power = np.maximum(data.position, 0.0) ** inner["n"]
         return np.column_stack([power, power * data.velocity])
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: the damper shows a power of the depth that the spring does not have."""
+        k, b, n = (parameters[f"{self.name}.{p.name}"] for p in (*self.gains, *self.inner))
+        depth = np.maximum(data.position, 0.0)
+        spring, damper = (_bent(depth**n * by, depth * by) for by in (np.ones(len(data)), data.velocity))
+        return bool(abs(b) * damper > noise > abs(k) * spring)
+
+
+def _bent(signal: FloatArray, straight: FloatArray) -> float:
+    """Root mean square of a signal (n,) less what is proportional to another."""
+    share = float(signal @ straight) / max(float(straight @ straight), 1e-300)
+    return float(np.sqrt(np.mean((signal - share * straight) ** 2)))

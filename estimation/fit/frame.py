@@ -31,6 +31,9 @@ _UNKNOWN_S = 0.1  # from the start of a run: what a delay or a lag shows there h
 _UNKNOWN = 0.05  # of a run, at most
 _WITHIN = 0.05  # of the effort's variance, that means over blocks may lose
 _SMOOTH = 0.75  # of the variance of white noise's steps, below which it is a swing
+_AGAIN = (
+    0.9  # of the contact of a run that begins pressed: with more in its first touch, it hardly presses again
+)
 _REST = 0.05  # of the joint's usual highest speed
 
 
@@ -214,11 +217,19 @@ def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Blocks at the start of a run, shape (m,): what is remembered there was not recorded."""
+    """Blocks at the start of a run, shape (m,): what is remembered there was not recorded.
+
+    A run that begins pressed remembers how it came there until it lets go; where it hardly presses
+    again, it is taken as if the press began with it.
+    """
     found = np.zeros(len(data), dtype=np.bool_)
     for of_run in rows_of_runs(data.run):
         since_s = data.time_s[of_run] - data.time_s[of_run[0]]
         found[of_run] = since_s < min(_UNKNOWN_S, _UNKNOWN * float(since_s[-1]))
+        if data.kind is ChannelKind.CONTACT:
+            pressed = data.engaged[of_run]
+            until = len(pressed) if pressed.all() else int(np.argmin(pressed))
+            found[of_run[:until]] |= until < _AGAIN * np.sum(pressed)
     return np.asarray(found[rows].any(axis=1))
 
 

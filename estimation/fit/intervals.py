@@ -4,10 +4,11 @@ Errors of the motion's readings turn parameters and leave next to nothing in the
 Measurement Error Models (1987)): they are added, from readings drawn again.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from estimation.estimate import ParameterEstimate
 from estimation.fit.acceleration_doubt import doubted
 from estimation.fit.memory import Memory
 from estimation.fit.polish import polish
@@ -17,6 +18,7 @@ from estimation.fit.trial import Bench, Trial, attempt
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import FloatArray, IntArray
 
+SIGMAS_95 = 1.96
 _READINGS, _SEED = 8, 1  # of the motion, drawn again
 _NOISE_ALONE = 1.05  # times the floor: an error up to which it is noise
 _STEP = 1e-3  # of an inner parameter in a difference quotient, relative to its value or typical range
@@ -25,23 +27,8 @@ _FREE = 1e-6  # share of a parameter in such ways, from which on the data do not
 _JUMP, _MOST = 20.0, 0.95  # times the slope that most blocks stay below: a block that jumps, and has no slope
 
 
-@dataclass(frozen=True)
-class Value:
-    """One parameter.
-
-    Attributes:
-        value: best estimate.
-        std_err: standard error; NaN where the data do not determine it.
-        unit: SI.
-    """
-
-    value: float
-    std_err: float
-    unit: str
-
-
-def values(bench: Bench, trial: Trial) -> dict[str, Value]:
-    """Parameters of a trial with standard errors, by "effect.parameter".
+def values(bench: Bench, trial: Trial) -> dict[str, ParameterEstimate]:
+    """Parameters of a trial with 95 % intervals, by "effect.parameter".
 
     The sandwich of slopes by gains and inner parameters, around the covariance of residuals times slopes with
     the noise's colour taken out first (Andrews and Monahan 1992). What another reading of the motion
@@ -69,7 +56,14 @@ def values(bench: Bench, trial: Trial) -> dict[str, Value]:
     most = np.array([known[name].upper - known[name].lower for name in names])
     errors = np.where(errors < most, errors, np.nan)
     found = dict.fromkeys(known, 0.0) | dict(zip(names, errors.tolist(), strict=True))
-    return {name: Value(float(trial.parameters[name]), error, units[name]) for name, error in found.items()}
+    estimates = {}
+    for name, error in found.items():
+        value, half = float(trial.parameters[name]), SIGMAS_95 * error
+        at_bound = trial.model.at_bound(name, value)
+        estimates[name] = ParameterEstimate(
+            name, units[name], value, error, (value - half, value + half), at_bound
+        )
+    return estimates
 
 
 def _free_slopes(bench: Bench, trial: Trial) -> FloatArray:

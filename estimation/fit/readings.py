@@ -144,8 +144,14 @@ def _window(
     best, least = None, np.inf
     for half in HALF_WINDOWS:
         passed_on = derived(data, error[: len(data)], half, order)
-        apart = float(np.mean((derived(data, signal, half, order) - given) ** 2))
+        apart = _mean_square(derived(data, signal, half, order) - given, len(error))
         limit = max(_PASSED_ON * float(np.mean(passed_on**2)), _ALIKE * float(np.mean(given**2)))
         if apart <= limit and apart < least:
             best, least = half, apart
     return best
+
+
+def _mean_square(apart: FloatArray, count: int) -> float:
+    """Of a beginning (k,) of so many samples: what follows it was in the windows at its end."""
+    whole = len(apart) if len(apart) == count else len(apart) - HALF_WINDOWS[-1]
+    return float(np.mean(apart[:whole] ** 2))

@@ -26,7 +26,6 @@ from estimation.study.shown import Shown, Table, interval_text
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
 
-SIGMAS_95 = 1.96
 SEED = 1  # of all random draws of a diagnosis
 Progress = Callable[[str, float], None]  # what is being done, and the share of it that is done
 Judge = Callable[[Sequence[ChannelData], Sequence[Model], Sequence[Effect], Progress, str], Diagnosis]
@@ -61,12 +60,7 @@ class Fitted(Shown):
     def parameters(self) -> Mapping[str, ParameterEstimate]:
         """By "effect.parameter", with 95 % intervals."""
         with threadpool_limits(1):
-            found = values(*self._last)
-        return {name: self._estimate(name, one.value, one.std_err, one.unit) for name, one in found.items()}
-
-    def _estimate(self, name: str, value: float, std_err: float, unit: str) -> ParameterEstimate:
-        found = _estimate(name, value, std_err, unit)
-        return replace(found, at_bound=self.model.at_bound(name, value))
+            return values(*self._last)
 
     @cached_property
     def predicted(self) -> FloatArray:
@@ -198,8 +192,3 @@ def diagnose(
 def _importable(effects: Sequence[Effect]) -> bool:
     """Whether another process knows these effects; it does not know those of a user's file."""
     return all(type(effect).__module__.startswith("estimation.") for effect in effects)
-
-
-def _estimate(name: str, value: float, std_err: float, unit: str) -> ParameterEstimate:
-    half = SIGMAS_95 * std_err
-    return ParameterEstimate(name, unit, value, std_err, (value - half, value + half))

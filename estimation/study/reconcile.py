@@ -1,7 +1,6 @@
 """Makes a diagnosis state the study's own numbers, so that no other command can state others."""
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
 
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.doubt import SMALL
@@ -76,12 +75,4 @@ def _entry(fitted: Fitted) -> FittedEntry:
 
 
 def _values(parameters: Mapping[str, ParameterEstimate]) -> dict[str, ParameterValue]:
-    return {
-        name: ParameterValue(
-            value=p.value,
-            std_err=p.std_err if isfinite(p.std_err) else None,
-            unit=p.unit,
-            at_bound=p.at_bound,
-        )
-        for name, p in parameters.items()
-    }
+    return {name: ParameterValue.of(one) for name, one in parameters.items()}

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from estimation.base_model import ModelContext
 from estimation.data.numbers import LARGEST
+from estimation.diagnosis.result import ParameterValue
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
 from robot_io.errors import InputError
@@ -19,15 +20,13 @@ Sized = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 SizedError = Annotated[float, Field(ge=0.0, le=LARGEST)]
 
 
-class KeptParameter(BaseModel):
-    """One parameter; `std_err` is None where undetermined, `at_bound` where an inner search ended at one."""
+class KeptParameter(ParameterValue):
+    """One parameter, of a size that can be computed with."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(allow_inf_nan=False)
 
     value: Sized
     std_err: SizedError | None
-    unit: str
-    at_bound: bool = False
 
 
 class Revision(BaseModel):

@@ -1,6 +1,5 @@
 """One study: data, models, revisions and results, in which each number is computed once."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -361,15 +360,6 @@ class Study(Fits):
         self, one: StudyChannel, effects: Sequence[str], parent: Revision | None, *, removed: str = ""
     ) -> Revision:
         fitted, made = self.fit(one, effects), self._now().isoformat(timespec="seconds")
-        parameters = {
-            name: KeptParameter(
-                value=p.value,
-                std_err=p.std_err if math.isfinite(p.std_err) else None,
-                unit=p.unit,
-                at_bound=p.at_bound,
-            )
-            for name, p in fitted.parameters.items()
-        }
         return self._revisions.keep(
             lambda number: Revision(
                 number=number,
@@ -383,7 +373,7 @@ class Study(Fits):
                 effort_unit=one.effort_unit,
                 rmse=fitted.rmse,
                 noise_floor=self.noise_floor(one),
-                parameters=parameters,
+                parameters={name: KeptParameter.of(one) for name, one in fitted.parameters.items()},
                 data_sha256=one.sha256,
                 created_utc=made,
                 software_version=version("palpate"),

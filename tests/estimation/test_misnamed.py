@@ -80,3 +80,12 @@ def test_the_cubic_part_counts_below_the_kink_too():
 @pytest.mark.parametrize(("width", "layer"), [(2.5, True), (3.15, False), (5.0, False)])
 def test_a_layer_of_which_a_sensor_shows_nothing_is_a_surface_that_lies_deeper(width, layer):
     assert is_layer(800.0, -500.0, **{"deadband.width": width}) is layer  # it presses with 3.2 N at its end
+
+
+@pytest.mark.parametrize(
+    ("k", "b", "n", "crossley"),
+    [(5e4, 1e4, 1.5, True), (0.0, 1e6, 2.0, False), (800.0, 500.0, 1.0, True), (2e5, 0.0, 2.0, True)],
+)
+def test_a_damper_alone_that_grows_with_depth_is_not_hunt_and_crossleys(k, b, n, crossley):
+    given = {f"hunt_crossley.{name}": value for name, value in {"k": k, "b": b, "n": n}.items()}
+    assert EFFECTS["hunt_crossley"]().is_misnamed(session(1), given, dict, NOISE_N) is not crossley

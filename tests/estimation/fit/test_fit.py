@@ -102,6 +102,18 @@ def test_blocks_hold_whole_runs_out_and_leave_the_edge_of_contact():
     assert frame.reduce(data.position)[7] == pytest.approx(data.position[frame.rows[7]].mean())
 
 
+def test_a_run_that_begins_pressed_counts_once_it_has_let_go():
+    """What it remembers of the way there was not recorded."""
+    data = session(1)
+    cut = data.select(np.flatnonzero((data.run > 0) | (data.position > 0.006)))
+    assert frame_of(cut).trusted[frame_of(cut).run == 0].any()  # it presses only once
+    joined = replace(cut, run=np.maximum(cut.run, 1))
+    frame = frame_of(joined)
+    first = frame.rows[:, 0] < np.sum(cut.run == 0)
+    assert not frame.trusted[first & joined.engaged[frame.rows].all(axis=1)].any()
+    assert frame.trusted[~first].mean() > 0.9
+
+
 def test_blocks_are_those_of_each_run_also_where_runs_take_turns():
     data = session(3)
     frame = frame_of(replace(data, run=np.arange(len(data)) % 3))

@@ -130,3 +130,10 @@ def test_shuffled_noise_keeps_its_values_and_loses_its_place():
     made = np.array([shuffled(noise, run, rng) for _ in range(40)])
     assert np.sort(np.abs(made[:, :400])) == pytest.approx(np.tile(np.sort(np.abs(noise[:400])), (40, 1)))
     assert np.mean(np.abs([np.corrcoef(noise, one)[0, 1] for one in made])) < 0.15
+
+
+def test_wide_windows_are_recognised_in_runs_longer_than_what_is_looked_at():
+    data = read(swings(2, runs=3, seconds=9.0, rate_hz=500.0), step=STEP)
+    made = differentiate(data.time_s, data.position, data.run)
+    assert readings_of(data).windows == made.half_windows
+    assert made.half_windows[1] > 14
