@@ -95,7 +95,7 @@ def emps(folder: Path) -> Iterator[Recording]:
 def xl330_pendulum(folder: Path) -> Iterator[Recording]:
     """Servo with a pendulum."""
     base = model("pendulum", "pendulum", "viscous_friction", "gravity_tilt")
-    # beside load-dependent friction, Coulomb's adds nothing to the README's own regression: 0.563 V either way
+    # beside load-dependent friction, Coulomb's adds nothing to the README's regression: 0.563 V either way
     said = Expected((LOAD,), COULOMB | RATE, (0.835, 0.696, 0.563), "Coulomb, then load-dependent friction")
     yield _one("xl330_pendulum", read.pendulum(folder), base, said, "V")
 
