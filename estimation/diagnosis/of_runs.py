@@ -7,13 +7,15 @@ would take up a part of anything that changes slowly.
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from estimation.diagnosis.objections import disagreement
+from estimation.diagnosis.result import ParameterValue
 from estimation.diagnosis.search import Search
 from estimation.effects.run_gain import RunGain
 from estimation.effects.run_offset import RunOffset
+from estimation.effects.run_variation import RunVariation
 from estimation.fit.standing import Standing
-
-_OF_RUNS = (RunGain, RunOffset)
 
 
 def vary(search: Search, found: Standing) -> Standing:
@@ -35,8 +37,8 @@ def vary(search: Search, found: Standing) -> Standing:
 
 def _varied(search: Search, found: Standing) -> Iterator[Standing]:
     """The model with each of the effects that differ from run to run."""
-    for effect in (one() for one in _OF_RUNS):
-        if effect.applies_to(found.data):
+    for effect in search.effects:
+        if isinstance(effect, RunGain | RunOffset) and effect.applies_to(found.data):
             start = {f"{effect.name}.share": effect.starts(found.data)[-1]["share"]}
             yield search.fitted(found.trial.model.with_effect(effect), {**found.trial.parameters, **start})
 
@@ -48,3 +50,13 @@ def _less(search: Search, varied: Standing) -> Standing:
         if not search.is_needed(less, varied):
             varied = less
     return varied
+
+
+def spread(end: Standing, effect: RunVariation) -> ParameterValue:
+    """How far a value lies from run to run, as a standard deviation, with its own error."""
+    model, known, data = end.trial.model, end.trial.parameters, end.data
+    inner = {one.name: known[f"{effect.name}.{one.name}"] for one in effect.inner}
+    value = float(effect.spread(model.without(effect.name).predict(data, known), data, inner)[0])
+    error = value / float(np.sqrt(2.0 * (len(data.runs) - 1)))
+    unit = "1" if isinstance(effect, RunGain) else data.kind.effort_unit
+    return ParameterValue(value=value, std_err=error, unit=unit, at_bound=False)
