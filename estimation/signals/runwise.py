@@ -26,6 +26,12 @@ def sample_time(time_s: FloatArray, run: IntArray) -> float:
     return float(0.5 * (steps[low] + steps[middle]))
 
 
+def finest_step(time_s: FloatArray, run: IntArray) -> float:
+    """Time between samples where they are densest [s]: a twentieth are as close; see `sample_time`."""
+    steps = (time_s[1:] - time_s[:-1])[run[1:] == run[:-1]]
+    return float(np.quantile(steps, 0.05)) if len(steps) else 1.0
+
+
 def per_run(operator: Callable[[FloatArray], FloatArray], signal: FloatArray, run: IntArray) -> FloatArray:
     """`operator` applied to each run's rows of `signal`, shape (n,) or (n, k)."""
     result = np.empty_like(signal, dtype=np.float64)
