@@ -24,7 +24,7 @@ from sim_backend.scenario import ObjectSettings, Scenario
 
 _GUESS = KelvinVoigt(stiffness_n_m=300.0, damping_n_s_m=5.0)  # felt before anything was probed,
 _GUESS_ABOVE_M = 0.003  # and the surface is thought to be so much higher [m]
-_LIMIT_S = 40.0  # after which the follower is stopped where it is: a minute should be enough for all
+_LIMIT_S = 38.0  # after which both sides are told to end: a minute should be enough for all
 _END_S = 15.0  # that both sides have for their end then
 _PLACES_M = (0.36, 0.40)  # x of the targets
 _ABOVE_M, _BELOW_M = 0.03, 0.02  # of the surface: where the hand waits, and where it wants to go
@@ -151,11 +151,10 @@ def _run_both(folder: Path, commands: dict[str, list[str]]) -> None:
                 running[side] = subprocess.Popen([*program, side, *options], stdout=log, stderr=log)  # noqa: S603
         with suppress(subprocess.TimeoutExpired):
             running["leader"].wait(until_s - time.monotonic())
-        if (
-            running["leader"].poll() is None
-        ):  # the machine is slow; a leader whose follower ends does so as well
-            running["follower"].send_signal(signal.SIGINT)
+        if running["leader"].poll() is None:  # the machine is slow: what there is must do
             valid.add(INTERRUPTED)
+            for process in running.values():
+                process.send_signal(signal.SIGINT)
         for side in reversed(_SIDES):
             if running[side].wait(_END_S) not in valid:
                 raise PalpateError(f"the {side} failed: {_last_words(folder / f'{side}.log')}")
