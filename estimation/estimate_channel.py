@@ -10,6 +10,7 @@ from estimation.effects.contact_offset import ContactOffset
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
 from estimation.fit.samples import SampleFit, fit_samples
+from estimation.fit.trial import Trial
 from estimation.model import Model
 from estimation.regression import Regression
 from estimation.rounding import mark_coarse, rounding_errors, steps_spanned
@@ -44,6 +45,7 @@ def estimate_channel(
     *,
     rng: np.random.Generator,
     rows: BoolArray | None = None,
+    searched: dict[bool, Trial] | None = None,
 ) -> Estimate:
     """Estimate all parameters of a model that is linear in its gains.
 
@@ -56,6 +58,7 @@ def estimate_channel(
         estimator: how.
         rng: see `Estimator.fit`.
         rows: samples to use, shape (n,); None for `fitting_rows`.
+        searched: of other estimators of the same samples, see `fit_samples`.
 
     Returns:
         Gains, then inner parameters, called "effect.parameter"; its arrays hold the samples used.
@@ -69,9 +72,9 @@ def estimate_channel(
         data = replace(data, touching=used)
     if model.inner or data.tare is not None or data.position_step > 0.0:
         narrowed = replace(model, within=_where_touched(data, used))
-        searched = fit_samples(narrowed, data, used, estimator.loss)
-        regression = model.regression(data, searched.parameters).select(used)
-        found = _combine(searched, data, used, estimator.fit(regression, rng=rng))
+        begun = fit_samples(narrowed, data, used, estimator.loss, searched)
+        regression = model.regression(data, begun.parameters).select(used)
+        found = _combine(begun, data, used, estimator.fit(regression, rng=rng))
     else:
         regression = model.regression(data, {}).select(used)
         found = estimator.fit(regression, rng=rng)

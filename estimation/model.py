@@ -45,15 +45,16 @@ class Model:
 
     def with_effect(self, effect: Effect) -> "Model":
         """The model with one more effect."""
-        return Model(self.name, (*self.effects, effect))
+        return Model(self.name, (*self.effects, effect), self.held)
 
     def with_effect_first(self, effect: Effect) -> "Model":
         """The model with one more effect ahead of all others, such as a sensor's fault before its filter."""
-        return Model(self.name, (effect, *self.effects))
+        return Model(self.name, (effect, *self.effects), self.held)
 
     def without(self, name: str) -> "Model":
         """The model less the effect of this name."""
-        return Model(self.name, tuple(effect for effect in self.effects if effect.name != name))
+        kept = tuple(effect for effect in self.effects if effect.name != name)
+        return Model(self.name, kept, {n: v for n, v in self.held.items() if n.split(".")[0] != name})
 
     @cached_property
     def gains(self) -> dict[str, Parameter]:

@@ -23,7 +23,8 @@ def names(*some: str) -> Names:
 
 
 COULOMB = names("coulomb_friction", "stribeck_friction", "asymmetric_friction", "presliding_friction")
-PLAY = names("backlash", "hysteresis", "presliding_friction")
+LOAD = names("load_dependent_friction", "load_dependent_presliding")
+PLAY = names("backlash", "loaded_backlash", "hysteresis", "presliding_friction")
 STIFFENING = names(
     "power_law_stiffness", "exponential_stiffness", "cubic_stiffness", "hunt_crossley", "layered_stiffness"
 )
@@ -86,15 +87,16 @@ def _one(name: str, data: ChannelData, base: Model, expected: Expected, unit: st
 def emps(folder: Path) -> Iterator[Recording]:
     """Linear drive."""
     base = model("inertia", "inertia", "viscous_friction", "bias")
-    said = Expected((COULOMB,), RATE, (9.65, 3.21, 3.17), "Coulomb 20.4 N, slight asymmetry")
+    # each recording by itself shows the motion 0.9 to 1.2 ms later than the force
+    said = Expected((COULOMB,), RATE | {"delay"}, (9.65, 3.21, 3.17), "Coulomb 20.4 N, slight asymmetry")
     yield _one("emps", read.emps(folder), base, said)
 
 
 def xl330_pendulum(folder: Path) -> Iterator[Recording]:
     """Servo with a pendulum."""
     base = model("pendulum", "pendulum", "viscous_friction", "gravity_tilt")
-    load = names("load_dependent_friction")
-    said = Expected((COULOMB, load), RATE, (0.835, 0.696, 0.563), "Coulomb, then load-dependent friction")
+    # beside load-dependent friction, Coulomb's adds nothing to the README's regression: 0.563 V either way
+    said = Expected((LOAD,), COULOMB | RATE, (0.835, 0.696, 0.563), "Coulomb, then load-dependent friction")
     yield _one("xl330_pendulum", read.pendulum(folder), base, said, "V")
 
 
@@ -158,10 +160,9 @@ def surgical_tool(folder: Path) -> Iterator[Recording]:
     """Cable-driven tool, two specimens; the jaw's torque is the load."""
     base = model("spring", "joint_spring", "viscous_friction")
     ladders = {"tool_4": (29.76e-3, 21.61e-3, 9.28e-3), "tool_5": (29.24e-3, 19.70e-3, 9.04e-3)}
-    load = names("load_dependent_friction")
     for name, ladder in ladders.items():
         said = Expected(
-            (COULOMB, load),
+            (COULOMB, LOAD),
             RATE | RUNS | PLAY | {"joint_elasticity"},
             ladder,
             "Coulomb, load-dependent friction, presliding",

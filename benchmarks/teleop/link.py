@@ -1,12 +1,13 @@
 """A link in one process: delay, jitter and loss of packets each way."""
 
-from collections import deque
+import heapq
 from dataclasses import dataclass
 
 import numpy as np
 
-from control.teleop.couplings.coupling import Packet
+from control.teleop.couplings.channel import Packet
 
+Arrived = list[tuple[int, Packet]]  # packets, each with the step in which it was sent
 _ROUNDING_S = 1e-9
 
 
@@ -25,13 +26,12 @@ class LinkFaults:
 
 
 class Line:
-    """One way of the link, which hands out the newest packet; a packet that was overtaken is dropped."""
+    """One way of the link."""
 
     def __init__(self, faults: LinkFaults, rng: np.random.Generator) -> None:
         self._faults, self._rng = faults, rng
-        self._under_way: deque[tuple[float, int, Packet]] = deque()
-        self._number = self._newest_number = -1
-        self._newest: Packet | None = None
+        self._under_way: list[tuple[float, int, Packet]] = []
+        self._number = -1
 
     def send(self, packet: Packet, time_s: float) -> None:
         """Put a packet on the way at `time_s` [s]."""
@@ -39,17 +39,11 @@ class Line:
         late, lost = self._rng.random(2)
         if lost >= self._faults.loss:
             arrives_s = time_s + self._faults.delay_s + late * self._faults.jitter_s
-            self._under_way.append((arrives_s, self._number, packet))
+            heapq.heappush(self._under_way, (arrives_s, self._number, packet))
 
-    def newest(self, time_s: float) -> Packet | None:
-        """The newest packet that has arrived by `time_s` [s], or None."""
-        still: deque[tuple[float, int, Packet]] = deque()
-        now_s = time_s + _ROUNDING_S
-        while self._under_way and self._under_way[0][0] <= now_s + self._faults.jitter_s:
-            arrives_s, number, packet = self._under_way.popleft()
-            if arrives_s > now_s:
-                still.append((arrives_s, number, packet))
-            elif number > self._newest_number:
-                self._newest_number, self._newest = number, packet
-        self._under_way.extendleft(reversed(still))
-        return self._newest
+    def arrived(self, time_s: float) -> Arrived:
+        """Packets that have arrived by `time_s` [s] since the last call."""
+        arrived = []
+        while self._under_way and self._under_way[0][0] <= time_s + _ROUNDING_S:
+            arrived.append(heapq.heappop(self._under_way)[1:])
+        return arrived

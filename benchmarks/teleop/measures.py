@@ -9,7 +9,8 @@ from benchmarks.teleop.devices import HandArm, SoftSphere, SpringDamper, presses
 from benchmarks.teleop.link import LinkFaults
 from benchmarks.teleop.run import DT_S, START_M, Lines, Object, SimulatedLink, given_back_j, run
 from control.teleop.couplings.catalogue import COUPLINGS
-from control.teleop.couplings.coupling import Coupling, Packet
+from control.teleop.couplings.channel import Packet
+from control.teleop.couplings.coupling import Coupling
 from control.teleop.couplings.model_mediated import ContactModel, model_mediated
 from control.teleop.virtual_object import hunt_crossley
 

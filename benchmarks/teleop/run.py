@@ -7,8 +7,9 @@ from typing import Protocol
 import numpy as np
 
 from benchmarks.teleop.devices import SUBSTEP_S, HandArm, Mass, limited
-from benchmarks.teleop.link import Line, LinkFaults
-from control.teleop.couplings.coupling import Coupling, Packet, Port
+from benchmarks.teleop.link import Arrived, Line, LinkFaults
+from control.teleop.couplings.channel import Packet
+from control.teleop.couplings.coupling import Coupling, Port
 
 DT_S = 1e-3
 SUBSTEPS = round(DT_S / SUBSTEP_S)
@@ -32,8 +33,8 @@ class Lines(Protocol):
         """Send one packet each way."""
         ...
 
-    def newest(self, time_s: float) -> tuple[Packet | None, Packet | None]:
-        """The newest packets that have come to the leader and to the follower."""
+    def arrived(self, time_s: float) -> tuple[Arrived, Arrived]:
+        """What has come to the leader and to the follower since the last call."""
         ...
 
 
@@ -49,9 +50,9 @@ class SimulatedLink:
         self._to_follower.send(to_follower, time_s)
         self._to_leader.send(to_leader, time_s)
 
-    def newest(self, time_s: float) -> tuple[Packet | None, Packet | None]:
+    def arrived(self, time_s: float) -> tuple[Arrived, Arrived]:
         """See `Lines`."""
-        return self._to_leader.newest(time_s), self._to_follower.newest(time_s)
+        return self._to_leader.arrived(time_s), self._to_follower.arrived(time_s)
 
 
 @dataclass
@@ -96,6 +97,7 @@ def run(
     """
     noise_n = FORCE_NOISE_N * np.random.default_rng([seed, 1]).standard_normal(round(duration_s / DT_S))
     leader, follower = coupling.leader(), coupling.follower()
+    channels = coupling.channel(), coupling.channel()
     device, arm, trace = Mass(0.15, 0.5, START_M), Mass(1.0, 5.0, START_M), Trace()
     led_n = 0.0
     yielding = isinstance(hand, HandArm)
@@ -105,7 +107,10 @@ def run(
             device.x, device.v = hand(time_s)
         hand_n = hand.force_n(time_s, device.x, device.v) if yielding else -led_n
         push_n = thing.push_n(arm.x, arm.v)
-        at_leader, at_follower = link.newest(time_s)
+        for channel, packets in zip(channels, link.arrived(time_s), strict=True):
+            for number, packet in packets:
+                channel.take(number, packet)
+        at_leader, at_follower = (channel.packet() for channel in channels)
         led_n, to_follower = leader.step(Port(_read(device.x), device.v, hand_n), at_leader, DT_S)
         driven_n, to_leader = follower.step(Port(_read(arm.x), arm.v, push_n + noise), at_follower, DT_S)
         link.exchange(time_s, to_follower, to_leader)

@@ -15,8 +15,8 @@ from typing import Self
 
 import numpy as np
 
-from benchmarks.teleop.link import LinkFaults
-from control.teleop.couplings.coupling import Packet
+from benchmarks.teleop.link import Arrived, LinkFaults
+from control.teleop.couplings.channel import Packet
 
 HOST = "127.0.0.1"
 LONGEST_S = 600.0  # the relay ends by itself
@@ -51,13 +51,13 @@ class UdpLink:
         for end, packet in zip(self._ends, (to_follower, to_leader), strict=True):
             end.send(packet)
 
-    def newest(self, time_s: float) -> tuple[Packet | None, Packet | None]:
-        """Wait until `time_s` [s] after the start; then the newest packets of leader and follower."""
+    def arrived(self, time_s: float) -> tuple[Arrived, Arrived]:
+        """Wait until `time_s` [s] after the start; then what has come to leader and follower."""
         wait_s = self._start_s + time_s - time.monotonic()
         if wait_s > 0.0:
             time.sleep(wait_s)
         leader, follower = self._ends
-        return leader.newest(), follower.newest()
+        return leader.arrived(), follower.arrived()
 
     @property
     def ages(self) -> np.ndarray:
@@ -66,28 +66,28 @@ class UdpLink:
 
 
 class _End:
-    """One machine: sends to the relay, and keeps the newest of what comes."""
+    """One machine: sends to the relay, and hands out what comes."""
 
     def __init__(self) -> None:
         self.socket = _bound()
         self.relay: tuple[str, int] = (HOST, 0)
         self.ages: list[int] = []
-        self._sent = self._newest_number = 0
-        self._packet: Packet | None = None
+        self._sent, self._newest = 0, -1
 
     def send(self, packet: Packet) -> None:
-        self._sent += 1
         self.socket.sendto(_NUMBER.pack(self._sent) + np.array(packet).tobytes(), self.relay)
+        self._sent += 1
 
-    def newest(self) -> Packet | None:
+    def arrived(self) -> Arrived:
+        arrived = []
         while (message := _received(self.socket)) is not None:
             (number,) = _NUMBER.unpack_from(message)
-            if number > self._newest_number:
-                self._newest_number = number
-                self._packet = tuple(np.frombuffer(message, np.float64, offset=_NUMBER.size).tolist())
-        if self._packet is not None:
-            self.ages.append(self._sent - self._newest_number)  # both ends send at the same rate
-        return self._packet
+            packet = tuple(np.frombuffer(message, np.float64, offset=_NUMBER.size).tolist())
+            arrived.append((number, packet))
+            self._newest = max(self._newest, number)
+        if self._newest >= 0:
+            self.ages.append(self._sent - self._newest)  # both ends send at the same rate
+        return arrived
 
 
 def relay(

@@ -18,7 +18,9 @@ import numpy as np
 from calibration.arm.model import GravityBodies, fall, fall_slopes
 from calibration.statistics import Estimate
 from estimation.data.tick_channels import joint_channels
+from estimation.statistics.least_squares import solve
 from estimation.statistics.serial_covariance import sum_covariance
+from estimation.statistics.uncertainty import sandwich
 from robot_io.errors import InputError
 from robot_io.session import Samples
 from robot_io.types import BoolArray, FloatArray, IntArray
@@ -115,21 +117,14 @@ class _Solver:
         """Values and covariance, the tilts that are not felt left out."""
         values = np.zeros(self.delay + 1 + int(self.felt.sum()))
         values[: self.delay : 4] = 1.0
-        weight = np.ones(self.joints)
         for _ in range(_STEPS):
-            columns, residual, joint = self._linearised(values)
-            weight = np.array([1.0 / residual[joint == j].std() for j in range(self.joints)])
-            w = weight[joint]
-            step = np.linalg.lstsq(columns * w[:, None], residual * w, rcond=None)[0]
+            columns, residual, w, _ = self._linearised(values)
+            step = solve(columns, residual, w).gains
             values = values + step
             if np.abs(step).max() < _CONVERGED:
                 break
-        columns, residual, joint = self._linearised(values)
-        w = weight[joint]
-        inverse = np.linalg.inv((columns * w[:, None] ** 2).T @ columns)
-        scores = columns * (residual * w**2)[:, None]
-        middle = sum_covariance(scores, joint).matrix
-        return values, inverse @ middle @ inverse
+        columns, residual, w, joint = self._linearised(values)
+        return values, sandwich(columns, residual * w**2, w**2, joint).matrix
 
     def tilt(self, values: FloatArray) -> FloatArray:
         """Pitch and roll, 0 where they are not felt."""
@@ -150,11 +145,11 @@ class _Solver:
         rate = np.gradient(known, self.motion.time_s, axis=0)
         return known - values[self.delay] * rate, rate
 
-    def _linearised(self, values: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Columns (k, p), residuals (k,) and joint numbers (k,) of all samples that count."""
+    def _linearised(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+        """Columns (k, p), residuals, weights and joint numbers (k,) of all samples that count."""
         known, rate = self._known_and_rate(values)
         slopes = self._gravity @ fall_slopes(self.tilt(values))[:, self.felt]
-        blocks, residuals, joints = [], [], []
+        blocks, residuals, weights, joints = [], [], [], []
         for j in range(self.joints):
             rows, (s, c, b, o) = self.moving[:, j], values[4 * j : 4 * j + 4]
             speed = self.motion.velocity_rad_s[rows, j]
@@ -165,8 +160,10 @@ class _Solver:
             block[:, self.delay + 1 :] = s * slopes[rows, j]
             blocks.append(block)
             residuals.append(self.motion.measured_nm[rows, j] - own @ np.array([s, c, b, o]))
+            weights.append(np.full(len(speed), 1.0 / residuals[-1].std()))
             joints.append(np.full(len(speed), j))
-        return np.concatenate(blocks), np.concatenate(residuals), np.concatenate(joints)
+        columns, residual, weight = map(np.concatenate, (blocks, residuals, weights))
+        return columns, residual, weight, np.concatenate(joints)
 
 
 def _unpacked(solver: _Solver, values: FloatArray, covariance: FloatArray) -> ArmFit:

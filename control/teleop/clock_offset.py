@@ -25,27 +25,25 @@ class Offset(NamedTuple):
 
 
 class ClockOffset:
-    """Keeps the exchanges of the last seconds and knows the best of them."""
+    """Knows the exchange of the last seconds with the shortest round trip."""
 
     def __init__(self) -> None:
-        self._kept: deque[Offset] = deque(maxlen=_MOST)
-        self._best: Offset | None = None
+        # By age, and each with a shorter round trip than all that are younger: the first one is the best.
+        self._kept: deque[Offset] = deque()
 
     @property
     def best(self) -> Offset | None:
         """The exchange with the shortest round trip of the last seconds; None before the first."""
-        return self._best
+        return self._kept[0] if self._kept else None
 
     def update(self, t0_s: float, t1_s: float, t2_s: float, t3_s: float) -> None:
         """Take in one exchange; stamps that are not finite or contradict each other are left out."""
         round_trip_s = (t3_s - t0_s) - (t2_s - t1_s)
         if not (isfinite(round_trip_s) and round_trip_s >= 0.0 and t3_s >= t0_s):
             return
-        new = Offset(0.5 * ((t1_s - t0_s) + (t2_s - t3_s)), round_trip_s, t3_s)
-        self._kept.append(new)
-        while self._kept[0].at_s < t3_s - _WINDOW_S:
-            self._kept.popleft()
-        if self._best is None or self._best.at_s < self._kept[0].at_s:
-            self._best = min(self._kept, key=lambda one: one.round_trip_s)
-        elif new.round_trip_s <= self._best.round_trip_s:
-            self._best = new
+        kept = self._kept
+        while kept and kept[-1].round_trip_s >= round_trip_s:
+            kept.pop()
+        kept.append(Offset(0.5 * ((t1_s - t0_s) + (t2_s - t3_s)), round_trip_s, t3_s))
+        while kept[0].at_s < t3_s - _WINDOW_S or len(kept) > _MOST:
+            kept.popleft()

@@ -19,7 +19,7 @@ from control.paths.trajectory import JointMotion
 from control.probing.task import ProbingTask
 from control.teleop.target_queue import TargetQueue
 from robot_io.errors import InputError
-from robot_io.link import Target, TargetState
+from robot_io.link import Target, TargetState, short_number
 from robot_io.types import FloatArray, Measurement
 
 
@@ -98,11 +98,12 @@ class FollowerTask:
             task = self._probing(target)
             task.start(measurement)
         except InputError as error:
-            self._finish(TargetState.REFUSED, f"target {target.number} refused: {error}")
+            self._finish(TargetState.REFUSED, f"target {short_number(target.number)} refused: {error}")
             return
         self._under_way, self._base = task, self._runs
         self._direction = np.array(target.direction_world)
-        self._events.append(TaskEvent("target", f"target {target.number} begun", {"target": target.number}))
+        text = f"target {short_number(target.number)} begun"
+        self._events.append(TaskEvent("target", text, {"target": target.number}))
 
     def _after(self, task: ProbingTask, output: TaskOutput, measurement: Measurement) -> TaskOutput:
         """The probing's output with run numbers that go on from target to target; it never ends the loop."""
@@ -117,7 +118,7 @@ class FollowerTask:
         return output._replace(done=False, events=(*events, *self._events))
 
     def _conclude(self, task: ProbingTask) -> None:
-        number, failed = self._queue.current, "; ".join(task.failures)
+        number, failed = short_number(self._queue.current), "; ".join(task.failures)
         if task.cancelled:
             self._finish(TargetState.CANCELLED, f"target {number} left: {failed}")
         elif task.runs_done == 0:
@@ -128,7 +129,7 @@ class FollowerTask:
     def _finish(self, state: TargetState, remark: str) -> None:
         number = self._queue.current
         self._queue.finish(state, remark)
-        text = remark or f"target {number} {state.name.lower()}"
+        text = remark or f"target {short_number(number)} {state.name.lower()}"
         self._events.append(TaskEvent("target", text, {"target": number, "state": state.name}))
 
     def _numbered(self, event: TaskEvent) -> TaskEvent:

@@ -97,10 +97,9 @@ class Peer:
 
     def _way_s(self, frame: Frame, arrived_s: float) -> float:
         """How long the frame was under way; before the offset is known, how much longer than the fastest."""
-        self._fastest_s = min(self._fastest_s, arrived_s - frame.sent_s)
-        if self.offset is not None:
-            return self.since_s(frame.sent_s, arrived_s)
-        return arrived_s - frame.sent_s - self._fastest_s
+        way_s, best = arrived_s - frame.sent_s, self._clocks.best
+        self._fastest_s = min(self._fastest_s, way_s)
+        return way_s - self._fastest_s if best is None else way_s + best.offset_s
 
     def _begin(self, sender: int) -> None:
         self.restarts += self._sender is not None

@@ -9,7 +9,6 @@ import threading
 from robot_io.link import Intent, Target, TargetState
 from robot_io.link.messages import MOST_TARGETS
 
-_NOBODYS = -1  # number of a target whose leader is gone
 _OVER = (TargetState.DONE, TargetState.REFUSED, TargetState.CANCELLED, TargetState.FAILED)
 
 
@@ -48,8 +47,7 @@ class TargetQueue:
         with self._lock:
             self._targets, self._states = {}, {}
             self._newest, self._ended = -1, False
-            if self._current is not None:
-                self._current, self._unwanted = _NOBODYS, True
+            self._unwanted = self._current is not None
 
     def begin(self) -> Target | None:
         """The next target, which is being probed from now on; None if there is none or the link is silent."""
@@ -76,7 +74,7 @@ class TargetQueue:
 
     @property
     def current(self) -> int:
-        """Number of the target that is being probed, -1 for none, or for none of this leader's."""
+        """Number of the target that is being probed, -1 for none; it may be another leader's."""
         return -1 if self._current is None else self._current
 
     @property

@@ -9,6 +9,7 @@ from estimation.channel import ChannelData
 from estimation.diagnosis.established import in_order, rivals
 from estimation.diagnosis.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.objections import Objection, free_air
+from estimation.diagnosis.of_runs import spread
 from estimation.diagnosis.result import (
     Accepted,
     ChannelDiagnosis,
@@ -21,6 +22,7 @@ from estimation.diagnosis.result import (
     Verdict,
 )
 from estimation.diagnosis.search import Search
+from estimation.effects.run_variation import RunVariation
 from estimation.fit.intervals import final, values
 from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
@@ -114,6 +116,9 @@ def _accepted(found: Judgement, path: Sequence[Standing]) -> list[Accepted]:
     for after in path:
         (name,) = set(search.added(after)) - set(search.added(before))
         own = {key.split(".", 1)[1]: one for key, one in everything.items() if key.split(".")[0] == name}
+        effect = by_name[name]
+        if isinstance(effect, RunVariation):
+            own["spread"] = spread(found.end, effect)
         less = search.without(found.end, name)
         accepted.append(
             Accepted(
@@ -123,9 +128,9 @@ def _accepted(found: Judgement, path: Sequence[Standing]) -> list[Accepted]:
                 rmse_after=after.rmse,
                 p_value=search.p_value(less, found.end),
                 confused_with=rivals(search, found.end, name, found.readings),
-                physics=by_name[name].physics,
-                equation=by_name[name].equation,
-                signature=by_name[name].signature,
+                physics=effect.physics,
+                equation=effect.equation,
+                signature=effect.signature,
             )
         )
         before = after
@@ -184,7 +189,7 @@ def _next(found: Judgement, accepted: Sequence[Accepted]) -> NextExperiment | No
 
 def _fits(found: Judgement, entry: Accepted) -> dict[str, Standing]:
     """The final model, and those with a rival in the place of an effect, by the name of that."""
-    tried = found.search.screened(found.search.without(found.end, entry.effect))
+    tried = found.search.instead(found.end, entry.effect)
     by_name = {one.effect.name: one for one in tried}
     rivals = {name: found.search.with_candidate(by_name[name]) for name in entry.confused_with}
     return {entry.effect: found.end, **rivals}

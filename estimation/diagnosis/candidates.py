@@ -14,7 +14,7 @@ from estimation.fit.polish import polish
 from estimation.fit.standing import Fit
 from estimation.fit.trial import Bench, Trial
 from estimation.model import Model
-from estimation.signals.runwise import sample_time
+from estimation.signals.runwise import finest_step
 from robot_io.types import BoolArray, FloatArray
 
 PROMISING = 0.3  # of what the best candidate takes away at its starts; those below are not refined
@@ -151,8 +151,8 @@ def is_possible(effect: Effect, trial: Trial, bench: Bench, loose: float = 0.0) 
     if any(p.log and trial.parameters[f"{effect.name}.{p.name}"] > FAR_END * p.upper for p in effect.inner):
         return False
     # no time stamp is better than half a step
-    half = 0.5 * sample_time(bench.frame.data.time_s, bench.frame.data.run)
-    if any(abs(trial.parameters[f"{effect.name}.{p.name}"]) < half for p in effect.inner if p.unit == "s"):
+    times = [abs(trial.parameters[f"{effect.name}.{p.name}"]) for p in effect.inner if p.unit == "s"]
+    if times and min(times) < 0.5 * finest_step(bench.frame.data.time_s, bench.frame.data.run):
         return False
     simpler = effect.simpler(_own_columns(effect, trial))
     if simpler.shape[1] == len(effect.gains):
@@ -165,6 +165,17 @@ def is_possible(effect: Effect, trial: Trial, bench: Bench, loose: float = 0.0) 
 def is_credible(effect: Effect, trial: Trial) -> bool:
     """Whether the gains of an effect, such as the base model's spring, are about within their bounds."""
     return not isinstance(effect, AdditiveEffect) or _within_bounds(effect, trial, LOOSE)
+
+
+def bounds_passed(effect: Effect, trial: Trial) -> dict[str, float]:
+    """The bound that each gain of an effect is beyond, by "effect.parameter"."""
+    found = {}
+    for parameter in effect.gains:
+        name = f"{effect.name}.{parameter.name}"
+        bound = float(np.clip(trial.parameters[name], parameter.lower, parameter.upper))
+        if bound != trial.parameters[name]:
+            found[name] = bound
+    return found
 
 
 def is_misnamed(effect: Effect, trial: Trial, bench: Bench) -> bool:

@@ -16,6 +16,7 @@ from estimation.diagnosis.doubt import SMALL, still_explained
 from estimation.diagnosis.established import established, standards
 from estimation.diagnosis.next_experiment import FEW_READINGS
 from estimation.diagnosis.objections import Objection, objection_to
+from estimation.diagnosis.of_runs import vary
 from estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
 from estimation.diagnosis.search import Progress, Search, search, search_of
 from estimation.effect import Effect
@@ -101,7 +102,7 @@ def diagnose_channel(
         return insufficient(data, reason)
     tried = search_of(data, model, good, effects, rng, progress)
     is_complete = _Completeness(tried)
-    found = tried.start if is_exact(tried.start) else search(tried, is_complete)
+    found = tried.start if is_exact(tried.start) else vary(tried, search(tried, is_complete))
     end = _established(tried, found, is_complete)
     objection = is_complete.objection(end)
     complete = is_complete(end) and objection is None

@@ -13,6 +13,7 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.diagnosis.candidates import (
     Candidate,
+    bounds_passed,
     candidates,
     is_credible,
     is_misnamed,
@@ -26,7 +27,7 @@ from estimation.fit.chance import chance_gains
 from estimation.fit.frame import coarse_copy
 from estimation.fit.memory import Memory
 from estimation.fit.standing import Fit, Standing, stand
-from estimation.fit.trial import attempt
+from estimation.fit.trial import Trial, attempt
 from estimation.model import Model
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray
@@ -46,6 +47,7 @@ SHORTLIST, _FINE = (
     4,
 )  # effects tried on all samples; blocks within which a copy of blocks hardly tells times
 _NEAR = 1.5  # times the squared error that is left, from which another effect may get below it
+_LITTLE = 0.2  # of the error, beyond which draws that show as much prove no more than that they are few
 FEW_STARTS = 4  # places where a second effect is tried
 Progress = Callable[[str, float], None]
 _Key = tuple[frozenset[str], tuple[str, ...]]
@@ -97,12 +99,34 @@ class Search:
         """A model, fitted from these parameters on unless it is known already."""
         key = _key(model)
         if key not in self._fits:
-            self._fits[key] = stand(self.data, model, parameters, self.good, self._memory)
+            self._fits[key] = self._stand(model, parameters)
         return self._fits[key]
+
+    def _stand(self, model: Model, parameters: Mapping[str, float]) -> Standing:
+        """A model fitted, each base gain that an added effect turns beyond its bounds held at the bound.
+
+        What a simple model says by a spring or a damper may be said by what is added: then there is none.
+        """
+        held = dict(self.model.held)
+        while True:
+            made = stand(self.data, replace(model, held=held), parameters, self.good, self._memory)
+            beyond = {} if _key(model) == _key(self.model) else self._beyond(made.trial)
+            if not beyond:
+                return made
+            held, parameters = held | beyond, made.trial.parameters
+
+    def _beyond(self, trial: Trial) -> dict[str, float]:
+        """Bounds of the base gains that are beyond them, and are not in the base model."""
+        return {
+            name: bound
+            for effect in self.model.effects
+            if not is_credible(effect, trial) and is_credible(effect, self.start.trial)
+            for name, bound in bounds_passed(effect, trial).items()
+        }
 
     def refitted(self, model: Model, parameters: Mapping[str, float]) -> Standing:
         """A model fitted from other parameters, and kept where that is better."""
-        key, anew = _key(model), stand(self.data, model, parameters, self.good, self._memory)
+        key, anew = _key(model), self._stand(model, parameters)
         known = self._fits.get(key)
         if known is None or anew.trial.sse < (1.0 - TIE) * known.trial.sse:
             self._fits[key] = anew
@@ -285,8 +309,12 @@ def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
     """The model that explains most, each of its effects needed beside the others."""
     sketch = whole.sketch or whole
     on_all = partial(_refined, whole)
+
+    def is_enough(found: Standing) -> bool:
+        return found.left_of_blocks() < _LITTLE and is_complete(found)
+
     best = on_all(_climb(sketch, sketch.start))
-    if is_complete(best):
+    if is_enough(best):
         return best
     for first in (*sketch.extensions(sketch.start, FIRSTS), *_pairs(sketch)):
         if set(sketch.added(first)) <= set(whole.added(best)):
@@ -297,7 +325,7 @@ def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
         known = sketch.fitted(best.trial.model, best.trial.parameters)
         if rough.trial.held_out < (1.0 - TIE) * known.trial.held_out:
             best = whole.ordered([best, on_all(rough)])[0]
-            if is_complete(best):
+            if is_enough(best):
                 break
     return best
 

@@ -25,7 +25,7 @@ class AsymmetricFriction(AdditiveEffect):
         Parameter("viscous_forward", "{effort} s/{position}", -10000.0, 10000.0, (0.001, 50.0)),
         Parameter("viscous_backward", "{effort} s/{position}", -10000.0, 10000.0, (0.001, 50.0)),
     )
-    inner = (Parameter("transition", "{position}/s", 1e-09, 1.0, (0.0001, 0.05), log=True),)
+    inner = (Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),)
     confused_with: ClassVar[dict[str, str]] = {
         "bias": "let the joint rest: a bias stays, friction does not push",
         "coulomb_friction": "move equally in both directions",

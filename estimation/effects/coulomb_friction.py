@@ -23,7 +23,7 @@ class CoulombFriction(AdditiveEffect):
     signals = ("direction",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("force", "{effort}", 0.0, 10000.0, (0.001, 50.0)),)
-    inner = (Parameter("transition", "{position}/s", 1e-09, 1.0, (0.0001, 0.05), log=True),)
+    inner = (Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),)
     confused_with: ClassVar[dict[str, str]] = {
         "position_dependent_friction": "move over a wide range",
         "presliding_friction": "stop and creep back and forth: a path, not a speed, counts",

@@ -41,7 +41,7 @@ class JointCoupling(AdditiveEffect):
     )
     inner = (
         Parameter("ratio", "1", -5.0, 5.0, (-1.0, 1.0)),
-        Parameter("transition", "{position}/s", 1e-9, 1.0, (1e-4, 0.05), log=True),
+        Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), log=True),
     )
     needs = ("joint_velocity", "joint_acceleration")
     confused_with: ClassVar[dict[str, str]] = {

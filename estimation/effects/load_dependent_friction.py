@@ -31,7 +31,7 @@ class LoadDependentFriction(AdditiveEffect):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("mu", "1", 0.0, 2.0, (0.01, 0.5)),)
     inner: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("transition", "{position}/s", 1e-09, 1.0, (0.0001, 0.05), log=True),
+        Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),
     )
     needs = ("load",)
     confused_with: ClassVar[dict[str, str]] = {

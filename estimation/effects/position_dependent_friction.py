@@ -32,7 +32,7 @@ class PositionDependentFriction(AdditiveEffect):
     essential = ("sine", "cosine")
     inner = (
         Parameter("cycles", "1/{position}", 1e-3, 1e5, (0.5, 10.0), log=True),
-        Parameter("transition", "{position}/s", 1e-9, 1.0, (1e-4, 0.05), log=True),
+        Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), log=True),
     )
     confused_with: ClassVar[dict[str, str]] = {
         "torque_ripple": "compare both directions: ripple has one sign, friction turns with the motion",

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MemoryEffect, Parameter
-from estimation.signals.runwise import relax, sample_time
+from estimation.signals.runwise import finest_step, relax
 from robot_io.types import FloatArray
 
 _SHARES = (0.15, 0.4)
@@ -48,7 +48,7 @@ class RelaxationSpectrum(MemoryEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a few samples to the length of the runs."""
-        step_s = sample_time(data.time_s, data.run)
+        step_s = finest_step(data.time_s, data.run)
         longest_s = max(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
         times = np.geomspace(4.0 * step_s, max(longest_s, 40.0 * step_s), 4)
         return tuple(

@@ -34,7 +34,7 @@ class StribeckFriction(AdditiveEffect):
     essential = ("rise",)
     inner = (
         Parameter("speed", "{position}/s", 1e-09, 10.0, (0.001, 1.0), log=True),
-        Parameter("transition", "{position}/s", 1e-09, 1.0, (0.0001, 0.05), log=True),
+        Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),
     )
     confused_with: ClassVar[dict[str, str]] = {
         "coulomb_friction": "move very slowly, and at several speeds",

@@ -29,6 +29,8 @@ _BORDER = 3.0  # standard deviations of the position
 _SETTLING_S = 0.25  # from the first sample
 _UNKNOWN_S = 0.1  # from the start of a run: what a delay or a lag shows there happened before
 _UNKNOWN = 0.05  # of a run, at most
+_WITHIN = 0.05  # of the effort's variance, that means over blocks may lose
+_SMOOTH = 0.75  # of the variance of white noise's steps, below which it is a swing
 _AGAIN = (
     0.9  # of the contact of a run that begins pressed: with more in its first touch, it hardly presses again
 )
@@ -105,9 +107,22 @@ class Frame:
 
 
 def block_length(data: ChannelData) -> int:
-    """Samples in a block."""
+    """Samples in a block; half as many as long as a joint's effort swings within the block."""
     rate_hz = CONTACT_RATE_HZ if data.kind is ChannelKind.CONTACT else JOINT_RATE_HZ
-    return max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
+    block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
+    while block > 1 and data.kind is not ChannelKind.CONTACT and _swings_within(data.effort, block):
+        block //= 2
+    return block
+
+
+def _swings_within(effort: FloatArray, block: int) -> bool:
+    """Whether a fair share of an effort (n,) is lost with the means over blocks, and is no noise."""
+    blocks = effort[: len(effort) // block * block].reshape(-1, block)
+    within = blocks - blocks.mean(axis=1, keepdims=True)
+    if np.mean(within**2) < _WITHIN * np.var(effort):
+        return False
+    steps = np.diff(blocks, axis=1)  # of white noise, each has twice the variance
+    return bool(np.mean(steps**2) < _SMOOTH * 2.0 * np.mean(within**2) * block / (block - 1.0))
 
 
 def frame_of(data: ChannelData, good: BoolArray | None = None, memory: Memory | None = None) -> Frame:

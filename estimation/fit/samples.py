@@ -51,7 +51,11 @@ class SampleFit:
 
 
 def fit_samples(
-    model: Model, data: ChannelData, rows: BoolArray | None = None, loss: Loss = Loss.LINEAR
+    model: Model,
+    data: ChannelData,
+    rows: BoolArray | None = None,
+    loss: Loss = Loss.LINEAR,
+    searched: dict[bool, Trial] | None = None,
 ) -> SampleFit:
     """Fit all parameters of a model together.
 
@@ -60,15 +64,18 @@ def fit_samples(
         data: whole runs of the channel; effects with memory see all of it.
         rows: samples whose residuals count, shape (n,); None for all.
         loss: `Loss.CAUCHY` or `Loss.BIWEIGHT` where some samples may be wrong.
+        searched: where searches of these samples ended, by whether they stand outliers; is added to.
     """
     count = len(data)
     used = np.ones(count, dtype=np.bool_) if rows is None else rows
     bench = Bench(
         Frame(data, np.arange(count)[:, None], data.run, np.zeros(count, dtype=np.int64), used), WHITE
     )
-    begun = _scanned(bench, model, loss)
-    trial = _finely(bench, begun) if loss is Loss.LINEAR else _reweighted(bench, begun)
-    return _described(trial, bench, loss)
+    searched, robust = {} if searched is None else searched, loss is not Loss.LINEAR
+    if robust not in searched:
+        begun = _scanned(bench, model, loss)
+        searched[robust] = _reweighted(bench, begun) if robust else _finely(bench, begun)
+    return _described(searched[robust], bench, loss)
 
 
 def slopes_of(model: Model, data: ChannelData, parameters: Mapping[str, float]) -> FloatArray:
@@ -111,9 +118,10 @@ def _cost(bench: Bench, trial: Trial, loss: Loss) -> float:
     """What these inner parameters leave: squares, or the mean absolute residual if the loss is robust."""
     if loss is Loss.LINEAR:
         return trial.sse
+    parts = trial.model.parts(bench.frame.data, trial.parameters)
     for _ in range(_ABSOLUTE_ROUNDS):
         weighted = replace(bench, weights=np.sqrt(absolute_share(trial.residual)))
-        trial = attempt(weighted, trial.model, trial.parameters)
+        trial = attempt(weighted, trial.model, trial.parameters, parts=parts)
     return float(np.mean(np.abs(trial.residual[bench.kept])))
 
 
@@ -124,7 +132,8 @@ def _reweighted(bench: Bench, trial: Trial) -> Trial:
         left = trial.residual
         share = absolute_share(left) if absolute else cauchy_influence(left / _core(left[bench.kept]))[0]
         weighted = replace(bench, weights=np.sqrt(share))
-        before, trial = trial, _finely(weighted, attempt(weighted, trial.model, trial.parameters))
+        search = polish if absolute else _finely
+        before, trial = trial, search(weighted, attempt(weighted, trial.model, trial.parameters))
         if not absolute and _is_settled(before, trial):
             break
     return trial

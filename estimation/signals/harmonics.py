@@ -15,17 +15,18 @@ _BINS = 16384
 _PER_BIN = 4  # bins that the shortest wave must have
 _APART = 1.3  # waves within the range, by which two differ at least: a swing within one broadens it
 _FINER = 8  # of the spacing of independent waves
-_NEARLY_ALL = 0.75
+_NEARLY_ALL = 0.98  # of the energy of all waves, that those of one pattern have
 _LEAST_PERIODS = 2.0  # of the pattern within the range; less may be any smooth law
 
 
 def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     """The wave number n [1/position] and the multiples of it of which an effort is made.
 
-    What simple motion explains is taken off first. Then the strongest wave is taken, all those found are
-    fitted together, and so on, as long as a wave explains 2 % of what is left (orthogonal matching pursuit,
-    Pati et al. 1993); one that differs between two halves of the data is passed over. Which waves a channel
-    has is chosen on all its runs; how large they are is for the fit.
+    The strongest wave in what simple motion leaves is taken, all those found are fitted together with the
+    motion, and so on, as long as a wave explains 2 % of what is left (orthogonal matching pursuit, Pati et
+    al. 1993); one that differs between two halves of the data is passed over. Together, since ripple also
+    accelerates the joint. Which waves a channel has is chosen on all its runs; how large they are is for the
+    fit.
 
     Returns:
         n, and multiples in ascending order; (0, ()) where nothing ripples.
@@ -34,27 +35,26 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     if span == 0.0:
         return 0.0, ()
     data = data.select(np.arange(0, len(data), -(-len(data) // _MOST_SAMPLES)))
-    left = base = _plain(data)
-    waves, tried = list[float](), list[float]()
+    motion = _motion(data)
+    waves, tried, sizes = list[float](), list[float](), np.empty(0)
+    left, _ = _fitted(data, motion, waves)
     for _ in range(_MOST_WAVES):
         tried.append(_strongest(data.position, left, span, tried))
-        after = _without(data.position, base, [*waves, tried[-1]])
+        after, found = _fitted(data, motion, [*waves, tried[-1]])
         if np.sum(after**2) > (1.0 - _LEAST_SHARE) * np.sum(left**2):
             break
         if _is_in_both_halves(data, left, tried[-1]):
             waves.append(tried[-1])
-            left = after
-    return _common(waves, 2.0 * np.pi / span)
+            left, sizes = after, found
+    return _common(np.array(waves), sizes, 2.0 * np.pi / span)
 
 
-def _plain(data: ChannelData) -> FloatArray:
-    """What linear least squares by motion and direction leaves of the effort, shape (n,)."""
+def _motion(data: ChannelData) -> FloatArray:
+    """Columns (n, k) by which simple motion and direction explain an effort, each of length 1."""
     q, v = data.position, data.velocity
     parts = [np.ones(len(q)), q, np.sin(q), np.cos(q), v, np.sign(v), data.acceleration]
     columns = np.column_stack(parts)
-    columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    gains = np.linalg.lstsq(columns, data.effort, rcond=1e-9)[0]
-    return np.asarray(data.effort - columns @ gains)
+    return np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
 
 
 def _strongest(position: FloatArray, left: FloatArray, span: float, known: list[float]) -> float:
@@ -73,10 +73,13 @@ def _strongest(position: FloatArray, left: FloatArray, span: float, known: list[
     return float(about[np.argmax(np.abs(mean @ np.exp(-angle)))] * 2.0 * np.pi / span)
 
 
-def _without(position: FloatArray, signal: FloatArray, waves: list[float]) -> FloatArray:
-    angle = np.multiply.outer(position, np.array(waves))
-    columns = np.hstack([np.sin(angle), np.cos(angle)])
-    return np.asarray(signal - columns @ np.linalg.lstsq(columns, signal, rcond=None)[0])
+def _fitted(data: ChannelData, motion: FloatArray, waves: list[float]) -> tuple[FloatArray, FloatArray]:
+    """What motion and waves leave of the effort, (n,), and the energy of each wave."""
+    angle = np.multiply.outer(data.position, np.array(waves))
+    columns = np.hstack([motion, np.sin(angle), np.cos(angle)])
+    gains = np.linalg.lstsq(columns, data.effort, rcond=1e-9)[0]
+    energy = np.sum(gains[motion.shape[1] :].reshape(2, len(waves)) ** 2, axis=0)
+    return data.effort - columns @ gains, energy
 
 
 def _is_in_both_halves(data: ChannelData, left: FloatArray, wave: float) -> bool:
@@ -91,17 +94,16 @@ def _is_in_both_halves(data: ChannelData, left: FloatArray, wave: float) -> bool
     return bool(apart <= _APART_IN_HALVES * size)
 
 
-def _common(waves: list[float], apart: float) -> tuple[float, tuple[int, ...]]:
-    """The largest wave number of which nearly all are multiples, and these; the others are left out.
+def _common(waves: FloatArray, energy: FloatArray, apart: float) -> tuple[float, tuple[int, ...]]:
+    """The largest wave number of which nearly all waves are multiples, and these; the others are left out.
 
-    Multiples are as exact as a fifth of what can be told apart. Waves of no pattern remain of what was taken
-    off first, or of a pattern that changes slowly along the way.
+    Multiples are as exact as a fifth of what can be told apart. Waves of no pattern remain of what changes
+    slowly along the way.
     """
-    found = np.array(waves)
-    most = int(found[0] / (_LEAST_PERIODS * apart)) if waves else 0
+    most = int(waves[0] / (_LEAST_PERIODS * apart)) if len(waves) else 0
     for parts in range(1, most + 1):
-        multiples = np.round(found * parts / found[0])
-        fits = (np.abs(found - multiples * found[0] / parts) < apart / 5.0) & (multiples > 0)
-        if np.mean(fits) >= _NEARLY_ALL:
-            return float(found[0] / parts), tuple(sorted({int(m) for m in multiples[fits]}))
+        multiples = np.round(waves * parts / waves[0])
+        fits = (np.abs(waves - multiples * waves[0] / parts) < apart / 5.0) & (multiples > 0)
+        if np.sum(energy[fits]) >= _NEARLY_ALL * np.sum(energy):
+            return float(waves[0] / parts), tuple(sorted({int(m) for m in multiples[fits]}))
     return 0.0, ()

@@ -5,7 +5,6 @@ from functools import cache
 from math import perm
 
 import numpy as np
-from scipy.signal import lfilter
 
 from estimation.signals.blocks import blocks, in_order_of_time, places
 from robot_io.types import FloatArray, IntArray
@@ -25,6 +24,12 @@ def sample_time(time_s: FloatArray, run: IntArray) -> float:
     low = middle - 1 + len(steps) % 2
     steps.partition((low, middle))  # numpy's own median spends most of its time on what it might be asked
     return float(0.5 * (steps[low] + steps[middle]))
+
+
+def finest_step(time_s: FloatArray, run: IntArray) -> float:
+    """Time between samples where they are densest [s]: a twentieth are as close; see `sample_time`."""
+    steps = (time_s[1:] - time_s[:-1])[run[1:] == run[:-1]]
+    return float(np.quantile(steps, 0.05)) if len(steps) else 1.0
 
 
 def per_run(operator: Callable[[FloatArray], FloatArray], signal: FloatArray, run: IntArray) -> FloatArray:
@@ -72,6 +77,8 @@ def low_pass(
     starts, piece = places(run)
     if not _is_even(time_s, run, step_s):
         return _low_pass_uneven(signal, _steps(time_s, starts, step_s), starts, tau_s, from_rest=from_rest)
+    from scipy.signal import lfilter  # noqa: PLC0415, half of what it takes to import palpate
+
     decay, newest, older = _first_order(np.array(step_s), tau_s)
     filtered = np.asarray(lfilter([newest, older], [1.0, -decay], signal, axis=0), dtype=np.float64)
     wanted = signal[starts] * (newest if from_rest else 1.0)

@@ -9,6 +9,7 @@ from estimation.channel import ChannelData
 from estimation.estimate import Estimate
 from estimation.estimate_channel import estimate_channel, fitting_rows
 from estimation.estimators import ESTIMATORS
+from estimation.fit.trial import Trial
 from estimation.model import Model
 from estimation.models import MODELS
 from estimation.study.shown import Shown, Table, interval_text
@@ -139,11 +140,13 @@ def estimate_with(
         raise InputError(f"model '{model_name}' has no free parameter: there is nothing to estimate")
     channel = base.prepare(channel, context)
     rows = fitting_rows(channel)
-    estimates, failures = [], {}
+    estimates, failures, searched = [], {}, dict[bool, Trial]()
     for name in estimators:
         try:
-            rng = np.random.default_rng(SEED)
-            estimates.append(estimate_channel(channel, model, ESTIMATORS[name](), rng=rng, rows=rows))
+            estimator, rng = ESTIMATORS[name](), np.random.default_rng(SEED)
+            estimates.append(
+                estimate_channel(channel, model, estimator, rng=rng, rows=rows, searched=searched)
+            )
         except InputError as error:
             failures[name] = str(error)
     if not estimates:

@@ -53,7 +53,11 @@ def _accepted(entry: Accepted, before: Fitted, after: Fitted) -> Accepted:
     prefix = f"{entry.effect}."
     own = {n.removeprefix(prefix): p for n, p in _values(after.parameters).items() if n.startswith(prefix)}
     return entry.model_copy(
-        update={"rmse_before": before.rmse, "rmse_after": after.rmse, "parameters": own or entry.parameters}
+        update={
+            "rmse_before": before.rmse,
+            "rmse_after": after.rmse,
+            "parameters": {**entry.parameters, **own},
+        }
     )
 
 

@@ -36,7 +36,7 @@ _MODELS = ("kelvin_voigt", "hunt_crossley")
 _ESTIMATORS = "weighted,lsq"
 Look = Callable[[Samples, int], ObjectEstimate]
 _SURE = 1.96  # standard errors on either side: 95 %
-_NICE = 10  # of the diagnosis, for which nobody waits
+_NICE = 5  # of the diagnosis: the arm comes first
 _ENOUGH = 1.3  # times the noise: what leaves no more needs no second law
 _PR_SET_PDEATHSIG = 1  # Linux, prctl(2)
 

@@ -6,7 +6,7 @@ force off, session closed.
 """
 
 import signal
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from math import inf
 from multiprocessing.connection import Connection
@@ -27,7 +27,7 @@ from palpate.teleop.object_law import felt_data, force_law, terms_of
 from palpate.teleop.operator_file import build_operator
 from robot_io.clock import Clock, MonotonicClock
 from robot_io.errors import InputError, PalpateError
-from robot_io.link import ObjectEstimate
+from robot_io.link import ObjectEstimate, short_number
 from robot_io.operator.device import Hand, OperatorDevice
 from robot_io.robot_file import RobotFile
 from robot_io.session import Column, SessionMetadata, SessionWriter, Stream
@@ -36,6 +36,7 @@ from sim_backend.scenario import Scenario
 _DOWN = np.array((0.0, 0.0, -1.0))  # the scene's object is pressed downwards
 GUESS = -1  # revision of the scene's own object, before anything was probed
 _TELL_TICKS = 20
+_SPIN_S = 1e-4  # before a tick is due the loop sleeps no more, but looks at the clock: waking up takes 50 us
 _MOST_UNREAD = 50  # tellings that the main process has not read; it is never waited for
 STREAM_NAME, FEEL = "haptic", "feel"
 
@@ -81,6 +82,7 @@ class Telling:
     finished: bool = False  # the script has come to its end
     lateness: SectionTiming | None = None  # of the whole run, with the last telling
     failure: str = ""  # why it ended early, with the last telling
+    opened: bool = True  # whether the operator's device could be opened; without it there is no session
 
 
 _NOTHING = Telling(0.0, (0.0, 0.0, 0.0), 0.0, 0.0)
@@ -111,9 +113,11 @@ def haptic_stream(joint_count: int) -> Stream:
 def run_haptics(job: HapticJob, pipe: Connection) -> None:
     """Render until the script ends, the main process says so, or it is gone; for a process of its own."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process, which then says to end
-    lateness, failure = Histogram(), ""
+    clock, lateness, failure, opened = MonotonicClock(), Histogram(), "", False
     try:
-        _render(job, pipe, lateness)
+        with build_operator(job.operator, clock) as device:
+            opened = True
+            _render(job, device, clock, pipe, lateness)
     except (EOFError, BrokenPipeError, ConnectionResetError):  # the main process is gone, and all is closed
         return
     except PalpateError as error:
@@ -121,15 +125,19 @@ def run_haptics(job: HapticJob, pipe: Connection) -> None:
     except Exception as error:  # said to the user by the main process
         failure = one_line(error)
     with suppress(OSError):
-        pipe.send(replace(_NOTHING, finished=True, lateness=lateness.summary(), failure=failure))
+        last = replace(_NOTHING, finished=True, lateness=lateness.summary(), failure=failure, opened=opened)
+        pipe.send(last)
 
 
-def _render(job: HapticJob, pipe: Connection, lateness: Histogram) -> None:
-    clock, robot_file = MonotonicClock(), find_robot(job.robot)
-    device = build_operator(job.operator, clock)
+def _render(
+    job: HapticJob, device: OperatorDevice, clock: Clock, pipe: Connection, lateness: Histogram
+) -> None:
+    robot_file = find_robot(job.robot)
     streams = [haptic_stream(robot_file.joint_count), LINK_STREAM]
-    with SessionWriter(job.session, streams, job.metadata) as log, device, realtime() as help_given:
-        log.event(clock.now_s(), "realtime", str(help_given))
+    with ExitStack() as stack:
+        log = stack.enter_context(SessionWriter(job.session, streams, job.metadata))
+        stack.callback(device.deactivate)  # before the session is closed, which may take long
+        log.event(clock.now_s(), "realtime", str(stack.enter_context(realtime())))
         device.activate()
         _Haptics(job, robot_file, device, log, pipe).run(clock, lateness)
 
@@ -164,8 +172,9 @@ class _Haptics:
         periods, busy_s = 1, 0.0
         late_s = np.zeros(_TELL_TICKS)
         while not self._end:
-            clock.sleep_until(grid.due_s)
-            now_s = clock.now_s()
+            clock.sleep_until(grid.due_s - _SPIN_S)
+            while (now_s := clock.now_s()) < grid.due_s:
+                pass
             late_s[grid.index % _TELL_TICKS] = now_s - grid.due_s
             self._tick(now_s, now_s - grid.due_s, busy_s, periods * self._period_s)
             if grid.index % _TELL_TICKS == _TELL_TICKS - 1:
@@ -227,7 +236,8 @@ class _Haptics:
             self._refused.append(f"estimate {estimate.revision}: {error}")
             return
         self._revision = estimate.revision
-        text = f"estimate {estimate.revision}, target {estimate.target}: {in_words(estimate)}"
+        number = short_number(estimate.target)
+        text = f"estimate {estimate.revision}, target {number}: {in_words(estimate)}"
         self._log.event(now_s, FEEL, text, felt_data(estimate))
 
     def _tell(self, now_s: float, hand: Hand, touch: Touch) -> None:

@@ -3,7 +3,7 @@
 from math import isfinite
 
 from palpate.words import count, significant
-from robot_io.link import ObjectEstimate, Parameter
+from robot_io.link import ObjectEstimate, Parameter, short_number
 
 _SHORT = {"stiffness.k": "k", "damping.c": "c"}
 GEOMETRY = ("contact_offset.offset",)
@@ -36,4 +36,4 @@ def trust_in_words(estimate: ObjectEstimate | None, age_s: float, away_m: float)
     age = f", {age_s:.0f} s old" if isfinite(age_s) else ""
     away = f", {1e3 * away_m:.0f} mm away" if isfinite(away_m) else ""
     verdict = "" if estimate.verdict else "; not diagnosed"
-    return f"target {estimate.target}{away}{age}: {in_words(estimate)}{verdict}"
+    return f"target {short_number(estimate.target)}{away}{age}: {in_words(estimate)}{verdict}"

@@ -10,16 +10,19 @@ import numpy as np
 from control.loop.phases import Phase
 from control.loop.tick_record import STREAM_NAME as TICK
 from control.teleop.link_record import STREAM_NAME as LINK
+from palpate.teleop.follower_talk import ESTIMATE
 from palpate.teleop.haptics import FEEL, GUESS
 from palpate.teleop.haptics import STREAM_NAME as HAPTIC
 from palpate.teleop.object_law import force_law, terms_in, terms_of
 from palpate.words import significant
 from robot_io.errors import InputError
+from robot_io.link import short_number
 from robot_io.session import Event, Samples, Session
-from robot_io.types import BoolArray, FloatArray
+from robot_io.types import BoolArray, FloatArray, IntArray
 from sim_backend.scenario import Scenario
 
 TOUCH_S = 0.005  # in which a damper's jump at touch is rendered only as far as passivity allows
+_TICK_S = 1e-3
 _APART_S = 0.05  # between two touches, at least
 _LEAST_N = 0.2  # of the real force: below this nothing is compared
 _PRESSED = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
@@ -32,6 +35,7 @@ class Felt:
     time_s: FloatArray  # on the leader's clock [s]
     felt_n: FloatArray
     real_n: FloatArray
+    stalled: BoolArray  # of a touch at whose beginning the machine missed a tick
 
     @property
     def share(self) -> float:
@@ -40,12 +44,15 @@ class Felt:
             return float("nan")
         return float(np.sqrt(np.mean((self.felt_n - self.real_n) ** 2) / np.mean(self.real_n**2)))
 
-    def after_touch(self) -> "Felt":
-        """The same without the first `TOUCH_S` of every touch."""
+    def settled(self) -> "Felt":
+        """The same without the first `TOUCH_S` of every touch, and without touches that began late."""
         begins_s = self.time_s[np.diff(self.time_s, prepend=-np.inf) > _APART_S]
         since_s = self.time_s - begins_s[np.searchsorted(begins_s, self.time_s, side="right") - 1]
-        late = since_s >= TOUCH_S
-        return Felt(self.time_s[late], self.felt_n[late], self.real_n[late])
+        return self.select((since_s >= TOUCH_S) & ~self.stalled)
+
+    def select(self, kept: BoolArray) -> "Felt":
+        """Those samples, shape (n,), for which `kept` holds."""
+        return Felt(self.time_s[kept], self.felt_n[kept], self.real_n[kept], self.stalled[kept])
 
     def in_words(self) -> str:
         """The share, such as "1.2 % rms of 8000 samples"."""
@@ -118,6 +125,11 @@ class Joined:
         """What the operator felt from when on, as events with their data."""
         return [(event, event.data or {}) for event in self.leader.events if event.kind == FEEL]
 
+    def verdicts(self) -> dict[int, str]:
+        """What the diagnosis said of each target that was estimated, by number; empty if nothing yet."""
+        made = [event.data or {} for event in self.follower.events if event.kind == ESTIMATE]
+        return {short_number(data["target"]): data["verdict"] for data in made}
+
     def felt_and_real(self, real: Scenario) -> Felt:
         """What was felt after the first estimate, and what the real object would have answered to that hand.
 
@@ -130,8 +142,12 @@ class Joined:
         step_s[:1] = 1e-3
         motion = zip(depth_m.tolist(), rate_m_s.tolist(), step_s.tolist(), strict=True)
         real_n = np.array([law(*state) for state in motion])
-        counted = _begun_after(haptic["force_n"] > 0.0, haptic["revision"] != GUESS) & (real_n > _LEAST_N)
-        return Felt(haptic["time_s"][counted], haptic["force_n"][counted], real_n[counted])
+        touching = haptic["force_n"] > 0.0
+        counted = _begun_after(touching, haptic["revision"] != GUESS) & (real_n > _LEAST_N)
+        missed = haptic["lateness_s"] > np.median(step_s)
+        return Felt(haptic["time_s"], haptic["force_n"], real_n, _begun_during(touching, missed)).select(
+            counted
+        )
 
     def modelled_and_measured(self) -> Felt:
         """What each target's newest model answers to the follower's presses, and what was measured."""
@@ -152,9 +168,10 @@ class Joined:
             measured_n = ticks["force_n"][rows] - air_n
             parts.append((ticks["time_s"][rows][kept], modelled_n[kept], measured_n[kept]))
         if not parts:
-            return Felt(*np.zeros((3, 0)))
+            nothing = np.zeros(0)
+            return Felt(nothing, nothing, nothing, nothing > 0.0)
         time_s, modelled_n, measured_n = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return Felt(self.to_leader(time_s), modelled_n, measured_n)
+        return Felt(self.to_leader(time_s), modelled_n, measured_n, np.zeros(len(time_s), bool))
 
     def _target_of(self, time_s: FloatArray) -> FloatArray:
         """Number of the target that was being probed at the follower's times, shape (n,); -1 before any."""
@@ -184,7 +201,21 @@ def join(first: Session, second: Session) -> Joined:
 
 def _begun_after(touching: BoolArray, known: BoolArray) -> BoolArray:
     """Samples of those touches that began when something was known, shape (n,)."""
-    begins = touching & ~np.concatenate([[False], touching[:-1]])
-    number = np.cumsum(begins)
+    begins, number = _touches(touching)
     knew = np.concatenate([[False], known[begins]])
     return np.asarray(touching & knew[number])
+
+
+def _begun_during(touching: BoolArray, missed: BoolArray) -> BoolArray:
+    """Samples of those touches that began less than `TOUCH_S` before a missed tick, shape (n,)."""
+    begins, number = _touches(touching)
+    first = np.convolve(begins, np.ones(round(TOUCH_S / _TICK_S)))[: len(begins)] > 0.0
+    late = np.zeros(number[-1] + 1, bool)
+    late[number[first & missed]] = True
+    return np.asarray(touching & late[number])
+
+
+def _touches(touching: BoolArray) -> tuple[BoolArray, IntArray]:
+    """Where a touch begins, and the number of the newest one, 0 before the first; shape (n,) each."""
+    begins = touching & ~np.concatenate([[False], touching[:-1]])
+    return begins, np.cumsum(begins)

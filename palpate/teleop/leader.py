@@ -14,30 +14,26 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 
-import numpy as np
-
-from control.loop.phases import Phase
 from control.loop.timing import SectionTiming
-from control.teleop.disagreement import Disagreement
-from control.teleop.link_record import link_record
-from control.teleop.peer import Arrival, Peer, PeerLimits
-from control.teleop.virtual_object import ForceLaw
+from control.teleop.conversation import Conversation
+from control.teleop.peer import PeerLimits
 from palpate.runs.session import SOURCE
 from palpate.teleop.haptics import HapticJob, Orders, Telling, run_haptics
-from palpate.teleop.in_words import in_words, trust_in_words
-from palpate.teleop.object_law import force_law, terms_of
+from palpate.teleop.in_words import in_words
+from palpate.teleop.probed import DOWN, Probed
 from robot_io.clock import Clock, MonotonicClock
 from robot_io.errors import InputError, PalpateError
 from robot_io.link import (
-    Frame,
-    FrameError,
     Intent,
     Line,
     LineSettings,
+    Message,
     ObjectEstimate,
     Report,
     Target,
     TargetState,
+    short_number,
+    target_number,
 )
 from robot_io.link.messages import MOST_TARGETS
 from robot_io.robot_file import RobotFile
@@ -49,9 +45,7 @@ _LINK_RECORD_S, _SHOW_S = 0.1, 0.5
 _FAREWELL_S = 45.0  # how long a follower may take to finish what is queued
 _SAME_PLACE_M = 0.005  # nearer than this to a target is that target
 _START_S = 30.0  # until the haptic process is heard
-_DOWN = (0.0, 0.0, -1.0)
 _OVER = (TargetState.DONE, TargetState.REFUSED, TargetState.CANCELLED, TargetState.FAILED)
-_TOUCHING = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 Say = Callable[[str], None]
 
 
@@ -139,25 +133,23 @@ class _Leader:
         say: Say,
         show: Say,
     ) -> None:
-        self._line, self._clock, self._process, self._pipe = line, clock, process, pipe
+        self._clock, self._process, self._pipe = clock, process, pipe
         self._say, self._show = say, show
-        self._peer = Peer(job.limits)
-        self._targets: list[Target] = []
+        self._conversation = Conversation(
+            line, clock, job.limits, take=self._take, begin_anew=self._begin_anew
+        )
+        self._probed = Probed(job.haptics.scene)
+        self._sender = line.sender
+        self._targets: dict[int, Target] = {}
         self._cancelled: list[int] = []
         self._states: dict[int, TargetState] = {}
         self._remark = ""
-        self._estimates: dict[int, ObjectEstimate] = {}  # newest by target
-        self._seen, self._read, self._restarts, self._received = -1, 0, 0, 0
-        self._felt: ObjectEstimate | None = None  # None: the scene's guess
+        self._read = 0
         self._notes: list[tuple[str, str]] = []
         self._telling: Telling | None = None
-        self._law: ForceLaw = force_law(terms_of(job.haptics.scene))
-        self._surface_m = np.array((0.0, 0.0, job.haptics.scene.object.surface_height_m))
-        self._disagreement, self._shown = Disagreement(), set[object]()
         self._disagreements: list[str] = []
-        self._report_s = nan
         self._ending_s = self._link_s = self._show_s = nan
-        self._over, self._linked = False, False
+        self._over = False
         self._lateness: SectionTiming | None = None
 
     def run(self) -> None:
@@ -168,14 +160,14 @@ class _Leader:
             self._hear_operator()
             if self._telling is None and now_s - begun_s > _START_S:
                 raise PalpateError(f"the haptic process was not heard within {_START_S:g} s")
-            self._hear_follower(now_s)
+            self._hear_follower()
             self._choose()
-            self._line.send(self._intent())
+            self._conversation.say(self._intent())
             self._order(now_s)
             if not now_s < self._show_s + _SHOW_S:
                 self._show_s = now_s
                 self._show(self._in_words(now_s))
-            if now_s > self._ending_s + _FAREWELL_S or (self._ending and self._peer.silent(now_s)):
+            if now_s > self._ending_s + _FAREWELL_S or (self._ending and not self._conversation.linked):
                 self._over = True
             self._clock.sleep_until(now_s + TALK_S)
         self._end_haptics()
@@ -191,8 +183,8 @@ class _Leader:
 
     def outcome(self) -> LeaderOutcome:
         """How it ended."""
-        states = {number: state.name.lower() for number, state in self._states.items()}
-        return LeaderOutcome(states, self._received, tuple(self._disagreements), self._lateness)
+        states = {short_number(number): state.name.lower() for number, state in self._states.items()}
+        return LeaderOutcome(states, self._probed.received, tuple(self._disagreements), self._lateness)
 
     def _hear_operator(self) -> None:
         try:
@@ -206,6 +198,8 @@ class _Leader:
     def _take_telling(self, telling: Telling) -> None:
         if telling.lateness is not None:
             self._lateness = telling.lateness
+            if not telling.opened:
+                raise InputError(f"the operator's device cannot be opened: {telling.failure}")
             if telling.failure:
                 raise PalpateError(f"the haptic loop has ended: {telling.failure}")
             self._over = True
@@ -223,108 +217,67 @@ class _Leader:
         waiting = [one for one in self._wanted() if dist(one.position_world_m, place) < _SAME_PLACE_M]
         for target in waiting:
             self._cancelled.append(target.number)
-            self._note("target", f"target {target.number} called off")
+            self._note("target", f"target {short_number(target.number)} called off")
         if not waiting:
-            number = len(self._targets)
-            self._targets.append(Target(number, place, _DOWN))
-            self._note("target", f"target {number} chosen at {_millimetres(place)} mm")
+            number = target_number(self._sender, len(self._targets))
+            self._targets[number] = Target(number, place, DOWN)
+            self._note("target", f"target {short_number(number)} chosen at {_millimetres(place)} mm")
 
-    def _hear_follower(self, now_s: float) -> None:
-        for at_s, frame in self._line.receive():
-            arrival = self._peer.judge(frame, at_s)
-            if self._peer.restarts != self._restarts:
-                self._restarts, self._seen = self._peer.restarts, -1  # it counts its estimates from 0 again
-                self._note("link", "another follower has begun")
-            if arrival is Arrival.FRESH:
-                self._take_frame(frame, at_s)
-        linked = not self._peer.silent(now_s)
-        if linked != self._linked:
-            self._note("link", "the follower is heard" if linked else "the follower is silent")
-        self._linked = linked
+    def _hear_follower(self) -> None:
+        if self._conversation.listen():
+            heard = self._conversation.linked
+            self._note("link", "the follower is heard" if heard else "the follower is silent")
 
-    def _take_frame(self, frame: Frame, at_s: float) -> None:
-        try:
-            message = frame.message
-        except FrameError:
-            self._line.malformed += 1
-            return
-        self._line.heard(frame, at_s)
+    def _begin_anew(self) -> None:
+        self._probed.begin_anew()
+        self._note("link", "another follower has begun")
+
+    def _take(self, message: Message, sent_s: float) -> None:
         if isinstance(message, ObjectEstimate):
             self._take_estimate(message)
         elif isinstance(message, Report):
-            self._take_report(message, frame.sent_s)
+            self._take_report(message, sent_s)
 
     def _take_estimate(self, estimate: ObjectEstimate) -> None:
-        if estimate.revision <= self._seen:
-            return
-        self._seen, self._received = estimate.revision, self._received + 1
-        if dist(estimate.direction_world, _DOWN) > 1e-3:
-            self._note(
-                "refused", f"estimate {estimate.revision}: the virtual object is pressed downwards only"
-            )
-            return
         try:
-            force_law(estimate.model)
+            new = self._probed.take(estimate)
         except InputError as error:
             self._note("refused", f"estimate {estimate.revision} cannot be felt: {error}")
             return
-        self._estimates[estimate.target] = estimate
-        why = f" ({estimate.words})" if estimate.words else ""
-        self._note("estimate", f"target {estimate.target}: {in_words(estimate)}{why}")
+        if new:
+            why = f" ({estimate.words})" if estimate.words else ""
+            self._note("estimate", f"target {short_number(estimate.target)}: {in_words(estimate)}{why}")
 
     def _take_report(self, report: Report, sent_s: float) -> None:
         # A follower that has not heard of this leader yet may still tell of the targets of the last one.
         states = zip(report.targets, map(TargetState, report.states), strict=True)
-        self._states.update((n, state) for n, state in states if 0 <= n < len(self._targets))
+        self._states.update((number, state) for number, state in states if number in self._targets)
         if report.remark and report.remark != self._remark:
             self._note("follower", report.remark)
         self._remark = report.remark
-        if report.ended:
+        for text in self._probed.compare(report, sent_s):
+            self._disagreements.append(text)
+            self._note("disagreement", text)
+        if report.ended and not self._over:
             self._note("follower", "the follower has ended")
             self.end()
             self._over = True
-        self._compare(report, sent_s)
-
-    def _compare(self, report: Report, sent_s: float) -> None:
-        """Hold what the follower feels against what the virtual object would answer there."""
-        direction = np.array(report.direction_world)
-        depth_m = float((np.array(report.tip_world_m) - self._surface_m).dot(direction))
-        dt_s = min(max(sent_s - self._report_s, 1e-3), 1.0) if self._report_s == self._report_s else TALK_S
-        self._report_s = sent_s
-        predicted_n = self._law(depth_m, report.speed_m_s, dt_s)
-        if report.phase not in _TOUCHING:
-            return
-        place = (report.target, Phase(report.phase).name.lower())
-        self._disagreement.add(place, depth_m, report.force_n, predicted_n)
-        for misfit in self._disagreement.found():
-            if misfit.place not in self._shown:
-                self._shown.add(misfit.place)
-                text = f"target {place[0]}, {place[1]}: {misfit.in_words()}"
-                self._disagreements.append(text)
-                self._note("disagreement", text)
 
     def _choose(self) -> None:
         """Feel the estimate of the nearest place that was probed."""
-        if not self._estimates or self._telling is None:
-            return
-        tip = self._telling.tip_world_m
-        nearest = min(self._estimates.values(), key=lambda one: dist(one.surface_world_m[:2], tip[:2]))
-        if nearest is self._felt:
-            return
-        self._felt = nearest
-        self._law, self._surface_m = force_law(nearest.model), np.array(nearest.surface_world_m)
-        self._disagreement, self._shown = Disagreement(max(nearest.noise_n, 0.0)), set()
-        self._send(Orders(self._read, render=nearest))
+        chosen = self._probed.choose(self._telling.tip_world_m) if self._telling else None
+        if chosen is not None:
+            self._send(Orders(self._read, render=chosen))
 
     def _intent(self) -> Intent:
         wanted = tuple(self._wanted()[:MOST_TARGETS])
-        return Intent(wanted, tuple(self._cancelled[-MOST_TARGETS:]), self._seen, self._ending)
+        return Intent(wanted, tuple(self._cancelled[-MOST_TARGETS:]), self._probed.seen, self._ending)
 
     def _wanted(self) -> list[Target]:
         """Targets that the follower has not finished, and that are not called off."""
         return [
             one
-            for one in self._targets
+            for one in self._targets.values()
             if self._states.get(one.number) not in _OVER and one.number not in self._cancelled
         ]
 
@@ -333,7 +286,7 @@ class _Leader:
         if self._telling is None or (now_s < self._link_s + _LINK_RECORD_S and not self._notes):
             return
         self._link_s = now_s
-        record = link_record(self._peer, self._line.malformed, now_s)
+        record = self._conversation.record(now_s)
         self._send(Orders(self._read, notes=tuple(self._notes), link=record))
         self._notes.clear()
 
@@ -359,16 +312,13 @@ class _Leader:
 
     def _in_words(self, now_s: float) -> str:
         """How things stand, and how far the virtual object can be trusted."""
-        felt, telling = self._felt, self._telling
-        force = "" if telling is None else f"{telling.force_n:5.2f} N felt; "
-        age_s = nan if felt is None else self._peer.since_s(felt.measured_s, now_s)
-        away_m = (
-            nan
-            if felt is None or telling is None
-            else dist(felt.surface_world_m[:2], telling.tip_world_m[:2])
-        )
-        link = "linked" if self._linked else "NO LINK"
-        return f"{force}{trust_in_words(felt, age_s, away_m)}; {link}"
+        telling, felt = self._telling, self._probed.felt
+        if telling is None:
+            return "starting"
+        age_s = nan if felt is None else self._conversation.peer.since_s(felt.measured_s, now_s)
+        trust = self._probed.in_words(telling.tip_world_m, age_s)
+        link = "linked" if self._conversation.linked else "NO LINK"
+        return f"{telling.force_n:5.2f} N felt; {trust}; {link}"
 
 
 def _millimetres(place: tuple[float, ...]) -> str:

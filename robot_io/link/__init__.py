@@ -12,6 +12,8 @@ from robot_io.link.messages import (
     Report,
     Target,
     TargetState,
+    short_number,
+    target_number,
 )
 
 __all__ = [
@@ -30,4 +32,6 @@ __all__ = [
     "TargetState",
     "decode",
     "encode",
+    "short_number",
+    "target_number",
 ]

@@ -22,6 +22,8 @@ class Impairment:
             raise InputError(f"delay {self.delay_s} s, jitter {self.jitter_s} s: each 0 to 60 s")
         if not 0.0 <= self.loss < 1.0:
             raise InputError(f"loss {self.loss}: at least 0 and below 1")
+        if not 0 <= self.seed < 2**63:
+            raise InputError(f"seed {self.seed}: at least 0 and below 2^63")
 
 
 class BadNetwork:

@@ -19,6 +19,7 @@ from robot_io.errors import InputError
 from robot_io.link.frame import MOST_BYTES, Frame, FrameError, decode, encode
 from robot_io.link.impairment import BadNetwork, Impairment
 from robot_io.link.messages import Message
+from robot_io.link.zenoh_errors import cause
 
 Role = Literal["leader", "follower"]
 _OTHER: dict[Role, Role] = {"leader": "follower", "follower": "leader"}
@@ -76,9 +77,9 @@ class Line:
                 f"{key}/{role}", congestion_control=zenoh.CongestionControl.DROP, express=True
             )
         except zenoh.ZError as error:
-            reason = " ".join(str(error).split())[:200]
-            where = settings.config or f"{_LOOPBACK}:{settings.port}"
-            raise InputError(f"link {where}: {reason}; is the port taken by another {role}?") from error
+            where, why = settings.config or f"{_LOOPBACK}:{settings.port}", cause(error)
+            hint = f"; is it taken by another {role}?" if "already in use" in why else ""
+            raise InputError(f"link {where}: {why}{hint}") from None
         self._put: Callable[[bytes], object] = self._publisher.put
 
     def send(self, message: Message) -> None:
@@ -137,8 +138,7 @@ def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN
         try:
             return zenoh.Config.from_file(str(settings.config))
         except zenoh.ZError as error:
-            reason = " ".join(str(error).split())[:200]
-            raise InputError(f"{settings.config}: is no zenoh configuration: {reason}") from error
+            raise InputError(f"{settings.config}: is no zenoh configuration: {cause(error)}") from None
     endpoint = f"{_LOOPBACK}:{settings.port}"
     way = "listen" if role == "follower" else "connect"
     config = zenoh.Config()

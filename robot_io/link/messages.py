@@ -14,6 +14,28 @@ MOST_TARGETS = 64
 MOST_PARAMETERS = 64
 MOST_TEXT = 500  # characters
 _UNIT = 1e-6  # how far a direction may be from a unit vector
+_LEADERS, _NUMBERS = 2**31, 2**16  # leaders that are told apart; targets that each may give
+_MOST_COUNT = _LEADERS * _NUMBERS  # a double holds all of them
+
+
+def target_number(leader: int, count: int) -> int:
+    """The number of a leader's target, which no other leader gives.
+
+    Args:
+        leader: random number of the leading program; 31 bits of it count.
+        count: of its targets so far.
+
+    Raises:
+        InputError: there are too many of them.
+    """
+    if not 0 <= count < _NUMBERS:
+        raise InputError(f"target {count}: a leader may choose {_NUMBERS}")
+    return leader % _LEADERS * _NUMBERS + count
+
+
+def short_number(number: int) -> int:
+    """Which of its leader's targets a number stands for, for people."""
+    return number % _NUMBERS
 
 
 class TargetState(IntEnum):
@@ -27,11 +49,14 @@ class TargetState(IntEnum):
     FAILED = 5  # tried, and no data came of it
 
 
+_STATES = frozenset(TargetState)
+
+
 @dataclass(frozen=True, slots=True)
 class Target:
     """A place to probe. How fast and how hard is for the follower's own plan to say, not for the network."""
 
-    number: int  # given by the leader, never used twice
+    number: int  # given by the leader, see `target_number`; never used twice, by another leader neither
     position_world_m: tuple[float, ...]  # shape (3,), a point near the surface [m]
     direction_world: tuple[float, ...]  # shape (3,), unit vector into the object
 
@@ -49,17 +74,16 @@ class Intent:
 
     targets: tuple[Target, ...]  # in the order in which they are to be probed
     cancelled: tuple[int, ...]  # numbers of targets that are not wanted any more
-    estimate_seen: int  # revision of the newest estimate that has arrived, -1 for none
+    seen: tuple[int, ...]  # revision of the newest estimate that has arrived, of each target
     ended: bool  # the operator is done: finish what is queued, then end
 
     def __post_init__(self) -> None:
         _need_few("targets", self.targets, MOST_TARGETS)
         _need_few("cancelled", self.cancelled, MOST_TARGETS)
+        _need_few("seen", self.seen, MOST_TARGETS)
         numbers = [target.number for target in self.targets]
         if len(set(numbers)) < len(numbers):
             raise InputError(f"targets {numbers}: a number is there twice")
-        if self.estimate_seen < -1:
-            raise InputError(f"estimate_seen {self.estimate_seen}: at least -1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +108,7 @@ class Report:
         _need_number("force", self.force_n, 1e6)
         _need_few("target states", self.targets, MOST_TARGETS)
         _need_text("remark", self.remark)
-        if len(self.states) != len(self.targets) or not set(self.states) <= set(TargetState):
+        if len(self.states) != len(self.targets) or not _STATES.issuperset(self.states):
             raise InputError(f"target states {self.states}: not one known state for each of {self.targets}")
 
 
@@ -160,20 +184,21 @@ Message = Intent | Report | ObjectEstimate
 
 
 def _need_count(what: str, value: int) -> None:
-    if not 0 <= value < 2**31:
-        raise InputError(f"{what} {value}: at least 0 and below 2^31")
+    if not 0 <= value < _MOST_COUNT:
+        raise InputError(f"{what} {value}: at least 0 and below 2^47")
 
 
 def _need_number(what: str, value: float, most: float) -> None:
-    if not abs(value) <= most:  # also NaN
+    if not -most <= value <= most:  # also NaN
         raise InputError(f"{what} {value}: not a number up to {most:g}")
 
 
 def _need_vector(what: str, values: Sequence[float], most: float) -> None:
     if len(values) != 3:
         raise InputError(f"{what} {values}: three numbers are needed")
-    for value in values:
-        _need_number(what, value, most)
+    x, y, z = values
+    if not (-most <= x <= most and -most <= y <= most and -most <= z <= most):  # also NaN
+        raise InputError(f"{what} {tuple(values)}: not three numbers up to {most:g}")
 
 
 def _need_few(what: str, values: Sequence[object], most: int) -> None:

@@ -1,6 +1,7 @@
 """An operator by script: a hand that follows a plan."""
 
 from itertools import pairwise
+from math import inf
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -15,7 +16,7 @@ from robot_io.types import FloatArray
 class Waypoint(FileModel):
     """Where the hand wants to be at a time, and whether it holds the button down from there on."""
 
-    time_s: NotNegative  # since the device was opened [s]
+    time_s: NotNegative  # since the device was activated [s]
     position_world_m: tuple[Number, Number, Number]
     select: bool = False
 
@@ -34,25 +35,34 @@ class ScriptedSettings(HandSettings):
 
 
 class ScriptedOperator(ModelledHand):
-    """Moves between waypoints with the least jerk, as hands do (Flash and Hogan, J. Neurosci. 5, 1985)."""
+    """Moves between waypoints with the least jerk, as hands do (Flash and Hogan, J. Neurosci. 5, 1985).
+
+    The script's time begins when the device is opened, and anew when it is activated.
+    """
 
     name = "scripted"
     Settings: ClassVar[type[FileModel]] = ScriptedSettings
 
     def __init__(self, settings: ScriptedSettings, clock: Clock) -> None:
         super().__init__(settings, clock)
+        self._begun_s = inf
         self._path = [(w.time_s, np.array(w.position_world_m), w.select) for w in settings.path]
 
     @property
     def finished(self) -> bool:
         """Whether the last waypoint's time has passed."""
-        return self._is_open and self.clock.now_s() - self._opened_s >= self._path[-1][0]
+        return self.clock.now_s() - self._begun_s >= self._path[-1][0]
 
     def _open(self) -> None:
-        self._opened_s = self.clock.now_s()
+        self._begun_s = self.clock.now_s()
+
+    def _power(self, *, on: bool) -> None:
+        super()._power(on=on)
+        if on:
+            self._begun_s = self.clock.now_s()
 
     def _goal(self, now_s: float) -> tuple[FloatArray, FloatArray, bool]:
-        time_s = now_s - self._opened_s
+        time_s = now_s - self._begun_s
         passed = sum(time_s >= waypoint_s for waypoint_s, _, _ in self._path)
         if passed in (0, len(self._path)):
             _, position, select = self._path[max(passed - 1, 0)]

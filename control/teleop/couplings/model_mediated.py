@@ -9,11 +9,14 @@ the model at hand, without delay, and is passive whatever comes from the link (`
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
+from math import inf
 
 import numpy as np
 
-from control.teleop.couplings.coupling import TRACKING, Coupling, Packet, Port, Side
+from control.teleop.couplings.channel import Packet
+from control.teleop.couplings.coupling import TRACKING, Coupling, Port, Side
 from control.teleop.virtual_object import ForceLaw, VirtualObject, kelvin_voigt
+from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
 _AXIS = np.array([0.0, 0.0, 1.0])
@@ -59,6 +62,10 @@ class ProbingWay:
     speeds_m_s: tuple[float, ...] = (0.06, 0.04, 0.02)
     force_limit_n: float = 8.0
 
+    def __post_init__(self) -> None:
+        if not self.speeds_m_s or not all(0.0 < v < inf for v in (*self.speeds_m_s, self.force_limit_n)):
+            raise InputError(f"{self}: speeds and force limit must be finite and above 0")
+
 
 class ModelMediatedLeader(Side):
     """Renders the model at hand; the first touch of it asks for a probing."""
@@ -69,8 +76,7 @@ class ModelMediatedLeader(Side):
         self.virtual = VirtualObject(law, surface_m * _AXIS, -_AXIS)
         self._target = self._answered = 0.0
 
-    def step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
-        """See `Side.step`."""
+    def _step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         if newest is not None and newest[0] > self._answered:
             self._answered = newest[0]
             law, surface_m = self._law(newest[1:])
@@ -103,8 +109,7 @@ class ModelMediatedFollower(Side):
     _touched_m: float = 0.0
     _samples: list[Port] = field(default_factory=list)
 
-    def step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
-        """See `Side.step`."""
+    def _step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         if self._wanted_m is None:
             self._wanted_m = port.position_m
         if newest is not None and newest[0] > self._target:
@@ -135,7 +140,9 @@ class ModelMediatedFollower(Side):
         if self._presses < len(self.way.speeds_m_s):
             self.stage = Stage.PRESS
             return
-        self._answer = (self._target, *self.model.fit(np.array(self._samples)))
+        answer = (self._target, *self.model.fit(np.array(self._samples)))
+        if np.isfinite(answer).all():  # else nothing is known of the object, and the last model stands
+            self._answer = answer
         self._samples.clear()
         self.stage = Stage.IDLE
 

@@ -14,7 +14,8 @@ whose energy goes to the link, as into the tank of Lee and Huang, IEEE T-RO 26(2
 
 import math
 
-from control.teleop.couplings.coupling import TRACKING, Coupling, Packet, Port, Side
+from control.teleop.couplings.channel import Packet
+from control.teleop.couplings.coupling import TRACKING, Coupling, Port, Side
 from robot_io.clip import clip
 
 DRAG_N_S_M = 10.0
@@ -50,8 +51,7 @@ class TimeDomainLeader(Side):
         self._point_m = self._position_m = math.nan
         self._drag_n = 0.0
 
-    def step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
-        """See `Side.step`."""
+    def _step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         if math.isnan(self._point_m):
             self._point_m = self._position_m = port.position_m
         force_n, other_put_in_j = newest or (0.0, 0.0)
@@ -77,8 +77,7 @@ class TimeDomainFollower(Side):
         self._account = Account()
         self._wanted_m = math.nan
 
-    def step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
-        """See `Side.step`."""
+    def _step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         if math.isnan(self._wanted_m):
             self._wanted_m = port.position_m
         goal_m, other_put_in_j = newest or (self._wanted_m, 0.0)

@@ -10,7 +10,8 @@ tells how much energy was sent up to it, and no side lets out more.
 
 import math
 
-from control.teleop.couplings.coupling import TRACKING, Coupling, Packet, Port, Side
+from control.teleop.couplings.channel import Packet, Playout
+from control.teleop.couplings.coupling import TRACKING, Coupling, Port, Side
 
 IMPEDANCE_N_S_M = 30.0  # b: felt as drag in free air, and over a delay T as a spring b / T in contact
 _CATCH_UP_1_S = 5.0  # how fast the integrals are brought together
@@ -51,8 +52,7 @@ class WaveLeader(Side):
         self._end = WaveEnd()
         self._root = math.sqrt(2.0 * IMPEDANCE_N_S_M)
 
-    def step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
-        """See `Side.step`."""
+    def _step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         back = self._end.receive(newest, dt_s)
         force_n = IMPEDANCE_N_S_M * port.velocity_m_s - self._root * back
         return -force_n, self._end.send(self._root * port.velocity_m_s - back, dt_s)
@@ -70,8 +70,7 @@ class WaveFollower(Side):
         self._root = math.sqrt(2.0 * IMPEDANCE_N_S_M)
         self._wanted_m = math.nan
 
-    def step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
-        """See `Side.step`."""
+    def _step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         wave = self._end.receive(newest, dt_s)
         ahead_m = 0.0 if math.isnan(self._wanted_m) else self._wanted_m - port.position_m
         yielding_n_s_m = IMPEDANCE_N_S_M + TRACKING.stiffness_n_m * dt_s
@@ -84,4 +83,4 @@ class WaveFollower(Side):
         return force_n, self._end.send(wave - self._root * force_n / IMPEDANCE_N_S_M, dt_s)
 
 
-WAVE_VARIABLES = Coupling("wave variables", WaveLeader, WaveFollower)
+WAVE_VARIABLES = Coupling("wave variables", WaveLeader, WaveFollower, Playout)

@@ -1,5 +1,7 @@
 """Couplings between leader and follower: what they feel like without delay, and whether they make energy."""
 
+from math import inf, nan
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,12 +11,14 @@ from benchmarks.teleop.devices import HandArm, SpringDamper, presses
 from benchmarks.teleop.link import Line, LinkFaults
 from benchmarks.teleop.run import SimulatedLink, given_back_j, run
 from control.teleop.couplings.catalogue import COUPLINGS
-from control.teleop.couplings.coupling import Port
+from control.teleop.couplings.channel import Newest, Playout
+from control.teleop.couplings.coupling import Port, Tracking
 from control.teleop.couplings.direct import DIRECT
 from control.teleop.couplings.four_channel import FOUR_CHANNEL
-from control.teleop.couplings.model_mediated import model_mediated
+from control.teleop.couplings.model_mediated import ProbingWay, model_mediated
 from control.teleop.couplings.time_domain import RESERVE_J, TIME_DOMAIN
 from control.teleop.couplings.wave_variables import WAVE_VARIABLES
+from robot_io.errors import InputError
 
 DT_S = 1e-3
 OBJECT = SpringDamper(1500.0, 10.0)
@@ -35,14 +39,18 @@ def energy_made_j(coupling, leader_m, follower_m, faults, seed):
     """What the coupling gave to both devices above what it got from them, at most so far [J]."""
     sides = coupling.leader(), coupling.follower()
     lines = [Line(faults, np.random.default_rng([seed, way])) for way in (0, 1)]
+    channels = coupling.channel(), coupling.channel()
     made = most = 0.0
     held_n = [0.0, 0.0]  # what hand and tool push back with, in the sign of `Port`
     ways = np.column_stack([leader_m, follower_m])
     speeds = np.gradient(ways, DT_S, axis=0)
     for step, (place, speed) in enumerate(zip(ways[:-1], speeds[:-1], strict=True)):
-        newest = [line.newest(step * DT_S) for line in lines]
+        for line, channel in zip(lines, channels, strict=True):
+            for number, packet in line.arrived(step * DT_S):
+                channel.take(number, packet)
         for end, side in enumerate(sides):
-            force_n, packet = side.step(Port(place[end], speed[end], held_n[end]), newest[end], DT_S)
+            given = channels[end].packet()
+            force_n, packet = side.step(Port(place[end], speed[end], held_n[end]), given, DT_S)
             lines[1 - end].send(packet, step * DT_S)
             held_n[end] = force_n if end else -force_n
             made += force_n * (ways[step + 1, end] - place[end])
@@ -100,16 +108,85 @@ def test_the_follower_presses_by_itself_within_its_limit_and_then_rests():
     assert trace["object_n"][-1000:].max() == 0.0
 
 
-def test_the_line_delays_loses_and_never_goes_back():
-    line = Line(LinkFaults(0.05, 0.02, 0.3), np.random.default_rng(3))
-    seen = []
-    for tick in range(20_000):
+def received(channel, faults: LinkFaults, steps: int = 20_000) -> tuple[np.ndarray, np.ndarray]:
+    """Ages of what a channel gives in each step, and the numbers; a packet holds the step it was sent in."""
+    line, seen = Line(faults, np.random.default_rng(3)), []
+    for tick in range(steps):
         line.send((float(tick),), tick * DT_S)
-        newest = line.newest(tick * DT_S)
-        if newest is not None:
-            seen.append((tick - newest[0], newest[0]))
+        for number, packet in line.arrived(tick * DT_S):
+            channel.take(number, packet)
+        given = channel.packet()
+        if given is not None:
+            seen.append((tick - given[0], given[0]))
     ages, numbers = np.array(seen).T
     assert (np.diff(numbers) >= 0).all()
+    return ages, numbers
+
+
+def test_the_line_delays_and_loses_and_the_newest_never_goes_back():
+    ages, numbers = received(Newest(), LinkFaults(0.05, 0.02, 0.3))
     assert ages.min() >= 50
     assert ages.max() < 100
     assert len(set(numbers)) < 0.7 * 20_000  # the lost, and those that were overtaken
+
+
+def test_played_out_a_link_with_jitter_is_one_with_a_constant_delay():
+    ages, numbers = received(Playout(), LinkFaults(0.05, 0.02))
+    settled = ages[1000:]
+    assert settled.min() == settled.max() == 70
+    assert (np.diff(numbers[1000:]) == 1.0).all()  # each once: none was overtaken
+    ages, _ = received(Playout(), LinkFaults(0.05, 0.02, 0.3))
+    assert (ages[1000:] == 70).mean() == pytest.approx(0.7, abs=0.02)  # of the rest the one before stands
+
+
+def test_waves_over_jitter_feel_as_over_the_delay_that_it_becomes():
+    felt = [
+        run(WAVE_VARIABLES, OBJECT, HandArm(HOLD), SimulatedLink(faults, 0), 11.0)["felt_n"][-500:].mean()
+        for faults in (LinkFaults(0.05, 0.02), LinkFaults(0.07))
+    ]
+    assert felt[0] == pytest.approx(felt[1], rel=0.05)
+
+
+@pytest.mark.parametrize("channel", [Newest, Playout])
+def test_a_packet_that_is_not_finite_never_came(channel):
+    end = channel()
+    for number, packet in enumerate([(1.0, 2.0), (nan, 2.0), (inf, -inf)]):
+        end.take(number, packet)
+    assert end.packet() == (1.0, 2.0)
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda c: c.name)
+@pytest.mark.parametrize(
+    ("port", "packet", "dt_s"),
+    [
+        ((nan, 0.0, 0.0), None, DT_S),
+        ((0.0, inf, 0.0), None, DT_S),
+        ((0.0, 0.0, nan), None, DT_S),
+        ((0.0, 0.0, 0.0), (nan, 0.0, 0.0, 0.0), DT_S),
+        ((0.0, 0.0, 0.0), None, nan),
+        ((0.0, 0.0, 0.0), None, 0.0),
+    ],
+)
+def test_what_is_not_finite_is_refused_and_changes_nothing(coupling, port, packet, dt_s):
+    for make in (coupling.leader, coupling.follower):
+        side, other = make(), make()
+        with pytest.raises(InputError, match="finite"):
+            side.step(Port(*port), packet, dt_s)
+        for place_m in (0.0, 0.001):
+            good = Port(place_m, 0.01, 0.1), None, DT_S
+            assert side.step(*good) == other.step(*good)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Tracking(nan),
+        lambda: Tracking(8000.0, -1.0),
+        lambda: ProbingWay(()),
+        lambda: ProbingWay((nan,)),
+        lambda: ProbingWay(force_limit_n=inf),
+    ],
+)
+def test_settings_that_make_no_coupling_are_refused(make):
+    with pytest.raises(InputError):
+        make()

@@ -10,7 +10,7 @@ from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from control.teleop.follower_task import FollowerTask, OnSilence
 from control.teleop.target_queue import TargetQueue
-from robot_io.link import Target, TargetState
+from robot_io.link import Target, TargetState, short_number, target_number
 from tests.control.probing_runs import TICK_S, WIDE, plant_above
 from tests.control.reference_plant import TOOL_AXIS_TIP, Plant, test_arm
 from tests.robot_io.link.link_parts import intent, target
@@ -182,8 +182,16 @@ def test_a_new_leader_finds_an_empty_queue():
     queue.forget()
     assert queue.unwanted
     assert queue.states() == {}
-    queue.take(intent(NEAR))  # the newcomer's, under the same number
+    newcomers = target(target_number(5, 0), 0.42)
+    queue.take(intent(newcomers))
     assert queue.begin() is None
     queue.finish(TargetState.CANCELLED)
-    assert queue.states() == {0: TargetState.QUEUED}
-    assert queue.begin() == NEAR
+    assert queue.states() == {newcomers.number: TargetState.QUEUED}
+    assert queue.begin() == newcomers
+
+
+def test_no_two_leaders_give_the_same_number_and_people_read_a_short_one():
+    numbers = [target_number(leader, count) for leader in (3, 2**61 + 4) for count in range(100)]
+    assert len(set(numbers)) == 200
+    assert all(float(number) == number for number in numbers)  # sessions may hold them as doubles
+    assert [short_number(number) for number in numbers] == [*range(100)] * 2

@@ -1,6 +1,5 @@
 """Frames told apart by their stamps, and the two clocks' offset."""
 
-from dataclasses import replace
 from math import nan
 
 import numpy as np
@@ -11,12 +10,12 @@ from control.teleop.peer import Arrival, Peer, PeerLimits
 from robot_io.errors import InputError
 from robot_io.link import Frame
 
-FRAME = Frame(1, 77, 0, 100.0, nan, nan, "Intent", b"")
+FRAME = Frame(1, 77, 0, 100.0, nan, nan, 0, b"")
 FRESH, LATE, REPEATED, REORDERED, FOREIGN = Arrival
 
 
 def frame(sequence: int, sent_s: float = 100.0, **changes) -> Frame:
-    return replace(FRAME, sequence=sequence, sent_s=sent_s, **changes)
+    return FRAME._replace(sequence=sequence, sent_s=sent_s, **changes)
 
 
 def judged(*steps: tuple[int, float, float], sender: int = 77) -> tuple[list[Arrival], Peer]:

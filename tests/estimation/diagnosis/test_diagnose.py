@@ -313,6 +313,16 @@ def test_runs_that_do_not_follow_one_law_are_told_and_no_effect_is_blamed(change
     assert found.noise_floor < 0.5 * found.baseline.rmse
 
 
+DRAWN = 0.15 * np.random.default_rng(8).standard_normal(8)
+
+
+def test_specimens_that_differ_by_a_gain_are_told_with_their_spread():
+    data = session(8, lambda t, x, v, run: (1.0 + DRAWN[run]) * kelvin_voigt(x, v))
+    found = answer(data, *SOME["contact"], "run_gain", "run_offset")
+    assert named(found) == {"run_gain"}
+    assert found.accepted[0].parameters["spread"].value == pytest.approx(float(np.std(DRAWN)), rel=0.2)
+
+
 def test_hum_in_contact_is_not_called_adequate_and_its_frequency_is_told():
     found = answer(pressed(2, lambda t, x, v, run: 0.4 * np.sin(2 * np.pi * 7.3 * t)), *SOME["contact"])
     assert (found.verdict, named(found)) == (Verdict.UNEXPLAINED, set())

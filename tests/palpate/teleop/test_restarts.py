@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import pytest
 
 from control.teleop.peer import PeerLimits
-from palpate.teleop import follower, leader
+from palpate.teleop import follower_talk, leader
 from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob
-from robot_io.link import ObjectEstimate, TargetState, decode, encode
+from robot_io.link import ObjectEstimate, TargetState, decode, encode, target_number
 from sim_backend.scenario import load_scenario
-from tests.robot_io.link.link_parts import estimate, intent, report
+from tests.robot_io.link.link_parts import estimate, intent, report, target
 
 LATER_S = 5.0  # by then a side that says nothing is gone
 
@@ -20,7 +20,7 @@ class StoredLine:
     """A line whose frames are given, at a time of the test's choosing."""
 
     def __init__(self):
-        self.arrived, self.sent, self.malformed, self.now = [], [], 0, 0.0
+        self.arrived, self.sent, self.malformed, self.now, self.sender = [], [], 0, 0.0, 77
 
     def put(self, sender, sequence, message):
         frame = decode(encode(sender, sequence, self.now, float("nan"), float("nan"), message))
@@ -56,43 +56,63 @@ def led(line):
 def followed(line, monkeypatch):
     answers = []
     fake = SimpleNamespace(answers=lambda: [answers.pop(0)] if answers else [], busy=False)
-    monkeypatch.setattr(follower, "Estimator", lambda *, diagnose: fake)
-    job = SimpleNamespace(limits=PeerLimits(), diagnose=True)
-    talk = follower.Talk(line, line, job, [].append)
+    monkeypatch.setattr(follower_talk, "Estimator", lambda *, diagnose: fake)
+    talk = follower_talk.Talk(line, line, PeerLimits(), [].append, diagnose=True)
     return talk, answers
 
 
 def test_what_became_of_the_last_leaders_targets_says_nothing_of_this_ones(led, line):
-    line.put(1, 0, report(targets=(0, 1), states=(TargetState.DONE, TargetState.REFUSED)))
-    led._hear_follower(line.now)
+    last = [target_number(5, count) for count in (0, 1)]
+    line.put(1, 0, report(targets=tuple(last), states=(TargetState.DONE, TargetState.REFUSED)))
+    led._hear_follower()
     led._select((0.4, 0.0, 0.05))
-    assert [one.number for one in led._intent().targets] == [0]
+    (wanted,) = led._intent().targets
+    assert wanted.number not in last
 
 
 def test_estimates_of_a_follower_that_was_started_again_are_taken(led, line):
     line.put(1, 0, estimate(revision=7))
-    led._hear_follower(line.now)
-    assert led._intent().estimate_seen == 7
+    led._hear_follower()
+    assert led._intent().seen == (7,)
     line.now += LATER_S
     again = estimate(revision=0, rmse_n=0.5)
     line.put(2, 0, again)
-    led._hear_follower(line.now)
-    assert led._intent().estimate_seen == 0
-    assert led._estimates[0] == again
+    led._hear_follower()
+    assert led._intent().seen == (0,)
+    assert led._probed.choose((0.4, 0.0, 0.05)) == again
 
 
-def test_another_leaders_target_is_not_taken_for_the_last_ones(followed, line):
+def test_an_estimate_that_was_lost_is_sent_again_though_newer_ones_of_other_places_arrived(followed, line):
     talk, answers = followed
     line.put(1, 0, intent())
+    for place in (0, 1, 2):
+        answers.append(estimate(target=place))
+        talk._think()
+    line.put(1, 1, intent(seen=(0, 2)))  # revision 1 was lost
     talk._listen()
-    answers.append(estimate(runs=6, verdict="adequate"))
+    talk._send_estimates()
+    assert [(one.target, one.revision) for one in line.sent] == [(1, 1)]
+    line.put(1, 2, intent(seen=(0, 1, 2)))
+    line.now += LATER_S / 10.0
+    talk._listen()
+    talk._send_estimates()
+    assert len(line.sent) == 1
+
+
+def test_another_leader_is_told_what_the_last_ones_targets_are_like(followed, line):
+    talk, answers = followed
+    line.put(1, 0, intent(target(0)))
+    talk._listen()
+    answers.append(estimate(target=0, runs=6, verdict="adequate"))
     talk._think()
+    line.put(1, 1, intent(seen=(0,)))
     line.now += LATER_S
     line.put(2, 0, intent())
     talk._listen()
-    answers.append(estimate(runs=1, verdict=""))
+    answers.append(estimate(target=target_number(2, 0), runs=1, verdict=""))
     talk._think()
     assert [one.runs for one in talk._unseen()] == [6, 1]
+    assert talk.queue.states() == {}
 
 
 def test_a_later_verdict_replaces_one_whatever_it_is_called(followed, line):

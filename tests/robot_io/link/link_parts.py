@@ -10,7 +10,7 @@ def target(number: int = 0, x_m: float = 0.4) -> Target:
 
 
 def intent(*targets: Target, **changes) -> Intent:
-    return Intent(**{"targets": targets, "cancelled": (), "estimate_seen": -1, "ended": False} | changes)
+    return Intent(**{"targets": targets, "cancelled": (), "seen": (), "ended": False} | changes)
 
 
 def report(**changes) -> Report:

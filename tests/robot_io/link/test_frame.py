@@ -4,9 +4,10 @@ from math import inf, nan
 
 import numpy as np
 import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from robot_io.errors import InputError
-from robot_io.link import ContactModel, FrameError, Target, decode, encode
+from robot_io.link import ContactModel, FrameError, Target, decode, encode, target_number
 from robot_io.link.frame import MOST_BYTES
 from tests.robot_io.link.link_parts import estimate, intent, report, target
 
@@ -38,11 +39,30 @@ def test_no_damaged_frame_is_taken(message):
                 decode(cut)
 
 
+def test_a_frame_is_a_protobuf_message_as_others_read_it():
+    """Google's own parser, with the message type written down by hand."""
+    described = descriptor_pb2.FileDescriptorProto(name="frame.proto", syntax="proto3")
+    message, kind = described.message_type.add(name="Frame"), descriptor_pb2.FieldDescriptorProto
+    names = ("version", "sender", "sequence", "sent_s", "heard_sent_s", "heard_at_s", "kind")
+    for number, name in enumerate(names, start=1):
+        scalar = kind.TYPE_DOUBLE if name.endswith("_s") else kind.TYPE_SFIXED64
+        message.field.add(name=name, number=number, type=scalar, label=kind.LABEL_OPTIONAL)
+    message.field.add(name="content", number=8, type=kind.TYPE_BYTES, label=kind.LABEL_OPTIONAL)
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(described)
+    parsed = message_factory.GetMessageClass(pool.FindMessageTypeByName("Frame"))
+    for sent in (MESSAGES[1], report(remark="x" * 400)):  # the length of the content in one byte, and in two
+        data = framed(sent)
+        frame, read = decode(data), parsed.FromString(data[4:])
+        assert (read.sender, read.sequence, read.sent_s, read.heard_at_s) == (2**61 + 3, 5, 1.25, 7.5)
+        assert (read.kind, read.content) == (1, frame.content)
+
+
 def test_frames_of_another_version_are_refused_by_name(monkeypatch):
-    monkeypatch.setattr("robot_io.link.frame.VERSION", 2)
-    newer = framed(MESSAGES[0])
-    monkeypatch.setattr("robot_io.link.frame.VERSION", 1)
-    with pytest.raises(FrameError, match="version 2 of the messages; this program speaks 1"):
+    with monkeypatch.context() as newer_program:
+        newer_program.setattr("robot_io.link.frame.VERSION", 3)
+        newer = framed(MESSAGES[0])
+    with pytest.raises(FrameError, match="version 3 of the messages; this program speaks 2"):
         decode(newer)
 
 
@@ -59,6 +79,8 @@ def test_what_is_no_frame_is_refused(data):
         lambda: Target(0, (0.4, 0.0, 1e9), (0.0, 0.0, -1.0)),
         lambda: Target(0, (0.4, 0.0), (0.0, 0.0, -1.0)),
         lambda: Target(0, (0.4, 0.0, 0.05), (0.0, 0.0, -0.9)),
+        lambda: Target(2**47, (0.4, 0.0, 0.05), (0.0, 0.0, -1.0)),
+        lambda: target_number(1, 2**16),
         lambda: Target(-1, (0.4, 0.0, 0.05), (0.0, 0.0, -1.0)),
         lambda: intent(target(1), target(1)),
         lambda: intent(*map(target, range(65))),

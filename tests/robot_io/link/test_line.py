@@ -5,6 +5,7 @@ import socket
 import subprocess
 import time
 from contextlib import ExitStack
+from math import nan
 
 import pytest
 
@@ -46,8 +47,44 @@ def test_both_ends_hear_each_other_also_after_one_was_started_again():
 
 def test_a_second_follower_is_refused_in_one_line():
     settings, clock = LineSettings(port=free_port()), MonotonicClock()
-    with Line("follower", settings, clock), pytest.raises(InputError, match="taken by another follower"):
+    with Line("follower", settings, clock), pytest.raises(InputError, match="by another follower") as refused:
         Line("follower", settings, clock)
+    assert ".rs" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("config", "words"),
+    [
+        ('{mode: "peer", nosuch: 3}', "line 1, column 16: unknown field `nosuch`"),
+        ('{mode: "peer" listen}', "line 1, column 8: expected boolean or null"),
+        ('{mode: "hub"}', "unknown variant `hub`"),
+        ('{mode: "peer", listen: {endpoints: ["tcp127.0.0.1:7"]}}', "Endpoints must be of the form"),
+        (
+            '{mode: "peer", listen: {endpoints: ["tls/127.0.0.1:0"]}, transport: {link: {tls: '
+            '{listen_private_key: "none.key", listen_certificate: "none.pem"}}}}',
+            "private key",
+        ),
+        (None, "No such file"),
+    ],
+)
+def test_what_zenoh_refuses_is_said_in_one_line_without_its_source(config, words, tmp_path):
+    path = tmp_path / "link.json5"
+    if config is not None:
+        path.write_text(config)
+    with pytest.raises(InputError) as refused:
+        Line("follower", LineSettings(config=path), MonotonicClock())
+    said = str(refused.value)
+    assert words in said
+    assert str(path) in said
+    assert not [part for part in ("\n", ".rs", ".cargo") if part in said]
+
+
+@pytest.mark.parametrize(
+    "values", [{"seed": -1}, {"delay_s": nan}, {"jitter_s": -1.0}, {"loss": nan}, {"loss": 1.0}]
+)
+def test_a_network_that_cannot_be_is_refused(values):
+    with pytest.raises(InputError):
+        Impairment(**values)
 
 
 def test_pairs_of_another_name_do_not_hear_each_other():

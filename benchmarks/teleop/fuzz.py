@@ -1,0 +1,135 @@
+"""Mutated frames into everything of both sides that what comes over the line can reach."""
+
+import random
+import struct
+import zlib
+from collections import Counter, deque
+from dataclasses import dataclass, field
+
+from benchmarks.teleop.samples import MESSAGES, REPORT
+from control.teleop.conversation import Conversation
+from control.teleop.peer import Arrival, PeerLimits
+from control.teleop.target_queue import TargetQueue
+from palpate.teleop.probed import Probed
+from robot_io.clock import SimulatedClock
+from robot_io.errors import InputError
+from robot_io.link import Frame, FrameError, Intent, Message, ObjectEstimate, Report, Target, decode, encode
+from sim_backend.scenario import Scenario
+
+SENDER = 77
+_CHECKSUM = struct.Struct("<I")
+_TIP_M = (0.4, 0.0, 0.06)
+
+
+@dataclass
+class FuzzResult:
+    """What became of the frames; an exception of either side is not caught."""
+
+    counts: Counter[str] = field(default_factory=Counter)
+    targets: set[Target] = field(default_factory=set)  # begun, and not those that were really asked for
+    felt: int = 0  # estimates that the operator would feel, and not those that were really sent
+
+
+class FedLine:
+    """A line whose frames are given; see `robot_io.link.Line`."""
+
+    def __init__(self) -> None:
+        self.waiting: deque[bytes] = deque()
+        self.malformed = 0
+
+    def receive(self) -> list[tuple[float, Frame]]:
+        """See `Line.receive`."""
+        arrived = []
+        while self.waiting:
+            try:
+                arrived.append((0.02, decode(self.waiting.popleft())))
+            except FrameError:
+                self.malformed += 1
+        return arrived
+
+    def heard(self, frame: Frame, at_s: float) -> None:
+        """See `Line.heard`."""
+
+    def send(self, message: Message) -> None:
+        """See `Line.send`."""
+
+
+def fuzz(number: int, seed: int, *, mended: bool) -> FuzzResult:
+    """Feed mutated frames to a leader and a follower that hear their peer.
+
+    Args:
+        number: of frames.
+        seed: of the mutations.
+        mended: whether the checksum fits what was mutated, as an attacker would have it.
+    """
+    rng, result = random.Random(seed), FuzzResult()
+    for n in range(number):
+        message = MESSAGES[n % len(MESSAGES)]
+        data = mutated(encode(SENDER, 1, 0.02, 0.0, 0.0, message), rng, mended=mended)
+        for side in (_follower, _leader):
+            side(data, message, result)
+    return result
+
+
+def mutated(data: bytes, rng: random.Random, *, mended: bool) -> bytes:
+    """One to eight bits, bytes or pieces changed, cut out or put in."""
+    body = bytearray(data[_CHECKSUM.size :] if mended else data)
+    for _ in range(rng.randint(1, 8)):
+        place = rng.randrange(len(body))
+        kind = rng.randrange(4)
+        if kind == 0:
+            body[place] ^= 1 << rng.randrange(8)
+        elif kind == 1:
+            body[place] = rng.randrange(256)
+        elif kind == 2 and len(body) > 16:
+            del body[place : place + rng.randint(1, 8)]
+        else:
+            body[place:place] = rng.randbytes(rng.randint(1, 8))
+    return _CHECKSUM.pack(zlib.crc32(body)) + bytes(body) if mended else bytes(body)
+
+
+def _follower(data: bytes, sent: Message, result: FuzzResult) -> None:
+    queue = TargetQueue()
+    taken = _heard(data, queue.take, Intent, result, sent)
+    queue.linked = True
+    if taken is not None and (target := queue.begin()) and target not in MESSAGES[0].targets:
+        result.targets.add(target)
+
+
+def _leader(data: bytes, sent: Message, result: FuzzResult) -> None:
+    probed = Probed(Scenario())
+
+    def take(message: ObjectEstimate | Report) -> None:
+        if isinstance(message, Report):
+            probed.compare(message, 0.02)
+            return
+        try:
+            probed.take(message)
+        except InputError:
+            result.counts["an estimate that cannot be felt"] += 1
+
+    if _heard(data, take, ObjectEstimate | Report, result, sent) is not None:
+        result.felt += probed.choose(_TIP_M) is not None
+        probed.in_words(_TIP_M, 1.0)
+
+
+def _heard(data, take, kinds, result: FuzzResult, sent: Message) -> Message | None:  # noqa: ANN001
+    """What a side that hears its peer takes of a frame, if it says something else than was sent."""
+    line, taken = FedLine(), []
+
+    def keep(message: Message, _sent_s: float) -> None:
+        if isinstance(message, kinds):
+            taken.append(message)
+
+    talk = Conversation(line, SimulatedClock(), PeerLimits(), take=keep, begin_anew=lambda: None)
+    line.waiting += [encode(SENDER, 0, 0.0, 0.0, 0.0, REPORT), data]
+    talk.listen()
+    if line.malformed:
+        result.counts["refused as malformed"] += 1
+    for arrival in set(Arrival) - {Arrival.FRESH}:
+        result.counts[str(arrival)] += talk.peer.counts[arrival]
+    new = taken[-1] if taken and taken[-1] not in (sent, REPORT) else None
+    if new is not None:
+        result.counts["another valid message"] += 1
+        take(new)
+    return new

@@ -1,0 +1,192 @@
+"""The follower's talk with its leader, in a thread apart from the control loop.
+
+Only the queue of targets leads from here into the loop; estimates are made in processes of their own.
+"""
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from queue import SimpleQueue
+from typing import NamedTuple
+
+from control.loop.phases import Phase
+from control.loop.way_out import one_line
+from control.teleop.conversation import Conversation
+from control.teleop.peer import PeerLimits
+from control.teleop.target_queue import TargetQueue
+from palpate.teleop.estimating import Estimator
+from palpate.teleop.in_words import in_words
+from robot_io.clock import Clock
+from robot_io.link import Intent, Line, Message, ObjectEstimate, Report, short_number
+from robot_io.link.messages import MOST_TARGETS, MOST_TEXT
+from robot_io.session import RecordArray, Samples, Stream
+
+_TALK_S = 0.02  # between two reports
+_RESEND_S = 0.2  # of an estimate that the leader has not seen
+_SETTLE_S = 15.0  # that the arm holds still for estimates when all targets are over
+_FAREWELLS = 25  # times that the last report is sent
+ESTIMATE = "estimate"  # kind of the event that tells of one
+Say = Callable[[str], None]
+
+
+class Moment(NamedTuple):
+    """What a report says of the arm at one time."""
+
+    phase: Phase
+    tip_world_m: tuple[float, float, float]
+    speed_m_s: float
+    direction_world: tuple[float, float, float]
+    force_n: float
+
+
+class Talk(threading.Thread):
+    """Listens to the leader and answers it, apart from the control loop.
+
+    Attributes:
+        queue: of targets, filled here.
+        moment: what the arm does and feels; the loop replaces it in every tick.
+        notes: for the session, (kind, text, data), which the loop takes.
+        estimates: how many were made.
+        error: why talking was given up; empty while it goes on.
+    """
+
+    def __init__(self, line: Line, clock: Clock, limits: PeerLimits, say: Say, *, diagnose: bool) -> None:
+        super().__init__(daemon=True)
+        self.queue = TargetQueue()
+        self.moment = Moment(Phase.IDLE, (0.0, 0.0, 0.0), 0.0, (0.0, 0.0, -1.0), 0.0)
+        self.notes: deque[tuple[str, str, dict[str, object]]] = deque()
+        self.estimates, self.error = 0, ""
+        self._clock, self._say, self._over = clock, say, threading.Event()
+        self._work: SimpleQueue[tuple[Stream, RecordArray, int, bool]] = SimpleQueue()
+        self._estimator = Estimator(diagnose=diagnose)
+        self._newest: dict[int, ObjectEstimate] = {}  # by target, of the newest targets
+        self._seen: tuple[int, ...] = ()  # revisions that the leader has
+        self._resend_s, self._asked_s = 0.0, math.nan
+        self._conversation = Conversation(line, clock, limits, take=self._take, begin_anew=self._begin_anew)
+
+    def settled(self) -> bool:
+        """Whether no estimate is still to come or to be seen by a leader who can be heard.
+
+        From the first time that this is asked on, they are waited for `_SETTLE_S`.
+        """
+        if math.isnan(self._asked_s):
+            self._asked_s = self._clock.now_s()
+        waiting = self._estimator.busy or not self._work.empty()
+        unseen = bool(self._unseen()) and self.queue.linked
+        too_long = self._clock.now_s() > self._asked_s + _SETTLE_S
+        return bool(self.error) or too_long or not (waiting or unseen)
+
+    def look(self, stream: Stream, records: RecordArray, target: int, *, last: bool) -> None:
+        """Have a target's samples estimated; takes no time."""
+        self._work.put((stream, records, target, last))
+
+    def run(self) -> None:
+        """See `threading.Thread.run`."""
+        try:
+            while not self._over.wait(_TALK_S):
+                self._listen()
+                self._think()
+                self._conversation.say(self._report())
+                self._send_estimates()
+        except Exception as error:  # a follower that cannot talk goes on as if the link were silent
+            self.error = one_line(error)
+            self._say(f"the link was given up, nothing new is begun: {self.error}")
+        finally:
+            self.queue.linked = False
+
+    def farewell(self, cause: str) -> None:
+        """Say that the arm has ended, and why it was stopped if it was."""
+        self.close()
+        with suppress(Exception):  # nobody needs to hear it
+            for _ in range(_FAREWELLS):
+                self._conversation.say(replace(self._report(), remark=cause[:MOST_TEXT], ended=True))
+                time.sleep(_TALK_S)
+
+    def close(self) -> None:
+        """Stop talking; can be called twice."""
+        self._over.set()
+        if self.is_alive():
+            self.join()
+        self._estimator.close()
+
+    def record(self, now_s: float) -> tuple[object, ...]:
+        """How things stand with the line, as one record of `LINK_STREAM`."""
+        return self._conversation.record(now_s)
+
+    def _listen(self) -> None:
+        changed, self.queue.linked = self._conversation.listen(), self._conversation.linked
+        if changed:
+            words = (
+                "the leader is heard" if self.queue.linked else "the leader is silent: nothing new is begun"
+            )
+            self._say(words)
+
+    def _take(self, message: Message, _sent_s: float) -> None:
+        if isinstance(message, Intent):
+            self.queue.take(message)
+            self._seen = message.seen
+
+    def _begin_anew(self) -> None:
+        self._seen = ()
+        self.queue.forget()
+        self._say("another leader has begun: the targets of the last one are dropped")
+
+    def _think(self) -> None:
+        """Hand samples to the estimator, and take its answers."""
+        while not self._work.empty():
+            stream, records, target, last = self._work.get()
+            columns = {column.name: records[column.name].copy() for column in stream.columns}
+            self._estimator.look(Samples(stream, columns), target, last=last)
+        for answer in self._estimator.answers():
+            if isinstance(answer, str):
+                self.notes.append(("no_estimate", answer, {}))
+                self._say(answer)
+                continue
+            self._keep(answer)
+
+    def _keep(self, estimate: ObjectEstimate) -> None:
+        kept = self._newest.pop(estimate.target, None)
+        if kept is not None and _rank(kept) > _rank(estimate):  # what has come is less, and late
+            self._newest[estimate.target] = kept
+            return
+        self._newest[estimate.target] = replace(estimate, revision=self.estimates)
+        self.estimates += 1
+        text = f"target {short_number(estimate.target)}: {in_words(estimate)}"
+        self.notes.append((ESTIMATE, text, {"target": estimate.target, "verdict": estimate.verdict}))
+        self._say(text)
+        if len(self._newest) > MOST_TARGETS:
+            del self._newest[next(iter(self._newest))]
+
+    def _unseen(self) -> list[ObjectEstimate]:
+        return [one for one in list(self._newest.values()) if one.revision not in self._seen]
+
+    def _send_estimates(self) -> None:
+        """Those that the leader has not said to have; what is lost is sent again."""
+        now_s = self._clock.now_s()
+        if now_s >= self._resend_s:
+            self._resend_s = now_s + _RESEND_S
+            for estimate in self._unseen():
+                self._conversation.say(estimate)
+
+    def _report(self) -> Report:
+        moment, states = self.moment, self.queue.states()
+        return Report(
+            phase=int(moment.phase),
+            target=self.queue.current,
+            tip_world_m=moment.tip_world_m,
+            speed_m_s=moment.speed_m_s,
+            direction_world=moment.direction_world,
+            force_n=moment.force_n,
+            targets=tuple(states),
+            states=tuple(int(state) for state in states.values()),
+            remark=self.queue.remark[:MOST_TEXT],
+            ended=False,
+        )
+
+
+def _rank(estimate: ObjectEstimate) -> tuple[int, bool]:
+    return estimate.runs, bool(estimate.verdict)
