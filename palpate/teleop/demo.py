@@ -17,6 +17,7 @@ from palpate.files import output_file, output_folder, write_text
 from palpate.teleop.figures import draw
 from palpate.teleop.joined import TOUCH_S, Felt, Joined, join
 from palpate.teleop.recording import record_both
+from palpate.words import count
 from robot_io.errors import PalpateError
 from robot_io.session import Session
 from sim_backend.contact_laws import KelvinVoigt
@@ -53,11 +54,15 @@ class TeleopDemo:
         if not len(self.felt.real_n):
             return "nothing was felt after the first estimate: the felt force cannot be compared"
         settled, stalled = self.felt.settled(), int(self.felt.stalled.sum())
-        left_out = f", nor {stalled} samples of touches at which the machine missed ticks" if stalled else ""
+        left_out = (
+            f", nor {count(stalled, 'sample')} of touches at which the machine missed ticks"
+            if stalled
+            else ""
+        )
         return (
             f"felt force: {100.0 * settled.share:.2g} % rms from the real one, after the first estimate "
             f"({100.0 * self.felt.share:.2g} % with all: not counted are the first {1e3 * TOUCH_S:g} ms of "
-            f"every touch, where passivity withholds a part of the damper's jump{left_out})"
+            f"every touch, where passivity withholds a part of the damper's jump{late if stalled else ''})"
         )
 
 
