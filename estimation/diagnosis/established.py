@@ -101,7 +101,8 @@ def established(search: Search, end: Standing, readings: Readings, *, complete: 
             )
     for name in reversed(names_in_order(search, end)):  # the least telling first
         before = search.without(end, name)
-        needed = not _is_below_a_step(search, end, name) and search.is_needed(before, end)
+        is_small = before.rmse - end.rmse < SMALL * (search.start.rmse - end.rmse)
+        needed = not (is_small or _is_below_a_step(search, end, name)) and search.is_needed(before, end)
         if not (needed and gained(before, end, readings, search.rng, name).is_unusual):
             end = before
     return end
