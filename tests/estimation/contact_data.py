@@ -4,6 +4,8 @@ import numpy as np
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
+from estimation.estimate_channel import estimate_channel
+from estimation.estimators import ESTIMATORS
 from estimation.models import MODELS
 
 
@@ -26,3 +28,10 @@ def channel(force, position, velocity, time_s, *, kind=ChannelKind.CONTACT, run=
 
 def base_model(name, **context):
     return MODELS[name]().build(ModelContext(**context))
+
+
+def estimated(data, model="kelvin_voigt", by="lsq", **context):
+    """A base model of a channel by an estimator."""
+    return estimate_channel(
+        data, base_model(model, **context), ESTIMATORS[by](), rng=np.random.default_rng(0)
+    )

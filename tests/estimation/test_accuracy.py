@@ -6,10 +6,8 @@ import pytest
 from estimation.accuracy import Noise, Press
 from estimation.contact_estimator import ContactLaw
 from estimation.contact_estimators import CONTACT_ESTIMATORS
-from estimation.estimate_channel import estimate_channel
-from estimation.estimators import ESTIMATORS
 from estimation.estimators.lsq import Lsq
-from tests.estimation.contact_data import base_model, channel
+from tests.estimation.contact_data import channel, estimated
 
 KELVIN_VOIGT = Press(ContactLaw(500.0, 20.0), count=1500)
 HUNT_CROSSLEY = Press(ContactLaw(2000.0, 1500.0, 1.3, 1.3), count=2000)
@@ -62,6 +60,6 @@ def test_the_robust_estimate_of_a_channel_is_near_the_bound_in_exponent_and_gain
         rng = np.random.default_rng(seed)
         press = HUNT_CROSSLEY
         data = channel(press.read(noise, rng), press.depth_m, press.speed_m_s, press.time_s)
-        found = estimate_channel(data, base_model("hunt_crossley"), ESTIMATORS["robust"](), rng=rng)
+        found = estimated(data, "hunt_crossley", "robust")
         errors.append([parameter.value for parameter in found.parameters] - press.truth)
     assert np.all(np.sqrt(np.mean(np.square(errors), axis=0)) < most * HUNT_CROSSLEY.bound(noise))

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from estimation.data import ImportOptions, import_file
-from estimation.estimate_channel import estimate_channel
 from estimation.estimators import ESTIMATORS
 from estimation.fit.samples import fit_samples
-from tests.estimation.contact_data import base_model
+from tests.estimation.contact_data import base_model, estimated
 
 DATA = Path(os.environ.get("PALPATE_DATA") or Path(__file__).resolve().parents[2].parent / "shared" / "data")
 pytestmark = pytest.mark.skipif(
@@ -28,9 +27,7 @@ def indentation(specimen):
 def test_soft_specimen_is_as_stiff_as_its_curve_says():
     (channel,) = indentation(FIRST_P002).channels
     assert channel.runs.tolist() == [19]
-    found = estimate_channel(
-        channel, base_model("kelvin_voigt"), ESTIMATORS["lsq"](), rng=np.random.default_rng(0)
-    )
+    found = estimated(channel)
     stiffness = found["stiffness.k"]
     assert stiffness.value == pytest.approx(97.0, rel=0.03)
     assert stiffness.interval[0] < 97.0 < stiffness.interval[1]
@@ -41,9 +38,7 @@ def test_soft_specimen_is_as_stiff_as_its_curve_says():
 def test_estimators_of_all_samples_agree(name):
     """RANSAC's threshold of 0.01 N is far below what the model leaves here; the others must stay near."""
     (channel,) = indentation(FIRST_P002).channels
-    found = estimate_channel(
-        channel, base_model("kelvin_voigt"), ESTIMATORS[name](), rng=np.random.default_rng(0)
-    )
+    found = estimated(channel, by=name)
     assert found["stiffness.k"].value == pytest.approx(97.0, rel=0.12)
 
 
@@ -51,9 +46,7 @@ def test_estimators_of_all_samples_agree(name):
 def test_estimators_that_follow_changes_tell_the_stiffness_of_the_last_hold(name):
     """The specimen stiffens and relaxes: force over depth is 48 N/m in the last hold, at 1 mm, not 97."""
     (channel,) = indentation(FIRST_P002).channels
-    found = estimate_channel(
-        channel, base_model("kelvin_voigt"), ESTIMATORS[name](), rng=np.random.default_rng(0)
-    )
+    found = estimated(channel, by=name)
     last_hold = slice(-100, None)
     secant = np.median(channel.effort[last_hold] / channel.position[last_hold])
     assert found["stiffness.k"].value == pytest.approx(secant, rel=0.05)

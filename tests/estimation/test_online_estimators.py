@@ -7,7 +7,6 @@ from estimation.estimators import ESTIMATORS
 from estimation.estimators.cusum_rls import CusumRls
 from estimation.estimators.preemptive_ransac import PreemptiveRansac
 from estimation.estimators.sprls import Sprls
-from robot_io.errors import InputError
 
 DAMPING = 20.0
 CHANGE = 3000
@@ -64,9 +63,3 @@ def test_a_new_consensus_takes_over():
     found = follow(PreemptiveRansac(), *data)
     assert found[CHANGE - 1] == pytest.approx(500.0, rel=0.01)
     assert found[CHANGE + 400] == pytest.approx(1000.0, rel=0.01)
-
-
-@pytest.mark.parametrize("made", [lambda: CusumRls(limit=0.0), lambda: PreemptiveRansac(threshold=-1.0)])
-def test_settings_without_sense_are_refused(made):
-    with pytest.raises(InputError, match="must be positive"):
-        made()

@@ -4,31 +4,29 @@ import numpy as np
 import pytest
 
 from estimation.data.tick_channels import contact_channels
-from estimation.estimate_channel import estimate_channel
 from estimation.estimators import ESTIMATORS
 from robot_io.errors import InputError
-from tests.estimation.contact_data import base_model, channel
+from tests.estimation.contact_data import channel, estimated
 from tests.estimation.little_probe import hunt_crossley, kelvin_voigt, probe, ticks
 
 CORNERS = [(200.0, 0.0), (200.0, 100.0), (2000.0, 0.0), (2000.0, 100.0), (500.0, 20.0)]
 
 
-def estimated(law, name, model="kelvin_voigt", **settings):
+def probed(law, name, model="kelvin_voigt", **settings):
     (data,) = contact_channels(ticks(probe(law, **settings)), tared=True)
-    rng = np.random.default_rng(0)
-    return estimate_channel(data, base_model(model, surface_found=True), ESTIMATORS[name](), rng=rng)
+    return estimated(data, model, name, surface_found=True)
 
 
 @pytest.mark.parametrize(("stiffness", "damping"), CORNERS)
 def test_stiffness_within_1_and_damping_within_5_percent(stiffness, damping):
-    found = estimated(kelvin_voigt(stiffness, damping), "robust")
+    found = probed(kelvin_voigt(stiffness, damping), "robust")
     assert found["stiffness.k"].value == pytest.approx(stiffness, rel=0.01)
     assert found["damping.c"].value == pytest.approx(damping, rel=0.05, abs=0.2)
 
 
 @pytest.mark.parametrize("name", list(ESTIMATORS))
 def test_no_estimator_is_worse_than_the_paper_s_best(name):
-    found = estimated(kelvin_voigt(500.0, 100.0), name)
+    found = probed(kelvin_voigt(500.0, 100.0), name)
     assert found["stiffness.k"].value == pytest.approx(500.0, rel=0.065)
     assert found["damping.c"].value == pytest.approx(100.0, rel=0.184)
 
@@ -36,7 +34,7 @@ def test_no_estimator_is_worse_than_the_paper_s_best(name):
 def test_intervals_hold_the_truth_though_the_surface_is_unknown():
     held = []
     for seed in range(12):
-        found = estimated(kelvin_voigt(1000.0, 20.0), "robust", seed=seed, speeds=(0.15, 0.06))
+        found = probed(kelvin_voigt(1000.0, 20.0), "robust", seed=seed, speeds=(0.15, 0.06))
         held.append(
             [
                 p.interval[0] <= t <= p.interval[1]
@@ -47,7 +45,7 @@ def test_intervals_hold_the_truth_though_the_surface_is_unknown():
 
 
 def test_hunt_crossley_is_found_with_its_surface():
-    found = estimated(hunt_crossley(5000.0, 8000.0, 1.4), "robust", "hunt_crossley")
+    found = probed(hunt_crossley(5000.0, 8000.0, 1.4), "robust", "hunt_crossley")
     assert found["hunt_crossley.n"].value == pytest.approx(1.4, abs=0.01)
     assert found["hunt_crossley.k"].value == pytest.approx(5000.0, rel=0.03)
     assert found["hunt_crossley.b"].value == pytest.approx(8000.0, rel=0.03)
@@ -56,13 +54,7 @@ def test_hunt_crossley_is_found_with_its_surface():
 def test_an_uncertain_surface_widens_the_interval_of_the_stiffness():
     law = kelvin_voigt(500.0, 20.0)
     (data,) = contact_channels(ticks(probe(law)), tared=True)
-    lsq = ESTIMATORS["lsq"]()
-    errors = [
-        estimate_channel(
-            data, base_model("kelvin_voigt", surface_found=found), lsq, rng=np.random.default_rng(0)
-        )["stiffness.k"].std_err
-        for found in (False, True)
-    ]
+    errors = [estimated(data, surface_found=found)["stiffness.k"].std_err for found in (False, True)]
     assert errors[1] > 1.3 * errors[0]
 
 
@@ -70,9 +62,7 @@ def test_a_stiffness_that_cannot_be_is_pointed_out():
     t = np.arange(500) * 1e-3
     x = 0.005 + 0.004 * np.sin(20 * t)
     data = channel(-200 * x, x, 0.08 * np.cos(20 * t), t)
-    found = estimate_channel(
-        data, base_model("kelvin_voigt"), ESTIMATORS["lsq"](), rng=np.random.default_rng(0)
-    )
+    found = estimated(data)
     assert "stiffness.k = -200 is below what is physical" in found.note
     assert found.unphysical == ("stiffness.k",)
 
@@ -81,22 +71,19 @@ def test_a_damping_of_rounding_errors_is_not_called_unphysical():
     t = np.arange(500) * 1e-3
     x = 0.005 + 0.004 * np.sin(20 * t)
     data = channel(200 * x - 1e-12 * 0.08 * np.cos(20 * t), x, 0.08 * np.cos(20 * t), t)
-    found = estimate_channel(
-        data, base_model("kelvin_voigt"), ESTIMATORS["lsq"](), rng=np.random.default_rng(0)
-    )
+    found = estimated(data)
     assert found["damping.c"].interval[1] < 0
     assert found.unphysical == ()
 
 
-def test_a_force_that_is_zero_throughout_is_refused():
-    t = np.arange(100) * 1e-3
-    data = channel(np.zeros(100), np.full(100, 0.01), np.zeros(100), t)
-    with pytest.raises(InputError, match="the effort is 0 N in all 100 samples"):
-        estimate_channel(data, base_model("kelvin_voigt"), ESTIMATORS["lsq"](), rng=np.random.default_rng(0))
-
-
-def test_no_contact_is_said_clearly():
-    t = np.arange(100) * 1e-3
-    data = channel(np.zeros(100), np.full(100, -0.01), np.zeros(100), t)
-    with pytest.raises(InputError, match=r"0 samples in use cannot .* 2 parameters.*was the object touched"):
-        estimate_channel(data, base_model("kelvin_voigt"), ESTIMATORS["lsq"](), rng=np.random.default_rng(0))
+@pytest.mark.parametrize(
+    ("depth_m", "words"),
+    [
+        (0.01, "the effort is 0 N in all 100 samples"),
+        (-0.01, r"0 samples in use cannot .* 2 parameters.*was the object touched"),
+    ],
+)
+def test_a_channel_without_a_contact_is_refused(depth_m, words):
+    data = channel(np.zeros(100), np.full(100, depth_m), np.zeros(100), np.arange(100) * 1e-3)
+    with pytest.raises(InputError, match=words):
+        estimated(data)

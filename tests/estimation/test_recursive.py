@@ -13,6 +13,10 @@ ONLINE = pytest.mark.parametrize("estimator", [Rls(), Ewrls(), Sprls()], ids=lam
 
 def feed(estimator, columns, effort):
     estimator.start(columns.shape[1])
+    return feed_on(estimator, columns, effort)
+
+
+def feed_on(estimator, columns, effort):
     return np.array([estimator.update(row, float(value)) for row, value in zip(columns, effort, strict=True)])
 
 
@@ -51,10 +55,6 @@ def test_ewrls_does_not_run_away_while_nothing_moves():
     after = feed_on(estimator, moving, moving @ TRUTH)
     assert np.all(np.abs(after) < 1e5)
     np.testing.assert_allclose(after[-1], TRUTH, rtol=0.01)
-
-
-def feed_on(estimator, columns, effort):
-    return np.array([estimator.update(row, float(value)) for row, value in zip(columns, effort, strict=True)])
 
 
 def test_sprls_without_perturbation_is_rls():
@@ -132,6 +132,8 @@ def test_columns_of_any_size_can_be_learnt(estimator):
         ("ewrls", {"forgetting": 1.1}),
         ("sprls", {"beta": -1.0}),
         ("sprls", {"gamma": -1.0}),
+        ("cusum_rls", {"limit": 0.0}),
+        ("preemptive_ransac", {"threshold": -1.0}),
     ],
 )
 def test_refuses_settings_that_make_no_sense(name, settings):

@@ -7,12 +7,10 @@ import pytest
 
 from estimation.effects import EFFECTS
 from estimation.estimate import Identifiability
-from estimation.estimate_channel import estimate_channel
-from estimation.estimators import ESTIMATORS
 from estimation.fit.robust import Loss
 from estimation.fit.samples import fit_samples
 from estimation.model import Model
-from tests.estimation.contact_data import base_model, channel, swing
+from tests.estimation.contact_data import base_model, channel, estimated, swing
 
 TRUTH = {"hunt_crossley.k": 2000.0, "hunt_crossley.b": 1500.0, "hunt_crossley.n": 1.3}
 NOISE_N = 0.02
@@ -79,8 +77,7 @@ def test_finds_where_the_surface_is():
     t, x, v = swing()
     data = channel(800 * x + 30 * v + 0.02 * rng.standard_normal(len(t)), x + 0.0004, v, t)
     data = replace(data, touching=np.ones(len(t), dtype=bool))
-    model = base_model("kelvin_voigt", surface_found=True)
-    offset = estimate_channel(data, model, ESTIMATORS["lsq"](), rng=rng)["contact_offset.offset"]
+    offset = estimated(data, surface_found=True)["contact_offset.offset"]
     assert offset.unit == "m"
     assert abs(offset.value - 0.0004) < 4 * offset.std_err < 5e-5
 
@@ -88,9 +85,7 @@ def test_finds_where_the_surface_is():
 def test_says_when_the_search_ends_at_a_bound():
     t, x, v = swing()
     data = channel(1e9 * x**5, x, v, t)  # an exponent beyond what the effect allows
-    found = estimate_channel(
-        data, base_model("hunt_crossley"), ESTIMATORS["lsq"](), rng=np.random.default_rng(0)
-    )
+    found = estimated(data, "hunt_crossley")
     assert found["hunt_crossley.n"].value == pytest.approx(4.0)
     assert np.isnan(found["hunt_crossley.n"].std_err)
     assert np.isfinite(found["hunt_crossley.k"].std_err)
@@ -104,8 +99,7 @@ def test_a_gain_is_no_surer_for_a_partner_that_ended_at_its_bound():
     t = np.arange(0.0, 1.0, 1e-3)
     x = 0.004 + 0.0002 * np.sin(9.0 * t)
     data = channel(100.0 * (x + 0.03) + 0.02 * rng.standard_normal(len(t)), x, np.gradient(x, t), t)
-    model = base_model("kelvin_voigt", surface_found=True)
-    found = estimate_channel(data, model, ESTIMATORS["robust"](), rng=np.random.default_rng(1))
+    found = estimated(data, by="robust", surface_found=True)
     assert np.isnan(found["contact_offset.offset"].std_err)
     level_alone = 0.02 / np.sqrt(np.sum((x + 0.02) ** 2))  # what k would be known to if that were the surface
     slope_alone = 0.02 / np.sqrt(np.sum((x - x.mean()) ** 2))  # what it is known to
