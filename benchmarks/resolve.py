@@ -33,7 +33,7 @@ from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.result import NextExperiment
 from estimation.study.rivals import is_undecided
 from palpate.resolving.designing import NextProbe, feasible, next_probe
-from palpate.resolving.resolve import Budget, End, resolve
+from palpate.resolving.resolve import Budget, Decision, End, resolve
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
 from palpate.study import Study
@@ -68,28 +68,29 @@ def screened(effect: str, seed: int) -> dict[str, Any] | None:
 
 def resolved(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
     """One case, resolved in one way."""
-    begun, told = time.perf_counter(), []
+    begun = time.perf_counter()
+    told: list[Decision] = []
     rng = np.random.default_rng(case["seed"])
     design = next_probe if way == "designed" else partial(_listed, way == "random", rng, [])
     with TemporaryDirectory() as folder, threadpool_limits(1):
         job = _job(case, Path(folder) / "sessions" / "probe.mcap")
         try:
             done = resolve(job, Budget(probes, 600.0), case["channel"], told.append, design=design)
-            end, left = done.end, _groups(done.channels[0])
+            end, left = str(done.end), _groups(done.channels[0])
         except PalpateError as error:
             end, left = f"stopped: {error}", [["?"]]
     hidden = case["hidden"]["effect"]
-    decided = end == End.SEPARATED and len(told) > 0
+    decided = end in {"separated", "simplest"}
     right = decided and [[SAME.get(one, one) for one in group] for group in left] == [[hidden]]
     return case | {
         "way": way,
-        "end": str(end),
+        "end": end,
         "left": left,
         "more_probes": len(told) - 1,
         "seconds": sum(one.seconds for one in told[1:]),
         "separated": right,
         "wrong": decided and not right,
-        "undecided_at_first": bool(told) and told[0].end != End.SEPARATED,
+        "undecided_at_first": bool(told) and told[0].end is not End.SEPARATED,
         "path": [one.left for one in told],
         "experiments": [one.next for one in told if one.next],
         "wall_s": time.perf_counter() - begun,

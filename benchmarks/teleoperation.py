@@ -45,7 +45,7 @@ HEADER = (
     "error",
     "follower [N]",
     "free air [N]",
-    "given back [mJ]",
+    "given back, mJ",
     "",
 )
 Results = dict[tuple[str, str, LinkFaults], Felt]

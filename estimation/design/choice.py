@@ -8,6 +8,8 @@ import numpy as np
 from estimation.design.discrimination import CLEAR, SMALL
 from robot_io.types import FloatArray
 
+NEARLY = 0.9  # of what the best tells, that an experiment tells as well as that
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -25,9 +27,9 @@ class Experiment:
     leads: tuple[FloatArray, ...]
 
     @property
-    def lead(self) -> float:
-        """Expected lead of what is true over the nearest rival, in the channel where that is largest."""
-        return max((_over_the_nearest(one) for one in self.leads), default=0.0)
+    def tells(self) -> float:
+        """Share of what is undecided that it is expected to decide: mean over the undecided channels."""
+        return sum(map(_share_told, self.leads)) / max(len(self.leads), 1)
 
     @property
     def separates(self) -> bool:
@@ -51,7 +53,7 @@ class Choice:
 
 
 def choose(offered: Sequence[Experiment]) -> Choice | None:
-    """The shortest experiment that separates clearly; if none does, the one with the largest expected lead.
+    """The experiment that tells most; the shortest of those that tell nearly as much.
 
     Returns:
         None where no experiment is expected to separate anything.
@@ -59,33 +61,21 @@ def choose(offered: Sequence[Experiment]) -> Choice | None:
     useful = [number for number, one in enumerate(offered) if one.separates]
     if not useful:
         return None
-    clear = [number for number in useful if offered[number].lead >= CLEAR]
-    if clear:
-        index = min(clear, key=lambda number: offered[number].duration_s)
-        which = f"shortest of {len(clear)} that separate" if len(clear) > 1 else "only one that separates"
-        why = f"the {which} clearly"
-    else:
-        index = max(useful, key=lambda number: rank(offered[number]))
-        why = f"the best of {len(offered)}"
-    chosen = offered[index]
+    most = max(offered[number].tells for number in useful)
+    good = [number for number in useful if offered[number].tells >= NEARLY * most]
+    index = min(good, key=lambda number: offered[number].duration_s)
+    chosen, which = (
+        offered[index],
+        "tells most" if len(good) == 1 else f"shortest of {len(good)} that tell most",
+    )
     reason = (
-        f"{chosen.words} ({chosen.duration_s:.0f} s): {why}; what is true is expected to leave an error "
-        f"{100 * chosen.lead:.0f} % below its nearest rival's"
+        f"{chosen.words} ({chosen.duration_s:.0f} s): {which}; expected to set apart "
+        f"{100 * chosen.tells:.0f} % of what is not told apart"
     )
     return Choice(index, chosen, reason)
 
 
-def _over_the_nearest(leads: FloatArray) -> float:
-    """Lead over the nearest rival, in the mean over what may be true."""
-    others = leads + np.where(np.eye(len(leads), dtype=bool), np.inf, 0.0)
-    return float(np.mean(others.min(axis=1))) if len(leads) > 1 else 0.0
-
-
-def rank(experiment: Experiment) -> tuple[float, float]:
-    """How much an experiment tells: pairs that it sets apart, then its lead."""
-    return sum(_share_refuted(one) for one in experiment.leads), experiment.lead
-
-
-def _share_refuted(leads: FloatArray) -> float:
-    """Share of all pairs that are expected to be told apart."""
-    return float(np.mean(leads[~np.eye(len(leads), dtype=bool)] > SMALL)) if len(leads) > 1 else 0.0
+def _share_told(leads: FloatArray) -> float:
+    """Share of all pairs that are expected to be told apart; a lead that is not clear counts in part."""
+    pairs = leads[~np.eye(len(leads), dtype=bool)]
+    return float(np.mean(np.clip(pairs / CLEAR, 0.0, 1.0))) if len(pairs) else 0.0

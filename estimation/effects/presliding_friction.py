@@ -1,13 +1,16 @@
 """Friction that builds up over a short path after each reversal, and stays at rest."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from estimation.signals.runwise import direction, steadied
 from robot_io.types import FloatArray
+
+_PLAIN = 1e-3  # of its energy, that plain friction leaves where the path is too short to be seen
 
 
 class PreslidingFriction(AdditiveEffect):
@@ -33,6 +36,17 @@ class PreslidingFriction(AdditiveEffect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         way = steadied(data.position, data.time_s, data.run)
         return direction(way, data.run, inner["presliding"])[:, None]
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: over a path too short to be seen it is friction that just turns round."""
+        (path,) = self.inner
+        built, plain = (
+            self.columns(data, {path.name: length})
+            for length in (parameters[f"{self.name}.{path.name}"], path.lower)
+        )
+        return float(np.sum((built - plain) ** 2)) < _PLAIN * float(np.sum(built**2))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a thousandth to a third of the range of motion."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtr
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
@@ -117,7 +117,7 @@ class Ransac(Estimator):
         """
         inside = np.abs(residuals) < self.threshold
         ratio = self.threshold / max(robust_sigma(residuals), np.finfo(float).tiny)
-        slope = stats.norm.cdf(ratio) - stats.norm.cdf(-ratio) - 2 * ratio * stats.norm.pdf(ratio)
+        slope = ndtr(ratio) - ndtr(-ratio) - 2 * ratio * np.exp(-0.5 * ratio**2) / np.sqrt(2 * np.pi)
         score = np.where(inside, residuals, 0.0)
         refined = sandwich(regression.columns, score, np.full(len(score), slope), regression.run)
         spread = Covariance(rivals.T @ rivals / max(1, len(rivals)), refined.degrees_of_freedom)

@@ -5,7 +5,6 @@ from functools import cache
 from math import perm
 
 import numpy as np
-from scipy.signal import lfilter
 
 from estimation.signals.blocks import blocks, in_order_of_time, places
 from robot_io.types import FloatArray, IntArray
@@ -78,6 +77,8 @@ def low_pass(
     starts, piece = places(run)
     if not _is_even(time_s, run, step_s):
         return _low_pass_uneven(signal, _steps(time_s, starts, step_s), starts, tau_s, from_rest=from_rest)
+    from scipy.signal import lfilter  # noqa: PLC0415, half of what it takes to import palpate
+
     decay, newest, older = _first_order(np.array(step_s), tau_s)
     filtered = np.asarray(lfilter([newest, older], [1.0, -decay], signal, axis=0), dtype=np.float64)
     wanted = signal[starts] * (newest if from_rest else 1.0)

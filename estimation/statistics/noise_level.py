@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 from scipy.optimize import nnls
+from scipy.special import ndtri
 
 from robot_io.types import FloatArray
 
-MAD_TO_SIGMA = 1.0 / stats.norm.ppf(0.75)  # median absolute deviation of Gaussian noise, in sigmas, inverted
+MAD_TO_SIGMA = 1.0 / ndtri(0.75)  # median absolute deviation of Gaussian noise, in sigmas, inverted
 _BIN_COUNT = 20
 _LEAST_PER_BIN = 25
 _NO_NOISE = 1e-100  # in any unit; its square and the inverse of that are still numbers

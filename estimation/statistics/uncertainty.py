@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
 from estimation.statistics.least_squares import condition_of_gram, solve
@@ -36,7 +36,7 @@ class Covariance:
 
     def intervals(self, values: FloatArray) -> FloatArray:
         """95 % confidence intervals, shape (m, 2)."""
-        reach = stats.t.ppf(0.5 + CONFIDENCE / 2, self.degrees_of_freedom) * self.std_err
+        reach = stdtrit(self.degrees_of_freedom, 0.5 + CONFIDENCE / 2) * self.std_err
         return np.column_stack([values - reach, values + reach])
 
 

@@ -4,9 +4,11 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from difflib import get_close_matches
+from functools import cached_property
 
 import numpy as np
 
+from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Effect
 from estimation.model import Model
@@ -31,27 +33,45 @@ class StudyChannel:
     """One channel with its base model.
 
     Attributes:
-        data: with the signals that the model needs.
+        measured: as it was recorded.
         model: the base model, as built for this channel.
+        context: what that may need to know beside the channel.
         sha256: of all arrays as they were measured and, for a joint, of the arm.
+        prepared: `data`, where it is more than the base model makes of this channel alone.
     """
 
-    data: ChannelData
+    measured: ChannelData
     model: Model
+    context: ModelContext
     sha256: str
+    prepared: ChannelData | None = None
+
+    @cached_property
+    def data(self) -> ChannelData:
+        """With the signals that the model needs; a joint's take long to work out, and only when asked for.
+
+        Raises:
+            InputError: the channel lacks something that the model needs.
+        """
+        return self.prepared or MODELS[self.model.name]().prepare(self.measured, self.context)
 
     @property
     def name(self) -> str:
         """Such as "contact" or "joint_1"."""
-        return self.data.name
+        return self.measured.name
+
+    @property
+    def kind(self) -> ChannelKind:
+        """What its effort and motion are."""
+        return self.measured.kind
 
     @property
     def effort_unit(self) -> str:
         """Unit of all errors."""
-        return self.data.kind.effort_unit
+        return self.kind.effort_unit
 
     def __repr__(self) -> str:
-        samples, runs = len(self.data), len(self.data.runs)
+        samples, runs = len(self.measured), len(self.measured.runs)
         return f"{self.name}: {self.model.name}, {runs} runs, {samples} samples, {self.sha256[:12]}"
 
 
@@ -61,9 +81,8 @@ def channel_of(data: ChannelData, model: str, arm: Arm) -> StudyChannel:
     Raises:
         InputError: the model is unknown, or lacks something.
     """
-    base, context = MODELS[model](), arm.context_of(data)
-    built = base.build(context)
-    return StudyChannel(base.prepare(data, context), built, data_sha256(data, arm))
+    context = arm.context_of(data)
+    return StudyChannel(data, MODELS[model]().build(context), context, data_sha256(data, arm))
 
 
 def usual_model(channel: ChannelData, arm: Arm) -> str:

@@ -16,6 +16,7 @@ from estimation.fit.trial import NOT_HELD
 from estimation.study import engine
 from estimation.study.channels import (
     ALL_CHANNELS,
+    FITTED_ARM_MODEL,
     StudyChannel,
     channel_of,
     described_by,
@@ -228,10 +229,11 @@ class Fits(Shown):
 
     def _of_one_arm(self, channels: tuple[StudyChannel, ...]) -> tuple[StudyChannel, ...]:
         """The channels, with what joints whose masses are fitted say of the masses that they share."""
-        shared = with_shared_gains([one.data for one in channels], [one.model for one in channels])
-        found = tuple(replace(one, data=data) for one, data in zip(channels, shared, strict=True))
-        self._channels.update({(one.name, one.model.name): one for one in found})
-        return found
+        fitted = [one for one in channels if one.model.name == FITTED_ARM_MODEL]
+        shared = with_shared_gains([one.data for one in fitted], [one.model for one in fitted])
+        found = {one.name: replace(one, prepared=data) for one, data in zip(fitted, shared, strict=True)}
+        self._channels.update({(one.name, one.model.name): one for one in found.values()})
+        return tuple(found.get(one.name, one) for one in channels)
 
     def _fit(self, one: StudyChannel, effects: list[str]) -> Fitted:
         if not effects:

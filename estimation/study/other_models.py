@@ -48,7 +48,7 @@ def better_explanation(
 def _others(study: Fits, channel: StudyChannel) -> Iterator[tuple[str, float, int]]:
     """Name, error in held-out runs, and number of parameters of all other models of such a channel."""
     for name in MODELS:
-        if name == channel.model.name or channel.data.kind not in MODELS[name].channels:
+        if name == channel.model.name or channel.kind not in MODELS[name].channels:
             continue
         try:
             other = study.with_model(channel.name, name)

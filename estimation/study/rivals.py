@@ -1,12 +1,22 @@
-"""The models among which a diagnosis has not decided."""
+"""The models among which a diagnosis has not decided, and the simplest of those that nothing sets apart."""
+
+from collections.abc import Mapping
+from dataclasses import replace
 
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.fit.standing import Standing
+from estimation.diagnosis.candidates import candidates, try_all
+from estimation.fit.frame import coarse_copy
+from estimation.fit.load import with_load
+from estimation.fit.memory import Memory
+from estimation.fit.standing import Standing, fit
+from estimation.model import Model
 from estimation.study.channels import StudyChannel
 from estimation.study.fits import Fits
+from estimation.study.reconcile import reconcile
 from robot_io.errors import InputError
 
 MOST = 4  # rivals that are compared with each other
+_CONTAINED = 1e-3  # of the energy of what a law adds, that is left where another contains it
 
 
 def is_undecided(found: ChannelDiagnosis) -> bool:
@@ -32,11 +42,65 @@ def rival_effects(found: ChannelDiagnosis) -> list[list[str]]:
 
 
 def rivals_of(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> dict[str, Standing]:
-    """These models by their effects in words, fitted; one that cannot be fitted is left out."""
-    fitted = {}
-    for effects in rival_effects(found) if is_undecided(found) else ():
+    """These models by their effects in words, fitted; one that cannot be fitted is left out.
+
+    Where something is left and no candidate is any good, those that take most away are compared, good or not:
+    an experiment that would show them is one in which there is more to see.
+    """
+    if not is_undecided(found):
+        return {}
+    fitted, wanted = {}, rival_effects(found)
+    if len(wanted) == 1:
+        wanted += [[name] for name in _telling_most(study, channel)]
+    for effects in wanted:
         try:
             fitted[" + ".join(effects) or channel.model.name] = study.fit(channel, effects).standing
         except InputError:
             continue
     return dict(sorted(fitted.items(), key=lambda item: item[1].rmse))
+
+
+def _telling_most(study: Fits, channel: StudyChannel) -> list[str]:
+    base = study.fit(channel)
+    tried = try_all(base.standing, candidates(base.data, base.model, study.effects))
+    return [one.effect.name for one in sorted(tried, key=lambda one: one.search.best.sse)[: MOST - 1]]
+
+
+def with_the_simplest(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
+    """The diagnosis without rivals that have more parameters than another and contain it.
+
+    To be asked where no experiment that can be made tells them apart: what a law has beyond a simpler one is
+    then nothing that anybody could see. What remains undecided stays so.
+    """
+    place = next((n for n, entry in enumerate(found.accepted) if entry.confused_with), None)
+    if place is None:
+        return found
+    entry, accepted = found.accepted[place], list(found.accepted)
+    others = [one.effect for one in accepted if one is not entry]
+    names = [entry.effect, *entry.confused_with]
+    models = {name: study.fit(channel, [*others, name]).standing for name in names}
+    first, *rest = [name for name in names if not _contains_another(models[name], models)]
+    effect = next(one for one in study.effects if one.name == first)
+    about = {"physics": effect.physics, "equation": effect.equation, "signature": effect.signature}
+    accepted[place] = entry.model_copy(update={"effect": first, "confused_with": rest, **about})
+    return reconcile(study, channel, found.model_copy(update={"accepted": accepted}))
+
+
+def _contains_another(larger: Standing, models: Mapping[str, Standing]) -> bool:
+    size = _size(larger.trial.model)
+    return any(_size(one.trial.model) < size and _contains(larger, one) for one in models.values())
+
+
+def _contains(larger: Standing, smaller: Standing) -> bool:
+    """Whether a model, fitted anew, draws what a smaller one expects of the same motion."""
+    frame, model, known = smaller.plain.frame, smaller.trial.model, smaller.trial.parameters
+    motion, memory = coarse_copy(frame), Memory()
+    drawn = replace(motion, effort=model.predict(with_load(motion, model, known), known))
+    without = fit(drawn, model.without(model.effects[-1].name), known, frame.trusted, memory)
+    tried = try_all(without, larger.trial.model.effects[-1:])[0].search.best
+    again = fit(drawn, tried.model, tried.parameters, frame.trusted, memory)
+    return again.trial.sse < _CONTAINED * without.trial.sse
+
+
+def _size(model: Model) -> int:
+    return len(model.gains) + len(model.inner)

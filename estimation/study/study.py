@@ -331,10 +331,10 @@ class Study(Fits):
         fitting = [one for one in begun if not any(unapplicable(e, self._loaded(one)) for e in effects)]
         names = " and ".join(effect.name for effect in effects)
         if not fitting:
-            there = ", ".join(f"{one.name} ({one.data.kind})" for one in begun)
+            there = ", ".join(f"{one.name} ({one.kind})" for one in begun)
             known = suited_names(effects[0].name, self.effects, [one.data for one in begun])
             raise InputError(f"{names} can be in none of the channels: {there}. {known}")
-        contacts = [one for one in fitting if one.data.kind is ChannelKind.CONTACT]
+        contacts = [one for one in fitting if one.kind is ChannelKind.CONTACT]
         if len(fitting) > 1 and len(contacts) != 1:
             there = ", ".join(one.name for one in fitting)
             raise InputError(f"{names} can be in {there}: choose one with --channel")

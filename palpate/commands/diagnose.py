@@ -93,7 +93,7 @@ def command(
 
 
 def _say_what_is_not_there(study: Study) -> None:
-    if study.source.probed and not any(one.data.kind is ChannelKind.CONTACT for one in study.channels):
+    if study.source.probed and not any(one.kind is ChannelKind.CONTACT for one in study.channels):
         remark = "no contact: the force never rises above that in free air; was anything touched?"
         console.stderr().print(f"[yellow]{remark}[/yellow]")
 

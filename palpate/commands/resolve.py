@@ -88,7 +88,7 @@ def _print(resolved: Resolved, *, hidden: bool) -> None:
         (f"palpate compare {folder}", "where the model fails"),
     ]
     if hidden:
-        first = typed(Path(resolved.decisions[0].session))
+        first = typed(resolved.folder / resolved.decisions[0].session)
         steps.append((f"palpate reveal {first}", "what was hidden"))
     console.next_steps(*steps)
 

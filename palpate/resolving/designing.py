@@ -1,7 +1,9 @@
 """The next probe of a session's arm: which feasible plan best sets apart what a diagnosis has not decided."""
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -10,7 +12,6 @@ from control.probing.plan import ProbingPlan
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.tick_channels import contact_channels, joint_channels
 from estimation.design import Choice, Experiment, Rivals, choose
-from estimation.design.choice import rank
 from estimation.design.discrimination import SMALL
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.next_experiment import FEW_READINGS
@@ -18,7 +19,7 @@ from estimation.diagnosis.result import NextExperiment
 from estimation.study import StudyChannel, StudyDiagnosis
 from estimation.study.channels import channel_of
 from estimation.study.rivals import rivals_of
-from palpate.resolving.experiments import Candidate, candidates
+from palpate.resolving.experiments import Candidate, both, candidates
 from palpate.resolving.rehearsal import LONGEST_S, ArmText, KnownObject, rehearse
 from palpate.runs.probing import PLAN
 from palpate.study import Study
@@ -29,6 +30,7 @@ from robot_io.session import Samples, Session
 from robot_io.types import FloatArray
 
 FITTED = 4  # experiments that promise most, for which all models are fitted again
+PAIRED = 3  # that promise most by themselves, and are also considered two by two
 _SEED = 1
 Progress = Callable[[str, float], None]
 
@@ -99,9 +101,10 @@ def next_probe(
     open_questions = undecided(study, found)
     if not open_questions:
         return _remedy(study, found, longest_s, progress)
-    planned = [_Planned.of(*one, study, open_questions) for one in feasible(study, progress)]
-    within = [one for one in planned if one.duration_s <= longest_s]
-    best = sorted(within, key=lambda one: rank(one.experiment), reverse=True)[:FITTED]
+    single = _planned(feasible(study, progress), study, open_questions, longest_s)
+    paired = feasible(study, progress, pairs_of=[one.candidate for one in single[:PAIRED]])
+    every = [*single, *_planned(paired, study, open_questions, longest_s)]
+    best = sorted(every, key=_promise, reverse=True)[:FITTED]
     offered = [one.expected(open_questions) for one in best]
     choice = choose(offered)
     if choice is None:
@@ -141,6 +144,21 @@ class _Planned:
         return replace(self.experiment, leads=leads)
 
 
+def _planned(
+    offered: Iterable[tuple[Candidate, Samples]],
+    study: Study,
+    left: Sequence[Undecided],
+    longest_s: float,
+) -> list["_Planned"]:
+    """Those of experiments that do not take too long, the most promising first."""
+    within = ((one, ticks) for one, ticks in offered if ticks["time_s"][-1] <= longest_s)
+    return sorted((_Planned.of(*one, study, left) for one in within), key=_promise, reverse=True)
+
+
+def _promise(one: "_Planned") -> float:
+    return one.experiment.tells
+
+
 def _remedy(
     study: Study, found: Sequence[ChannelDiagnosis], longest_s: float, progress: Progress
 ) -> NextProbe | None:
@@ -178,9 +196,16 @@ def with_proposal(diagnosis: StudyDiagnosis, following: NextProbe) -> StudyDiagn
 
 
 def feasible(
-    study: Study, progress: Progress = lambda what, share: None
+    study: Study,
+    progress: Progress = lambda what, share: None,
+    pairs_of: Sequence[Candidate] = (),
 ) -> Iterator[tuple[Candidate, Samples]]:
     """The experiments that the arm of a study can do, each with the motion that it would make.
+
+    Args:
+        study: whose arm it is.
+        progress: told what is considered.
+        pairs_of: combine these by two; else the whole catalogue.
 
     Raises:
         InputError: see `next_probe`.
@@ -189,7 +214,10 @@ def feasible(
     ground = _Ground.of(study, session) if session is not None and study.source.probed else None
     if ground is None:
         return
-    considered = candidates(ground.before, ground.arm.robot_file)
+    joint = (both(*pair, ground.before) for pair in combinations(pairs_of, 2))
+    considered = (
+        [one for one in joint if one] if pairs_of else candidates(ground.before, ground.arm.robot_file)
+    )
     for number, candidate in enumerate(considered):
         progress(f"design: {candidate.words}", number / len(considered))
         try:
@@ -228,7 +256,8 @@ def _next_probe(candidate: Candidate, left: Sequence[Undecided], choice: Choice)
 class _Ground:
     """What experiments are rehearsed on, from a session.
 
-    Figures are rounded: a motion hardly depends on them, and that of one plan is then worked out once.
+    Figures are rounded: a motion hardly depends on them, and that of one plan is then worked out once, also
+    after further probes have moved the estimates a little.
     """
 
     before: ProbingPlan
@@ -239,7 +268,7 @@ class _Ground:
     @classmethod
     def of(cls, study: Study, session: Session) -> "_Ground | None":
         """None where nothing was touched: the object is not known."""
-        contact = next((one for one in study.channels if one.data.kind is ChannelKind.CONTACT), None)
+        contact = next((one for one in study.channels if one.kind is ChannelKind.CONTACT), None)
         if contact is None or contact.data.surface is None or not session.metadata.robot_file:
             return None
         metadata = session.metadata
@@ -248,7 +277,7 @@ class _Ground:
         before = validate(ProbingPlan, plan)
         stiffness, damping = _spring_and_damper(study, contact)
         surface_m, normal = round(contact.data.surface.position_m, 3), before.press_direction_world
-        known = KnownObject(float(f"{stiffness:.1e}"), float(f"{damping:.0e}"), surface_m, normal)
+        known = KnownObject(_rounded(stiffness), _rounded(damping), surface_m, normal)
         arm = ArmText(metadata.robot_file, metadata.urdf, study.source.arm.gravity_m_s2, str(session.path))
         start_rad = session.samples(STREAM_NAME).vector("joint_position_rad")[0]
         return cls(before, arm, known, tuple(np.round(start_rad, 3).tolist()))
@@ -256,6 +285,11 @@ class _Ground:
     def ticks(self, plan: ProbingPlan) -> Samples:
         """See `rehearse`."""
         return rehearse(self.arm, plan.model_dump_json(), self.known, self.start_rad)
+
+
+def _rounded(positive: float) -> float:
+    """To the nearest of ten values a decade, 12 % off at most; 0 stays."""
+    return float(f"{10.0 ** (round(10.0 * math.log10(positive)) / 10.0):.2e}") if positive > 0.0 else 0.0
 
 
 def _spring_and_damper(study: Study, contact: StudyChannel) -> tuple[float, float]:

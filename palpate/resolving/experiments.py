@@ -12,6 +12,7 @@ from robot_io.robot_file import RobotFile
 
 _FORCE_MARGIN = 1.2  # of the guard's force, that a press stays below
 _TILT_RAD = 0.35  # of the tool in the arm's plane
+_SHARED = ("speeds_m_s", "hold_s")  # of which two experiments take what serves both
 Settings = dict[str, Any]
 
 
@@ -40,11 +41,29 @@ def candidates(before: ProbingPlan, robot_file: RobotFile) -> list[Candidate]:
     found = []
     for words, settings in _changes(before, robot_file):
         try:
-            plan = validate(ProbingPlan, before.model_dump() | {"repeats": 1, "excitation": None} | settings)
+            found.append(Candidate(words, settings, _plan(before, settings)))
         except InputError:  # such as an approach that is too short for the speed
             continue
-        found.append(Candidate(words, settings, plan))
     return found
+
+
+def both(first: Candidate, second: Candidate, before: ProbingPlan) -> Candidate | None:
+    """One experiment with what two show; None where they want different things, or make no valid plan."""
+    wants, others = ({k: v for k, v in one.settings.items() if k not in _SHARED} for one in (first, second))
+    if not wants or not others or any(others.get(name, value) != value for name, value in wants.items()):
+        return None
+    speeds = {*first.settings.get("speeds_m_s", ()), *second.settings.get("speeds_m_s", ())}
+    hold_s = max(one.settings.get("hold_s", 0.0) for one in (first, second)) or before.hold_s
+    settings = {**wants, **others, "hold_s": hold_s, "speeds_m_s": sorted(speeds, reverse=True)[:3]}
+    words = f"{first.words}, and {second.words}"
+    try:
+        return Candidate(words, settings, _plan(before, settings))
+    except InputError:
+        return None
+
+
+def _plan(before: ProbingPlan, settings: Settings) -> ProbingPlan:
+    return validate(ProbingPlan, before.model_dump() | {"repeats": 1, "excitation": None} | settings)
 
 
 def _changes(before: ProbingPlan, robot_file: RobotFile) -> Iterator[tuple[str, Settings]]:

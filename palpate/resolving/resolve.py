@@ -11,7 +11,7 @@ from typing import Any
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.study.kept_diagnosis import RESULT
-from estimation.study.rivals import is_undecided
+from estimation.study.rivals import is_undecided, with_the_simplest
 from palpate.files import output_folder, write_text
 from palpate.outcome import as_json
 from palpate.resolving.designing import NextProbe, Progress, next_probe
@@ -31,6 +31,7 @@ class End(StrEnum):
     """Why no further probe is run."""
 
     SEPARATED = "separated"  # one explanation is left in each channel
+    SIMPLEST = "simplest"  # of what nothing that the arm can do is expected to set apart, all contain one
     INSEPARABLE = "inseparable"  # nothing that the arm can do is expected to set apart what is left
     PROBES = "probes"  # the budget of probes is used up
     SECONDS = "seconds"  # all that would separate takes longer than the time that is left
@@ -43,7 +44,7 @@ class Decision:
 
     Attributes:
         probe: its number, from 1.
-        session: its file.
+        session: its file, in the folder of the log.
         seconds: that it took on the robot's clock.
         left: what each channel may be explained by: by channel, groups of effects that are not told apart.
         end: why it was the last; None if another follows.
@@ -140,6 +141,9 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
             diagnosis = study.diagnose(channel, progress=progress)
             found = diagnosis.channels
             end, following = _decide(study, found, number + 1, used_s, budget, progress, design)
+            if end is End.INSEPARABLE:
+                end, found = _simplest(study, found)
+                diagnosis = diagnosis.model_copy(update={"channels": found})
         write_text(output_folder(folder / "study") / RESULT, as_json(study.diagnosis_data(diagnosis)))
         decision = _decision(number + 1, ran.session, outcome.loop.duration_s, found, end, following)
         decisions.append(decision)
@@ -188,6 +192,13 @@ def _decide(  # noqa: PLR0917 (all that it depends on)
     return (End.SECONDS if separable else End.INSEPARABLE), None
 
 
+def _simplest(study: Study, found: Sequence[ChannelDiagnosis]) -> tuple[End, list[ChannelDiagnosis]]:
+    """Where one of the laws that are left is contained in all others, that one is stated."""
+    stated = [with_the_simplest(study, study.channel(one.channel), one) for one in found]
+    is_open = any(is_undecided(one) for one in stated)
+    return End.INSEPARABLE if is_open else End.SIMPLEST, stated
+
+
 def _decision(  # noqa: PLR0917 (what it is made of)
     number: int,
     session: Path,
@@ -209,7 +220,7 @@ def _decision(  # noqa: PLR0917 (what it is made of)
         then = _ENDS[end or End.SEPARATED]
     return Decision(
         number,
-        str(session),
+        session.name,
         seconds,
         left,
         end,
@@ -220,6 +231,7 @@ def _decision(  # noqa: PLR0917 (what it is made of)
 
 _ENDS = {
     End.SEPARATED: "one explanation is left",
+    End.SIMPLEST: "nothing that the arm can do is expected to show more than this, which the others contain",
     End.INSEPARABLE: "nothing that the arm can do is expected to set apart what is left",
     End.PROBES: "the budget of probes is used up",
     End.SECONDS: "what would separate takes longer than the time that is left",

@@ -24,8 +24,8 @@ from sim_backend.scenario import ObjectSettings, Scenario
 
 _GUESS = KelvinVoigt(stiffness_n_m=300.0, damping_n_s_m=5.0)  # felt before anything was probed,
 _GUESS_ABOVE_M = 0.003  # and the surface is thought to be so much higher [m]
-_LIMIT_S = 42.0  # after which the follower is stopped where it is: a minute should be enough for all
-_END_S = 8.0  # that both sides have for their end then
+_LIMIT_S = 40.0  # after which the follower is stopped where it is: a minute should be enough for all
+_END_S = 15.0  # that both sides have for their end then
 _PLACES_M = (0.36, 0.40)  # x of the targets
 _ABOVE_M, _BELOW_M = 0.03, 0.02  # of the surface: where the hand waits, and where it wants to go
 _PRESSES = ((1.0, 0.5), (0.8, 0.4), (1.5, 0.3))  # times down, for 60 to 120 mm/s, and of holding [s]
@@ -61,11 +61,12 @@ class TeleopDemo:
         )
 
 
-def script(surface_m: float) -> dict[str, object]:
+def script(surface_m: float, last_s: float = _LAST_S) -> dict[str, object]:
     """The operator's file: choose two places, then press on both until the end.
 
     Args:
         surface_m: height of the surface [m].
+        last_s: when the last press begins at the latest [s].
     """
     high_m, low_m = surface_m + _ABOVE_M, surface_m - _BELOW_M
     one, other = _PLACES_M
@@ -83,13 +84,24 @@ def script(surface_m: float) -> dict[str, object]:
         go(x_m, high_m, 0.2, select=True)
         go(x_m, high_m, 0.2)
     number = 0
-    while at_s < _LAST_S:
+    while at_s < last_s:
         x_m = _PLACES_M[number // len(_PRESSES) % len(_PLACES_M)]
         down_s, hold_s = _PRESSES[number % len(_PRESSES)]
         for z_m, after_s in ((high_m, 0.4), (low_m, down_s), (low_m, hold_s), (high_m, down_s)):
             go(x_m, z_m, after_s)
         number += 1
     return {"device": "scripted", "path": path}
+
+
+def write_worlds(folder: Path, real: Scenario) -> None:
+    """Write the follower's world as real.yaml, and the leader's as guess.yaml, softer and higher.
+
+    InputError: they cannot be written.
+    """
+    surface_m = real.object.surface_height_m + _GUESS_ABOVE_M
+    guess = Scenario(description="a guess", object=ObjectSettings(law=_GUESS, surface_height_m=surface_m))
+    for name, world in {"real": real, "guess": guess}.items():
+        write_text(folder / f"{name}.yaml", world.to_yaml())
 
 
 def run_demo(
@@ -111,11 +123,8 @@ def run_demo(
     sessions = {side: output_file(folder / f"{side}.mcap") for side in _SIDES}
     operator = folder / "operator.yaml"
     surface_m = real.object.surface_height_m
-    guess = ObjectSettings(law=_GUESS, surface_height_m=surface_m + _GUESS_ABOVE_M)
-    worlds = {"real": real, "guess": Scenario(description="a guess", object=guess)}
     write_text(operator, yaml.safe_dump(script(surface_m), sort_keys=False))
-    for name, world in worlds.items():
-        write_text(folder / f"{name}.yaml", world.to_yaml())
+    write_worlds(folder, real)
     port = str(_free_port())
     commands = {
         "follower": ["--scenario", str(folder / "real.yaml"), *follower],

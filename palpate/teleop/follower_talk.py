@@ -27,7 +27,8 @@ from robot_io.session import RecordArray, Samples, Stream
 
 _TALK_S = 0.02  # between two reports
 _RESEND_S = 0.2  # of an estimate that the leader has not seen
-_SETTLE_S = 15.0  # that the arm holds still for estimates when all targets are over
+_SETTLE_S = 15.0  # that the arm holds still for estimates and verdicts when all targets are over,
+_SEEN_S = 3.0  # and for the newest to be seen
 _FAREWELLS = 25  # times that the last report is sent
 ESTIMATE = "estimate"  # kind of the event that tells of one
 Say = Callable[[str], None]
@@ -65,20 +66,20 @@ class Talk(threading.Thread):
         self._estimator = Estimator(diagnose=diagnose)
         self._newest: dict[int, ObjectEstimate] = {}  # by target, of the newest targets
         self._seen: tuple[int, ...] = ()  # revisions that the leader has
-        self._resend_s, self._asked_s = 0.0, math.nan
+        self._resend_s, self._asked_s, self._made_s = 0.0, math.nan, -math.inf
         self._conversation = Conversation(line, clock, limits, take=self._take, begin_anew=self._begin_anew)
 
     def settled(self) -> bool:
-        """Whether no estimate is still to come or to be seen by a leader who can be heard.
+        """Whether no estimate is still to come, and none to be seen by a leader who can be heard.
 
-        From the first time that this is asked on, they are waited for `_SETTLE_S`.
+        The first are waited for `_SETTLE_S` from when this is first asked, the last one for `_SEEN_S`.
         """
+        now_s = self._clock.now_s()
         if math.isnan(self._asked_s):
-            self._asked_s = self._clock.now_s()
+            self._asked_s = now_s
         waiting = self._estimator.busy or not self._work.empty()
-        unseen = bool(self._unseen()) and self.queue.linked
-        too_long = self._clock.now_s() > self._asked_s + _SETTLE_S
-        return bool(self.error) or too_long or not (waiting or unseen)
+        unseen = self.queue.linked and bool(self._unseen()) and now_s < self._made_s + _SEEN_S
+        return bool(self.error) or not ((waiting and now_s < self._asked_s + _SETTLE_S) or unseen)
 
     def look(self, stream: Stream, records: RecordArray, target: int, *, last: bool) -> None:
         """Have a target's samples estimated; takes no time."""
@@ -155,6 +156,7 @@ class Talk(threading.Thread):
             return
         self._newest[estimate.target] = replace(estimate, revision=self.estimates)
         self.estimates += 1
+        self._made_s = self._clock.now_s()
         text = f"target {short_number(estimate.target)}: {in_words(estimate)}"
         self.notes.append((ESTIMATE, text, {"target": estimate.target, "verdict": estimate.verdict}))
         self._say(text)

@@ -118,8 +118,8 @@ class Joined:
     def to_leader(self, follower_s: FloatArray) -> FloatArray:
         """Times of the follower's clock on the leader's, shape (n,) [s]; clocks may drift apart."""
         time_s, offset_s, _ = self.exchanges.T
-        near_s = follower_s - np.interp(follower_s - self.offset_s, time_s, offset_s)
-        return np.asarray(near_s)
+        theirs_s = np.maximum.accumulate(time_s + offset_s)
+        return np.asarray(follower_s - np.interp(follower_s, theirs_s, offset_s))
 
     def feels(self) -> list[tuple[Event, Mapping[str, Any]]]:
         """What the operator felt from when on, as events with their data."""

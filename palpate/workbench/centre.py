@@ -53,6 +53,11 @@ class Centre:
         else:
             self._model(*self._drawn)
 
+    def show_state(self) -> None:
+        """Draw the fit over the state: what is looked at after the curves over time."""
+        if self._drawn is not None:
+            self._state.restyle(curves.state_update(self._motion, self._drawn[0]))
+
     def show_map(self) -> None:
         """Draw the residual map, which takes longest and so comes last."""
         if self._shown is None or self._drawn is None:
@@ -75,7 +80,6 @@ class Centre:
 
     def _model(self, effort: FloatArray, left: FloatArray) -> None:
         self._time.restyle(curves.model_update(self._motion, effort, left, self._span_s))
-        self._state.restyle(curves.state_update(self._motion, effort))
         self._read_cursors()
 
     def _redraw(self) -> None:

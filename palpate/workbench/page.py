@@ -136,6 +136,7 @@ class Page:
         """What takes the browser longer, and is looked at later."""
         self._parameters.show(shown)
         self._effects.show(shown.choice.effects)
+        self._centre.show_state()
 
     def _preview(self, values: dict[str, float] | None) -> None:
         shown = self._shown
@@ -156,7 +157,7 @@ class Page:
             ui.html('<b class="brand">palpate</b>', sanitize=False)
             ui.label(study.source.name).classes("file")
             options = {
-                one.name: f"{one.name.replace('_', ' ')} · {kind_in_words(one.data.kind)}"
+                one.name: f"{one.name.replace('_', ' ')} · {kind_in_words(one.kind)}"
                 for one in study.channels
             }
             ui.select(options, value=choice.channel, on_change=self._channel_chosen).props(

@@ -11,6 +11,7 @@ from palpate.workbench.home import Home
 _STYLE = (Path(__file__).parent / "workbench.css").read_text(encoding="utf-8")
 _POLL_S = 0.03
 _CONNECT_S = 30.0
+_MESSAGES = 100  # that are kept for a browser that was away for a moment; curves make them large
 
 
 def serve(home: Home, host: str, port: int, *, browser: bool) -> None:
@@ -40,6 +41,8 @@ def serve(home: Home, host: str, port: int, *, browser: bool) -> None:
         reload=False,
         show_welcome_message=False,
         favicon="◎",
+        message_history_length=_MESSAGES,
+        tailwind=False,  # it looks through the page at every change
         uvicorn_logging_level="warning",
     )
 

@@ -46,7 +46,7 @@ def test_each_decision_is_logged_beside_its_session(resolved):
     done, _ = resolved
     logged = [json.loads(line) for line in (done.folder / DECISIONS).read_text().splitlines()]
     assert logged == json.loads(json.dumps(done.as_data()["decisions"]))
-    assert [one["session"] for one in logged] == [str(path) for path in sorted(done.folder.glob("*.mcap"))]
+    assert [one["session"] for one in logged] == [path.name for path in sorted(done.folder.glob("*.mcap"))]
 
 
 def test_all_sessions_hide_the_same_and_have_noise_of_their_own(resolved):

@@ -72,7 +72,7 @@ def test_data_drawn_from_the_true_law_bear_the_expected_lead_out(shallow):
     assert shallow.expected(motion, np.random.default_rng(0))[0, 1] == pytest.approx(really, abs=0.1)
 
 
-def test_the_shortest_clear_experiment_is_chosen_else_the_one_that_tells_most():
+def test_the_shortest_of_those_that_tell_most_is_chosen():
     def lead(value):
         return (np.array([[0.0, value], [value, 0.0]]),)
 
@@ -80,11 +80,19 @@ def test_the_shortest_clear_experiment_is_chosen_else_the_one_that_tells_most():
         Experiment(w, s, lead(v)) for w, s, v in (("l", 60, 0.9), ("s", 5, 0.2), ("w", 1, 0.1))
     )
     assert choose([long, short, weak]).experiment is short
-    assert "the shortest of 2 that separate clearly" in choose([long, short, weak]).reason
-    assert "the only one that separates clearly" in choose([short, weak]).reason
+    assert "shortest of 2 that tell most" in choose([long, short, weak]).reason
+    assert "tells most" in choose([short, weak]).reason
     assert choose([weak, Experiment("weaker", 1, lead(0.06))]).experiment is weak
     assert choose([Experiment("nothing", 1, lead(0.02))]) is None
     assert choose([]) is None
+
+
+def test_an_experiment_that_sets_all_apart_beats_one_that_sets_one_rival_apart_far():
+    """After the first, one of two rivals that it does not tell apart is left in two cases of three."""
+    far, all_apart = np.zeros((3, 3)), np.full((3, 3), 0.2)
+    far[0, 1:] = far[1:, 0] = 0.9
+    offered = [Experiment("far", 1, (far,)), Experiment("all", 20, (all_apart,))]
+    assert choose(offered).index == 1
 
 
 def test_an_experiment_that_tells_one_pair_of_three_apart_beats_one_that_tells_none():

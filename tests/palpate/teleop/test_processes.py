@@ -37,21 +37,30 @@ def started(side: str, *options: str) -> Iterator[subprocess.Popen]:
         process.wait()
 
 
+def states(session: Session) -> list[str]:
+    """What became of the targets so far."""
+    return [
+        event.data["state"] for event in session.events if event.kind == "target" and "state" in event.data
+    ]
+
+
 @pytest.mark.parametrize(("on_silence", "ending"), [("finish", "DONE"), ("retreat", "CANCELLED")])
 def test_a_killed_leader_leaves_the_arm_safe_and_another_one_is_heard(tmp_path, on_silence, ending):
     port, session = free_port(), tmp_path / "follower.mcap"
     options = ("--port", str(port), "-o", str(session), "--no-diagnose", "--on-silence", on_silence)
     with started("follower", *options) as process:
         assert killed_when_reached(lead_until_hold, port).exitcode == -signal.SIGKILL
-        time.sleep(6.0)
+        end_s = time.monotonic() + WAIT_S
+        while not states(Session.open(session)):  # before that, another leader would call the target off
+            assert time.monotonic() < end_s
+            time.sleep(0.5)
         assert process.poll() is None
         second = Side("leader", port)
         second.until(lambda _: intent(ended=True), lambda side: getattr(side.last, "ended", False))
         output, _ = process.communicate(timeout=WAIT_S)
     assert process.returncode == 0, output
     kept = Session.open(session)
-    texts = [event.data["state"] for event in kept.events if event.kind == "target" and "state" in event.data]
-    assert texts[0] == ending
+    assert states(kept)[0] == ending
     assert "link_silent" in [event.kind for event in kept.events]
     ticks = kept.samples("tick")
     assert not ticks["guard_tripped"].any()
@@ -73,6 +82,20 @@ def test_a_killed_follower_leaves_the_operator_with_the_virtual_object_and_a_wor
     haptic = Session.open(session).samples("haptic")
     assert haptic["force_n"].max() > 1.0  # felt without a follower, too
     assert haptic["time_s"][-1] - haptic["time_s"][0] > 15.0
+
+
+def test_a_device_that_cannot_be_opened_is_one_line_and_leaves_no_session(tmp_path):
+    operator, session = tmp_path / "operator.yaml", tmp_path / "leader.mcap"
+    operator.write_text(f"device: gamepad\nport: {tmp_path / 'nothing'}\n")
+    with started(
+        "leader", "--port", str(free_port()), "-o", str(session), "--operator", str(operator)
+    ) as process:
+        output, _ = process.communicate(timeout=WAIT_S)
+    assert process.returncode == 2
+    (said,) = [line for line in output.splitlines() if line.startswith("palpate:")]
+    assert "the operator's device cannot be opened" in said
+    assert "nothing: cannot be opened (No such file" in said
+    assert not session.exists()
 
 
 def test_a_killed_main_process_ends_the_haptic_one_with_its_session_closed(tmp_path):
@@ -117,7 +140,7 @@ def test_both_sides_on_one_time_line_and_what_is_felt_is_what_is_there(tmp_path)
     begun, made = joined.to_leader(
         np.array([first(joined.follower, kind) for kind in ("target", "estimate")])
     )
-    slack_s = 0.5  # what a simulated clock may slip between two exchanges on a busy machine
+    slack_s = 2.0  # what a simulated clock may slip on a busy machine while an offset is held for the best
     assert chosen < begun + slack_s < made + slack_s < felt + 2 * slack_s  # the order, across both clocks
     result = run("inspect", sessions["follower"], sessions["leader"], "--save", tmp_path / "both.rrd")
     assert result.exit_code == 0, result.output

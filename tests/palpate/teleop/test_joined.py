@@ -1,0 +1,85 @@
+"""What a pair of sessions says of the felt force, and where it is the machine that was late."""
+
+import numpy as np
+import pytest
+
+from palpate.teleop.joined import TOUCH_S, Felt, Joined
+from palpate.teleop.object_law import felt_data, force_law, terms_of
+from sim_backend.scenario import Scenario
+from tests.robot_io.link.link_parts import estimate
+
+TICK_S = 1e-3
+DEPTH_M = 0.003
+REAL = Scenario()
+
+
+class Kept:
+    """Samples or a session of a test's making."""
+
+    def __init__(self, **kept):
+        self.kept, self.path, self.events = kept, "leader.mcap", ()
+
+    def __getitem__(self, name):
+        return self.kept[name]
+
+    def samples(self, name):
+        return self.kept[name]
+
+
+def haptic(withheld_n: float, late_at: int | None) -> Kept:
+    """Two touches of half a second, the law's own force less what is withheld in the second one."""
+    count = 2000
+    inside = np.zeros(count, bool)
+    inside[200:700] = inside[1200:1700] = True
+    height_m = REAL.object.surface_height_m
+    position = np.zeros((count, 3))
+    position[:, 2] = np.where(inside, height_m - DEPTH_M, height_m + 0.01)
+    law = force_law(terms_of(REAL))
+    force_n = np.array([law(DEPTH_M if touched else 0.0, 0.0, TICK_S) for touched in inside])
+    force_n[1200:1700] -= withheld_n
+    lateness_s = np.zeros(count)
+    if late_at is not None:
+        lateness_s[late_at] = 8.0 * TICK_S
+    return Kept(
+        time_s=np.arange(count) * TICK_S,
+        tip_position_world_m=position,
+        tip_velocity_world_m_s=np.zeros((count, 3)),
+        force_n=force_n,
+        revision=np.zeros(count, int),
+        lateness_s=lateness_s,
+    )
+
+
+@pytest.mark.parametrize("late_at", [1200, 1203])
+def test_a_touch_at_which_the_machine_was_late_says_nothing_of_the_model(late_at):
+    felt = Joined(Kept(haptic=haptic(0.5, late_at)), None).felt_and_real(REAL)
+    assert felt.settled().share < 1e-9
+    assert felt.stalled.sum() == 500
+    assert felt.share > 0.01  # and yet it was felt
+
+
+@pytest.mark.parametrize("late_at", [None, 300, 1500])
+def test_a_model_that_is_off_is_not_excused_by_a_late_tick_elsewhere(late_at):
+    felt = Joined(Kept(haptic=haptic(0.5, late_at)), None).felt_and_real(REAL)
+    assert felt.stalled.sum() == 0
+    assert felt.settled().share == pytest.approx(felt.share, rel=0.01)
+
+
+def test_the_first_milliseconds_of_each_touch_are_left_out():
+    time_s = np.concatenate([np.arange(100), 500 + np.arange(100)]) * TICK_S
+    ones = np.ones(len(time_s))
+    settled = Felt(time_s, ones, ones, ones < 0.0).settled()
+    assert len(settled.time_s) == len(time_s) - 2 * round(TOUCH_S / TICK_S)
+
+
+def test_times_of_a_clock_that_slips_are_put_on_the_leaders():
+    """A simulated follower's clock that runs at half speed for ten seconds."""
+    leader_s = np.linspace(100.0, 110.0, 101)
+    offset_s = -90.0 - 0.5 * (leader_s - 100.0)
+    link = Kept(time_s=leader_s, peer_offset_s=offset_s, round_trip_s=np.full(101, 1e-3))
+    joined = Joined(Kept(link=link), Kept(link=link))
+    np.testing.assert_allclose(joined.to_leader(leader_s + offset_s), leader_s, atol=1e-9)
+
+
+def test_what_is_felt_keeps_which_target_it_is_of():
+    assert felt_data(estimate(target=2**40))["target"] == 2**40
