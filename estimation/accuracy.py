@@ -11,6 +11,17 @@ from robot_io.types import FloatArray
 _TICK_S = 1e-3
 
 
+def cramer_rao(slopes: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Least standard errors of parameters, (p,), by slopes (n, p) of a signal with noise sigma (n,).
+
+    diag((J' S^-1 J)^-1)^(1/2), C. R. Rao (1945); a parameter that changes nothing has none.
+    """
+    weighed = slopes / sigma[:, None]
+    sizes = np.linalg.norm(weighed, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    return np.asarray(np.sqrt(np.diag(np.linalg.pinv((weighed / sizes).T @ (weighed / sizes)))) / sizes)
+
+
 @dataclass(frozen=True)
 class Noise:
     """What is wrong with a force reading.
@@ -85,14 +96,12 @@ class Press:
         return np.array(values[: 3 if self.law.damping_exponent else 2])
 
     def bound(self, noise: Noise) -> FloatArray:
-        """Cramer-Rao bound of `truth`: standard errors without outliers, noise known; C. R. Rao (1945)."""
+        """See `cramer_rao`; of `truth`, without outliers."""
         k, b, n, m, _ = self.law
         slopes = [self.depth_m**n, self.depth_m**m * self.speed_m_s]
         if m:
             slopes.append((k + b * self.speed_m_s) * self.depth_m**n * np.log(self.depth_m))
-        weighed = np.column_stack(slopes) / self.sigma_n(noise)[:, None]
-        sizes = np.linalg.norm(weighed, axis=0)
-        return np.asarray(np.sqrt(np.diag(np.linalg.inv((weighed / sizes).T @ (weighed / sizes)))) / sizes)
+        return cramer_rao(np.column_stack(slopes), self.sigma_n(noise))
 
     def regression(self, force_n: FloatArray) -> Regression:
         """The linear problem of Kelvin-Voigt in these forces (n,)."""

@@ -4,7 +4,6 @@ Each target is one `ProbingTask` of its own, from the place where the arm holds 
 only change the queue; how fast, how hard and how far is in the plan, and the guard has the last word.
 """
 
-import math
 from collections.abc import Callable
 from enum import StrEnum
 
@@ -14,7 +13,7 @@ from control.arm.rigid_body import RigidBody
 from control.laws.gains import Gains
 from control.laws.hybrid import HybridController
 from control.loop.phases import Phase
-from control.loop.task import NO_RUN, TaskEvent, TaskOutput
+from control.loop.task import NO_RUN, TaskEvent, TaskOutput, aimed_output
 from control.paths.trajectory import JointMotion
 from control.probing.task import ProbingTask
 from control.teleop.target_queue import TargetQueue
@@ -141,15 +140,12 @@ class FollowerTask:
 
     def _holding(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         output = self._hold.step_joints(measurement, self._posture, dt_s)
-        return TaskOutput(
-            command=output.command,
-            reference_position_rad=output.motion.position_rad,
-            reference_velocity_rad_s=output.motion.velocity_rad_s,
-            tip_position_world_m=output.tip.position_world_m,
-            tip_velocity_world_m_s=output.tip.velocity_world_m_s,
-            press_direction_world=self._direction,
-            desired_force_n=math.nan,
-            phase=Phase.IDLE,
+        return aimed_output(
+            output.command,
+            output.motion,
+            output.tip,
+            self._direction,
+            Phase.IDLE,
             done=self._queue.done and self._settled(),
             events=tuple(self._events),
         )

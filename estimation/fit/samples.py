@@ -120,7 +120,7 @@ def _cost(bench: Bench, trial: Trial, loss: Loss) -> float:
         return trial.sse
     parts = trial.model.parts(bench.frame.data, trial.parameters)
     for _ in range(_ABSOLUTE_ROUNDS):
-        weighted = replace(bench, weights=np.sqrt(absolute_share(trial.residual)))
+        weighted = _weighted(bench, absolute_share(trial.residual[bench.kept]))
         trial = attempt(weighted, trial.model, trial.parameters, parts=parts)
     return float(np.mean(np.abs(trial.residual[bench.kept])))
 
@@ -129,14 +129,22 @@ def _reweighted(bench: Bench, trial: Trial) -> Trial:
     """Repeat the search with Cauchy's weights from the residuals of the one before."""
     for number in range(_ROUNDS):
         absolute = number < _ABSOLUTE_ROUNDS
-        left = trial.residual
-        share = absolute_share(left) if absolute else cauchy_influence(left / _core(left[bench.kept]))[0]
-        weighted = replace(bench, weights=np.sqrt(share))
+        left = trial.residual[bench.kept]
+        weighted = _weighted(
+            bench, absolute_share(left) if absolute else cauchy_influence(left / _core(left))[0]
+        )
         search = polish if absolute else _finely
         before, trial = trial, search(weighted, attempt(weighted, trial.model, trial.parameters))
         if not absolute and _is_settled(before, trial):
             break
     return trial
+
+
+def _weighted(bench: Bench, share: FloatArray) -> Bench:
+    """The bench with squared weights of the samples that count."""
+    weights = np.zeros(len(bench.frame))
+    weights[bench.kept] = np.sqrt(share)
+    return replace(bench, weights=weights)
 
 
 def _core(residuals: FloatArray) -> float:
@@ -155,9 +163,7 @@ def _is_settled(before: Trial, after: Trial) -> bool:
 def _settled(bench: Bench, trial: Trial) -> Settled:
     """From a solution that stands outliers to the efficient one near it; what is at a bound stays there."""
     model, data, rows = trial.model, bench.frame.data, bench.kept
-    fixed = [
-        name in model.inner and model.inner[name].at_bound(value) for name, value in trial.parameters.items()
-    ]
+    fixed = [model.at_bound(name, value) for name, value in trial.parameters.items()]
 
     def evaluate(values: FloatArray) -> tuple[FloatArray, FloatArray]:
         parameters = _named(model, values)

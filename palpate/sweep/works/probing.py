@@ -11,6 +11,7 @@ import numpy as np
 
 from control.loop.phases import Phase
 from control.probing.plan import ProbingPlan
+from estimation.accuracy import cramer_rao
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData
 from estimation.contact_estimator import ContactEstimator, ContactLaw
@@ -20,7 +21,7 @@ from estimation.effects.contact_offset import ContactOffset
 from estimation.estimate_channel import estimate_channel, fitting_rows
 from estimation.estimator import Estimator
 from estimation.estimators import ESTIMATORS
-from estimation.fit.samples import fit_samples
+from estimation.fit.samples import fit_samples, slopes_of
 from estimation.model import Model
 from estimation.models import MODELS
 from estimation.study.channels import CONTACT_MODEL
@@ -37,7 +38,6 @@ from robot_io.types import FloatArray
 from sim_backend.scenario import Scenario, load_scenario
 
 NOTHING = "none"  # hidden
-_STEP = 1e-5  # of a parameter, for its derivative
 
 
 def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
@@ -231,27 +231,14 @@ def _what_the_arm_did(samples: Samples) -> Row:
 def _bounds(
     channel: ChannelData, model: Model, truth: Mapping[str, float], scenario: Scenario, share: float
 ) -> Row:
-    """Cramer-Rao bounds for noise of known size, the surface to be found as well; none of another law.
-
-    With J the derivatives of the force by all parameters and S its noise: diag((J' S^-1 J)^-1)^(1/2).
-    """
+    """Cramer-Rao bounds for noise of known size, the surface to be found as well; none of another law."""
     names = [*model.gains, *model.inner]
     surface = channel.surface
     if surface is None or not all(name in truth or name.startswith("contact_offset") for name in names):
         return {}
     known = dict(truth) | {"contact_offset.offset": truth[SURFACE] - surface.position_m}
-    at = {name: known[name] for name in names}
-    rows = fitting_rows(channel)
+    at, rows, sensor = {name: known[name] for name in names}, fitting_rows(channel), scenario.sensors.force
     force_n = model.predict(channel, at)[rows]
-    columns = []
-    for name in names:
-        step = _STEP * abs(at[name]) or _STEP
-        up, down = (model.predict(channel, at | {name: at[name] + way * step})[rows] for way in (1, -1))
-        columns.append((up - down) / (2 * step))
-    sensor = scenario.sensors.force
     variance = sensor.noise_std_n**2 + sensor.resolution_n**2 / 12 + (share * force_n) ** 2
-    weighted: FloatArray = np.column_stack(columns) / np.sqrt(variance)[:, None]
-    scale = np.linalg.norm(weighted, axis=0)
-    scale[scale == 0.0] = 1.0
-    spread = np.sqrt(np.diag(np.linalg.pinv((weighted / scale).T @ (weighted / scale)))) / scale
+    spread = cramer_rao(slopes_of(model, channel, at)[rows], np.sqrt(variance))
     return {f"bound {name}": float(std) for name, std in zip(names, spread, strict=True) if name in truth}

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from estimation.accuracy import cramer_rao
 from estimation.estimate_channel import fitting_rows
 from estimation.estimators.ransac import Ransac
 from estimation.regression import Regression
@@ -29,8 +30,7 @@ def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     gains = np.array([truth["stiffness.k"], truth["damping.c"]])
     force_n = columns @ gains
     sigma_n = np.hypot(parameters["noise_std_n"], parameters["noise_percent"] / 100 * force_n)
-    weighted = columns / sigma_n[:, None]
-    bound = np.sqrt(np.diag(np.linalg.inv(weighted.T @ weighted)))
+    bound = cramer_rao(columns, sigma_n)
     ransac = Ransac(**parameters["settings"])
     errors: list[FloatArray] = []
     shares: list[float] = []
