@@ -101,8 +101,9 @@ def established(search: Search, end: Standing, readings: Readings, *, complete: 
             )
     for name in reversed(names_in_order(search, end)):  # the least telling first
         before = search.without(end, name)
-        needed = not _is_below_a_step(search, end, name) and search.is_needed(before, end)
-        needed = needed and (complete or _outweighs_the_rest(before, end))
+        is_small = before.rmse - end.rmse < SMALL * (search.start.rmse - end.rmse)
+        is_small = is_small or not (complete or _outweighs_the_rest(before, end))
+        needed = not (is_small or _is_below_a_step(search, end, name)) and search.is_needed(before, end)
         if not (needed and gained(before, end, readings, search.rng, name).is_unusual):
             end = before
     return end

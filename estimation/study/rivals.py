@@ -62,8 +62,8 @@ def rivals_of(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> di
 
 def _telling_most(study: Fits, channel: StudyChannel) -> list[str]:
     base = study.fit(channel)
-    tried = try_all(base.standing, candidates(base.data, base.model, study.effects))
-    return [one.effect.name for one in sorted(tried, key=lambda one: one.search.best.sse)[: MOST - 1]]
+    tried = try_all(base.standing, candidates(base.data, base.model, study.effects))  # the best first
+    return [one.effect.name for one in tried[: MOST - 1]]
 
 
 def with_the_simplest(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:

@@ -54,7 +54,7 @@ class Shown:
         base: the base model.
         fitted: the chosen one; its intervals are computed when they are first asked for.
         steps: label and held-out error of the base model and of each effect added.
-        floor: noise floor of the channel.
+        floor: noise floor of the channel: no more than the least error that any of these models leaves.
     """
 
     choice: Choice
@@ -119,7 +119,8 @@ class Bench:
         fitted = self.study.fit_held(one, names, chosen.held, chosen.bounds)
         if fitted is not stages[-1]:
             steps.append(("held and bounded", fitted.rmse))
-        return Shown(chosen, base, fitted, tuple(steps), self.study.noise_floor(one))
+        floor = min(self.study.noise_floor(one), *(error for _, error in steps))
+        return Shown(chosen, base, fitted, tuple(steps), floor)
 
     def choose(self, choice: Choice) -> Shown:
         """Fit a choice and make it the present one; nothing changes if it cannot be fitted.

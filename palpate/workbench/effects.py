@@ -71,6 +71,8 @@ class Effects:
                 box.set_value(name in chosen)
             row = self._rows[name]
             row.classes(add="chosen") if name in chosen else row.classes(remove="chosen")
+            if name in chosen:
+                row.style(f"order: {_rank(self._last.get(name, 1.0), chosen=True)}")
         self._setting = False
 
     async def weigh(self, idle: asyncio.Event) -> None:
@@ -188,7 +190,8 @@ class Effects:
             f"{'−' if falls > 0.005 else ''}{100 * falls:.0f} %</span>"
         )
         if not self._evidence:  # later the list keeps still until all are weighed again
-            self._rows[one.effect].style(f"order: {_rank(one.falls, chosen=False)}")
+            chosen = one.effect in self._bench.choice.effects
+            self._rows[one.effect].style(f"order: {_rank(one.falls, chosen=chosen)}")
 
     def _narrow(self, event: events.ValueChangeEventArguments[Any]) -> None:
         wanted = (event.value or "").strip().lower().replace(" ", "_")

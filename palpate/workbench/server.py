@@ -11,7 +11,7 @@ from palpate.workbench.home import Home
 _STYLE = (Path(__file__).parent / "workbench.css").read_text(encoding="utf-8")
 _POLL_S = 0.03
 _CONNECT_S = 30.0
-_MESSAGES = 100  # that are kept for a browser that was away for a moment; curves make them large
+_AWAY_S = 30.0  # that a browser may be out of touch, on a busy machine, before the page begins anew
 
 
 def serve(home: Home, host: str, port: int, *, browser: bool) -> None:
@@ -41,7 +41,7 @@ def serve(home: Home, host: str, port: int, *, browser: bool) -> None:
         reload=False,
         show_welcome_message=False,
         favicon="◎",
-        message_history_length=_MESSAGES,
+        reconnect_timeout=_AWAY_S,
         tailwind=False,  # it looks through the page at every change
         uvicorn_logging_level="warning",
     )
