@@ -54,11 +54,7 @@ class TeleopDemo:
         if not len(self.felt.real_n):
             return "nothing was felt after the first estimate: the felt force cannot be compared"
         settled, stalled = self.felt.settled(), int(self.felt.stalled.sum())
-        left_out = (
-            f", nor {count(stalled, 'sample')} of touches at which the machine missed ticks"
-            if stalled
-            else ""
-        )
+        late = f", nor {count(stalled, 'sample')} of touches at which the machine missed ticks"
         return (
             f"felt force: {100.0 * settled.share:.2g} % rms from the real one, after the first estimate "
             f"({100.0 * self.felt.share:.2g} % with all: not counted are the first {1e3 * TOUCH_S:g} ms of "
