@@ -17,6 +17,7 @@ from palpate.files import output_file, output_folder, write_text
 from palpate.teleop.figures import draw
 from palpate.teleop.joined import TOUCH_S, Felt, Joined, join
 from palpate.teleop.recording import record_both
+from palpate.words import count
 from robot_io.errors import PalpateError
 from robot_io.session import Session
 from sim_backend.contact_laws import KelvinVoigt
@@ -24,7 +25,7 @@ from sim_backend.scenario import ObjectSettings, Scenario
 
 _GUESS = KelvinVoigt(stiffness_n_m=300.0, damping_n_s_m=5.0)  # felt before anything was probed,
 _GUESS_ABOVE_M = 0.003  # and the surface is thought to be so much higher [m]
-_LIMIT_S = 40.0  # after which the follower is stopped where it is: a minute should be enough for all
+_LIMIT_S = 38.0  # after which both sides are told to end: a minute should be enough for all
 _END_S = 15.0  # that both sides have for their end then
 _PLACES_M = (0.36, 0.40)  # x of the targets
 _ABOVE_M, _BELOW_M = 0.03, 0.02  # of the surface: where the hand waits, and where it wants to go
@@ -53,11 +54,11 @@ class TeleopDemo:
         if not len(self.felt.real_n):
             return "nothing was felt after the first estimate: the felt force cannot be compared"
         settled, stalled = self.felt.settled(), int(self.felt.stalled.sum())
-        left_out = f", nor {stalled} samples of touches at which the machine missed ticks" if stalled else ""
+        late = f", nor {count(stalled, 'sample')} of touches at which the machine missed ticks"
         return (
             f"felt force: {100.0 * settled.share:.2g} % rms from the real one, after the first estimate "
             f"({100.0 * self.felt.share:.2g} % with all: not counted are the first {1e3 * TOUCH_S:g} ms of "
-            f"every touch, where passivity withholds a part of the damper's jump{left_out})"
+            f"every touch, where passivity withholds a part of the damper's jump{late if stalled else ''})"
         )
 
 
@@ -151,11 +152,10 @@ def _run_both(folder: Path, commands: dict[str, list[str]]) -> None:
                 running[side] = subprocess.Popen([*program, side, *options], stdout=log, stderr=log)  # noqa: S603
         with suppress(subprocess.TimeoutExpired):
             running["leader"].wait(until_s - time.monotonic())
-        if (
-            running["leader"].poll() is None
-        ):  # the machine is slow; a leader whose follower ends does so as well
-            running["follower"].send_signal(signal.SIGINT)
+        if running["leader"].poll() is None:  # the machine is slow: what there is must do
             valid.add(INTERRUPTED)
+            for process in running.values():
+                process.send_signal(signal.SIGINT)
         for side in reversed(_SIDES):
             if running[side].wait(_END_S) not in valid:
                 raise PalpateError(f"the {side} failed: {_last_words(folder / f'{side}.log')}")
