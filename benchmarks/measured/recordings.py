@@ -174,7 +174,7 @@ def afm_cell_relaxation(folder: Path) -> Iterator[Recording]:
     """Cell under an AFM; force zero and contact point are not known."""
     said = Expected(
         (STIFFENING, RELAXATION),
-        RUNS | {"contact_offset", "bias"},
+        RUNS | {"contact_offset", "bias", "tool_compliance"},
         (53.13e-9, 7.40e-9, 5.97e-9),
         "two relaxations, exponent 1.5",
     )

@@ -14,6 +14,9 @@ MUSCLES = ("relaxed", "calcium_pCa4.4", "relaxed_mava_set", "calcium_pCa4.4_mava
 def afm_cell(folder: Path) -> ChannelData:
     """Approach and hold of all curves on one cell, evenly sampled; the retract apart, as its README does.
 
+    Position is that of the drive. The README's indentation is that less force over the cantilever's 1.07 N/m:
+    in a hold it follows the force, and says what the force is. The cell is 80 times as soft.
+
     The README's errors count only every fourth sample of the later hold, so they weigh the approach more.
     """
     runs: dict[str, list[dict[str, str]]] = {}
@@ -22,7 +25,7 @@ def afm_cell(folder: Path) -> ChannelData:
     parts = []
     for number, run in enumerate(runs.values()):
         kept = [row for row in run if row["phase"] in ("approach", "hold")]
-        t, x, force = _signals(kept)
+        t, x, force = _signals(kept, "piezo_m")
         parts.append(_part(t + 100.0 * number, x, force))
     return channel(ChannelKind.CONTACT, parts, "contact")
 
@@ -40,8 +43,8 @@ def muscle(folder: Path, condition: str) -> ChannelData:
     return channel(ChannelKind.CONTACT, parts, "contact")
 
 
-def _signals(run: list[dict[str, str]]) -> list[np.ndarray]:
-    keys = ("time_s", "displacement_m", "force_N")
+def _signals(run: list[dict[str, str]], position: str = "displacement_m") -> list[np.ndarray]:
+    keys = ("time_s", position, "force_N")
     return [np.array([float(row[key]) for row in run]) for key in keys]
 
 

@@ -102,6 +102,7 @@ def established(search: Search, end: Standing, readings: Readings, *, complete: 
     for name in reversed(names_in_order(search, end)):  # the least telling first
         before = search.without(end, name)
         is_small = before.rmse - end.rmse < SMALL * (search.start.rmse - end.rmse)
+        is_small = is_small or not (complete or _outweighs_the_rest(before, end))
         needed = not (is_small or _is_below_a_step(search, end, name)) and search.is_needed(before, end)
         if not (needed and gained(before, end, readings, search.rng, name).is_unusual):
             end = before
@@ -171,6 +172,12 @@ def _stands_by_itself(search: Search, end: Standing, name: str) -> bool:
         for one in (end, without)
     )
     return with_it < (1.0 - SMALL) ** 2 * beside
+
+
+def _outweighs_the_rest(before: Standing, end: Standing) -> bool:
+    """Whether an effect takes away more than a smooth law still could: less may be a part of that rest."""
+    rest = end.trial.held_out - float(end.flexible.held_out.sum())
+    return before.trial.held_out - end.trial.held_out >= rest
 
 
 def _is_below_a_step(search: Search, end: Standing, name: str) -> bool:
