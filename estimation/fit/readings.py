@@ -8,20 +8,37 @@ Application (1997), ch. 4).
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from estimation.channel import ChannelData
-from estimation.data.derivatives import HALF_WINDOWS, grid_step, position_error, rounding_variance
+from estimation.data.derivatives import (
+    HALF_WINDOWS,
+    differentiate,
+    grid_step,
+    position_error,
+    rounding_variance,
+)
 from estimation.data.local_fit import local_fit
 from estimation.signals.blocks import blocks
 from estimation.signals.moved import moved
 from robot_io.types import FloatArray, IntArray
 
+_DIFFERENCES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # samples to either side
 _PASSED_ON = 0.5  # of the error that a window passes on, that its derivative may differ by
 _TRIED = 4000  # samples by which the operator that derived a velocity is recognised
 _ALIKE = 1e-6  # of a derivative's mean square, that one derived in another way may differ by
+
+
+class Difference(NamedTuple):
+    """(x[i + h] - x[i - h]) / (t[i + h] - t[i - h]), as many derive a velocity; shorter at the ends."""
+
+    half: int
+
+
+Window = int | Difference  # samples to either side of a local fit, or a difference
 
 
 @dataclass(frozen=True)
@@ -31,42 +48,50 @@ class Readings:
     Attributes:
         data: the channel as it was recorded.
         error: of each position, shape (n,): what differs from the smooth motion.
-        velocity_error: the same of each velocity that was measured; 0 where it was derived.
+        velocity_error: the same of each velocity that was measured, or derived by a window so narrow that
+            most of its error is noise; 0 where it was derived as calmly as can be.
+        acceleration_error: the same of each acceleration.
         step: of the grid on which positions lie; 0 where there is none.
         is_staircase: whether most positions are those of the sample before or after, on no grid: encoders of
             several joints that step.
-        windows: samples to either side from which velocity and acceleration were derived; None for one that
-            was measured, or given without noise.
-        is_of_velocity: whether the acceleration was derived from the measured velocity, not from positions.
+        windows: how velocity and acceleration were derived; None for one that was measured, or given
+            without noise.
+        is_of_velocity: whether the acceleration was derived from the velocity, not from positions.
     """
 
     data: ChannelData
     error: FloatArray
     velocity_error: FloatArray
+    acceleration_error: FloatArray
     step: float
     is_staircase: bool
-    windows: tuple[int | None, int | None]
+    windows: tuple[Window | None, Window | None]
     is_of_velocity: bool
 
     @property
     def true_motion(self) -> ChannelData:
         """A channel that moves like the one recorded: its derivatives are exact, its position smooth."""
-        return moved(self.data, -self.error, -self.velocity_error, np.zeros(len(self.error)))
+        return moved(self.data, -self.error, -self.velocity_error, -self.acceleration_error)
 
     def draw(self, rng: np.random.Generator) -> ChannelData:
         """That motion read once more: other errors of the position, derived by the same windows."""
         error, data = self._another_error(rng), self.data
-        of_velocity = shuffled(self.velocity_error, data.run, rng)
-        velocity, acceleration = of_velocity - self.velocity_error, np.zeros(len(error))
+        velocity, acceleration = self.velocity_error, self.acceleration_error
         if self.windows[0] is not None:
-            velocity = self._misread(data.velocity, error, self.windows[0], 1)
-        if self.windows[1] is not None and self.is_of_velocity:
-            acceleration = self._misread(data.acceleration, of_velocity, self.windows[1], 1)
-        elif self.windows[1] is not None:
-            acceleration = self._misread(data.acceleration, error, self.windows[1], 2)
-        return moved(data, error - self.error, velocity, acceleration)
+            velocity = self._misread(data.velocity - velocity, error, self.windows[0], 1)
+        else:
+            velocity = shuffled(velocity, data.run, rng)
+        if self.windows[1] is not None:
+            of, order = (velocity, 1) if self.is_of_velocity else (error, 2)
+            acceleration = self._misread(data.acceleration - acceleration, of, self.windows[1], order)
+        return moved(
+            data,
+            error - self.error,
+            velocity - self.velocity_error,
+            acceleration - self.acceleration_error,
+        )
 
-    def _misread(self, exact: FloatArray, error: FloatArray, half: int, order: int) -> FloatArray:
+    def _misread(self, exact: FloatArray, error: FloatArray, half: Window, order: int) -> FloatArray:
         """What a window makes of the error of what it derives from, and how it bends a derivative, (n,)."""
         bent = derived(self.data, _integrated(exact, self.data, order), half, order) - exact
         return bent + derived(self.data, error, half, order)
@@ -98,16 +123,23 @@ def readings_of(data: ChannelData) -> Readings:
     rounding = rounding_variance(data.time_s, data.position, data.run, step)
     error = position_error(data.time_s, data.position, data.run, rounding)
     few = data.select(np.arange(min(len(data), _TRIED)))
-    velocity = _window(few, few.position, error, few.velocity, 1)
-    acceleration = _window(few, few.position, error, few.acceleration, 2)
-    of_velocity, is_of_velocity = np.zeros(len(data)), False
+    velocity, _ = _window(few, few.position, error, few.velocity, 1)
     if velocity is None:
-        of_velocity = position_error(data.time_s, data.velocity, data.run, 0.0)
-    if velocity is None and acceleration is None:
-        acceleration = _window(few, few.velocity, of_velocity, few.acceleration, 1)
-        is_of_velocity = acceleration is not None
+        passed_on = of_velocity = position_error(data.time_s, data.velocity, data.run, 0.0)
+    else:
+        passed_on, of_velocity = derived(data, error, velocity, 1), np.zeros(len(data))
+    of_position, apart = _window(few, few.position, error, few.acceleration, 2)
+    acceleration, apart_from_velocity = _window(few, few.velocity, passed_on, few.acceleration, 1)
+    is_of_velocity = acceleration is not None and apart_from_velocity < apart
+    windows = velocity, acceleration if is_of_velocity else of_position
+    of_acceleration = np.zeros(len(data))
+    if isinstance(velocity, Difference):
+        calm = differentiate(data.time_s, data.position, data.run, rounding=rounding)
+        of_velocity = data.velocity - calm.velocity
+        if isinstance(windows[1], Difference):
+            of_acceleration = data.acceleration - calm.acceleration
     is_staircase = step == 0.0 < rounding
-    return Readings(data, error, of_velocity, step, is_staircase, (velocity, acceleration), is_of_velocity)
+    return Readings(data, error, of_velocity, of_acceleration, step, is_staircase, windows, is_of_velocity)
 
 
 def shuffled(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
@@ -118,12 +150,18 @@ def shuffled(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> Floa
     return made
 
 
-def derived(data: ChannelData, signal: FloatArray, half: int, order: int) -> FloatArray:
+def derived(data: ChannelData, signal: FloatArray, window: Window, order: int) -> FloatArray:
     """Derivative (n,) of a signal (n,) by the window that derived the channel's own."""
     found = np.empty(len(signal))
     for rows in blocks(data.run):
-        centres = np.arange(rows.stop - rows.start)
-        found[rows] = local_fit(data.time_s[rows], signal[rows], centres, half).fitted[:, order]
+        time_s, values = data.time_s[rows], signal[rows]
+        last = len(values) - 1
+        if isinstance(window, Difference):
+            at = np.arange(last + 1)
+            before, after = np.maximum(at - window.half, 0), np.minimum(at + window.half, last)
+            found[rows] = (values[after] - values[before]) / (time_s[after] - time_s[before])
+        else:
+            found[rows] = local_fit(time_s, values, np.arange(last + 1), window).fitted[:, order]
     return found
 
 
@@ -139,16 +177,23 @@ def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray
 
 def _window(
     data: ChannelData, signal: FloatArray, error: FloatArray, given: FloatArray, order: int
-) -> int | None:
-    """The window by which a derivative (n,) was derived from a signal (n,) with an error; None if by none."""
+) -> tuple[Window | None, float]:
+    """The window by which a derivative (n,) was derived from a signal (n,) with an error; None if by none.
+
+    And the mean square by which it differs from that; infinite if by none.
+    """
+    tried: list[Window] = [
+        *HALF_WINDOWS,
+        *([Difference(half) for half in _DIFFERENCES] if order == 1 else []),
+    ]
     best, least = None, np.inf
-    for half in HALF_WINDOWS:
-        passed_on = derived(data, error[: len(data)], half, order)
-        apart = _mean_square(derived(data, signal, half, order) - given, len(error))
+    for window in tried:
+        passed_on = derived(data, error[: len(data)], window, order)
+        apart = _mean_square(derived(data, signal, window, order) - given, len(error))
         limit = max(_PASSED_ON * float(np.mean(passed_on**2)), _ALIKE * float(np.mean(given**2)))
         if apart <= limit and apart < least:
-            best, least = half, apart
-    return best
+            best, least = window, apart
+    return best, least
 
 
 def _mean_square(apart: FloatArray, count: int) -> float:
