@@ -310,16 +310,17 @@ def test_where_the_steps_are_too_coarse_the_next_motion_takes_more_effort():
 
 
 def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):
-    """Another specimen, with a scale of its own: the reason is the runs, and no user would guess it.
+    """Another specimen, with a law of its own: the reason is the runs, and no user would guess it.
 
     A column that nothing was made of is pointed out: it might be the reason.
     """
 
-    def stiffen_the_last(rows, _):
-        rows[rows[:, 3] == rows[-1, 3], 2] *= 3.0
+    def bend_the_last(rows, _):
+        last = rows[:, 3] == rows[-1, 3]
+        rows[last, 2] = 2.0 * rows[last, 2].max() - rows[last, 2]
 
     presses = write_presses(tmp_path / "two.csv", cubic=0.0)
-    specimen = rewritten(presses, "warmth", [21.0, 29.0, 23.0, 27.0], stiffen_the_last)
+    specimen = rewritten(presses, "warmth", [21.0, 29.0, 23.0, 27.0], bend_the_last)
     result = run("diagnose", specimen, "--out", tmp_path / "out")
     assert result.stdout.startswith("UNEXPLAINED  contact")
     told = " ".join(result.stdout.split())
@@ -327,6 +328,17 @@ def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):
     assert "a sensor changed? " in told  # one mark, not two
     assert "the runs do not follow one law" in (tmp_path / "out" / "report.html").read_text()
     assert "two.csv --context warmth" in result.stderr
+
+
+def test_a_specimen_with_a_scale_of_its_own_is_a_gain_that_differs_from_run_to_run(tmp_path):
+    def stiffen_the_last(rows, _):
+        rows[rows[:, 3] == rows[-1, 3], 2] *= 3.0
+
+    presses = write_presses(tmp_path / "two.csv", cubic=0.0)
+    specimen = rewritten(presses, "warmth", [21.0, 29.0, 23.0, 27.0], stiffen_the_last)
+    (contact,) = json.loads(run("diagnose", specimen, "--json").stdout)["channels"]
+    assert contact["verdict"] == "missing"
+    assert [entry["effect"] for entry in contact["accepted"]] == ["run_gain"]
 
 
 def test_a_probing_session_is_judged_in_all_channels_unless_one_is_named(probed, tmp_path):
