@@ -54,7 +54,7 @@ def serve(tmp_path, monkeypatch):
     yield begin
     for process in started:
         process.send_signal(signal.SIGINT)
-        assert process.wait(60) in {0, 130}
+        assert process.wait(WAIT_MS / 100) in {0, 130}
 
 
 class Tab:
