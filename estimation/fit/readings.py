@@ -7,7 +7,7 @@ Measurement Error in Nonlinear Models (2006), ch. 3; A. C. Davison, D. V. Hinkle
 Application (1997), ch. 4).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ from estimation.data.derivatives import (
     rounding_variance,
 )
 from estimation.data.local_fit import local_fit
+from estimation.fit.memory import Itself
 from estimation.signals.blocks import blocks
 from estimation.signals.moved import moved
 from robot_io.types import FloatArray, IntArray
@@ -117,8 +118,25 @@ class Readings:
         return np.asarray(self.error[order][nearest] * rng.choice([-1.0, 1.0]))
 
 
+_REMEMBERED: dict[tuple[Itself, ...], Readings] = {}  # the oldest first
+_MOST_REMEMBERED = 4
+
+
 def readings_of(data: ChannelData) -> Readings:
-    """Tell the errors of a channel's positions, and how its derivatives came about."""
+    """Tell the errors of a channel's positions, and how its derivatives came about.
+
+    What is found is remembered for the same motion under another load.
+    """
+    motion = (data.time_s, data.run, data.position, data.velocity, data.acceleration)
+    key = tuple(map(Itself, motion))
+    if key not in _REMEMBERED:
+        while len(_REMEMBERED) >= _MOST_REMEMBERED:
+            _REMEMBERED.pop(next(iter(_REMEMBERED)))
+        _REMEMBERED[key] = _readings_of(data)
+    return replace(_REMEMBERED[key], data=data)
+
+
+def _readings_of(data: ChannelData) -> Readings:
     step = data.position_step or grid_step(data.position)
     rounding = rounding_variance(data.time_s, data.position, data.run, step)
     error = position_error(data.time_s, data.position, data.run, rounding)
@@ -127,11 +145,14 @@ def readings_of(data: ChannelData) -> Readings:
     if velocity is None:
         passed_on = of_velocity = position_error(data.time_s, data.velocity, data.run, 0.0)
     else:
-        passed_on, of_velocity = derived(data, error, velocity, 1), np.zeros(len(data))
-    of_position, apart = _window(few, few.position, error, few.acceleration, 2)
-    acceleration, apart_from_velocity = _window(few, few.velocity, passed_on, few.acceleration, 1)
-    is_of_velocity = acceleration is not None and apart_from_velocity < apart
-    windows = velocity, acceleration if is_of_velocity else of_position
+        passed_on, of_velocity = derived(few, error[: len(few)], velocity, 1), np.zeros(len(data))
+    acceleration, apart = _window(few, few.position, error, few.acceleration, 2)
+    is_of_velocity = False
+    if not isinstance(velocity, int):  # else both came from the positions, by windows of ours
+        of_it, apart_from_it = _window(few, few.velocity, passed_on, few.acceleration, 1)
+        is_of_velocity = of_it is not None and apart_from_it < apart
+        acceleration = of_it if is_of_velocity else acceleration
+    windows = velocity, acceleration
     of_acceleration = np.zeros(len(data))
     if isinstance(velocity, Difference):
         calm = differentiate(data.time_s, data.position, data.run, rounding=rounding)
