@@ -311,7 +311,8 @@ def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
     on_all = partial(_refined, whole)
 
     def is_enough(found: Standing) -> bool:
-        return found.left_of_blocks() < _LITTLE and is_complete(found)
+        needs_nothing = not whole.added(found)
+        return (needs_nothing or found.left_of_blocks() < _LITTLE) and is_complete(found)
 
     best = on_all(_climb(sketch, sketch.start))
     if is_enough(best):
