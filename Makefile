@@ -6,17 +6,13 @@ BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test quick lint env clean
+.PHONY: demo test lint env clean
 
 demo: $(READY)
 	@$(BIN)/palpate demo
 
 test: $(READY)
 	@$(BIN)/pytest
-
-# For another version of Python or another engine: the simulated world, and control in it.
-quick: $(READY)
-	@$(BIN)/pytest -q tests/sim_backend/test_*.py tests/control
 
 lint: $(READY)
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy

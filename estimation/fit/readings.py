@@ -7,7 +7,8 @@ Measurement Error in Nonlinear Models (2006), ch. 3; A. C. Davison, D. V. Hinkle
 Application (1997), ch. 4).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -118,8 +119,12 @@ class Readings:
         return np.asarray(self.error[order][nearest] * rng.choice([-1.0, 1.0]))
 
 
-_REMEMBERED: dict[tuple[Itself, ...], Readings] = {}  # the oldest first
-_MOST_REMEMBERED = 4
+@dataclass(frozen=True)
+class _Motion:
+    """A channel's motion, alike under every load."""
+
+    arrays: tuple[Itself, ...]
+    data: ChannelData = field(compare=False)
 
 
 def readings_of(data: ChannelData) -> Readings:
@@ -127,16 +132,13 @@ def readings_of(data: ChannelData) -> Readings:
 
     What is found is remembered for the same motion under another load.
     """
-    motion = (data.time_s, data.run, data.position, data.velocity, data.acceleration)
-    key = tuple(map(Itself, motion))
-    if key not in _REMEMBERED:
-        while len(_REMEMBERED) >= _MOST_REMEMBERED:
-            _REMEMBERED.pop(next(iter(_REMEMBERED)))
-        _REMEMBERED[key] = _readings_of(data)
-    return replace(_REMEMBERED[key], data=data)
+    arrays = data.time_s, data.run, data.position, data.velocity, data.acceleration
+    return replace(_readings_of(_Motion(tuple(map(Itself, arrays)), data)), data=data)
 
 
-def _readings_of(data: ChannelData) -> Readings:
+@lru_cache(maxsize=4)
+def _readings_of(motion: _Motion) -> Readings:
+    data = motion.data
     step = data.position_step or grid_step(data.position)
     rounding = rounding_variance(data.time_s, data.position, data.run, step)
     error = position_error(data.time_s, data.position, data.run, rounding)
