@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from robot_io.types import FloatArray, IntArray
 
@@ -45,15 +44,16 @@ def _even_fit(
     step_s: float, position: FloatArray, centres: IntArray, starts: IntArray, width: int
 ) -> LocalFit:
     """One set of coefficients for all samples in the middle of their window, one for each place at an end."""
-    fitted: FloatArray = np.empty((len(centres), 3))
-    variance: FloatArray = np.empty((len(centres), 3))
+    place = centres - starts
+    middle = even_coefficients(width, width // 2)
+    fitted = np.array([np.correlate(position, one)[starts] for one in middle]).T
+    variance = np.tile(np.sum(middle**2, axis=1), (len(centres), 1))
+    ends = np.flatnonzero(place != width // 2)
+    coefficients = _at_each_place(width)[place[ends]]
+    windows = position[starts[ends, None] + np.arange(width)]
+    fitted[ends] = np.einsum("nkw,nw->nk", coefficients, windows)
+    variance[ends] = np.sum(coefficients**2, axis=2)
     per_second = np.array([1.0, 1 / step_s, 2 / step_s**2])
-    windows = sliding_window_view(position, width)
-    for place in np.unique(centres - starts):
-        rows = centres - starts == place
-        coefficients = even_coefficients(width, int(place))
-        fitted[rows] = windows[starts[rows]] @ coefficients.T
-        variance[rows] = np.sum(coefficients**2, axis=1)
     return LocalFit(fitted * per_second, variance * per_second**2)
 
 
@@ -66,6 +66,12 @@ def even_coefficients(width: int, place: int) -> FloatArray:
     coefficients[: len(fitted)] = fitted
     coefficients.setflags(write=False)
     return coefficients
+
+
+@lru_cache(maxsize=64)
+def _at_each_place(width: int) -> FloatArray:
+    """The same for all places of a window, shape (width, 3, width)."""
+    return np.array([even_coefficients(width, place) for place in range(width)])
 
 
 def _uneven_fit(

@@ -115,12 +115,16 @@ def _established(tried: Search, found: Standing, is_complete: "_Completeness") -
     """What is established of the model that was found; if nothing is, of the best effects alone."""
     if found is tried.start:
         return found
-    for one in (found, *tried.extensions(tried.start, _ALONE)):
+
+    def of(one: Standing) -> Standing:
         complete = is_complete(one) and is_complete.objection(one) is None
-        end = established(tried, one, is_complete.readings, complete=complete)
-        if end is not tried.start:
-            return end
-    return tried.start
+        return established(tried, one, is_complete.readings, complete=complete)
+
+    end = of(found)
+    if end is not tried.start:
+        return end
+    alone = map(of, tried.extensions(tried.start, _ALONE))
+    return next((one for one in alone if one is not tried.start), tried.start)
 
 
 class _Completeness:

@@ -104,7 +104,9 @@ def established(search: Search, end: Standing, readings: Readings, *, complete: 
         is_small = before.rmse - end.rmse < SMALL * (search.start.rmse - end.rmse)
         is_small = is_small or not (complete or _outweighs_the_rest(before, end))
         needed = not (is_small or _is_below_a_step(search, end, name)) and search.is_needed(before, end)
-        if not (needed and gained(before, end, readings, search.rng, name).is_unusual):
+        if needed and gained(before, end, readings, search.rng, name).is_unusual:
+            continue
+        if search.is_sensible(before):  # or another effect would take over what this one says
             end = before
     return end
 

@@ -1,7 +1,7 @@
 """The search for effects: stepwise, looking back at each step, from several first effects if one misleads.
 
-Pairs are sketched on a copy of the channel that has one sample for each block; what comes out is fitted again
-to all of it.
+It goes ahead on a sketch of the channel, with one sample for each block and some of the runs where there are
+many; what comes out is fitted again to all of it.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,11 +24,12 @@ from estimation.diagnosis.candidates import (
 from estimation.diagnosis.doubt import SMALL
 from estimation.effect import Effect, Inner, SensorEffect
 from estimation.fit.chance import chance_gains
-from estimation.fit.frame import coarse_copy
+from estimation.fit.frame import Frame, coarse_copy
 from estimation.fit.memory import Memory
 from estimation.fit.standing import Fit, Standing, stand
 from estimation.fit.trial import Trial, attempt
 from estimation.model import Model
+from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray
 
@@ -49,6 +50,7 @@ SHORTLIST, _FINE = (
 _NEAR = 1.5  # times the squared error that is left, from which another effect may get below it
 _LITTLE = 0.2  # of the error, beyond which draws that show as much prove no more than that they are few
 FEW_STARTS = 4  # places where a second effect is tried
+_ENOUGH, _ENOUGH_RUNS = 4000, 12  # blocks and runs of a sketch
 Progress = Callable[[str, float], None]
 _Key = tuple[frozenset[str], tuple[str, ...]]
 
@@ -300,9 +302,21 @@ def search_of(  # noqa: PLR0917
     """A search of a channel, with a sketch of it where blocks are longer than samples."""
     whole = Search(data, model, good, effects, rng, progress)
     frame = whole.start.plain.frame
-    if frame.rows.shape[1] == 1:
+    chosen = _some_runs(frame)
+    if frame.rows.shape[1] == 1 and chosen.all():
         return whole
-    return replace(whole, sketch=Search(coarse_copy(frame), model, frame.trusted, effects, rng, progress))
+    rough = replace(coarse_copy(frame).select(chosen), shared=data.shared)
+    return replace(whole, sketch=Search(rough, model, frame.trusted[chosen], effects, rng, progress))
+
+
+def _some_runs(frame: Frame) -> BoolArray:
+    """Blocks of runs that are enough to say what is worth trying, weak and strong ones alike, shape (m,)."""
+    runs = rows_of_runs(frame.run)
+    every = max(min(len(frame) // _ENOUGH, len(runs) // _ENOUGH_RUNS), 1)
+    by_effort = sorted(runs, key=lambda rows: float(np.ptp(frame.effort[rows])))
+    chosen = np.zeros(len(frame), dtype=np.bool_)
+    chosen[np.concatenate(by_effort[every // 2 :: every])] = True
+    return chosen
 
 
 def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
@@ -311,7 +325,7 @@ def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
     on_all = partial(_refined, whole)
 
     def is_enough(found: Standing) -> bool:
-        needs_nothing = not whole.added(found)
+        needs_nothing = not whole.added(found) or found.rmse <= (1.0 + SMALL) * found.floor()
         return (needs_nothing or found.left_of_blocks() < _LITTLE) and is_complete(found)
 
     best = on_all(_climb(sketch, sketch.start))

@@ -11,8 +11,9 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import grid_step, position_error, rounding_variance
 from estimation.effect import AdditiveEffect, Inner
 from estimation.fit.load import LOAD
-from estimation.fit.memory import Itself, Memory
+from estimation.fit.memory import Memory
 from estimation.signals.blocks import rows_of_runs
+from estimation.signals.remembered import Itself
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 

@@ -9,22 +9,6 @@ from robot_io.types import FloatArray
 MOST_BYTES = 64_000_000
 
 
-class Itself:
-    """Part of a key that stands for one object, whatever that calls equal to it, and keeps it alive.
-
-    An effect of a user's own may be a dataclass, which is equal to others and has no hash.
-    """
-
-    def __init__(self, thing: object) -> None:
-        self._thing = thing
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Itself) and other._thing is self._thing
-
-    def __hash__(self) -> int:
-        return id(self._thing)
-
-
 @dataclass
 class Memory:
     """Arrays by what they are; those asked for longest ago are forgotten first.

@@ -7,8 +7,7 @@ Measurement Error in Nonlinear Models (2006), ch. 3; A. C. Davison, D. V. Hinkle
 Application (1997), ch. 4).
 """
 
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,9 +22,9 @@ from estimation.data.derivatives import (
     rounding_variance,
 )
 from estimation.data.local_fit import local_fit
-from estimation.fit.memory import Itself
 from estimation.signals.blocks import blocks
 from estimation.signals.moved import moved
+from estimation.signals.remembered import remembered
 from robot_io.types import FloatArray, IntArray
 
 _DIFFERENCES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # samples to either side
@@ -59,6 +58,7 @@ class Readings:
         windows: how velocity and acceleration were derived; None for one that was measured, or given
             without noise.
         is_of_velocity: whether the acceleration was derived from the velocity, not from positions.
+        bent: by how much the windows bend the exact velocity and acceleration, shape (n,) each.
     """
 
     data: ChannelData
@@ -69,6 +69,7 @@ class Readings:
     is_staircase: bool
     windows: tuple[Window | None, Window | None]
     is_of_velocity: bool
+    bent: tuple[FloatArray, FloatArray]
 
     @property
     def true_motion(self) -> ChannelData:
@@ -80,23 +81,18 @@ class Readings:
         error, data = self._another_error(rng), self.data
         velocity, acceleration = self.velocity_error, self.acceleration_error
         if self.windows[0] is not None:
-            velocity = self._misread(data.velocity - velocity, error, self.windows[0], 1)
+            velocity = self.bent[0] + derived(data, error, self.windows[0], 1)
         else:
             velocity = shuffled(velocity, data.run, rng)
         if self.windows[1] is not None:
             of, order = (velocity, 1) if self.is_of_velocity else (error, 2)
-            acceleration = self._misread(data.acceleration - acceleration, of, self.windows[1], order)
+            acceleration = self.bent[1] + derived(data, of, self.windows[1], order)
         return moved(
             data,
             error - self.error,
             velocity - self.velocity_error,
             acceleration - self.acceleration_error,
         )
-
-    def _misread(self, exact: FloatArray, error: FloatArray, half: Window, order: int) -> FloatArray:
-        """What a window makes of the error of what it derives from, and how it bends a derivative, (n,)."""
-        bent = derived(self.data, _integrated(exact, self.data, order), half, order) - exact
-        return bent + derived(self.data, error, half, order)
 
     def _another_error(self, rng: np.random.Generator) -> FloatArray:
         if self.step > 0.0:
@@ -119,26 +115,16 @@ class Readings:
         return np.asarray(self.error[order][nearest] * rng.choice([-1.0, 1.0]))
 
 
-@dataclass(frozen=True)
-class _Motion:
-    """A channel's motion, alike under every load."""
-
-    arrays: tuple[Itself, ...]
-    data: ChannelData = field(compare=False)
-
-
 def readings_of(data: ChannelData) -> Readings:
     """Tell the errors of a channel's positions, and how its derivatives came about.
 
     What is found is remembered for the same motion under another load.
     """
-    arrays = data.time_s, data.run, data.position, data.velocity, data.acceleration
-    return replace(_readings_of(_Motion(tuple(map(Itself, arrays)), data)), data=data)
+    return replace(_readings_of(data), data=data)
 
 
-@lru_cache(maxsize=4)
-def _readings_of(motion: _Motion) -> Readings:
-    data = motion.data
+@remembered("time_s", "run", "position", "velocity", "acceleration")
+def _readings_of(data: ChannelData) -> Readings:
     step = data.position_step or grid_step(data.position)
     rounding = rounding_variance(data.time_s, data.position, data.run, step)
     error = position_error(data.time_s, data.position, data.run, rounding)
@@ -162,7 +148,13 @@ def _readings_of(motion: _Motion) -> Readings:
         if isinstance(windows[1], Difference):
             of_acceleration = data.acceleration - calm.acceleration
     is_staircase = step == 0.0 < rounding
-    return Readings(data, error, of_velocity, of_acceleration, step, is_staircase, windows, is_of_velocity)
+    bent = (
+        _bent(data, data.velocity - of_velocity, windows[0], 1),
+        _bent(data, data.acceleration - of_acceleration, windows[1], 1 if is_of_velocity else 2),
+    )
+    return Readings(
+        data, error, of_velocity, of_acceleration, step, is_staircase, windows, is_of_velocity, bent
+    )
 
 
 def shuffled(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
@@ -186,6 +178,13 @@ def derived(data: ChannelData, signal: FloatArray, window: Window, order: int) -
         else:
             found[rows] = local_fit(time_s, values, np.arange(last + 1), window).fitted[:, order]
     return found
+
+
+def _bent(data: ChannelData, exact: FloatArray, window: Window | None, order: int) -> FloatArray:
+    """By how much a window bends an exact derivative of this order, (n,)."""
+    if window is None:
+        return np.zeros_like(exact)
+    return derived(data, _integrated(exact, data, order), window, order) - exact
 
 
 def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray:

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.signals.blocks import places
+from estimation.signals.remembered import remembered
 from robot_io.types import FloatArray
 
 _MOST_WAVES = 12  # that are tried
@@ -19,6 +20,7 @@ _NEARLY_ALL = 0.98  # of the energy of all waves, that those of one pattern have
 _LEAST_PERIODS = 2.0  # of the pattern within the range; less may be any smooth law
 
 
+@remembered("run", "position", "velocity", "acceleration", "effort")
 def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     """The wave number n [1/position] and the multiples of it of which an effort is made.
 
@@ -68,9 +70,11 @@ def _strongest(position: FloatArray, left: FloatArray, span: float, known: list[
     height[(waves < _LEAST_WAVES) | (waves > np.count_nonzero(count) / _PER_BIN)] = 0.0
     for wave in known:
         height[np.abs(waves - wave * span / (2.0 * np.pi)) < _APART] = 0.0
-    about = waves[np.argmax(height)] + np.linspace(-1.0, 1.0, 41) / _FINER
-    angle = np.multiply.outer(np.arange(_BINS) / (_BINS - 1), 2j * np.pi * about)
-    return float(about[np.argmax(np.abs(mean @ np.exp(-angle)))] * 2.0 * np.pi / span)
+    top = int(np.argmax(height))
+    low, here, high = height[[max(top - 1, 0), top, min(top + 1, len(height) - 1)]]
+    bend = 2.0 * here - low - high  # of the parabola through the three
+    between = 0.5 * (high - low) / bend if low > 0.0 and high > 0.0 and bend > 0.0 else 0.0
+    return float((waves[top] + between * waves[1]) * 2.0 * np.pi / span)
 
 
 def _fitted(data: ChannelData, motion: FloatArray, waves: list[float]) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,52 @@
+"""Results that are remembered for the very arrays that they came from."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache, wraps
+from typing import TypeVar
+
+from estimation.channel import ChannelData
+
+Result = TypeVar("Result")
+_MOST = 4  # channels, of which nothing more is kept
+
+
+class Itself:
+    """Part of a key that stands for one object, whatever that calls equal to it, and keeps it alive.
+
+    An effect of a user's own may be a dataclass, which is equal to others and has no hash.
+    """
+
+    def __init__(self, thing: object) -> None:
+        self._thing = thing
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Itself) and other._thing is self._thing
+
+    def __hash__(self) -> int:
+        return id(self._thing)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A channel, known by some of its arrays."""
+
+    arrays: tuple[Itself, ...]
+    data: ChannelData = field(compare=False)
+
+
+def remembered(
+    *arrays: str,
+) -> Callable[[Callable[[ChannelData], Result]], Callable[[ChannelData], Result]]:
+    """For a function of these arrays of a channel: computed once for all channels that have the same ones."""
+
+    def decorate(compute: Callable[[ChannelData], Result]) -> Callable[[ChannelData], Result]:
+        known = lru_cache(maxsize=_MOST)(lambda seen: compute(seen.data))
+
+        @wraps(compute)
+        def recall(data: ChannelData) -> Result:
+            return known(_Seen(tuple(Itself(getattr(data, name)) for name in arrays), data))
+
+        return recall
+
+    return decorate
