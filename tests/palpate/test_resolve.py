@@ -110,22 +110,26 @@ def test_what_the_arm_cannot_do_is_not_offered(probed):
     assert strongest < robot.limits.force_n
 
 
-def test_an_experiment_that_takes_longer_than_is_left_is_not_chosen(probed):
-    assert next_probe(probed, probed.diagnose("joint_1").channels, longest_s=0.5) is None
+@pytest.fixture(scope="module")
+def diagnosed(probed):
+    return probed.diagnose("joint_1")
 
 
-def test_a_diagnosis_proposes_the_plan_that_resolve_would_run(probed, tmp_path):
-    following = next_probe(probed, probed.diagnose("joint_1").channels)
+def test_an_experiment_that_takes_longer_than_is_left_is_not_chosen(probed, diagnosed):
+    assert next_probe(probed, diagnosed.channels, longest_s=0.5) is None
+
+
+def test_a_diagnosis_proposes_the_plan_that_resolve_would_run(probed, diagnosed, tmp_path):
+    following = next_probe(probed, diagnosed.channels)
     assert set(following.proposal.separates) == {"deadband", "bias"}
     (tmp_path / "next.yaml").write_text(plan_text(following.proposal, following.plan))
     assert load_probing_plan(tmp_path / "next.yaml") == following.plan
 
 
-def test_without_budget_the_first_probe_is_the_last(tmp_path):
-    result = run(
-        *("resolve", "--hidden", "deadband", "--seed", SEED, "--channel", "joint_1", "--probes", 1),
-        *("--out", tmp_path / "r", "--json"),
-    )
+def test_without_budget_the_first_probe_is_the_last(tmp_path, diagnosed, monkeypatch):
+    monkeypatch.setattr(Study, "diagnose", lambda *_, **__: diagnosed)
+    options = ("--seed", SEED, "--channel", "joint_1", "--probes", 1, "--out", tmp_path / "r", "--json")
+    result = run("resolve", "--hidden", "deadband", *options)
     assert result.exit_code == 0, result.stderr
     said = json.loads(result.stdout)
     assert (said["end"], said["probes"]) == ("probes", 1)
