@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from control.arm.rigid_body import RigidBody
-from palpate.doctor import Level
+from palpate.doctor import Level, signs
 from palpate.doctor import arm as arm_check
 from palpate.doctor.arm import ArmCheck, examine_arm, examine_devices, examine_ports
 from palpate.doctor.hand import EmulatedHand, Hand
@@ -46,6 +46,11 @@ def examined(path, as_built=None, **options):
 
 def failures(findings):
     return [finding for finding in findings if finding.level is Level.FAIL]
+
+
+@pytest.fixture(autouse=True)
+def one_second_until_power(monkeypatch):
+    monkeypatch.setattr(signs, "_COUNT_S", 1)
 
 
 @pytest.fixture
@@ -195,6 +200,7 @@ def signs_by(hand, monkeypatch, **options):
 def test_an_arm_at_which_somebody_does_not_do_as_asked_gets_no_power(
     hand, subject, words, monkeypatch, plants
 ):
+    monkeypatch.setattr(signs, "_COUNT_S", 2)  # the hand comes back in the last second, not in the first
     asked = []
     (found,) = failures(signs_by(hand, monkeypatch, may_power=lambda: asked.append(hand) or True))
     assert found.subject == subject
