@@ -128,7 +128,8 @@ WRONG_ZEROS = [
 
 def test_zeros_are_found_at_the_hard_stops_also_under_a_careful_guard(tmp_path, monkeypatch):
     low = {"velocity_rad_s": (1.1, 1.1, 1.1), "tracking_rad": (0.025, 0.025, 0.025)}
-    careful = FOLLOWER.model_copy(update={"limits": FOLLOWER.limits.model_copy(update=low)})
+    limits = FOLLOWER.limits.model_copy(update=low)
+    careful = FOLLOWER.model_copy(update={"limits": limits, "control_rate_hz": 500.0})
     quick = replace(StopSettings.within(careful.limits), speed_rad_s=0.1, touches=2)
     monkeypatch.setattr(StopSettings, "within", lambda _limits: quick)
     wrong = [
@@ -136,7 +137,8 @@ def test_zeros_are_found_at_the_hard_stops_also_under_a_careful_guard(tmp_path, 
         *in_joints("coulomb_friction", coulomb_nm=(0.3, 0.2, 0.03)),
         *in_joints("torque_gain", gain=(0.85, 1.15, 0.85)),
     ]
-    job = job_in(tmp_path, "encoder", wrong, robot=careful)
+    scenario = load_scenario({"seed": 1, "hidden": wrong, "physics": {"rate_hz": 1000.0}})  # for 76 s
+    job = replace(job_in(tmp_path, "encoder", wrong, robot=careful), scenario=scenario)
     runs.run_stops(job)
     fit = fits.encoder_fit_of(opened(job), 3, None, 1e-4)
     np.testing.assert_allclose(fit.offset_rad, -np.array(ZEROS_RAD), atol=2e-4)
