@@ -4,15 +4,17 @@ A cubic is fitted to the samples around each sample, see `local_fit`. Each piece
 itself, so that nothing is smoothed from one run into the next.
 
 How many samples go into a fit is found for each derivative by itself, since noise and curvature weigh
-differently in each. Cross-validation finds the window that follows the positions best; from the noise that
-this one leaves, an unbiased estimate of risk says how far wider windows would be off in velocity and in
-acceleration (a pilot fit as in J. Fan, I. Gijbels, Local Polynomial Modelling and Its Applications (1996),
-ch. 4). Errors must differ from sample to sample for that: interpolated positions would mislead it, and so
-would an encoder's steps. Windows are therefore compared where each sample differs from the one before and the
-one after it, and none is believed to know a position better than its grid allows.
+differently in each. While windows are too narrow for the noise, the velocity changes with every wider one,
+and again once they are too wide for the motion: where it changes least, a pilot window follows the motion
+(in the manner of O. V. Lepskii, Theory Probab. Appl. 35 (1991)). Cross-validation would follow the errors of
+neighbours that are alike, as those of several encoders' steps are (J. D. Hart, JRSS B 53 (1991)). From the
+noise that the pilot leaves, an unbiased estimate of risk says how far wider windows would be off in velocity
+and in acceleration (J. Fan, I. Gijbels, Local Polynomial Modelling and Its Applications (1996), ch. 4).
+No window is believed to know a position better than its grid allows.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,10 +22,9 @@ from estimation.data.local_fit import even_coefficients, local_fit
 from estimation.signals.blocks import blocks
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-HALF_WINDOWS = (2, 3, 4, 5, 7, 10, 14, 20, 28)
+HALF_WINDOWS = (2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 56, 80)
 _TOLERANCE = 1.1  # a wider window is taken if its error is at most 10 % more: it calms the derivatives
 _TRIALS = 4000  # samples on which windows are compared
-_FEWEST_TRIALS = 100  # of samples that differ from their neighbours; with fewer, windows are tried on all
 _ON_GRID = 0.01  # of a grid's step
 _MOST_STEPS = 1e9  # in one move; more are rounding errors of the numbers themselves
 _STAIRCASE = 0.8  # of the positions are those of a neighbour: an encoder waits at its steps
@@ -142,11 +143,7 @@ def position_error(time_s: FloatArray, position: FloatArray, run: IntArray, roun
     if not pieces:
         return error
     moved = _from_its_start(position, pieces)
-    longest = max(rows.stop - rows.start for rows in pieces)
-    halves = [half for half in HALF_WINDOWS if 2 * half + 1 < longest or half == HALF_WINDOWS[0]]
-    centres = _trial_centres(moved, pieces)
-    trials = [_try_window(time_s, moved, pieces, centres, half, rounding) for half in halves]
-    half = min(trials, key=lambda trial: trial.left_out_error).half
+    half = _pilot(_trials(time_s, moved, pieces, rounding)).half
     for rows in pieces:
         found = local_fit(time_s[rows], moved[rows], np.arange(rows.stop - rows.start), half)
         free = np.sqrt(np.maximum(1.0 - found.variance[:, 0], 1e-2))
@@ -197,12 +194,6 @@ class _Trial:
     variance: FloatArray
 
     @property
-    def left_out_error(self) -> float:
-        """Mean square error of predicting a sample from its neighbours."""
-        others = np.maximum(1 - self.variance[:, 0], 1e-3)
-        return max(float(np.mean((self.missed / others) ** 2)), self.rounding * float(np.mean(1 / others)))
-
-    @property
     def noise(self) -> float:
         """Variance of the positions' noise, if the window leaves no error of its own."""
         others = np.maximum(1 - self.variance[:, 0], 1e-3)
@@ -227,11 +218,8 @@ def _best_half_windows(
     long_enough = [rows for rows in pieces if rows.stop - rows.start > smallest]
     if not long_enough:
         return HALF_WINDOWS[0], HALF_WINDOWS[0]
-    longest = max(rows.stop - rows.start for rows in long_enough)
-    halves = [half for half in HALF_WINDOWS if 2 * half + 1 < longest or half == HALF_WINDOWS[0]]
-    centres = _trial_centres(position, long_enough)
-    trials = [_try_window(time_s, position, long_enough, centres, half, rounding) for half in halves]
-    pilot = min(trials, key=lambda trial: trial.left_out_error)
+    trials = _trials(time_s, position, long_enough, rounding)
+    pilot = _pilot(trials)
     wider = [trial for trial in trials if trial.half >= pilot.half]
     velocity, acceleration = (
         _about_best(wider, [trial.risk(pilot, order) for trial in wider]) for order in (1, 2)
@@ -239,30 +227,30 @@ def _best_half_windows(
     return max(velocity), max(acceleration) if calm else min(acceleration)
 
 
+def _trials(time_s: FloatArray, position: FloatArray, pieces: list[slice], rounding: float) -> list[_Trial]:
+    """All windows that are shorter than the longest piece, the narrowest first."""
+    longest = max(rows.stop - rows.start for rows in pieces)
+    halves = [half for half in HALF_WINDOWS if 2 * half + 1 < longest or half == HALF_WINDOWS[0]]
+    centres = _trial_centres(pieces)
+    return [_try_window(time_s, position, pieces, centres, half, rounding) for half in halves]
+
+
+def _pilot(trials: list[_Trial]) -> _Trial:
+    """The window before the two between which the velocity changes least."""
+    velocity = [trial.fitted[:, 1] for trial in trials]
+    changes = [float(np.mean((wider - one) ** 2)) for one, wider in pairwise(velocity)]
+    return trials[max(int(np.argmin(changes)) - 1, 0)] if changes else trials[0]
+
+
 def _about_best(trials: list[_Trial], risks: list[float]) -> list[int]:
     limit = _TOLERANCE**2 * max(0.0, min(risks))
     return [trial.half for trial, risk in zip(trials, risks, strict=True) if risk <= limit]
 
 
-def _trial_centres(position: FloatArray, pieces: list[slice]) -> list[IntArray]:
-    """Samples of each piece, counted from its start, on which windows are tried.
-
-    While an encoder stays within one of its steps, neighbours share one error: whatever follows the steps
-    would predict them perfectly. Where it mostly does, the variance of the rounding guards against that, and
-    the few other samples are no fair choice.
-    """
-    told_apart = [_differ_from_neighbours(position[rows]) for rows in pieces]
-    samples = sum(rows.stop - rows.start for rows in pieces)
-    if sum(len(centres) for centres in told_apart) < max(_FEWEST_TRIALS, (1.0 - _STAIRCASE) * samples):
-        told_apart = [np.arange(rows.stop - rows.start) for rows in pieces]
-    stride = max(1, sum(len(centres) for centres in told_apart) // _TRIALS)
-    return [centres[::stride] for centres in told_apart]
-
-
-def _differ_from_neighbours(position: FloatArray) -> IntArray:
-    """Numbers of the samples that equal neither the one before nor the one after."""
-    moves = np.diff(position) != 0
-    return np.flatnonzero(np.append(True, moves) & np.append(moves, True))
+def _trial_centres(pieces: list[slice]) -> list[IntArray]:
+    """Samples of each piece, counted from its start, on which windows are tried."""
+    stride = max(1, sum(rows.stop - rows.start for rows in pieces) // _TRIALS)
+    return [np.arange(0, rows.stop - rows.start, stride) for rows in pieces]
 
 
 def _try_window(  # noqa: PLR0917
