@@ -11,6 +11,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.arm_context import DERIVED, OF_THE_ARM, with_arm
 from estimation.data.assign_columns import Columns, Key, assign_columns
 from estimation.data.derivatives import differentiate
+from estimation.data.differenced import is_difference
 from estimation.data.import_options import ImportOptions
 from estimation.data.import_rows import Rows, arrange_rows
 from estimation.data.table import Table, read_table
@@ -72,12 +73,13 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     sources = _sources(columns)
     rows = arrange_rows(columns, fresh=options.fresh)
     _check_context(columns, options.context)
-    channels = [_channel(source, columns, rows) for source in sources]
+    notes = [*columns.notes, *_clock(columns, rows)]
+    channels = [_channel(source, columns, rows, notes) for source in sources]
     signals = _signals(options.context)
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     unused = tuple(n for n in columns.unused if n not in options.context and _name(n) not in _TAKEN)
-    return Imported(with_arm(channels), rows.labels, (*columns.notes, *_clock(columns, rows)), unused)
+    return Imported(with_arm(channels), rows.labels, tuple(notes), unused)
 
 
 def _clock(columns: Columns, rows: Rows) -> Iterator[str]:
@@ -169,18 +171,31 @@ def _joint_source(columns: Columns, joint: int) -> _Source | None:
     return _Source(f"joint_{max(joint, 1)}", kind, position, (effort, joint))
 
 
-def _channel(source: _Source, columns: Columns, rows: Rows) -> ChannelData:
+def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:
+    """One channel; what the reader should know of it is added to the notes."""
     joint = source.position[1]
     position = columns.values(source.position)[rows.order]
     piece = number_pieces(rows.time_s, rows.run)
     derived = differentiate(rows.time_s, position, piece)
     velocity, acceleration = derived.velocity, derived.acceleration
-    if ("velocity", joint) in columns:
-        velocity = _given(columns, ("velocity", joint), source, rows)
-        _check_scale(columns, ("velocity", joint), source, velocity, derived.velocity)
-        acceleration = differentiate(rows.time_s, velocity, piece).velocity
-    if ("acceleration", joint) in columns:
-        acceleration = _given(columns, ("acceleration", joint), source, rows)
+    before = position
+    for key in (("velocity", joint), ("acceleration", joint)):
+        if key not in columns:
+            continue
+        given = _given(columns, key, source, rows)
+        calm = velocity if key[0] == "velocity" else acceleration
+        if key[0] == "velocity":
+            _check_scale(columns, key, source, given, calm)
+        if is_difference(rows.time_s, before, given, calm, piece):
+            notes.append(
+                f"column '{columns.name(key)}' is a difference of single samples, which multiplies their "
+                "noise: derived again over more samples"
+            )
+        elif key[0] == "velocity":
+            velocity, acceleration = given, differentiate(rows.time_s, given, piece).velocity
+        else:
+            acceleration = given
+        before = given
     effort = columns.values(source.effort)[rows.order]
     return ChannelData(
         source.name,

@@ -8,7 +8,6 @@ Application (1997), ch. 4).
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -16,7 +15,6 @@ from scipy.integrate import cumulative_trapezoid
 from estimation.channel import ChannelData
 from estimation.data.derivatives import (
     HALF_WINDOWS,
-    differentiate,
     grid_step,
     position_error,
     rounding_variance,
@@ -27,19 +25,9 @@ from estimation.signals.moved import moved
 from estimation.signals.remembered import remembered
 from robot_io.types import FloatArray, IntArray
 
-_DIFFERENCES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # samples to either side
 _PASSED_ON = 0.5  # of the error that a window passes on, that its derivative may differ by
 _TRIED = 4000  # samples by which the operator that derived a velocity is recognised
 _ALIKE = 1e-6  # of a derivative's mean square, that one derived in another way may differ by
-
-
-class Difference(NamedTuple):
-    """(x[i + h] - x[i - h]) / (t[i + h] - t[i - h]), as many derive a velocity; shorter at the ends."""
-
-    half: int
-
-
-Window = int | Difference  # samples to either side of a local fit, or a difference
 
 
 @dataclass(frozen=True)
@@ -49,9 +37,7 @@ class Readings:
     Attributes:
         data: the channel as it was recorded.
         error: of each position, shape (n,): what differs from the smooth motion.
-        velocity_error: the same of each velocity that was measured, or derived by a window so narrow that
-            most of its error is noise; 0 where it was derived as calmly as can be.
-        acceleration_error: the same of each acceleration.
+        velocity_error: the same of each velocity that was measured; 0 where it was derived.
         step: of the grid on which positions lie; 0 where there is none.
         is_staircase: whether most positions are those of the sample before or after, on no grid: encoders of
             several joints that step.
@@ -64,22 +50,21 @@ class Readings:
     data: ChannelData
     error: FloatArray
     velocity_error: FloatArray
-    acceleration_error: FloatArray
     step: float
     is_staircase: bool
-    windows: tuple[Window | None, Window | None]
+    windows: tuple[int | None, int | None]
     is_of_velocity: bool
     bent: tuple[FloatArray, FloatArray]
 
     @property
     def true_motion(self) -> ChannelData:
         """A channel that moves like the one recorded: its derivatives are exact, its position smooth."""
-        return moved(self.data, -self.error, -self.velocity_error, -self.acceleration_error)
+        return moved(self.data, -self.error, -self.velocity_error, np.zeros_like(self.error))
 
     def draw(self, rng: np.random.Generator) -> ChannelData:
         """That motion read once more: other errors of the position, derived by the same windows."""
         error, data = self._another_error(rng), self.data
-        velocity, acceleration = self.velocity_error, self.acceleration_error
+        velocity, acceleration = self.velocity_error, np.zeros_like(error)
         if self.windows[0] is not None:
             velocity = self.bent[0] + derived(data, error, self.windows[0], 1)
         else:
@@ -87,12 +72,7 @@ class Readings:
         if self.windows[1] is not None:
             of, order = (velocity, 1) if self.is_of_velocity else (error, 2)
             acceleration = self.bent[1] + derived(data, of, self.windows[1], order)
-        return moved(
-            data,
-            error - self.error,
-            velocity - self.velocity_error,
-            acceleration - self.acceleration_error,
-        )
+        return moved(data, error - self.error, velocity - self.velocity_error, acceleration)
 
     def _another_error(self, rng: np.random.Generator) -> FloatArray:
         if self.step > 0.0:
@@ -130,31 +110,21 @@ def _readings_of(data: ChannelData) -> Readings:
     error = position_error(data.time_s, data.position, data.run, rounding)
     few = data.select(np.arange(min(len(data), _TRIED)))
     velocity, _ = _window(few, few.position, error, few.velocity, 1)
-    if velocity is None:
-        passed_on = of_velocity = position_error(data.time_s, data.velocity, data.run, 0.0)
-    else:
-        passed_on, of_velocity = derived(few, error[: len(few)], velocity, 1), np.zeros(len(data))
+    of_velocity = np.zeros(len(data))
     acceleration, apart = _window(few, few.position, error, few.acceleration, 2)
     is_of_velocity = False
-    if not isinstance(velocity, int):  # else both came from the positions, by windows of ours
-        of_it, apart_from_it = _window(few, few.velocity, passed_on, few.acceleration, 1)
+    if velocity is None:  # else both came from the positions
+        of_velocity = position_error(data.time_s, data.velocity, data.run, 0.0)
+        of_it, apart_from_it = _window(few, few.velocity, of_velocity, few.acceleration, 1)
         is_of_velocity = of_it is not None and apart_from_it < apart
         acceleration = of_it if is_of_velocity else acceleration
     windows = velocity, acceleration
-    of_acceleration = np.zeros(len(data))
-    if isinstance(velocity, Difference):
-        calm = differentiate(data.time_s, data.position, data.run, rounding=rounding)
-        of_velocity = data.velocity - calm.velocity
-        if isinstance(windows[1], Difference):
-            of_acceleration = data.acceleration - calm.acceleration
     is_staircase = step == 0.0 < rounding
     bent = (
         _bent(data, data.velocity - of_velocity, windows[0], 1),
-        _bent(data, data.acceleration - of_acceleration, windows[1], 1 if is_of_velocity else 2),
+        _bent(data, data.acceleration, windows[1], 1 if is_of_velocity else 2),
     )
-    return Readings(
-        data, error, of_velocity, of_acceleration, step, is_staircase, windows, is_of_velocity, bent
-    )
+    return Readings(data, error, of_velocity, step, is_staircase, windows, is_of_velocity, bent)
 
 
 def shuffled(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
@@ -165,22 +135,16 @@ def shuffled(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> Floa
     return made
 
 
-def derived(data: ChannelData, signal: FloatArray, window: Window, order: int) -> FloatArray:
+def derived(data: ChannelData, signal: FloatArray, window: int, order: int) -> FloatArray:
     """Derivative (n,) of a signal (n,) by the window that derived the channel's own."""
     found = np.empty(len(signal))
     for rows in blocks(data.run):
         time_s, values = data.time_s[rows], signal[rows]
-        last = len(values) - 1
-        if isinstance(window, Difference):
-            at = np.arange(last + 1)
-            before, after = np.maximum(at - window.half, 0), np.minimum(at + window.half, last)
-            found[rows] = (values[after] - values[before]) / (time_s[after] - time_s[before])
-        else:
-            found[rows] = local_fit(time_s, values, np.arange(last + 1), window).fitted[:, order]
+        found[rows] = local_fit(time_s, values, np.arange(len(values)), window).fitted[:, order]
     return found
 
 
-def _bent(data: ChannelData, exact: FloatArray, window: Window | None, order: int) -> FloatArray:
+def _bent(data: ChannelData, exact: FloatArray, window: int | None, order: int) -> FloatArray:
     """By how much a window bends an exact derivative of this order, (n,)."""
     if window is None:
         return np.zeros_like(exact)
@@ -199,17 +163,13 @@ def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray
 
 def _window(
     data: ChannelData, signal: FloatArray, error: FloatArray, given: FloatArray, order: int
-) -> tuple[Window | None, float]:
+) -> tuple[int | None, float]:
     """The window by which a derivative (n,) was derived from a signal (n,) with an error; None if by none.
 
     And the mean square by which it differs from that; infinite if by none.
     """
-    tried: list[Window] = [
-        *HALF_WINDOWS,
-        *([Difference(half) for half in _DIFFERENCES] if order == 1 else []),
-    ]
     best, least = None, np.inf
-    for window in tried:
+    for window in HALF_WINDOWS:
         passed_on = derived(data, error[: len(data)], window, order)
         apart = _mean_square(derived(data, signal, window, order) - given, len(error))
         limit = max(_PASSED_ON * float(np.mean(passed_on**2)), _ALIKE * float(np.mean(given**2)))

@@ -197,6 +197,28 @@ def test_a_given_velocity_and_acceleration_are_kept(contact):
     np.testing.assert_allclose(channel.acceleration, 0.5)
 
 
+@pytest.mark.parametrize("derive", ["gradient", "backward", "tachometer"])
+def test_a_velocity_that_is_a_difference_of_the_positions_is_derived_again(tmp_path, derive):
+    rng = np.random.default_rng(4)
+    time_s = np.arange(2000) * 2e-3
+    read = np.round(np.sin(3.0 * time_s) / 4e-4) * 4e-4  # an encoder of 14 bits
+    velocity = {
+        "gradient": np.gradient(read, time_s),
+        "backward": np.diff(read, prepend=read[0]) / 2e-3,
+        "tachometer": 3.0 * np.cos(3.0 * time_s) + 0.05 * rng.standard_normal(2000),
+    }[derive]
+    columns = {"time_s": time_s, "position_rad": read, "velocity_rad_s": velocity, "torque_Nm": velocity}
+    found = import_file(write_csv(tmp_path / "turns.csv", columns))
+    (joint,) = found.channels
+    if derive == "tachometer":
+        assert np.array_equal(joint.velocity, velocity)
+        assert not found.notes
+    else:
+        error = joint.velocity - 3.0 * np.cos(3.0 * time_s)
+        assert np.std(error) < 0.2 * np.std(velocity - 3.0 * np.cos(3.0 * time_s))
+        assert "column 'velocity_rad_s' is a difference" in found.notes[0]
+
+
 def test_where_chooses_rows_and_context_keeps_signals(contact):
     path = contact(specimen=["P1"] * 30 + ["P2"] * 20, temperature_C=20 + T)
     channel = only(import_file(path, ImportOptions(where={"specimen": "P1"}, context=("temperature_C",))))

@@ -81,34 +81,6 @@ def test_an_acceleration_follows_the_redrawn_velocity_that_it_was_derived_from()
     assert one.acceleration - two.acceleration == pytest.approx(apart, abs=1e-9 * np.ptp(one.acceleration))
 
 
-def by_differences(data, half):
-    """As many people derive motion: differences over some samples, run by run, and again for acceleration."""
-
-    def slope(signal):
-        made = np.empty(len(data))
-        for run in np.unique(data.run):
-            rows = np.flatnonzero(data.run == run)
-            at = np.arange(len(rows))
-            before, after = rows[np.maximum(at - half, 0)], rows[np.minimum(at + half, len(rows) - 1)]
-            made[rows] = (signal[after] - signal[before]) / (data.time_s[after] - data.time_s[before])
-        return made
-
-    velocity = slope(data.position)
-    return replace(data, velocity=velocity, acceleration=slope(velocity))
-
-
-@pytest.mark.parametrize("given", [{"step": STEP}, {"noise": 1e-4}])
-@pytest.mark.parametrize("half", [1, 4])
-def test_motion_that_its_user_derived_by_differences_is_drawn_as_noisy_as_it_is(given, half):
-    data = by_differences(read(SMOOTH, **given), half)
-    readings = readings_of(data)
-    drawn = readings.draw(np.random.default_rng(0))
-    for name in ("velocity", "acceleration"):
-        off = getattr(data, name) - getattr(SMOOTH, name)
-        again = getattr(drawn, name) - getattr(readings.true_motion, name)
-        assert np.std(again) == pytest.approx(np.std(off), rel=0.35)
-
-
 def through_an_arm(x, steps, start):
     """Tips of joints whose encoders step, each with its own share of the way and its own zero."""
     share = np.array([0.7, 0.5, -0.2])
