@@ -34,8 +34,8 @@ class Centre:
                 ui.html("<h2>Curves</h2>", sanitize=False).props(f'title="{words.CURVES}"')
                 self._runs()
             self._time = Plot(curves.time_figure(self._motion, None, None))
-            self._time.element.on("plotly_relayout", self._zoomed, js_handler=_ZOOMED)
-            self._time.element.on("plotly_click", self._clicked, js_handler=_CLICKED)
+            self._time.on("zoom", self._zoomed)
+            self._time.on("point", self._clicked)
             self._cursor_bar()
         with ui.element("section").classes("card"):
             ui.html("<h2>Over the state</h2>", sanitize=False).props(f'title="{words.STATE}"')
@@ -174,13 +174,6 @@ class Centre:
                 f"{effort[b] - effort[a]:+.4g} {unit}, {depth} {apart:+.4g}"
             )
         return said
-
-
-_ZOOMED = """(e) => {
-  const r = e['xaxis.range[0]'] !== undefined ? [e['xaxis.range[0]'], e['xaxis.range[1]']] : e['xaxis.range'];
-  if (r) emit(r); else if (e['xaxis.autorange']) emit(null);
-}"""
-_CLICKED = "(e) => { if (e.points && e.points.length) emit(e.points[0].x); }"
 
 
 def _of(shown: Shown) -> tuple[FloatArray, FloatArray]:

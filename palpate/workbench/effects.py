@@ -17,7 +17,7 @@ from palpate.render import palette
 from palpate.workbench import words
 from palpate.workbench.ahead import Ahead
 from palpate.workbench.bench import TELLING, Bench, Evidence, evidence_of, groups
-from palpate.workbench.curves import picture
+from palpate.workbench.picture import picture
 from robot_io.errors import PalpateError
 
 _TIME_S, _PICTURE_S = 0.01, 2.0  # step and length of the motion of a picture
