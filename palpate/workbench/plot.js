@@ -2,6 +2,7 @@
 export default {
   template: '<div class="plot"></div>',
   props: { figure: Object },
+  emits: ["ready", "zoom", "point"],
   async mounted() {
     this.now = JSON.parse(JSON.stringify(this.figure)); // Vue's watched copies are slow to read
     this.stale = true;
