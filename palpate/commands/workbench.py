@@ -50,9 +50,7 @@ def command(
     home = Home(folder, file, riddle)
     home.open = lambda path, options: _bench(data, path, options, model)
     if riddle:
-        home.read(
-            lambda: _bench(data, _posed(), ImportOptions(), model or _MODEL), "probing an object"
-        )
+        home.read(lambda: _bench(data, _posed(), ImportOptions(), model or _MODEL), "probing an object")
     elif not is_folder:
         home.read(lambda: _bench(data, data.file, data.options, model), f"reading {data.file.name}")
     console.stdout().print(f"workbench: [bold]http://{LOOPBACK}:{chosen}[/bold]  (Ctrl-C ends it)")

@@ -2,6 +2,7 @@
 
 import asyncio
 import shlex
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -42,7 +43,18 @@ async def compose(home: Home) -> None:
         card.build(lambda: _next_step(home, bench))
 
     page = Page(bench, lambda: _opening(home))
-    await page.build(below, gallery.open)
+
+    async def leave_out(runs: Sequence[int]) -> None:
+        if tuple(sorted(runs)) == bench.out:
+            return
+        try:
+            home.bench = await asyncio.to_thread(bench.without_runs, runs)
+        except PalpateError as error:
+            ui.notify(str(error), type="warning")
+            return
+        ui.navigate.reload()
+
+    await page.build(below, gallery.open, leave_out)
 
 
 def _begin(home: Home) -> None:

@@ -18,7 +18,6 @@ MOST_POINTS = 1200  # of a curve over time
 MOST_OF_STATE = 900
 _FEW = 4  # runs over the state, where none were chosen
 _MILLI = 1e3
-_DIGITS = 4  # a curve is some hundred pixels high
 _FONT = {"family": "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif", "size": 12}
 _AXIS = {
     "gridcolor": "#e8ecf0",
@@ -72,10 +71,8 @@ class Motion:
 
 
 def picked(values: FloatArray, rows: IntArray) -> np.ndarray:
-    """Values at rows, NaN for a gap; with few digits, that a browser gets quickly."""
-    most = float(np.nanmax(np.abs(values[rows]), initial=0.0))
-    digits = _DIGITS - int(np.floor(np.log10(most))) if most > 0.0 else 0
-    found = np.round(values[rows], digits).astype(np.float32)
+    """Values at rows, NaN for a gap; small numbers, that a browser gets quickly."""
+    found = values[rows].astype(np.float32)
     found[rows < 0] = np.nan
     return found
 

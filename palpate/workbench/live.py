@@ -17,12 +17,13 @@ from palpate.render import palette
 from palpate.render.thinning import peaks
 from palpate.workbench.plot import Figure, Plot
 from robot_io.errors import PalpateError
-from robot_io.session import Samples, Session
+from robot_io.session import Follower, Samples, Session
 from robot_io.types import FloatArray
 
 PERIOD_S = 0.5
 SPAN_S = 12.0  # that is shown
 _POINTS = 600  # of a curve
+_LAST = 30_000  # ticks that are kept
 
 
 def newest_growing(folder: Path) -> Path | None:
@@ -79,7 +80,7 @@ class Live:
 
     def __init__(self, session: Path, done: Callable[[Path], Awaitable[None]]) -> None:
         self._session, self._done = session, done
-        self._reading, self._size = False, -1
+        self._reading, self._follower = False, Follower(session, STREAM_NAME, _LAST)
 
     def build(self) -> None:
         """Put the elements."""
@@ -90,24 +91,23 @@ class Live:
         self._timer = ui.timer(PERIOD_S, self._follow)
 
     async def _follow(self) -> None:
-        size = self._session.stat().st_size if self._session.exists() else -1
-        if self._reading or size in {self._size, -1}:
+        follower = self._follower
+        if self._reading or not self._session.exists():
             return
-        self._reading, self._size = True, size
+        self._reading, before = True, follower.count
         try:
-            session = await asyncio.to_thread(Session.open, self._session)
-            ticks = session.samples(STREAM_NAME)
-        except PalpateError:
-            return  # nothing whole is there yet
+            ticks = await asyncio.to_thread(follower.read)
+        except PalpateError as error:
+            self._timer.deactivate()
+            self._words.set_text(str(error))
+            return
         finally:
             self._reading = False
-        if not len(ticks):
-            return
-        self._words.set_text(
-            f"{ticks['time_s'][-1]:.1f} s, run {int(ticks['run'].max()) + 1}, {len(ticks)} ticks"
-        )
-        self._plot.replace(live_figure(ticks))
-        if not session.truncated:
+        if ticks is not None and follower.count > before:
+            run = int(ticks["run"].max()) + 1
+            self._words.set_text(f"{ticks['time_s'][-1]:.1f} s, run {run}, {follower.count} ticks")
+            self._plot.replace(live_figure(ticks))
+        if follower.complete:
             self._timer.deactivate()
             await self._done(self._session)
 
