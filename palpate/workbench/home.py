@@ -23,7 +23,7 @@ class Home:
         file: that was asked for; None for none.
         riddle: whether something was hidden for the user to find.
         bench: once data was read.
-        raw: a drawing of what a session measured, as soon as it is read; empty before, and for other files.
+        raw: a drawing of what a session measured; empty for other files, None until it is read.
         reading: what is being read; empty once that is done.
         error: why it could not be.
         open: makes a bench of a file.
@@ -33,7 +33,7 @@ class Home:
     file: Path | None = None
     riddle: bool = False
     bench: "Bench | None" = None
-    raw: str = ""
+    raw: str | None = None
     reading: str = ""
     error: str = ""
     open: "Callable[[Path, ImportOptions], Bench] | None" = None
@@ -45,8 +45,7 @@ class Home:
 
     def _read(self, make: "Callable[[], Bench]") -> None:
         try:
-            if self.file is not None:
-                self.raw = raw_curves(self.file)
+            self.raw = "" if self.file is None else raw_curves(self.file)
             self.bench = make()
         except PalpateError as error:
             self.error = str(error)

@@ -12,7 +12,6 @@ from palpate.workbench.plot import Plot
 
 _STYLE = (Path(__file__).parent / "workbench.css").read_text(encoding="utf-8")
 _POLL_S = 0.03
-_RAW_S = 1.5  # that the first page waits for the raw curves, which a browser then shows at once
 _CONNECT_S = 30.0
 _RESENT = 30  # messages, with their curves, that are kept for a browser that was out of touch
 _AWAY_S = 30.0  # that a browser may be out of touch, on a busy machine, before the page begins anew
@@ -21,7 +20,7 @@ _AWAY_S = 30.0  # that a browser may be out of touch, on a busy machine, before 
 def serve(home: Home, host: str, port: int, *, browser: bool) -> None:
     """Serve until interrupted."""
 
-    @ui.page("/", title="palpate workbench")
+    @ui.page("/", title="palpate workbench", response_timeout=_CONNECT_S)
     async def page() -> None:
         ui.add_css(_STYLE)
         ui.colors(primary="#2a6fb0")
@@ -55,12 +54,10 @@ def serve(home: Home, host: str, port: int, *, browser: bool) -> None:
 
 async def _wait(home: Home) -> None:
     """Show what was measured, in the page as it is first sent, until the data can be worked with."""
-    for _ in range(round(_RAW_S / _POLL_S)):
-        if home.raw or not home.reading:
-            break
+    while home.reading and home.raw is None:
         await asyncio.sleep(_POLL_S)
     said = escape(f"{home.reading or 'reading'} …")
-    ui.add_body_html(f'<div id="waiting"><p class="quiet">{said}</p>{home.raw}</div>')
+    ui.add_body_html(f'<div id="waiting"><p class="quiet">{said}</p>{home.raw or ""}</div>')
     Plot({})  # for the browser to load what draws
     await ui.context.client.connected(timeout=_CONNECT_S)
     while home.reading:
