@@ -80,6 +80,15 @@ def megabytes(process: psutil.Process) -> float:
     return float(sum(one.memory_info().rss for one in every)) / 1e6
 
 
+def browser_megabytes(page: Page) -> float:
+    """Heap of the page's script that is in use, once rubbish is collected."""
+    asked = page.context.new_cdp_session(page)
+    asked.send("HeapProfiler.collectGarbage")
+    used = float(asked.send("Runtime.getHeapUsage")["usedSize"]) / 1e6
+    asked.detach()
+    return used
+
+
 def free_port() -> int:
     """A port that nobody has."""
     with socket.socket() as tried:
@@ -126,12 +135,16 @@ def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> No
         "--no-browser",
     ]
     with served(command, port, folder) as process:
-        page.goto(f"http://127.0.0.1:{port}")
+        page.goto(f"http://127.0.0.1:{port}", wait_until="commit")
+        page.wait_for_selector("#waiting polyline, .scatterlayer .js-line")
+        raw_s = time.perf_counter() - begun
         page.wait_for_selector(".scatterlayer .js-line")
         curves_s = time.perf_counter() - begun
         page.wait_for_selector("[data-error]")
         error_s = time.perf_counter() - begun
-        print(f"page ready: raw curves {curves_s:.1f} s, error {error_s:.1f} s after the command")
+        print(
+            f"after the command: raw curves {raw_s:.1f} s, to zoom in {curves_s:.1f} s, error {error_s:.1f} s"
+        )
         page.wait_for_selector('[data-effect="cubic_stiffness"] .q-checkbox')
         said("at once, hardly anything fitted ahead", ticks(page, EFFECTS[:6], 0.3))
         ready = [effect for effect in EFFECTS if weighed(page, effect)]
@@ -140,11 +153,12 @@ def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> No
         for _ in range(20):
             page.evaluate(_TICK, EFFECTS[0])
         page.wait_for_timeout(3000)
-        before = megabytes(process)
+        before, heap = megabytes(process), browser_megabytes(page)
         said("many", np.array([page.evaluate(_TICK, EFFECTS[0]) for _ in range(count)]))
         page.wait_for_timeout(3000)
-        after = megabytes(process)
+        after, heap_after = megabytes(process), browser_megabytes(page)
         print(f"memory of all processes: {before:.0f} MB, after {count} ticks {after / before - 1:+.1%}")
+        print(f"the browser's heap: {heap:.1f} MB, after {count} ticks {heap_after / heap - 1:+.1%}")
 
 
 def measure_streamlit(page: Page, python: str, session: Path, folder: Path) -> None:

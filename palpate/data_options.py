@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,9 +12,11 @@ from estimation.data.import_options import ImportOptions, parse_pairs
 from estimation.models import MODELS
 from palpate import console
 from palpate.files import existing_data
-from palpate.study import Study, arm_from_urdf
 from palpate.words import as_shell_word, safe, typed
 from robot_io.errors import InputError
+
+if TYPE_CHECKING:
+    from palpate.study import Study
 
 FileArgument = Annotated[
     Path,
@@ -90,7 +92,7 @@ class DataArguments:
         """
         return import_options(self.column, self.unit, self.where, self.context, self.fresh_runs)
 
-    def study(self, model: str | None = None, folder: Path | None = None) -> Study:
+    def study(self, model: str | None = None, folder: Path | None = None) -> "Study":
         """The study of this file.
 
         Args:
@@ -100,6 +102,8 @@ class DataArguments:
         Raises:
             InputError: the data cannot be used.
         """
+        from palpate.study import Study, arm_from_urdf  # noqa: PLC0415, takes a second
+
         existing_data(self.file)
         if self.urdf is None and self.tip_frame is not None:
             raise InputError(f"--tip-frame {self.tip_frame}: says nothing without --urdf FILE")

@@ -10,7 +10,7 @@ from scipy.signal import butter, filtfilt, savgol_filter
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data import import_file
+from estimation.data.import_file import import_file
 from estimation.model import Model
 from estimation.models import MODELS
 

@@ -9,7 +9,8 @@ from numpy.random import Generator
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData
-from estimation.data import ImportOptions, import_file
+from estimation.data.import_file import import_file
+from estimation.data.import_options import ImportOptions
 from estimation.model import Model
 from estimation.models import MODELS
 

@@ -16,7 +16,7 @@ from scipy.signal import chirp, savgol_filter
 from synthetic.motion import RATE_HZ, Motion, assemble, presses, swings
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data import import_file
+from estimation.data.import_file import import_file
 
 _UPPER_M, _FORE_M = 0.32, 0.27
 Paths = Callable[[np.random.Generator, float], Motion]  # with the depth or the size of a swing

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from estimation.data.import_options import ImportOptions
-from estimation.study.channels import CONTACT_MODEL
 from palpate import console
 from palpate.data_options import DataArguments, ModelOption, may_take_data
 from palpate.files import existing_file, output_folder
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from palpate.workbench.bench import Bench
 
 LOOPBACK = "127.0.0.1"
+_MODEL = "kelvin_voigt"  # of a riddle
 
 
 @may_take_data
@@ -50,9 +50,7 @@ def command(
     home = Home(folder, file, riddle)
     home.open = lambda path, options: _bench(data, path, options, model)
     if riddle:
-        home.read(
-            lambda: _bench(data, _posed(), ImportOptions(), model or CONTACT_MODEL), "probing an object"
-        )
+        home.read(lambda: _bench(data, _posed(), ImportOptions(), model or _MODEL), "probing an object")
     elif not is_folder:
         home.read(lambda: _bench(data, data.file, data.options, model), f"reading {data.file.name}")
     console.stdout().print(f"workbench: [bold]http://{LOOPBACK}:{chosen}[/bold]  (Ctrl-C ends it)")

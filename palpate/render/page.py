@@ -8,13 +8,17 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-_STYLE = Path(__file__).parent / "report.css"
+_HERE = Path(__file__).parent
+_STYLE = _HERE / "report.css"
 
 
 def rendered(template: Path, filters: Mapping[str, Callable[..., Any]], **values: object) -> str:
-    """The page that a template makes of values; `style` and `version` are given to all."""
+    """The page that a template makes of values; `style` and `version` are given to all.
+
+    A template extends base.html, which wants a `title` and `facts`.
+    """
     environment = Environment(
-        loader=FileSystemLoader(template.parent),
+        loader=FileSystemLoader([template.parent, _HERE]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

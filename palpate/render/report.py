@@ -39,7 +39,9 @@ def document(view: StudyView) -> str:
         "yaml": lambda data: yaml.safe_dump(dict(data), sort_keys=False),
     }  # fmt: skip
     plotly = Markup(get_plotlyjs())  # noqa: S704, plotly's own
-    return rendered(_TEMPLATE, filters, view=view, plotly=plotly, plots=_plots)
+    return rendered(
+        _TEMPLATE, filters, title=view.file, facts=view.facts, view=view, plotly=plotly, plots=_plots
+    )
 
 
 def _plots(channel: ChannelView) -> dict[str, Markup]:

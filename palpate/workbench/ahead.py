@@ -14,7 +14,7 @@ from estimation.study import StudyChannel, engine
 from palpate.study import Study
 
 _NICE = 10
-_MOST = 40  # fits that the other process keeps to go on from
+_MOST = 6  # fits that the other process keeps to go on from: those asked for last
 
 
 class Ahead:
@@ -79,13 +79,14 @@ def _packed(effects: tuple[str, ...]) -> engine.Packed:
 
 def _fitted(effects: tuple[str, ...]) -> engine.Fitted:
     """As `Fits.fit`, from the fits of this process."""
-    if effects not in _fits:
-        if not effects:
-            _fits[effects] = engine.fit(_channel.data, _channel.model)
-        else:
-            parent = _fitted(effects[:-1])
-            model = parent.model.with_effect(_library[effects[-1]].suited_to(parent.data))
-            _fits[effects] = engine.fit(_channel.data, model, parent)
-        while len(_fits) > _MOST:
-            del _fits[next(iter(_fits))]
-    return _fits[effects]
+    made = _fits.pop(effects, None)
+    if made is None and not effects:
+        made = engine.fit(_channel.data, _channel.model)
+    elif made is None:
+        parent = _fitted(effects[:-1])
+        model = parent.model.with_effect(_library[effects[-1]].suited_to(parent.data))
+        made = engine.fit(_channel.data, model, parent)
+    _fits[effects] = made
+    while len(_fits) > _MOST:
+        del _fits[next(iter(_fits))]
+    return made

@@ -80,6 +80,8 @@ class Bench:
 
     def __init__(self, study: Study, source: str = "") -> None:
         self.study, self.source = study, source
+        self.whole: Bench | None = None  # with the runs that were taken out
+        self.out: tuple[int, ...] = ()
         self._past: list[Choice] = []
         self._future: list[Choice] = []
         first = next((one for one in study.channels if not self.refusal(one)), study.channels[0])
@@ -221,9 +223,27 @@ class Bench:
         source = joined(self.study.source, open_source(path))
         return Bench(Study(source, self.channel.model.name))
 
+    def without_runs(self, out: Sequence[int]) -> "Bench":
+        """A bench of the same measurement without these runs, neither fitted nor judged; in memory.
+
+        Raises:
+            InputError: nothing would be left of a channel.
+        """
+        whole = self.whole or self
+        if not out:
+            return whole
+        channels = [one.of_runs(np.setdiff1d(one.runs, out)) for one in whole.study.source.channels]
+        if not all(map(len, channels)):
+            raise InputError("leave at least one run of each channel in")
+        model = None if len(self.study.channels) == len(channels) else self.channel.model.name
+        bench = Bench(Study(replace(whole.study.source, channels=tuple(channels)), model), self.source)
+        bench.whole, bench.out = whole, tuple(sorted(out))
+        bench.choice = Choice(self.choice.channel, self.choice.effects)
+        return bench
+
     def command(self) -> str:
         """The command that does what the page shows; empty where none does."""
-        if self.choice.held or self.choice.bounds or not self.source:
+        if self.out or self.choice.held or self.choice.bounds or not self.source:
             return ""
         model, where = self.channel.model.name, f"--channel {as_shell_word(self.choice.channel)}"
         if not self.choice.effects:
@@ -232,6 +252,12 @@ class Bench:
 
     def python(self) -> str:
         """The Python line that does what the page shows."""
+        if self.out:
+            left = f"[one.of_runs(np.setdiff1d(one.runs, {list(self.out)})) for one in study.source.channels]"
+            return f"study = palpate.Study({left}, arm=study.source.arm); " + self._python()
+        return self._python()
+
+    def _python(self) -> str:
         effects = "".join(f'"{name}", ' for name in self.choice.effects)
         channel = f'"{self.choice.channel}"'
         if self.choice.held or self.choice.bounds:

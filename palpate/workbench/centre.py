@@ -1,5 +1,6 @@
 """The middle of the page: curves with cursors, run selection, residual maps."""
 
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,8 @@ MOST_RUNS = 60  # that can be chosen one by one
 class Centre:
     """Curves of one channel; a tick redraws the model's alone."""
 
-    def __init__(self, bench: Bench) -> None:
-        self._bench = bench
+    def __init__(self, bench: Bench, leave_out: Callable[[Sequence[int]], Awaitable[None]]) -> None:
+        self._bench, self._leave_out = bench, leave_out
         self._data = bench.channel.data
         self._motion = Motion.of(self._data)
         self._span_s: tuple[float, float] | None = None
@@ -34,8 +35,8 @@ class Centre:
                 ui.html("<h2>Curves</h2>", sanitize=False).props(f'title="{words.CURVES}"')
                 self._runs()
             self._time = Plot(curves.time_figure(self._motion, None, None))
-            self._time.element.on("plotly_relayout", self._zoomed, js_handler=_ZOOMED)
-            self._time.element.on("plotly_click", self._clicked, js_handler=_CLICKED)
+            self._time.on("zoom", self._zoomed)
+            self._time.on("point", self._clicked)
             self._cursor_bar()
         with ui.element("section").classes("card"):
             ui.html("<h2>Over the state</h2>", sanitize=False).props(f'title="{words.STATE}"')
@@ -97,14 +98,16 @@ class Centre:
         self._state.replace(curves.state_figure(self._motion, self._drawn[0]))
 
     def _runs(self) -> None:
-        there = self._data.runs.tolist()
+        there = (self._bench.whole or self._bench).study.channel(self._data.name).data.runs.tolist()
         if not 1 < len(there) <= MOST_RUNS:
             return
-        ui.select(
-            {run: f"run {run}" for run in there}, multiple=True, label="all runs", on_change=self._chose_runs
-        ).props("dense outlined options-dense clearable use-chips aria-label='runs to draw'").classes(
-            "runs"
-        ).tooltip(words.RUNS)
+        names = {run: f"run {run}" for run in there}
+        drawn = {run: name for run, name in names.items() if run not in self._bench.out}
+        _select(drawn, "all runs", "runs to draw", words.RUNS).on_value_change(self._chose_runs)
+        out = _select(names, "none left out", "runs to leave out", words.LEFT_OUT, self._bench.out)
+        out.on("popup-hide", lambda: self._leave_out(tuple(out.value or ()))).on(
+            "clear", lambda: self._leave_out(())
+        )
 
     def _chose_runs(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self._motion = Motion.of(self._data, event.value or ())
@@ -176,11 +179,12 @@ class Centre:
         return said
 
 
-_ZOOMED = """(e) => {
-  const r = e['xaxis.range[0]'] !== undefined ? [e['xaxis.range[0]'], e['xaxis.range[1]']] : e['xaxis.range'];
-  if (r) emit(r); else if (e['xaxis.autorange']) emit(null);
-}"""
-_CLICKED = "(e) => { if (e.points && e.points.length) emit(e.points[0].x); }"
+def _select(
+    options: dict[int, str], label: str, name: str, said: str, value: Sequence[int] = ()
+) -> ui.select:
+    props = f"dense outlined options-dense clearable use-chips aria-label='{name}'"
+    made = ui.select(options, multiple=True, label=label, value=list(value)).props(props).classes("runs")
+    return made.tooltip(said)
 
 
 def _of(shown: Shown) -> tuple[FloatArray, FloatArray]:

@@ -2,6 +2,7 @@
 
 import asyncio
 import shlex
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +12,6 @@ from estimation.data.channels import is_session
 from estimation.data.import_options import ImportOptions
 from palpate.files import output_folder, write_text
 from palpate.next_plan import plan_text, same_world
-from palpate.resolving.designing import next_probe
 from palpate.runs.options import SESSIONS
 from palpate.workbench import words
 from palpate.workbench.bench import Bench
@@ -21,7 +21,6 @@ from palpate.workbench.home import Home
 from palpate.workbench.live import Live, newest_growing, ran
 from palpate.workbench.load import Drop
 from palpate.workbench.page import Page
-from palpate.workbench.riddle import RiddleCard
 from robot_io.errors import PalpateError
 
 _NEXT = "next-experiment.yaml"
@@ -38,11 +37,24 @@ async def compose(home: Home) -> None:
     def below(page: Page) -> None:
         card = DiagnosisCard(bench, page.apply, page.found)
         if home.riddle:
+            from palpate.workbench.riddle import RiddleCard  # noqa: PLC0415, with the simulator
+
             RiddleCard(bench, card.start).build()
         card.build(lambda: _next_step(home, bench))
 
     page = Page(bench, lambda: _opening(home))
-    await page.build(below, gallery.open)
+
+    async def leave_out(runs: Sequence[int]) -> None:
+        if tuple(sorted(runs)) == bench.out:
+            return
+        try:
+            home.bench = await asyncio.to_thread(bench.without_runs, runs)
+        except PalpateError as error:
+            ui.notify(str(error), type="warning")
+            return
+        ui.navigate.reload()
+
+    await page.build(below, gallery.open, leave_out)
 
 
 def _begin(home: Home) -> None:
@@ -153,6 +165,8 @@ def _next_step(home: Home, bench: Bench) -> None:
     simulated = "simulated" in session.metadata.extra.get("source", "") and "--drivers" not in world
 
     async def go() -> None:
+        from palpate.resolving.designing import next_probe  # noqa: PLC0415, with the simulator
+
         ui.notify("designing the experiment")
         try:
             following = await run.io_bound(lambda: next_probe(bench.study, [found]))

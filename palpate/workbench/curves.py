@@ -9,9 +9,9 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from palpate.render import palette
 from palpate.render.build import axes_of, one_after_the_other
-from palpate.render.figures import PLOT_CONFIG
 from palpate.render.thinning import peaks
 from palpate.render.view import Axes, residual_map
+from palpate.workbench.plot import Figure, Restyle
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 MOST_POINTS = 1200  # of a curve over time
@@ -27,8 +27,6 @@ _AXIS = {
     "title": {"standoff": 6},
 }
 MEASURED, BASE, MODEL, LEFT_BEFORE, LEFT = range(5)  # traces over time
-Figure = dict[str, Any]
-Restyle = tuple[dict[str, Any], list[int]]
 
 
 @dataclass(frozen=True)
@@ -112,7 +110,7 @@ def time_figure(motion: Motion, base: FloatArray | None, left: FloatArray | None
         dragmode="zoom",
         uirevision=motion.data.name,
     )
-    return {"data": traces, "layout": layout, "config": PLOT_CONFIG}
+    return {"data": traces, "layout": layout}
 
 
 def time_update(
@@ -171,7 +169,7 @@ def state_figure(motion: Motion, predicted: FloatArray | None) -> Figure:
         yaxis={**_AXIS, "title": {"text": motion.axes.effort, "standoff": 6}},
         uirevision=motion.data.name,
     )
-    return {"data": traces, "layout": layout, "config": PLOT_CONFIG}
+    return {"data": traces, "layout": layout}
 
 
 def state_update(motion: Motion, predicted: FloatArray) -> Restyle:
@@ -220,7 +218,7 @@ def map_figure(motion: Motion, before: FloatArray, now: FloatArray) -> Figure:
         annotations=[_above("base model", 0.24), _above("model", 0.76)],
         uirevision=motion.data.name,
     )
-    return {"data": traces, "layout": layout, "config": PLOT_CONFIG}
+    return {"data": traces, "layout": layout}
 
 
 def map_update(motion: Motion, residual: FloatArray) -> Restyle:
@@ -244,23 +242,6 @@ def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
         for name, t in times_s.items()
     ]  # fmt: skip
     return {"shapes": lines, "annotations": letters}
-
-
-def picture(
-    x: FloatArray, curves: Sequence[tuple[FloatArray, str]], width: int = 72, height: int = 44
-) -> str:
-    """A small drawing of curves (n,) over x (n,), as SVG without axes."""
-    every = np.concatenate([y for y, _ in curves])
-    low, high = float(every.min()), float(every.max())
-    left, right = float(x.min()), float(x.max())
-    paths = []
-    for y, color in curves:
-        across = 2 + (width - 4) * (x - left) / ((right - left) or 1.0)
-        down = height - 2 - (height - 4) * (y - low) / ((high - low) or 1.0)
-        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across, down, strict=True))
-        paths.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="1.4"/>')
-    size = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
-    return f'<svg {size} aria-hidden="true">{"".join(paths)}</svg>'
 
 
 def _above(text: str, x: float) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from nicegui import events, ui
+from nicegui.element import Element
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Effect
@@ -17,13 +18,50 @@ from palpate.render import palette
 from palpate.workbench import words
 from palpate.workbench.ahead import Ahead
 from palpate.workbench.bench import TELLING, Bench, Evidence, evidence_of, groups
-from palpate.workbench.curves import picture
+from palpate.workbench.picture import picture
 from robot_io.errors import PalpateError
 
 _TIME_S, _PICTURE_S = 0.01, 2.0  # step and length of the motion of a picture
 _PAUSE_S = 0.1  # between looks whether another model was chosen
 _SHARE = 0.35  # of the plain effort, that the effect is drawn with
 Tick = Callable[[str], Awaitable[None]]
+Row = dict[str, Any]  # of the list, as effects.js has it
+_APART: Row = {"alike": False, "together": ""}
+
+
+class Rows(Element, component="effects.js"):
+    """The library in the browser: one element, so that a tick does not redraw the page."""
+
+    def __init__(self, rows: list[Row]) -> None:
+        super().__init__()
+        self._rows = {row["name"]: row for row in rows}
+        self._is_ready = False
+        self._props |= {"effects": rows, "hint": words.PICTURE, "alike": words.ALIKE}
+        self.on("ready", self._begin)
+
+    def __getitem__(self, name: str) -> Row:
+        return self._rows[name]
+
+    def words(self, name: str) -> str:
+        """By which an effect is found."""
+        row = self._rows[name]
+        return " ".join(row[key] for key in ("name", "label", "signature", "physics")).lower()
+
+    def change(self, changes: Mapping[str, Row]) -> None:
+        """Change what is said of some effects; only what differs is sent."""
+        differing = {
+            name: left
+            for name, row in changes.items()
+            if (left := {key: value for key, value in row.items() if self._rows[name][key] != value})
+        }
+        for name, row in differing.items():
+            self._rows[name] |= row
+        if differing and self._is_ready:
+            self.run_method("change", differing)
+
+    def _begin(self) -> None:
+        self._is_ready = True
+        self.run_method("change", self._rows)
 
 
 class Effects:
@@ -32,48 +70,35 @@ class Effects:
     def __init__(self, bench: Bench, tick: Tick, gallery: Tick) -> None:
         self._bench, self._tick, self._gallery = bench, tick, gallery
         self._effects: dict[str, Effect] = {}
-        self._ticks: dict[str, ui.checkbox] = {}
-        self._rows: dict[str, ui.element] = {}
-        self._marks: dict[str, ui.html] = {}
-        self._setting = False
         self._evidence: list[Evidence] = []
         self._last: dict[str, float] = {}
-        self._said: list[ui.label] = []
         self._rivals: dict[str, tuple[str, ...]] = {}  # that did the same, when neither was ticked
 
     def build(self) -> None:
         """Put the heading and the place of the list."""
-        with ui.element("section").classes("card effects"):
-            with ui.row().classes("bar"):
-                ui.html("<h2>Effects</h2>", sanitize=False).props(f'title="{words.EFFECTS}"')
-                ui.space()
-                self._filter = (
-                    ui.input(placeholder="filter", on_change=self._narrow)
-                    .props("dense outlined clearable aria-label='filter effects'")
-                    .classes("filter")
-                )
-            self._list = ui.element("div").classes("list")
+        with ui.element("section").classes("card effects") as self._card, ui.row().classes("bar"):
+            ui.html("<h2>Effects</h2>", sanitize=False).props(f'title="{words.EFFECTS}"')
+            ui.space()
+            ui.input(placeholder="filter", on_change=self._narrow).props(
+                "dense outlined clearable aria-label='filter effects'"
+            ).classes("filter")
 
     def fill(self) -> None:
         """List the library for the channel, those in the model ticked."""
         self._effects = {one.name: one for one in self._bench.effects()}
-        data = self._bench.channel.data
-        with self._list:
-            for effect in self._effects.values():
-                self._row(effect, data.kind)
+        kind = self._bench.channel.data.kind
+        with self._card:
+            self._rows = Rows([_row(effect, kind) for effect in self._effects.values()])
+        self._rows.on("tick", lambda event: self._ticked(event.args))
+        self._rows.on("picture", lambda event: self._gallery(event.args))
         self.show(self._bench.choice.effects)
 
     def show(self, chosen: tuple[str, ...]) -> None:
         """Tick what is chosen."""
-        self._setting = True
-        for name, box in self._ticks.items():
-            if box.value != (name in chosen):
-                box.set_value(name in chosen)
-            row = self._rows[name]
-            row.classes(add="chosen") if name in chosen else row.classes(remove="chosen")
-            if name in chosen:
-                row.style(f"order: {_rank(self._last.get(name, 1.0), chosen=True)}")
-        self._setting = False
+        if not self._effects:
+            return
+        self._rows.change({name: {"chosen": name in chosen} for name in self._effects})
+        self._rows.change({name: {"order": _rank(self._last.get(name, 1.0), chosen=True)} for name in chosen})
 
     async def weigh(self, idle: asyncio.Event) -> None:
         """Find out what each effect would do beside the chosen model, while nobody waits for the page.
@@ -83,7 +108,7 @@ class Effects:
         channel, weighed = self._bench.channel, None
         ahead = Ahead(self._bench.study, channel)
         try:
-            while not self._list.is_deleted and self._bench.channel is channel:
+            while not self._card.is_deleted and self._bench.channel is channel:
                 chosen = self._bench.choice.effects
                 if chosen != weighed and await self._weigh_beside(chosen, ahead, idle):
                     weighed = chosen
@@ -96,14 +121,14 @@ class Effects:
         study, channel, found = self._bench.study, self._bench.channel, list[Evidence]()
         for name in sorted(self._effects, key=self._urgency):
             await idle.wait()
-            if self._list.is_deleted or self._bench.choice.effects != chosen:
+            if self._card.is_deleted or self._bench.choice.effects != chosen:
                 return False
             beside = tuple(one for one in chosen if one != name)
             try:
                 await ahead.fit((*beside, name))
                 one = await asyncio.to_thread(evidence_of, study, channel, beside, name)
             except PalpateError as error:
-                self._marks[name].set_content(_no_mark(str(error)))
+                self._rows.change({name: {"mark": _no_mark(str(error))}})
                 continue
             found.append(one)
             self._last[name] = one.falls
@@ -118,11 +143,7 @@ class Effects:
 
     def arrange(self) -> None:
         """The most telling first; what cannot be told apart in one frame."""
-        for label in self._said:
-            label.delete()
-        self._said.clear()
-        for row in self._rows.values():
-            row.classes(remove="alike last")
+        changes = {name: {**_APART, "order": self._rows[name]["order"]} for name in self._effects}
         found, placed = self._bench.diagnosis, set[str]()
         named = {one.effect: one.confused_with for one in found.accepted} if found is not None else {}
         for group in groups(self._evidence):
@@ -134,72 +155,54 @@ class Effects:
                 other for others in (*known, *(named.get(one, ()) for one in names)) for other in others
             ]
             names = [
-                one for one in dict.fromkeys([*names, *rivals]) if one in self._rows and one not in placed
+                one for one in dict.fromkeys([*names, *rivals]) if one in self._effects and one not in placed
             ]
             placed.update(names)
             chosen = any(name in self._bench.choice.effects for name in names)
             for name in names:
-                self._rows[name].style(f"order: {_rank(group[0].falls, chosen=chosen)}")
+                changes[name] |= {"order": _rank(group[0].falls, chosen=chosen), "alike": len(names) > 1}
             if len(names) > 1:
-                self._frame(names)
+                last = [name for name in self._effects if name in names][-1]  # in the order of the page
+                said = ", ".join(name.replace("_", " ") for name in names)
+                changes[last] |= {"together": f"much the same to this data: {said}"}
+        self._rows.change(changes)
 
-    def _frame(self, names: list[str]) -> None:
-        for name in names:
-            self._rows[name].classes(add="alike")
-        shown = [name for name in self._rows if name in names]  # in the order of the page
-        self._rows[shown[-1]].classes(add="last")
-        with self._rows[shown[-1]]:
-            said = f"much the same to this data: {', '.join(name.replace('_', ' ') for name in names)}"
-            self._said.append(ui.label(said).classes("together").props(f'title="{words.ALIKE}"'))
-
-    def _row(self, effect: Effect, kind: ChannelKind) -> None:
-        with ui.element("div").classes("effect").props(f'data-effect="{effect.name}"') as row:
-            self._ticks[effect.name] = (
-                ui.checkbox(
-                    effect.name.replace("_", " "),
-                    on_change=lambda event, name=effect.name: self._ticked(event, name),
-                )
-                .props("dense")
-                .mark(effect.name)
-            )
-            self._ticks[effect.name].props(f'title="{escape(effect.physics, quote=True)}"')
-            self._marks[effect.name] = ui.html("", sanitize=False).classes("evidence")
-            drawn = (
-                ui.html(_drawn(effect, kind), sanitize=False)
-                .classes("picture")
-                .props(
-                    f'title="{words.PICTURE}" aria-label="picture of {effect.name}" role=button tabindex=0'
-                )
-            )
-            drawn.on("click", lambda name=effect.name: self._gallery(name))
-            drawn.on("keydown.enter", lambda name=effect.name: self._gallery(name))
-            ui.label(effect.signature).classes("signature").props(
-                f'title="{escape(effect.equation, quote=True)}"'
-            )
-        self._rows[effect.name] = row
-
-    async def _ticked(self, event: events.ValueChangeEventArguments[Any], name: str) -> None:
-        if not self._setting and event.value != (name in self._bench.choice.effects):
-            await self._tick(name)
+    async def _ticked(self, name: str) -> None:
+        self._rows[name]["chosen"] ^= True  # as the browser has it; it is put right if that cannot be fitted
+        await self._tick(name)
 
     def _mark(self, one: Evidence) -> None:
         falls = max(one.falls, 0.0)
         strong = "strong" if one.falls > TELLING else "quiet"
-        self._marks[one.effect].set_content(
+        mark = (
             f'<span class="{strong}" title="{words.EVIDENCE}"><i style="width:{44 * falls:.0f}px"></i>'
             f"{'−' if falls > 0.005 else ''}{100 * falls:.0f} %</span>"
         )
+        change: Row = {"mark": mark}
         if not self._evidence:  # later the list keeps still until all are weighed again
-            chosen = one.effect in self._bench.choice.effects
-            self._rows[one.effect].style(f"order: {_rank(one.falls, chosen=chosen)}")
+            change["order"] = _rank(one.falls, chosen=one.effect in self._bench.choice.effects)
+        self._rows.change({one.effect: change})
 
     def _narrow(self, event: events.ValueChangeEventArguments[Any]) -> None:
-        wanted = (event.value or "").strip().lower().replace(" ", "_")
-        for name, row in self._rows.items():
-            effect = self._effects[name]
-            row.set_visibility(
-                wanted in name or wanted.replace("_", " ") in f"{effect.signature} {effect.physics}".lower()
-            )
+        wanted = (event.value or "").strip().lower()
+        self._rows.change({name: {"seen": wanted in self._rows.words(name)} for name in self._effects})
+
+
+def _row(effect: Effect, kind: ChannelKind) -> Row:
+    """What the browser shows of an effect."""
+    return {
+        "name": effect.name,
+        "label": effect.name.replace("_", " "),
+        "physics": effect.physics,
+        "signature": effect.signature,
+        "equation": effect.equation,
+        "picture": _drawn(effect, kind),
+        "chosen": False,
+        "order": 1000,
+        "mark": "",
+        "seen": True,
+        **_APART,
+    }
 
 
 def _rank(falls: float, *, chosen: bool) -> int:

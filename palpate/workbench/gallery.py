@@ -11,9 +11,9 @@ from estimation.effect import Effect, Parameter
 from palpate.render import palette
 from palpate.render.build import axes_of
 from palpate.workbench.bench import Bench
-from palpate.workbench.curves import Figure, Motion, Restyle, near, picked
+from palpate.workbench.curves import Motion, near, picked
 from palpate.workbench.effects import sized
-from palpate.workbench.plot import Plot
+from palpate.workbench.plot import Figure, Plot, Restyle
 from robot_io.errors import PalpateError
 from robot_io.types import FloatArray
 

@@ -7,6 +7,7 @@ from threading import Thread
 from typing import TYPE_CHECKING
 
 from estimation.data.import_options import ImportOptions
+from palpate.workbench.picture import raw_curves
 from robot_io.errors import PalpateError
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ class Home:
         file: that was asked for; None for none.
         riddle: whether something was hidden for the user to find.
         bench: once data was read.
+        raw: a drawing of what a session measured; empty for other files, None until it is read.
         reading: what is being read; empty once that is done.
         error: why it could not be.
         open: makes a bench of a file.
@@ -31,17 +33,19 @@ class Home:
     file: Path | None = None
     riddle: bool = False
     bench: "Bench | None" = None
+    raw: str | None = None
     reading: str = ""
     error: str = ""
     open: "Callable[[Path, ImportOptions], Bench] | None" = None
 
     def read(self, make: "Callable[[], Bench]", what: str) -> None:
-        """Make the bench in another thread; the page waits for it."""
+        """Make the bench in another thread; the page shows what was measured and waits for it."""
         self.reading = what
         Thread(target=self._read, args=(make,), daemon=True).start()
 
     def _read(self, make: "Callable[[], Bench]") -> None:
         try:
+            self.raw = "" if self.file is None else raw_curves(self.file)
             self.bench = make()
         except PalpateError as error:
             self.error = str(error)

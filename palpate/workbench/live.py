@@ -8,7 +8,6 @@ import sys
 from collections.abc import Awaitable, Callable, Sequence
 from html import escape
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from nicegui import ui
@@ -16,13 +15,15 @@ from nicegui import ui
 from control.loop.tick_record import STREAM_NAME
 from palpate.render import palette
 from palpate.render.thinning import peaks
+from palpate.workbench.plot import Figure, Plot
 from robot_io.errors import PalpateError
-from robot_io.session import Samples, Session
+from robot_io.session import Follower, Samples, Session
 from robot_io.types import FloatArray
 
 PERIOD_S = 0.5
 SPAN_S = 12.0  # that is shown
 _POINTS = 600  # of a curve
+_LAST = 30_000  # ticks that are kept
 
 
 def newest_growing(folder: Path) -> Path | None:
@@ -46,7 +47,7 @@ def online_residual(ticks: Samples) -> FloatArray:
     return left
 
 
-def live_figure(ticks: Samples) -> dict[str, Any]:
+def live_figure(ticks: Samples) -> Figure:
     """Force with its residual, torques, and online estimates over the last seconds."""
     time_s = ticks["time_s"]
     last = time_s > time_s[-1] - SPAN_S if len(time_s) else np.zeros(0, dtype=np.bool_)
@@ -71,7 +72,7 @@ def live_figure(ticks: Samples) -> dict[str, Any]:
         "yaxis3": {"domain": [0.0, 0.28], "title": {"text": "k [N/m]"}},
         "yaxis4": {"overlaying": "y3", "side": "right", "title": {"text": "c [N s/m]"}, "showgrid": False},
     }  # fmt: skip
-    return {"data": traces, "layout": layout, "config": {"displaylogo": False}}
+    return {"data": traces, "layout": layout}
 
 
 class Live:
@@ -79,35 +80,34 @@ class Live:
 
     def __init__(self, session: Path, done: Callable[[Path], Awaitable[None]]) -> None:
         self._session, self._done = session, done
-        self._reading, self._size = False, -1
+        self._reading, self._follower = False, Follower(session, STREAM_NAME, _LAST)
 
     def build(self) -> None:
         """Put the elements."""
         with ui.element("section").classes("card"):
             ui.html(f"<h2>Live: {escape(self._session.name)}</h2>", sanitize=False)
             self._words = ui.label("waiting for the first chunk").classes("quiet").mark("live")
-            self._plot = ui.plotly({"data": [], "layout": {"height": 460}}).classes("plot")
+            self._plot = Plot({"data": [], "layout": {"height": 460}})
         self._timer = ui.timer(PERIOD_S, self._follow)
 
     async def _follow(self) -> None:
-        size = self._session.stat().st_size if self._session.exists() else -1
-        if self._reading or size in {self._size, -1}:
+        follower = self._follower
+        if self._reading or not self._session.exists():
             return
-        self._reading, self._size = True, size
+        self._reading, before = True, follower.count
         try:
-            session = await asyncio.to_thread(Session.open, self._session)
-            ticks = session.samples(STREAM_NAME)
-        except PalpateError:
-            return  # nothing whole is there yet
+            ticks = await asyncio.to_thread(follower.read)
+        except PalpateError as error:
+            self._timer.deactivate()
+            self._words.set_text(str(error))
+            return
         finally:
             self._reading = False
-        if not len(ticks):
-            return
-        self._words.set_text(
-            f"{ticks['time_s'][-1]:.1f} s, run {int(ticks['run'].max()) + 1}, {len(ticks)} ticks"
-        )
-        self._plot.update_figure(live_figure(ticks))
-        if not session.truncated:
+        if ticks is not None and follower.count > before:
+            run = int(ticks["run"].max()) + 1
+            self._words.set_text(f"{ticks['time_s'][-1]:.1f} s, run {run}, {follower.count} ticks")
+            self._plot.replace(live_figure(ticks))
+        if follower.complete:
             self._timer.deactivate()
             await self._done(self._session)
 
@@ -137,7 +137,7 @@ async def ran(arguments: Sequence[str], hear: Callable[[str], object]) -> str:
     return "" if await process.wait() == 0 else (said.splitlines() or ["it failed"])[-1]
 
 
-def _trace(name: str, x: FloatArray, y: FloatArray, color: str, axis: str) -> dict[str, Any]:
+def _trace(name: str, x: FloatArray, y: FloatArray, color: str, axis: str) -> Figure:
     rows = peaks(y, _POINTS)
     return {
         "type": "scatter", "mode": "lines", "name": name, "x": x[rows].astype(np.float32), "yaxis": axis,

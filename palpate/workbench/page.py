@@ -1,7 +1,7 @@
 """The page: composes its parts, and carries out what is clicked; one fit at a time, the newest last."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,12 @@ class Page:
         self._turn = 0
         self._shown: Shown | None = None
 
-    async def build(self, below: Callable[["Page"], None], gallery: Callable[[str], Awaitable[None]]) -> None:
+    async def build(
+        self,
+        below: Callable[["Page"], None],
+        gallery: Callable[[str], Awaitable[None]],
+        leave_out: Callable[[Sequence[int]], Awaitable[None]],
+    ) -> None:
         """Put everything in its place: raw curves first, then the fit, then the evidence."""
         self._header()
         refused = self.bench.refusal(self.bench.channel)
@@ -51,7 +56,7 @@ class Page:
                 if not refused:
                     self._effects.build()
             with ui.element("div").classes("middle"):
-                self._centre = Centre(self.bench)
+                self._centre = Centre(self.bench, leave_out)
                 self._centre.build()
             with ui.element("div").classes("right"):
                 self._error, self._lines = Error(), Lines(self.bench)

@@ -222,5 +222,7 @@ class Lines:
 
     def show(self) -> None:
         """State the lines."""
-        self._command.set_text(self._bench.command() or "no command holds parameters; in Python:")
+        self._command.set_text(
+            self._bench.command() or "no command holds parameters or leaves runs out; in Python:"
+        )
         self._python.set_text(self._bench.python())

@@ -1,46 +1,46 @@
-"""A plotly figure in the page, of which only what changed is sent."""
+"""A plotly figure in the page, of which only what changed is sent, and only what is seen is drawn."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from nicegui import ui
+import nicegui.elements.plotly  # noqa: F401, serves plotly.js; plotly's Python, which it also has, is slow to import
+from nicegui.element import Element
 
-from palpate.workbench.curves import Figure, Restyle
+Figure = dict[str, Any]
+Restyle = tuple[Mapping[str, Sequence[Any]], list[int]]
 
 
-class Plot:
-    """One figure. Until the browser has drawn it for the first time, all of it is sent again."""
+class Plot(Element, component="plot.js"):
+    """One figure; what changes before the browser is ready for it is sent when it is."""
 
     def __init__(self, figure: Figure) -> None:
-        self._drawn = False
-        self.element = ui.plotly(figure).classes("plot")
-        name = f"window.drawn{self.element.id}"
-        once = f"() => {{ if (!{name}) {{ {name} = true; emit(); }} }}"
-        self.element.on("plotly_afterplot", self._is_drawn, js_handler=once)
+        super().__init__()
+        self.figure: Figure = figure
+        self._props["figure"] = figure
+        self._is_ready = False
+        self.on("ready", self._begin)
 
     def replace(self, figure: Figure) -> None:
         """Draw another figure."""
-        self.element.update_figure(figure)
+        self.figure = figure
+        self._send("replace", figure)
 
     def restyle(self, update: Restyle) -> None:
         """Change some traces."""
         values, traces = update
-        figure: Any = self.element.figure
         for place, number in enumerate(traces):
-            figure["data"][number] |= {name: each[place] for name, each in values.items()}
-        if self._drawn:
-            self.element.run_plot_method("restyle", values, traces)
-        else:
-            self.element.update()
+            self.figure["data"][number] |= {name: each[place] for name, each in values.items()}
+        self._send("restyle", values, traces)
 
-    def relayout(self, layout: dict[str, Any]) -> None:
+    def relayout(self, layout: Figure) -> None:
         """Change the layout."""
-        figure: Any = self.element.figure
-        figure["layout"] |= layout
-        if self._drawn:
-            self.element.run_plot_method("relayout", layout)
-        else:
-            self.element.update()
+        self.figure["layout"] |= layout
+        self._send("relayout", layout)
 
-    def _is_drawn(self) -> None:
-        self._drawn = True
-        self.element.update()  # what changed while the browser was drawing
+    def _send(self, method: str, *what: object) -> None:
+        if self._is_ready:
+            self.run_method(method, *what)
+
+    def _begin(self) -> None:
+        self._is_ready = True
+        self._send("replace", self.figure)

@@ -1,35 +1,38 @@
 """Serves the page on this machine alone, while the data is still being read."""
 
 import asyncio
+from html import escape
 from pathlib import Path
 
 from nicegui import app, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from palpate.workbench.home import Home
+from palpate.workbench.plot import Plot
 
 _STYLE = (Path(__file__).parent / "workbench.css").read_text(encoding="utf-8")
 _POLL_S = 0.03
 _CONNECT_S = 30.0
+_RESENT = 30  # messages, with their curves, that are kept for a browser that was out of touch
 _AWAY_S = 30.0  # that a browser may be out of touch, on a busy machine, before the page begins anew
 
 
 def serve(home: Home, host: str, port: int, *, browser: bool) -> None:
     """Serve until interrupted."""
 
-    @ui.page("/", title="palpate workbench")
+    @ui.page("/", title="palpate workbench", response_timeout=_CONNECT_S)
     async def page() -> None:
         ui.add_css(_STYLE)
         ui.colors(primary="#2a6fb0")
-        waited = ui.label(f"{home.reading} …").classes("q-pa-lg quiet")
-        await ui.context.client.connected(timeout=_CONNECT_S)
-        while home.reading:
-            await asyncio.sleep(_POLL_S)
+        if home.reading:
+            await _wait(home)
+        else:
+            await ui.context.client.connected(timeout=_CONNECT_S)
         # with all that draws, while the browser is loading
         from palpate.workbench.compose import compose  # noqa: PLC0415
 
-        waited.delete()
         await compose(home)
+        ui.run_javascript("document.getElementById('waiting')?.remove()")
 
     # A foreign page whose name points here (DNS rebinding) must not press buttons: one powers an arm.
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=[host, "localhost"])
@@ -42,9 +45,23 @@ def serve(home: Home, host: str, port: int, *, browser: bool) -> None:
         show_welcome_message=False,
         favicon="◎",
         reconnect_timeout=_AWAY_S,
+        message_history_length=_RESENT,
+        gzip_middleware_factory=None,  # nothing leaves this machine
         tailwind=False,  # it looks through the page at every change
         uvicorn_logging_level="warning",
     )
+
+
+async def _wait(home: Home) -> None:
+    """Show what was measured, in the page as it is first sent, until the data can be worked with."""
+    while home.reading and home.raw is None:
+        await asyncio.sleep(_POLL_S)
+    said = escape(f"{home.reading or 'reading'} …")
+    ui.add_body_html(f'<div id="waiting"><p class="quiet">{said}</p>{home.raw or ""}</div>')
+    Plot({})  # for the browser to load what draws
+    await ui.context.client.connected(timeout=_CONNECT_S)
+    while home.reading:
+        await asyncio.sleep(_POLL_S)
 
 
 def _end() -> None:

@@ -1,6 +1,7 @@
 """Reads a session file, whole or cut off by a crash, into arrays."""
 
 import os
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from robot_io.session.event import EVENT_STREAM, Event, decode_event, says_unclo
 from robot_io.session.mcap_file import END_RECORD, EXTRA_RECORD, FORMAT_VERSION, HEADER_RECORD
 from robot_io.session.metadata import SessionMetadata
 from robot_io.session.samples import Samples
-from robot_io.session.scan import Scan, scan
+from robot_io.session.scan import Growing, Scan, scan
 from robot_io.session.shared_log import check_streams
 from robot_io.session.stream import Stream, streams_from_json
 from robot_io.session.wire import WireFormat
@@ -82,6 +83,46 @@ class Session:
     def derived_dir(self) -> Path:
         """Folder beside the session, of the same name, for what is derived from it; it may not exist yet."""
         return self.path.with_suffix("") if self.path.suffix else self.path.with_suffix(".derived")
+
+
+class Follower:
+    """One stream of a session that is still being written; each time only what came new is read.
+
+    Args:
+        path: the session file.
+        stream_name: of the stream.
+        last: records that are kept, so that a long session does not fill the memory.
+    """
+
+    def __init__(self, path: Path, stream_name: str, last: int) -> None:
+        self._path, self._name, self._last = path, stream_name, last
+        self._file = Growing()
+        self._wire: WireFormat | None = None
+        self._records: deque[bytes] = deque(maxlen=last)
+        self.count = 0  # of records that were read
+        self.complete = False  # whether the file was finished
+
+    def read(self) -> Samples | None:
+        """The stream's last samples; None as long as there are none.
+
+        SessionError: the file cannot be read, or is damaged.
+        """
+        try:
+            with self._path.open("rb") as file:
+                file.seek(self._file.read_bytes)
+                found = self._file.more(file.read(MAX_FILE_BYTES))
+        except OSError as error:
+            raise SessionError(f"{self._path}: cannot be read: {error.strerror}") from error
+        new = found.messages.get(self._name, [])
+        self._records.extend(new)
+        self.count += len(new)
+        self.complete = found.complete
+        if self._wire is None and HEADER_RECORD in found.metadata:
+            streams = {one.name: one for one in _streams(found.metadata[HEADER_RECORD])}
+            self._wire = WireFormat(streams[self._name]) if self._name in streams else None
+        if self._wire is None or not self._records:
+            return None
+        return Samples.from_records(self._wire.stream, self._wire.decode(b"".join(self._records)))
 
 
 def _read(path: Path) -> bytes:

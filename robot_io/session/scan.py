@@ -60,6 +60,30 @@ def scan(data: bytes) -> Scan:
     return scanner.found
 
 
+class Growing:
+    """A file that is still being written, of which each part is read once."""
+
+    def __init__(self) -> None:
+        self._scanner = _Scanner(b"")
+        self.read_bytes = len(MCAP0_MAGIC)  # from the beginning, that need not be given again
+
+    def more(self, data: bytes) -> Scan:
+        """What is new in `data`, which is the file from `read_bytes` on; metadata is of all that was read.
+
+        SessionError: it is damaged.
+        """
+        scanner, found = self._scanner, self._scanner.found
+        found.messages.clear()
+        try:
+            for opcode, start, end in _records(data, 0):
+                scanner.take(opcode, data[start:end])
+                self.read_bytes += end - start + _RECORD.size
+        except (struct.error, UnicodeDecodeError, McapError, RuntimeError) as error:
+            raise SessionError(f"damaged: {error}") from error
+        found.complete = data.endswith(MCAP0_MAGIC)
+        return found
+
+
 class _Scanner:
     def __init__(self, data: bytes) -> None:
         self.found = Scan()
@@ -70,15 +94,18 @@ class _Scanner:
 
     def run(self) -> None:
         for opcode, start, end in _records(self._data, len(MCAP0_MAGIC)):
-            if opcode == Opcode.METADATA:
-                record = Metadata.read(_stream(self._data[start:end]))
-                self.found.metadata[record.name] = record.metadata
-            elif opcode == Opcode.CHUNK:
-                self._take_chunk(_uncompressed(Chunk.read(_stream(self._data[start:end]))))
-            elif opcode == Opcode.DATA_END:
+            if opcode == Opcode.DATA_END:
                 self._check_sum(DataEnd.read(_stream(self._data[start:end])), start - _RECORD.size)
                 self.found.complete = self.closed
                 return
+            self.take(opcode, self._data[start:end])
+
+    def take(self, opcode: int, record: bytes) -> None:
+        if opcode == Opcode.METADATA:
+            found = Metadata.read(_stream(record))
+            self.found.metadata[found.name] = found.metadata
+        elif opcode == Opcode.CHUNK:
+            self._take_chunk(_uncompressed(Chunk.read(_stream(record))))
 
     def _check_sum(self, record: DataEnd, data_end: int) -> None:
         if record.data_section_crc not in {0, zlib.crc32(memoryview(self._data)[:data_end])}:

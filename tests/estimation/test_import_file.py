@@ -9,14 +9,10 @@ from hypothesis import strategies as st
 
 from control.loop.phases import Phase
 from estimation.channel import ChannelKind
-from estimation.data import (
-    ImportOptions,
-    import_file,
-    import_streams,
-    parse_pairs,
-    table,
-    text_table,
-)
+from estimation.data import table, text_table
+from estimation.data.import_file import import_file
+from estimation.data.import_options import ImportOptions, parse_pairs
+from estimation.data.session_streams import import_streams
 from estimation.study.source import open_source
 from robot_io.errors import InputError
 from robot_io.session import SessionMetadata, write_session

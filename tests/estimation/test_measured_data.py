@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.data import ImportOptions, import_file
+from estimation.data.import_file import import_file
+from estimation.data.import_options import ImportOptions
 from estimation.estimators import ESTIMATORS
 from estimation.fit.samples import fit_samples
 from tests.estimation.contact_data import base_model, estimated

@@ -1,14 +1,10 @@
 import numpy as np
 import pytest
 
-from estimation.data import (
-    ImportOptions,
-    import_extra,
-    import_file,
-    import_streams,
-    is_session,
-)
-from estimation.data.channels import session_channels
+from estimation.data.channels import is_session, session_channels
+from estimation.data.import_file import import_file
+from estimation.data.import_options import ImportOptions
+from estimation.data.session_streams import import_extra, import_streams
 from estimation.study.source import open_source
 from robot_io.errors import InputError
 from robot_io.session import Column, Session, SessionMetadata, Stream, write_session

@@ -14,7 +14,7 @@ import pytest
 from control.arm.rigid_body import RigidBody
 from control.loop.phases import Phase
 from control.probing.plan import ProbingPlan
-from estimation.data import session_channels
+from estimation.data.channels import session_channels
 from palpate.runs.probing import PLAN, ProbingJob, Watcher, run_probing
 from palpate.runs.robots import find_robot
 from robot_io.robot_file import parse_robot_file

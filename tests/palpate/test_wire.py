@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from estimation.data import session_channels
+from estimation.data.channels import session_channels
 from estimation.study.estimates import estimate_with
 from palpate.runs.hiding import open_answer
 from palpate.runs.robots import EMULATED, is_simulated

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from robot_io.errors import InputError, SessionError, UnknownNameError
-from robot_io.session import Column, Event, Session, SessionMetadata, Stream, scan, write_session
+from robot_io.session import Column, Event, Follower, Session, SessionMetadata, Stream, scan, write_session
 from robot_io.session.mcap_file import CHUNK_BYTES, EXTRA_RECORD, HEADER_RECORD, McapFile
 from robot_io.session.stream import streams_to_json
 from robot_io.session.wire import WireFormat
@@ -280,3 +280,20 @@ def test_the_extra_metadata_cannot_take_the_place_of_the_header(tmp_path):
     path = write_session(tmp_path / "s", [], metadata)
     assert Session.open(path).metadata == metadata
     assert EXTRA_RECORD.encode() in path.read_bytes()
+
+
+def test_a_growing_session_is_followed_without_reading_anything_twice(tmp_path, whole):
+    path, seen = tmp_path / "s.mcap", []
+    follower = Follower(path, "tick", last=10_000)
+    for part in np.linspace(0, len(whole), 9).astype(int)[1:]:
+        before = follower._file.read_bytes
+        path.write_bytes(bytes(before) + whole[before:part])  # what was read once is gone
+        found = follower.read()
+        seen.append(0 if found is None else len(found))
+        assert follower.complete == (part == len(whole))
+    assert sorted(seen) == seen
+    assert 0 < seen[3] < seen[-1] == follower.count == 1500
+    assert_ticks(found, range(1500))
+    short = Follower(path, "tick", last=100)
+    path.write_bytes(whole)
+    assert_ticks(short.read(), range(1400, 1500))

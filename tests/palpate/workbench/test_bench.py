@@ -5,6 +5,7 @@ import asyncio
 import numpy as np
 import pytest
 
+import palpate
 from estimation.channel import ChannelKind
 from estimation.data.table import read_table
 from estimation.effects import EFFECTS
@@ -77,6 +78,22 @@ def test_the_python_line_does_what_the_page_shows(bench, press):
     assert bench.command() == (
         "palpate add press.csv cubic_stiffness --fresh --model kelvin_voigt --channel contact"
     )
+
+
+def test_runs_that_are_taken_out_are_neither_fitted_nor_judged(bench):
+    whole = bench.choose(bench.toggled("cubic_stiffness")).fitted
+    less = bench.without_runs((1,))
+    shown = less.show()
+    assert 1 not in shown.fitted.data.runs
+    assert shown.choice.effects == ("cubic_stiffness",)
+    assert shown.fitted.values != whole.values
+    assert less.command() == ""
+    said = less.python().split("; ")[0].removeprefix("study = ")
+    again = eval(said, {"palpate": palpate, "np": np, "study": bench.study})
+    assert again.fit("contact", ["cubic_stiffness"]).values == shown.fitted.values
+    assert less.without_runs(()).show().fitted.values == whole.values
+    with pytest.raises(InputError, match="at least one"):
+        bench.without_runs(bench.channel.data.runs.tolist())
 
 
 def test_effects_that_do_the_same_stand_together(bench):
