@@ -90,7 +90,9 @@ class RegisterAccess:
         found = self.read(servo_id, register)
         if found != value:
             why = self._hardware_error(servo_id) if self._alert else ""
-            raise DeviceError(f"servo {servo_id}: {register.name} is {found} after it was set to {value}{why}")
+            raise DeviceError(
+                f"servo {servo_id}: {register.name} is {found} after it was set to {value}{why}"
+            )
 
     def _ask(self, servo_id: int, request: bytes, size: int) -> StatusPacket:
         self._port.read_all()
