@@ -322,11 +322,3 @@ def test_an_adapter_that_is_not_there_is_one_line(bench):
         with pytest.raises(DeviceError, match="cannot be opened"):
             line.open()
     assert settings.driver == "odrive_bus"
-
-
-def test_the_doctor_warns_of_slcan(bench):
-    arm = bench()
-    arm.robot.configure()
-    bus = arm.robot.buses["motors"]
-    bus.line._settings = bus.line._settings.model_copy(update={"interface": "slcan"})
-    assert "slcand" in " ".join(seen.remedy for seen in bus.examine())

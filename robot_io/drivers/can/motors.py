@@ -121,7 +121,7 @@ class MotorBus(Bus, Examinable):
         """What the motor of `joint` says is wrong with it, or nothing."""
 
     def _doubt(self, joint: int) -> str:
-        """What is odd about the motor of `joint`, or nothing: no fault yet, but a word for whoever has one."""
+        """What is odd about the motor of `joint`, or nothing: no fault, but a hint where there is one."""
         return ""
 
     @abstractmethod
@@ -132,14 +132,11 @@ class MotorBus(Bus, Examinable):
 
     def examine(self) -> tuple[Observation, ...]:
         observations = self._report()
-        if self.line.interface == "slcan":
-            value = "python-can's slcan stamps frames late and does not recover from damaged bytes"
-            observations.append(warn(self.line.label, value, "attach it with slcand, and use socketcan"))
         if foreign := self.line.counts["foreign id"]:
             value = f"{foreign} frames from ids that are not in the robot file"
             observations.append(warn(self.line.label, value, "correct the ids, or take the others off"))
-        if damaged := self.line.counts["error frame"] + self.line.counts["not valid"]:
-            value = f"{damaged} error frames or frames of a wrong length"
+        if damaged := sum(self.line.counts[kind] for kind in ("error frame", "not valid", "damaged")):
+            value = f"{damaged} error frames, damaged ones or such of a wrong length"
             remedy = "check bit rate, both terminators (120 ohm each) and ground"
             observations.append(fail(self.line.label, value, remedy))
         return tuple(observations)

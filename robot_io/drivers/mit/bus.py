@@ -61,8 +61,8 @@ class MitBusSettings(CanLineSettings):
     # neither set nor read it. Without commands for so long the host sends zero torque as well, for a motor
     # can only be read by commanding it.
     watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
-    # Whether to prove that at each activation: every motor gets 1 % of its torque, and must have let go after a
-    # silence. What rubs less than that moves. There is no default: false says that somebody has tried it.
+    # Whether to prove that at each activation: every motor gets 1 % of its torque, and must have let go
+    # after a silence. What rubs less than that moves. There is no default: false says that somebody has tried it.
     check_watchdog: StrictBool
     # What makes a motor without torque say its state: "exit" keeps it off, as in the firmware that the
     # protocol comes from, which answers every frame; "enter" is what the AK manual names for motors that are
@@ -163,8 +163,9 @@ class MitBus(MotorBus):
     def _check_watchdogs(self) -> None:
         """Let every motor exert a little, and say nothing for longer than it may go on with that.
 
-        Asked by the frame that enters motor mode, for a motor may have left it. DeviceError: a motor goes on, or
-        shows no torque at all.
+        Asked by the frame that enters motor mode, for a motor may have left it.
+
+        DeviceError: a motor goes on, or shows no torque at all.
         """
         trial_nm = [
             _TRIAL_SHARE * ranges.torque_nm * abs(motor.signed_ratio)
@@ -183,8 +184,8 @@ class MitBus(MotorBus):
         if any(going_on):
             alive = ", ".join(self.motor_label(joint) for joint, on in enumerate(going_on) if on)
             raise DeviceError(
-                f"{self.line.label}: {alive} still exerts torque after {silence_s:.2g} s without commands; set "
-                f"the CAN timeout to {self._own.watchdog_s:g} s in the motor"
+                f"{self.line.label}: {alive} still exerts torque after {silence_s:.2g} s without commands; "
+                f"set the CAN timeout to {self._own.watchdog_s:g} s in the motor"
             )
 
     def _exerting(self, frames: list[CanFrame], trial_nm: list[float]) -> list[bool]:

@@ -312,8 +312,8 @@ class OdriveBus(MotorBus):
         if self._short_count[joint] < _SHORT_SAMPLES:
             return ""
         return (
-            f"exerts {abs(self._short_nm[joint]):.2f} of {abs(self._sent_nm[joint]):.2f} N m at the motor; does "
-            f"something on it limit torques? As delivered, its velocity limiter does: {LIMITER} = False"
+            f"exerts {abs(self._short_nm[joint]):.2f} of {abs(self._sent_nm[joint]):.2f} N m at the motor; "
+            f"does something on it limit torques? As delivered, its velocity limiter does: {LIMITER} = False"
         )
 
     def _fault(self, joint: int, now_s: float) -> str:

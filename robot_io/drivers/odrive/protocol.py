@@ -37,8 +37,8 @@ class OdriveCommand(IntEnum):
 
 
 # Settings that only USB can reach, by their names in odrivetool: periods of heartbeat, encoder estimates and
-# torques (or currents), in ms, as shipped 100, 10 and 0 (none); and what cuts torques in torque mode, as shipped
-# to (2 rev/s - speed) * 0.17 N m s/rev.
+# torques (or currents), in ms, as shipped 100, 10 and 0 (none); and what cuts torques in torque mode, as
+# shipped to (2 rev/s - speed) * 0.17 N m s/rev.
 CYCLIC_RATES = {
     Firmware.V0_5: tuple(f"odrv0.axis0.config.can.{name}_rate_ms" for name in ("heartbeat", "encoder", "iq")),
     Firmware.V0_6: tuple(

@@ -163,8 +163,8 @@ class LorenzStream:
 
     Only the counters tell where a sample begins and ends: it counts once the counter after it has come and
     goes on by one. Where that counter also stands within the sample, bytes may have been lost before it: the
-    sample is left out. After a gap the stream is accepted again once five counters in a row fit. A flipped bit
-    in a value does not show here.
+    sample is left out. After a gap the stream is accepted again once five counters in a row fit. A flipped
+    bit in a value does not show here.
 
     Args:
         newtons_per_count: newtons in one count.
