@@ -1,7 +1,7 @@
 """A CAN adapter: opened, drained without waiting, and its failures told apart.
 
-It is one of python-can's, except for slcan. python-can's `Notifier` is not used: its thread ends silently at the
-first error.
+It is one of python-can's, except for slcan. python-can's `Notifier` is not used: its thread ends silently at
+the first error.
 """
 
 import fcntl

@@ -62,7 +62,7 @@ class MitBusSettings(CanLineSettings):
     # can only be read by commanding it.
     watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
     # Whether to prove that at each activation: every motor gets 1 % of its torque, and must have let go
-    # after a silence. What rubs less than that moves. There is no default: false says that somebody has tried it.
+    # after a silence. What rubs less than that moves. There is no default: false says that it was tried out.
     check_watchdog: StrictBool
     # What makes a motor without torque say its state: "exit" keeps it off, as in the firmware that the
     # protocol comes from, which answers every frame; "enter" is what the AK manual names for motors that are
