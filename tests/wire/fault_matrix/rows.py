@@ -13,7 +13,7 @@ from sim_backend.emulators import Fault, FaultKind
 from tests.wire.parts import CUBEMARS, ODRIVE, ROOT
 
 TICK_S = 1e-3
-MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.5  # where the probing run is then
+MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.52  # where the probing run is then
 SPARE_TICKS = 2  # beyond its limit, for every row that gives no reason to take longer
 DYNAMIXEL = ROOT / "robots" / "dynamixel_3dof.yaml"
 _LINES = (
