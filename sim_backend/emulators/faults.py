@@ -17,6 +17,7 @@ class FaultKind(StrEnum):
     DROP = "drop"  # a frame of the device is not sent
     DELAY = "delay"  # it is sent `delay_s` late
     CORRUPT = "corrupt"  # one of its bits is flipped after its checksum was made
+    LOSE = "lose"  # one of its bytes is lost; not on CAN, where no frame survives that
     DUPLICATE = "duplicate"  # it is sent twice
     REORDER = "reorder"  # it changes places with the one after it
     WRONG_ID = "wrong_id"  # it carries the id of somebody else
@@ -89,6 +90,11 @@ class Faults:
             self._struck[place] = struck + 1
             return fault
         return None
+
+    def lose_a_byte(self, frame: bytes) -> bytes:
+        """The frame without one of its bytes."""
+        place = int(self.generator.integers(len(frame)))
+        return frame[:place] + frame[place + 1 :]
 
     def flip_a_bit(self, frame: bytes, first: int = 0) -> bytes:
         """The frame with one bit changed, at or after byte `first`."""

@@ -1,9 +1,16 @@
 """A short run of benchmarks/fuzz_codecs.py, and that its judges can judge."""
 
+import struct
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.fuzzers import Fuzzer, all_fuzzers, run_fuzzer
+from robot_io.drivers.dynamixel import protocol as dynamixel
+from robot_io.drivers.mit import protocol as mit
+from robot_io.drivers.odrive import protocol as odrive
+from robot_io.drivers.serial_force import lorenz_protocol, text
 from robot_io.errors import ProtocolError
 
 INPUTS = 4000
@@ -15,6 +22,71 @@ def test_damaged_frames_are_refused_and_nothing_else_happens(name):
     assert not result.crashes
     assert not result.wrong
     assert result.accepted > INPUTS // 50  # it is not simply deaf
+
+
+class Anything:
+    """Equal to everything."""
+
+    def __eq__(self, other):
+        return True
+
+    def __ne__(self, other):
+        return False
+
+    __hash__ = None
+
+
+class AnyPair(Anything, tuple):
+    """And a pair, for `==` to look no further."""
+
+
+BREAKS = [  # a fuzzer, and how its codec is broken: where, which name, and what is made of that
+    ("dynamixel_packet", dynamixel, "_STUFFED", lambda old: b"never"),
+    ("dynamixel_stream", dynamixel, "_STUFFED", lambda old: b"never"),
+    ("dynamixel_packet", dynamixel, "_STATUS", lambda old: Anything()),  # so is an instruction
+    ("dynamixel_stream", dynamixel, "_STATUS", lambda old: Anything()),
+    ("dynamixel_packet", dynamixel, "crc16", lambda old: lambda data: Anything()),
+    ("dynamixel_fast_reply", dynamixel, "crc16", lambda old: lambda data: Anything()),
+    ("mit", mit, "_MAX_12", lambda old: 4096),
+    ("mit", mit, "_from_bits", lambda old: lambda bits, half, largest: -old(bits, half, largest)),
+    ("mit", mit, "expect_length", lambda old: lambda *args: None),
+    ("odrive", odrive, "isfinite", lambda old: lambda value: True),
+    ("odrive", odrive, "_two_finite_floats", lambda old: lambda *args: old(*args)[::-1]),
+    ("odrive", odrive, "_WORD", lambda old: struct.Struct(">I")),
+    ("lorenz_telegram", lorenz_protocol, "checksums", lambda old: lambda content: AnyPair()),
+    ("loadstar", text, "float", lambda old: lambda number: 10.0 * float(number)),
+]
+
+
+@pytest.mark.parametrize(("name", "codec", "part", "broken"), BREAKS, ids=[f"{b[0]}-{b[2]}" for b in BREAKS])
+def test_a_broken_codec_is_found_out(name, codec, part, broken, monkeypatch):
+    monkeypatch.setattr(codec, part, broken(getattr(codec, part, None)), raising=False)
+    assert run_fuzzer(all_fuzzers()[name](), INPUTS, np.random.default_rng(1)).wrong
+
+
+def test_a_stream_that_ignores_its_counters_is_found_out(monkeypatch):
+    """Three bytes are a sample, whatever they count."""
+
+    def feed(self, data):
+        buffer = self._rest + data
+        whole = len(buffer) // 3 * 3
+        self._rest = buffer[whole:]
+        cut = (buffer[place + 1 : place + 3] for place in range(0, whole, 3))
+        return [self._factor * int.from_bytes(value, "big", signed=True) for value in cut]
+
+    monkeypatch.setattr(lorenz_protocol.LorenzStream, "feed", feed)
+    assert run_fuzzer(all_fuzzers()["lorenz_stream"](), INPUTS, np.random.default_rng(1)).wrong
+
+
+def test_swapped_fields_are_found_out(monkeypatch):
+    whole = mit.decode_state
+
+    def swap(frame, ranges):
+        state = whole(frame, ranges)
+        return replace(state, velocity_rad_s=2.0 * state.torque_nm, torque_nm=0.5 * state.velocity_rad_s)
+
+    monkeypatch.setattr(mit, "decode_state", swap)
+    assert run_fuzzer(all_fuzzers()["mit"](), INPUTS, np.random.default_rng(1)).wrong
 
 
 class Gullible(Fuzzer):

@@ -10,6 +10,7 @@ from sim_backend.emulators import FaultKind
 from tests.wire.parts import CUBEMARS, ODRIVE
 
 PUSH_NM = (3.0, -2.0, 1.0)
+PROVE = ("check_watchdog: false", "check_watchdog: true")
 
 
 def nodes(bench):
@@ -50,6 +51,47 @@ def test_no_torque_before_it_is_activated(bench, ask_with):
     arm.robot.deactivate()
     assert arm.ticks(3, None).encoder_status is Status.OK
     assert not any(node.enabled for node in nodes(arm))
+
+
+@pytest.mark.parametrize("timeout_s", [None, 2.0])
+def test_a_timeout_that_does_not_bite_is_refused(bench, timeout_s):
+    """Such a motor kept its torque for seconds after the program had died."""
+    arm = bench(CUBEMARS, [PROVE])
+    nodes(arm)[1].timeout_s = timeout_s
+    arm.robot.configure()
+    with pytest.raises(
+        DeviceError, match=r"joint 2 \(motor 2\) still exerts torque .*set the CAN timeout to 0.1 s"
+    ):
+        arm.robot.activate()
+    assert not any(node.enabled for node in nodes(arm))
+
+
+def test_a_motor_that_shows_no_torque_proves_nothing(bench):
+    arm = bench(CUBEMARS, [PROVE])
+    arm.robot.configure()
+    nodes(arm)[2]._drive = lambda: None
+    with pytest.raises(DeviceError, match=r"joint 3 \(motor 3\) shows no torque"):
+        arm.robot.activate()
+
+
+@pytest.mark.parametrize("ask_with", ["exit", "enter"])
+def test_a_timeout_that_bites_is_proven_and_leaves_no_torque(bench, ask_with):
+    arm = bench(CUBEMARS, [PROVE, ("driver: mit_bus", f"driver: mit_bus\n    ask_with: {ask_with}")]).start()
+    assert arm.tick().torque_status is Status.OK
+    assert np.abs(arm.drive_torque_nm).max() < 0.02
+    arm.ticks(3, PUSH_NM)
+    np.testing.assert_allclose(arm.drive_torque_nm, PUSH_NM, atol=50 / 4095)
+
+
+def test_an_answer_with_another_motor_s_id_inside_is_no_position(bench):
+    arm = bench(CUBEMARS).start()
+    section = arm.arm.robot_file.buses["motors"].settings
+    before = arm.tick().joint_position_rad
+    with can.Bus(interface="virtual", channel=section["channel"], preserve_timestamps=True) as stranger:
+        for own, inside in ((1, 2), (2, 1), (3, 9)):
+            answer = bytes((inside, 0x12, 0x34, 0, 0, 0, 0, 0))
+            stranger.send(can.Message(arbitration_id=own, data=answer, is_extended_id=False))
+    assert arm.tick().joint_position_rad == pytest.approx(before, abs=0.02)
 
 
 def test_a_motor_that_is_not_there_is_named(bench):
@@ -169,6 +211,7 @@ def test_a_position_at_the_end_of_the_wire_s_range_is_marked(bench):
         ("model: AK60-6", "model: AK60-7", "AK60-6"),
         ("motor_id: 2", "motor_id: 1", "not all different"),
         ("motor_id: 2", "motor_id: 0", "motor_id"),
+        ("check_watchdog: false", "", "check_watchdog"),
     ],
 )
 def test_a_wrong_robot_file_is_refused(old, new, problem):

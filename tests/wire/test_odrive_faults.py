@@ -48,6 +48,60 @@ def test_another_firmware_than_stated_is_refused(bench):
         arm.robot.configure()
 
 
+def test_a_newer_axis_than_stated_is_named(bench):
+    arm = bench(changes=V0_5)
+    for node in nodes(arm):
+        node._firmware = "0.6"
+    with pytest.raises(
+        DeviceError, match=r"joint 1 \(node 0\): has firmware 0\.6\.10, the robot file says 0\.5"
+    ):
+        arm.robot.configure()
+
+
+@pytest.mark.parametrize(
+    ("changes", "remedy"), [((), "torques_msg_rate_ms = 1"), (V0_5, "iq_rate_ms = 1")], ids=["0.6", "0.5"]
+)
+def test_an_axis_as_delivered_sends_no_torques_and_is_told_what_to_set(bench, changes, remedy):
+    arm = bench(changes=changes)
+    bus = arm.robot.buses["motors"]
+    nodes(arm)[1]._torque = lambda: None
+    with pytest.raises(DeviceError, match=rf"joint 2 \(node 1\): sends no torques; set .*{remedy}"):
+        bus.configure()
+    seen = [one.remedy for one in bus.examine() if "node 1" in one.subject]
+    assert remedy in seen[0]
+
+
+def test_an_axis_as_delivered_sends_too_rarely_and_is_told_what_to_set(bench):
+    arm = bench()
+    nodes(arm)[2]._cyclic_s = 0.01
+    with pytest.raises(
+        DeviceError, match=r"joint 3 \(node 2\): .* every 0.005 s; set .*encoder_msg_rate_ms = 1"
+    ):
+        arm.robot.configure()
+
+
+def test_torques_that_stop_name_their_joint(bench):
+    arm = bench().start()
+    nodes(arm)[1]._torque = lambda: None
+    assert arm.ticks_until(lambda m: bool(arm.problem), most=10) <= 7  # half of the age limit of 10 ms
+    assert "joint 2 (node 1): no torques for" in arm.problem
+    assert "node 0" not in arm.problem
+
+
+def test_a_velocity_limiter_that_cuts_torques_is_named(bench):
+    """As delivered: 2 rev/s and 1/6 N m s/rev leave 3 of 9 N m at a joint that stands."""
+    arm = bench().start()
+    arm.arm.plant.world.held = True
+    arm.ticks(10, (9.0, 1.0, 0.0))
+    assert not arm.problem
+    nodes(arm)[0].velocity_limiter = (2.0, 1 / 6)
+    arm.ticks(10, (9.0, 1.0, 0.0))
+    assert arm.drive_torque_nm[0] == pytest.approx(3.0, abs=0.2)
+    assert "joint 1 (node 0): exerts 0.3" in arm.problem
+    assert "enable_torque_mode_vel_limit = False" in arm.problem
+    assert "node 1" not in arm.problem
+
+
 @pytest.mark.parametrize("watchdog_s", [None, 5.0])
 def test_a_watchdog_that_does_not_bite_is_refused(bench, watchdog_s):
     arm = bench()
@@ -268,11 +322,3 @@ def test_an_adapter_that_is_not_there_is_one_line(bench):
         with pytest.raises(DeviceError, match="cannot be opened"):
             line.open()
     assert settings.driver == "odrive_bus"
-
-
-def test_the_doctor_warns_of_slcan(bench):
-    arm = bench()
-    arm.robot.configure()
-    bus = arm.robot.buses["motors"]
-    bus.line._settings = bus.line._settings.model_copy(update={"interface": "slcan"})
-    assert "slcand" in " ".join(seen.remedy for seen in bus.examine())

@@ -163,6 +163,20 @@ def test_a_unit_that_is_no_force_is_refused(bench):
         arm.robot.configure()
 
 
+@pytest.mark.parametrize(("answer", "refused"), [("A", False), ("Tared", False), ("?", True)])
+def test_zeroing_is_confirmed_or_refused(bench, answer, refused):
+    """Interfaces differ in how they say yes; a no was once taken for a yes, and a plain yes for silence."""
+    arm = bench(ODRIVE, [("capacity_n: 100.0}", "capacity_n: 100.0, tare: true}")])
+    sensor = arm.arm.wires["load_cell"]._sensor
+    hear = sensor.hear
+    sensor.hear = lambda data, now_s: f"{answer}\r\n".encode() if data == b"CT0\r" else hear(data, now_s)
+    if refused:
+        with pytest.raises(DeviceError, match="does not know CT0"):
+            arm.robot.configure()
+    else:
+        arm.robot.configure()
+
+
 def test_a_port_where_nobody_answers_is_one_line(bench):
     arm = bench(ODRIVE)
     arm.arm.wires["load_cell"]._sensor.hear = lambda data, now_s: b""

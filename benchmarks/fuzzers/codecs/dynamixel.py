@@ -1,7 +1,7 @@
 """Fuzzers of the Dynamixel codec: one packet, a stream of them, and the fast sync read's common answer.
 
-What is accepted must carry a right checksum by the emulator's arithmetic, which shares no code with the
-codec.
+What is accepted is encoded again by the emulator, which shares no code with the codec: these bytes, stuffed,
+with length and checksum, must be those that came.
 """
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..fuzzer import Fuzzer
 
 _IDS, _SIZE = (1, 2, 3), 13
 _TRICKY = np.array([0xFF, 0xFF, 0xFD, 0xFD, 0x00, 0x55, 0xFE, 0x01], dtype=np.uint8)
+_INSTRUCTION = 7  # its place in a packet
 
 
 def _data(rng: np.random.Generator, size: int) -> bytes:
@@ -22,11 +23,19 @@ def _data(rng: np.random.Generator, size: int) -> bytes:
 
 
 def _status(rng: np.random.Generator) -> bytes:
-    return wire.status(int(rng.integers(253)), int(rng.integers(256)), _data(rng, int(rng.integers(17))))
+    """A status packet, or now and then one that is an instruction, such as the echo of what was sent."""
+    packet = wire.status(int(rng.integers(253)), int(rng.integers(256)), _data(rng, int(rng.integers(17))))
+    if rng.random() < 0.9:
+        return packet
+    body = packet[:_INSTRUCTION] + bytes((int(rng.integers(0x10)),)) + packet[_INSTRUCTION + 1 : -2]
+    return body + wire.checksum(body).to_bytes(2, "little")
 
 
-def _checksum_is_wrong(packet: bytes) -> bool:
-    return wire.checksum(packet[:-2]) != packet[-2] + 256 * packet[-1]
+def _again(accepted: object) -> bytes:
+    """The packet that an accepted one must have been; nothing starts with what is no packet."""
+    if not isinstance(accepted, StatusPacket) or not 0 <= accepted.servo_id < 253:
+        return b"no packet"
+    return wire.status(accepted.servo_id, accepted.error, accepted.data)
 
 
 class DynamixelPacketFuzzer(Fuzzer):
@@ -44,7 +53,7 @@ class DynamixelPacketFuzzer(Fuzzer):
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
         """See `Fuzzer.is_wrong`."""
-        return _checksum_is_wrong(data)
+        return _again(accepted) != data
 
 
 class DynamixelStreamFuzzer(Fuzzer):
@@ -66,22 +75,12 @@ class DynamixelStreamFuzzer(Fuzzer):
         return list(self._reader.feed(data))
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
-        """Whether no packet of that servo with a right checksum is in the stream."""
-        stream = self._recent
-        start = stream.find(b"\xff\xff\xfd\x00")
-        while start >= 0:
-            head = stream[start : start + 7]
-            end = start + 7 + head[5] + 256 * head[6] if len(head) == 7 else 0
-            packet = stream[start:end]
-            mine = isinstance(accepted, StatusPacket) and len(packet) > 10 and packet[4] == accepted.servo_id
-            if mine and end <= len(stream) and not _checksum_is_wrong(packet):
-                return False
-            start = stream.find(b"\xff\xff\xfd\x00", start + 1)
-        return True
+        """Whether its bytes are not in the stream."""
+        return _again(accepted) not in self._recent
 
 
 class DynamixelFastReplyFuzzer(Fuzzer):
-    """`FastReply.decode`, for three servos."""
+    """`FastReply.decode`, for three servos; its parts are one value, as they are one packet."""
 
     name = "dynamixel_fast_reply"
 
@@ -89,13 +88,15 @@ class DynamixelFastReplyFuzzer(Fuzzer):
         self._reply = FastReply(_IDS, _SIZE)
 
     def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
-        return wire.fast_status([(i, int(rng.integers(256)), _data(rng, _SIZE)) for i in _IDS], len(_IDS))
+        """See `Fuzzer.frame`; now and then servos answer in another order."""
+        ids = rng.permutation(_IDS).tolist() if rng.random() < 0.1 else _IDS
+        return wire.fast_status([(i, int(rng.integers(256)), _data(rng, _SIZE)) for i in ids], len(ids))
 
     def decode(self, data: bytes) -> list[object]:
         """See `Fuzzer.decode`."""
-        return list(self._reply.decode(data))
+        return [self._reply.decode(data)]
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
         """See `Fuzzer.is_wrong`."""
-        return _checksum_is_wrong(data) or not isinstance(accepted, StatusPacket)
+        parts = [(part.servo_id, part.error, part.data) for part in accepted]  # type: ignore[attr-defined]
+        return [servo_id for servo_id, _, _ in parts] != list(_IDS) or wire.fast_status(parts, 3) != data

@@ -1,4 +1,4 @@
-"""MIT-mode motors. CAN's own checksum is in the adapter; here lengths and ranges must hold."""
+"""MIT-mode motors. CAN's checksum is in the adapter; what is accepted must be packed to the same bits."""
 
 from typing import ClassVar
 
@@ -11,6 +11,11 @@ from robot_io.drivers.mit.protocol import MIT_MODELS
 from ..fuzzer import Fuzzer
 
 _RANGES = MIT_MODELS["AK70-10"]
+_FIELDS = (
+    (12.5, 16),
+    (50.0, 12),
+    (25.0, 12),
+)  # of position, velocity and torque: range and bits, by the manual
 
 
 class MitFuzzer(Fuzzer):
@@ -20,19 +25,22 @@ class MitFuzzer(Fuzzer):
 
     def frame(self, rng: np.random.Generator) -> bytes:
         """See `Fuzzer.frame`."""
-        return b"\x01" + rng.bytes(7)
+        return b"\x01" + rng.bytes(5 if rng.random() < 0.3 else 7)
 
     def decode(self, data: bytes) -> list[object]:
         """See `Fuzzer.decode`."""
         return [mit.decode_state(CanFrame(0, data), _RANGES)]
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
-        """See `Fuzzer.is_wrong`."""
-        state = accepted
-        return (
-            len(data) not in (6, 8)
-            or not isinstance(state, mit.MitState)
-            or not abs(state.position_rad) <= 12.5 + 1e-9
-            or not abs(state.velocity_rad_s) <= 50.0 + 1e-9
-            or not abs(state.torque_nm) <= 25.0 + 1e-9
-        )
+        """See `Fuzzer.is_wrong`: written bit by bit, each number must stand where it came from."""
+        if not isinstance(accepted, mit.MitState) or len(data) not in (6, 8):
+            return True
+        bits = f"{accepted.motor_id:08b}"
+        values = (accepted.position_rad, accepted.velocity_rad_s, accepted.torque_nm)
+        for value, (limit, count) in zip(values, _FIELDS, strict=True):
+            number = round((value + limit) / (2.0 * limit) * (2**count - 1))
+            bits += f"{number:0{count}b}" if 0 <= number < 2**count else "beyond"
+        came = "".join(f"{byte:08b}" for byte in data)
+        error = int(came[56:], 2) if len(data) == 8 else 0
+        at_end = any(len(set(field)) == 1 for field in (came[8:24], came[24:36]))
+        return bits != came[:48] or accepted.error != error or accepted.at_range_end != at_end

@@ -1,6 +1,7 @@
-"""A CAN adapter through python-can: opened, drained without waiting, and its failures told apart.
+"""A CAN adapter: opened, drained without waiting, and its failures told apart.
 
-python-can's `Notifier` is not used: its thread ends silently at the first error.
+It is one of python-can's, except for slcan. python-can's `Notifier` is not used: its thread ends silently at
+the first error.
 """
 
 import fcntl
@@ -16,11 +17,13 @@ import can
 from pydantic import Field
 
 from robot_io.clock import Clock
+from robot_io.drivers.can.slcan import SlcanBus
 from robot_io.errors import DeviceError, ProtocolError
 from robot_io.files.file_model import FileModel, matching
 
 BUS_OFF = 0x040  # error classes in the id of an error frame: linux/can/error.h
 RESTARTED = 0x100
+SLCAN = "slcan"
 _MOST_FRAMES = 1000  # taken in one go; a node that babbles does not hold up the loop
 
 
@@ -52,7 +55,7 @@ class Timestamps(StrEnum):
 class CanLineSettings(FileModel):
     """Which adapter, and how it is opened."""
 
-    # A python-can interface: socketcan, slcan, pcan, virtual, udp_multicast .
+    # slcan, or a python-can interface: socketcan, pcan, virtual, udp_multicast .
     interface: Annotated[str, matching(r"[a-z0-9_]{1,32}", "1 to 32 small letters, digits or _")]
     channel: str | int  # what the interface calls its channel: can0, /dev/ttyACM0, PCAN_USBBUS1
     # Bits a second, for adapters that set it themselves; None leaves it alone.
@@ -86,7 +89,7 @@ class CanLine:
     def __init__(self, settings: CanLineSettings, clock: Clock) -> None:
         self._settings = settings
         self._clock = clock
-        self._bus: can.BusABC | None = None
+        self._bus: can.BusABC | SlcanBus | None = None
         self._lock: PortLock | None = None
         self._drained_s = -float("inf")
         self.counts: Counter[str] = Counter()
@@ -112,11 +115,18 @@ class CanLine:
 
         DeviceError: there is no such adapter, it cannot be opened, or its port is in use.
         """
-        lock = PortLock(self._settings.channel)
+        own = self._settings
+        lock = None if own.interface == SLCAN else PortLock(own.channel)
         try:
-            self._bus = can.Bus(**self._settings.arguments())
+            if lock is None:
+                self._bus = SlcanBus(str(own.channel), own.bitrate, self._clock, **own.options)
+            else:
+                self._bus = can.Bus(**own.arguments())
+        except DeviceError as error:
+            raise DeviceError(f"{self.label}: {error}") from error
         except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
-            lock.release()
+            if lock is not None:
+                lock.release()
             raise DeviceError(f"{self.label}: cannot be opened ({error})") from error
         self._lock = lock
         self._drained_s = self._clock.now_s()
@@ -174,7 +184,11 @@ class CanLine:
         frames: list[tuple[CanFrame, float]] = []
         emptied = False
         for _ in range(_MOST_FRAMES):
-            message = self._receive(bus)
+            try:
+                message = self._receive(bus)
+            except ProtocolError:
+                self.counts["damaged"] += 1
+                continue
             if message is None:
                 emptied = True
                 break
@@ -193,14 +207,14 @@ class CanLine:
             self._drained_s = frames[-1][1]
         return frames
 
-    def _opened(self) -> can.BusABC:
+    def _opened(self) -> can.BusABC | SlcanBus:
         if self._bus is None:
             raise DeviceError(f"{self.label}: not open")
         return self._bus
 
     def _clock_minus_stamps_s(self) -> float | None:
         """What to add to a time stamp to get the robot's time [s], or None if that is not known."""
-        match self._settings.timestamps:
+        match Timestamps.NONE if self.interface == SLCAN else self._settings.timestamps:
             case Timestamps.ROBOT:
                 return 0.0
             case Timestamps.WALL:
@@ -208,14 +222,13 @@ class CanLine:
             case Timestamps.NONE:
                 return None
 
-    def _receive(self, bus: can.BusABC) -> can.Message | None:
+    def _receive(self, bus: can.BusABC | SlcanBus) -> can.Message | None:
         try:
             return bus.recv(timeout=0.0)
         except (can.CanError, OSError) as error:
             raise DeviceError(f"{self.label}: cannot receive ({error})") from error
-        except (ValueError, IndexError, KeyError, TypeError):  # an interface met bytes that are no frame
-            self.counts["damaged"] += 1
-            return None
+        except (ValueError, IndexError, KeyError, TypeError) as error:
+            raise ProtocolError(f"{self.label}: bytes that are no frame") from error
 
     def _accept(self, message: can.Message) -> CanFrame | None:
         if message.is_error_frame:

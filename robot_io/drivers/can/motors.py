@@ -67,7 +67,7 @@ class MotorBus(Bus, Examinable):
             raise input_error(context.robot_file.document, context.section, problem)
         self._clock = context.clock
         self._mountings = tuple(mountings)
-        self._silent_s = _SILENT_SHARE * context.robot_file.limits.encoder_age_s
+        self._limits = context.robot_file.limits
         self.line = CanLine(line, context.clock)
         n = len(mountings)
         self._position_rad, self._velocity_rad_s, self._torque_nm = ([float("nan")] * n for _ in range(3))
@@ -120,6 +120,10 @@ class MotorBus(Bus, Examinable):
     def _fault(self, joint: int, now_s: float) -> str:
         """What the motor of `joint` says is wrong with it, or nothing."""
 
+    def _doubt(self, joint: int) -> str:
+        """What is odd about the motor of `joint`, or nothing: no fault, but a hint where there is one."""
+        return ""
+
     @abstractmethod
     def _report(self) -> list[Observation]:
         """What the motors say of themselves, asked for if need be, with the torque off."""
@@ -128,14 +132,11 @@ class MotorBus(Bus, Examinable):
 
     def examine(self) -> tuple[Observation, ...]:
         observations = self._report()
-        if self.line.interface == "slcan":
-            value = "python-can's slcan stamps frames late and does not recover from damaged bytes"
-            observations.append(warn(self.line.label, value, "attach it with slcand, and use socketcan"))
         if foreign := self.line.counts["foreign id"]:
             value = f"{foreign} frames from ids that are not in the robot file"
             observations.append(warn(self.line.label, value, "correct the ids, or take the others off"))
-        if damaged := self.line.counts["error frame"] + self.line.counts["not valid"]:
-            value = f"{damaged} error frames or frames of a wrong length"
+        if damaged := sum(self.line.counts[kind] for kind in ("error frame", "not valid", "damaged")):
+            value = f"{damaged} error frames, damaged ones or such of a wrong length"
             remedy = "check bit rate, both terminators (120 ohm each) and ground"
             observations.append(fail(self.line.label, value, remedy))
         return tuple(observations)
@@ -157,14 +158,11 @@ class MotorBus(Bus, Examinable):
         self._drain(deadline_s)
         faults = [self._fault(joint, now_s) for joint in range(self.joint_count)]
         self._publish(faults)
-        silences = [
-            self._silence(joint, now_s) if now_s - at_s > self._silent_s else ""
-            for joint, at_s in enumerate(self._motion_at_s)
+        troubles = [
+            fault or self._silence(joint, now_s) or self._doubt(joint) for joint, fault in enumerate(faults)
         ]
         problems = [
-            f"{self.motor_label(joint)}: {fault or silence}"
-            for joint, (fault, silence) in enumerate(zip(faults, silences, strict=True))
-            if fault or silence
+            f"{self.motor_label(joint)}: {trouble}" for joint, trouble in enumerate(troubles) if trouble
         ]
         if problems:
             kind = DeviceError if any(faults) else DeviceTimeoutError
@@ -193,8 +191,13 @@ class MotorBus(Bus, Examinable):
                     self._last_problem[joint] = str(error)
 
     def _silence(self, joint: int, now_s: float) -> str:
-        age_s = now_s - self._motion_at_s[joint]
-        since = "has not been heard yet" if age_s == inf else f"nothing valid for {age_s * 1e3:.1f} ms"
+        """What has not come from the motor of `joint` for half of its age limit, or nothing."""
+        limits, what, age_s = self._limits, "nothing valid", now_s - self._motion_at_s[joint]
+        if age_s <= _SILENT_SHARE * limits.encoder_age_s:
+            what, age_s = "no torques", now_s - self._torque_at_s[joint]
+            if age_s <= _SILENT_SHARE * limits.torque_age_s:
+                return ""
+        since = "has not been heard yet" if age_s == inf else f"{what} for {age_s * 1e3:.1f} ms"
         last = self._last_problem[joint]
         return f"{since}; last was: {last}" if last else since
 

@@ -6,7 +6,7 @@ indirect addresses and shows zeros, so its watchdog differs from the one that wa
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from typing import Final, NamedTuple
@@ -115,9 +115,7 @@ class FeedbackReader:
             )
             for size in sizes
         }
-        self._by_length: dict[bytes, tuple[int, _Request | None]] = {
-            request.reply.length: (size, request) for size, request in self._requests.items()
-        }
+        self._by_length = {request.reply.length: request for request in self._requests.values()}
         self._in_turn = list(self._requests.values())  # the first one is next
         self._buffer = b""  # of fast answers
         self._packets = StatusReader(_LARGEST_ANSWER)
@@ -172,8 +170,7 @@ class FeedbackReader:
     def _newest(self, data: bytes) -> tuple[list[Feedback], float] | None:
         """The last complete answer that ends in `data`, and when it was asked for [s]."""
         newest = None
-        for size, packets in self._fast_answers(data) if self._fast else self._answers(data):
-            request = self._requests[size]
+        for request, packets in self._fast_answers(data) if self._fast else self._answers(data):
             if request.asked_at_s is None:
                 continue  # a second answer
             try:
@@ -189,43 +186,54 @@ class FeedbackReader:
             if request.asked_at_s is not None and request.asked_at_s <= asked_at_s:
                 request.asked_at_s = None
 
-    def _fast_answers(self, data: bytes) -> list[tuple[int, list[StatusPacket]]]:
+    def _oldest_open(self, servo_id: int | None = None) -> _Request | None:
+        """The first request that is not answered, by this servo if one is given.
+
+        An answer whose length says nothing, damaged or a refusal, belongs to this one or a later one.
+        """
+        still_open = [
+            (request.asked_at_s, size)
+            for size, request in self._requests.items()
+            if request.asked_at_s is not None and servo_id not in request.answers
+        ]
+        return self._requests[min(still_open)[1]] if still_open else None
+
+    def _fast_answers(self, data: bytes) -> Iterator[tuple[_Request, list[StatusPacket]]]:
         self._buffer = buffer = self._buffer + data
-        found, place, incomplete = [], 0, -1
+        place, incomplete = 0, -1
         while (start := buffer.find(protocol.FAST_HEADER, place)) >= 0:
             place = start + 1
-            size, request = self._by_length.get(buffer[start + 5 : start + 7], (0, None))
+            request = self._by_length.get(buffer[start + 5 : start + 7])
             if len(buffer) >= start + 7 and request is None:
                 continue
             if request is None or start + request.reply.size > len(buffer):
                 incomplete = start if incomplete < 0 else incomplete
                 continue
+            end = start + request.reply.size
             try:
-                found.append((size, request.reply.decode(buffer[start : start + request.reply.size])))
-                place, incomplete = start + request.reply.size, -1
+                packets = request.reply.decode(buffer[start:end])
             except ProtocolError as error:
-                end = start + request.reply.size
-                if (
-                    buffer.find(protocol.FAST_HEADER, place, end) < 0
-                ):  # else it was broken off by the next one
-                    self._problem, request.asked_at_s = str(error), None
+                if buffer.find(protocol.FAST_HEADER, place, end) < 0:  # else the next one broke it off
+                    self._problem = str(error)
+                    damaged = self._oldest_open()  # its length may be what was damaged
+                    if damaged is not None:
+                        damaged.asked_at_s = None
+                continue
+            yield request, packets
+            place, incomplete = end, -1
         if incomplete < 0:
             incomplete = max(place, len(buffer) - len(protocol.FAST_HEADER) + 1)
         self._buffer = buffer[incomplete:]
-        return found
 
-    def _answers(self, data: bytes) -> list[tuple[int, list[StatusPacket]]]:
-        found = []
+    def _answers(self, data: bytes) -> Iterator[tuple[_Request, list[StatusPacket]]]:
         for packet in self._packets.feed(data):
-            size = len(packet.data)
-            if packet.refusal is not None:  # of what was asked last
-                size = max(self._requests, key=lambda size: self._requests[size].asked_at_s or 0.0)
-            request = self._requests.get(size)
+            request = self._requests.get(len(packet.data))
+            if packet.refusal is not None:
+                request = self._oldest_open(packet.servo_id)
             if request is not None and packet.servo_id in self._ids:
                 request.answers[packet.servo_id] = packet
                 if len(request.answers) == len(self._ids):
-                    found.append((size, [request.answers[servo_id] for servo_id in self._ids]))
-        return found
+                    yield request, [request.answers[servo_id] for servo_id in self._ids]
 
     def _silence(self, asked: _Request) -> str:
         if self._fast:

@@ -33,6 +33,7 @@ class RegisterAccess:
     def __init__(self, port: SerialPort, clock: Clock) -> None:
         self._port = port
         self._clock = clock
+        self._alert = False  # of the last value that was read
 
     def ping(self, servo_id: int) -> tuple[int, int]:
         """Model number and firmware version.
@@ -51,6 +52,7 @@ class RegisterAccess:
         request = protocol.read(servo_id, register.address, register.size)
         packet = self._ask(servo_id, request, register.size)
         self._check(packet, f"reading {register.name}")
+        self._alert = packet.alert
         return register.decode(packet.data)
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
@@ -87,7 +89,10 @@ class RegisterAccess:
     def _confirm(self, servo_id: int, register: Register, value: int) -> None:
         found = self.read(servo_id, register)
         if found != value:
-            raise DeviceError(f"servo {servo_id}: {register.name} is {found} after it was set to {value}")
+            why = self._hardware_error(servo_id) if self._alert else ""
+            raise DeviceError(
+                f"servo {servo_id}: {register.name} is {found} after it was set to {value}{why}"
+            )
 
     def _ask(self, servo_id: int, request: bytes, size: int) -> StatusPacket:
         self._port.read_all()
@@ -108,14 +113,14 @@ class RegisterAccess:
             return
         problem = f"servo {packet.servo_id}: {what}: {packet.refusal}"
         if packet.alert:
-            found = self._ask(
-                packet.servo_id,
-                protocol.read(packet.servo_id, HARDWARE_ERROR_STATUS.address, HARDWARE_ERROR_STATUS.size),
-                HARDWARE_ERROR_STATUS.size,
-            )
-            names = hardware_error_names(HARDWARE_ERROR_STATUS.decode(found.data))
-            problem += f" (hardware error: {names}; it must be rebooted)"
+            problem += self._hardware_error(packet.servo_id)
         raise DeviceError(problem)
+
+    def _hardware_error(self, servo_id: int) -> str:
+        register = HARDWARE_ERROR_STATUS
+        found = self._ask(servo_id, protocol.read(servo_id, register.address, register.size), register.size)
+        names = hardware_error_names(register.decode(found.data))
+        return f" (hardware error: {names}; it must be rebooted)"
 
 
 _SWITCH_OFF_ATTEMPTS = 3
@@ -189,6 +194,7 @@ class ServoLine:
                 f"servo {servo.id} has firmware {firmware}: update it, there is no bus watchdog before "
                 f"{WATCHDOG_FIRMWARE}"
             )
+        self._registers.insist(servo.id, tables.STATUS_RETURN_LEVEL, tables.ANSWER_EVERYTHING)
         read = self._registers.read
         trouble = tables.drive_mode_trouble(read(servo.id, tables.DRIVE_MODE))
         if trouble:
@@ -221,7 +227,6 @@ class ServoLine:
         addresses = b"".join(address.to_bytes(2, "little") for address in block_addresses())
         for servo_id in self._ids:
             settle = self._registers.settle
-            self._registers.insist(servo_id, tables.STATUS_RETURN_LEVEL, tables.ANSWER_EVERYTHING)
             settle(servo_id, tables.TORQUE_ENABLE, 0)
             settle(servo_id, tables.RETURN_DELAY_TIME, self._settings.return_delay, keeps=True)
             what = "gathering its feedback"

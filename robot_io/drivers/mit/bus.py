@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from math import inf
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, StrictBool, model_validator
 
 from robot_io.driver import DriverContext
 from robot_io.drivers.can.line import CanFrame, CanLineSettings
@@ -61,6 +61,9 @@ class MitBusSettings(CanLineSettings):
     # neither set nor read it. Without commands for so long the host sends zero torque as well, for a motor
     # can only be read by commanding it.
     watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
+    # Whether to prove that at each activation: every motor gets 1 % of its torque, and must have let go
+    # after a silence. What rubs less than that moves. There is no default: false says that it was tried out.
+    check_watchdog: StrictBool
     # What makes a motor without torque say its state: "exit" keeps it off, as in the firmware that the
     # protocol comes from, which answers every frame; "enter" is what the AK manual names for motors that are
     # deaf to commands outside of motor mode, and zero torque and "exit" follow it.
@@ -76,6 +79,9 @@ class MitBusSettings(CanLineSettings):
 
 _ANSWER_S = 0.05  # more than any motor takes
 _ENCODER_FAULT = 5
+_TRIAL_SHARE = 0.01  # of a motor's torque range
+_TRIAL_S = 0.01  # until it is exerted
+_LATEST_WATCHDOG = 1.5  # times its time: it has fired by then
 
 
 class MitBus(MotorBus):
@@ -127,8 +133,12 @@ class MitBus(MotorBus):
             elif error:
                 observations.append(fail(label, mit_error_name(error), "remove the cause, then restart it"))
             else:
-                value = f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model, "
-                observations.append(Observation(label, f"{value}the robot file says {motor.model}"))
+                proven = "proven at activation" if self._own.check_watchdog else "stated, not proven"
+                value = (
+                    f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model, the robot "
+                )
+                value += f"file says {motor.model}; CAN timeout {self._own.watchdog_s:g} s, {proven}"
+                observations.append(Observation(label, value))
         return observations
 
     def tick_wire_s(self) -> float | None:
@@ -144,8 +154,48 @@ class MitBus(MotorBus):
                 f"{self.motor_label(joint)}: {mit_error_name(self._errors[joint])}" for joint in wrong
             )
             raise DeviceError(f"{self.line.label}: {'; '.join(problems)}")
+        if self._own.check_watchdog:
+            self._check_watchdogs()
+            self._send_confirmed(frames, "motor mode is not confirmed by")
         self._powered = True
         self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
+
+    def _check_watchdogs(self) -> None:
+        """Let every motor exert a little, and say nothing for longer than it may go on with that.
+
+        Asked by the frame that enters motor mode, for a motor may have left it.
+
+        DeviceError: a motor goes on, or shows no torque at all.
+        """
+        trial_nm = [
+            _TRIAL_SHARE * ranges.torque_nm * abs(motor.signed_ratio)
+            for ranges, motor in zip(self._ranges, self._motors, strict=True)
+        ]
+        trial = [self._encode_torque(joint, torque_nm)[0] for joint, torque_nm in enumerate(trial_nm)]
+        silence_s = _LATEST_WATCHDOG * self._own.watchdog_s
+        self._exerting(trial, trial_nm)
+        self._clock.sleep_until(self._clock.now_s() + _TRIAL_S)
+        exerting = self._exerting(trial, trial_nm)
+        self._clock.sleep_until(self._clock.now_s() + silence_s)
+        going_on = self._exerting(self._to_every_motor(mit.ENTER_MOTOR_MODE), trial_nm)
+        if not all(exerting):
+            idle = self.motor_label(exerting.index(False))
+            raise DeviceError(f"{self.line.label}: {idle} shows no torque when told to exert some")
+        if any(going_on):
+            alive = ", ".join(self.motor_label(joint) for joint, on in enumerate(going_on) if on)
+            raise DeviceError(
+                f"{self.line.label}: {alive} still exerts torque after {silence_s:.2g} s without commands; "
+                f"set the CAN timeout to {self._own.watchdog_s:g} s in the motor"
+            )
+
+    def _exerting(self, frames: list[CanFrame], trial_nm: list[float]) -> list[bool]:
+        """Whether the answers to `frames`, one to each motor, show at least half of torques (n) [N m]."""
+        self._answers = [0] * self.joint_count
+        self._send_all(frames)
+        if not self._wait_for(lambda: all(self._answers), _ANSWER_S):
+            silent = self.motor_label(self._answers.index(0))
+            raise DeviceError(f"{self.line.label}: no answer in {_ANSWER_S} s from {silent}")
+        return [torque >= 0.5 * trial for torque, trial in zip(self._torque_nm, trial_nm, strict=True)]
 
     def power_off(self) -> None:
         """See `MotorBus.power_off`; each motor must answer, be it on or off already and deaf to commands."""

@@ -14,9 +14,12 @@ from robot_io.drivers.can.line import CanFrame
 from robot_io.drivers.can.motors import MotorBus, MotorEncoder, MotorTorque
 from robot_io.drivers.odrive import protocol as odrive
 from robot_io.drivers.odrive.protocol import (
+    CYCLIC_RATES,
+    LIMITER,
     PASSTHROUGH,
     TORQUE_CONTROL,
     UNDERVOLTAGE_V,
+    VELOCITY_LIMIT,
     WATCHDOG_EXPIRED,
     AxisState,
     Firmware,
@@ -28,6 +31,7 @@ from robot_io.drivers.odrive.settings import OdriveAxis, OdriveBusSettings
 from robot_io.errors import DeviceError
 from robot_io.examination import Observation, fail, warn
 
+_OBEYED_SHARE, _CLEAR_SHARE, _SHORT_SAMPLES = 0.8, 0.02, 5  # of what was sent, of the most; in a row
 _LOST_HEARTBEATS = 3.5  # heartbeat periods without one: it is lost
 _ENCODER_ERRORS = {"ENCODER_FAILED", "MISSING_ESTIMATE", "SPINOUT_DETECTED", "UNKNOWN_POSITION"}
 
@@ -53,6 +57,8 @@ class OdriveBus(MotorBus):
         self._supply_v: dict[int, float] = {}
         self._answered_at_s = [-inf] * len(own.axes)
         self._versions: dict[int, tuple[int, int, int]] = {}
+        self._sent_nm, self._expected_nm = [0.0] * len(own.axes), [0.0] * len(own.axes)  # at the motors
+        self._short_nm, self._short_count = [0.0] * len(own.axes), [0] * len(own.axes)
 
     def motor_label(self, joint: int) -> str:
         return f"joint {joint + 1} (node {self._axes[joint].node_id})"
@@ -64,34 +70,44 @@ class OdriveBus(MotorBus):
         """
         self.line.open()
         self._send_all(self._to_every_axis(AxisState.IDLE))
-        if self._own.firmware is Firmware.V0_6:
-            self._send_all([odrive.ask(axis.node_id, OdriveCommand.GET_VERSION) for axis in self._axes])
+        self._send_all([odrive.ask(axis.node_id, OdriveCommand.GET_VERSION) for axis in self._axes])
         self._wait_for(self._all_heard, self._heartbeat_timeout_s)
         for joint, axis in enumerate(self._axes):
             self._check_heard(joint, axis)
         ask = [odrive.ask(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
         self._measure_latency(lambda: self._send_all(ask), self._answered_at_s)
+        for joint in range(self.joint_count):
+            self._check_rate(joint, self._motion_at_s, self._limits.encoder_age_s, "encoder")
+            self._check_rate(joint, self._torque_at_s, self._limits.torque_age_s, "torque")
 
     def _report(self) -> list[Observation]:
         self._heartbeats = [None] * self.joint_count
-        self._motion_at_s = [-inf] * self.joint_count
-        asked = [OdriveCommand.BUS_VOLTAGE_CURRENT]
-        if self._own.firmware is Firmware.V0_6:
-            asked.append(OdriveCommand.GET_VERSION)
+        self._motion_at_s, self._torque_at_s = [-inf] * self.joint_count, [-inf] * self.joint_count
+        asked = [OdriveCommand.BUS_VOLTAGE_CURRENT, OdriveCommand.GET_VERSION]
         self._send_all([odrive.ask(axis.node_id, command) for axis in self._axes for command in asked])
         self._wait_for(
             lambda: self._all_heard() and len(self._supply_v) == self.joint_count, self._heartbeat_timeout_s
         )
-        return [self._observe(joint) for joint in range(self.joint_count)]
+        fastest_rev_s = max(
+            speed * axis.gear_ratio / tau
+            for speed, axis in zip(self._limits.velocity_rad_s, self._axes, strict=True)
+        )
+        unseen = f"{LIMITER} = False, {VELOCITY_LIMIT} = {fastest_rev_s:.1f} or more, and the current limit"
+        return [
+            *(self._observe(joint) for joint in range(self.joint_count)),
+            Observation("set over USB", f"CAN cannot read whether each axis has {unseen}"),
+        ]
 
     def _observe(self, joint: int) -> Observation:
         label, beat, supply_v = self.motor_label(joint), self._heartbeats[joint], self._supply_v.get(joint)
         if beat is None:
-            return fail(label, "sends no heartbeat", "check its power, cable, node id and bit rate")
+            remedy = f"check its power, cable, node id and bit rate; {self._rate_commands[0]}"
+            return fail(label, "sends no heartbeat", remedy)
         try:
             self._check_heard(joint, self._axes[joint])
         except DeviceError as error:
-            return fail(label, str(error).removeprefix(f"{self.line.label}: {label}: "), "set it up over USB")
+            said = str(error).removeprefix(f"{self.line.label}: {label}: ")
+            return fail(label, said, f"over USB: {'; '.join(self._rate_commands)}; then save_configuration()")
         version = self._versions.get(self._axes[joint].node_id)
         firmware = f"firmware {'.'.join(map(str, version))}" if version else f"firmware {self._own.firmware}"
         supply = "supply voltage not reported" if supply_v is None else f"{supply_v:.1f} V"
@@ -147,21 +163,44 @@ class OdriveBus(MotorBus):
 
     def _all_heard(self) -> bool:
         versions = self._own.firmware is Firmware.V0_5 or len(self._versions) == len(self._axes)
-        return versions and None not in self._heartbeats and -inf not in self._motion_at_s
+        moved, pulled = -inf not in self._motion_at_s, -inf not in self._torque_at_s
+        return versions and None not in self._heartbeats and moved and pulled
+
+    @property
+    def _rate_commands(self) -> tuple[str, ...]:
+        """What makes an axis send heartbeats, encoder estimates and torques as often as is needed."""
+        heartbeat_ms = round(1e3 * self._own.heartbeat_s)
+        names = CYCLIC_RATES[self._own.firmware]
+        return tuple(f"{name} = {ms}" for name, ms in zip(names, (heartbeat_ms, 1, 1), strict=True))
+
+    def _check_rate(self, joint: int, at_s: list[float], oldest_s: float, what: str) -> None:
+        """That something comes before it is too old, once in three times: the machine may be busy."""
+        for _ in range(3):
+            at_s[joint] = -inf
+            self._wait_for(lambda: at_s[joint] > -inf, self._heartbeat_timeout_s)
+            at_s[joint] = -inf
+            if self._wait_for(lambda: at_s[joint] > -inf, oldest_s):
+                return
+        raise DeviceError(
+            f"{self.line.label}: {self.motor_label(joint)}: does not send its {what} every {oldest_s:g} s; "
+            f"set {self._rate_commands[2 if what == 'torque' else 1]}"
+        )
 
     def _check_heard(self, joint: int, axis: OdriveAxis) -> None:
         place = f"{self.line.label}: {self.motor_label(joint)}"
         if self._heartbeats[joint] is None:
             raise DeviceError(f"{place}: no heartbeat in {self._heartbeat_timeout_s:.2g} s")
-        if self._motion_at_s[joint] == -inf:
-            raise DeviceError(f"{place}: sends no encoder estimates; set its cyclic message rates")
-        if self._own.firmware is Firmware.V0_5:
-            return
-        version = self._versions.get(axis.node_id)
-        if version is None:
+        version, stated = self._versions.get(axis.node_id), self._own.firmware
+        if version is None and stated is Firmware.V0_6:
             raise DeviceError(f"{place}: does not answer Get_Version, as firmware 0.6 would")
-        if version[:2] != (0, 6):
-            raise DeviceError(f"{place}: has firmware {'.'.join(map(str, version))}, the robot file says 0.6")
+        if version is not None and f"{version[0]}.{version[1]}" != stated:
+            found = ".".join(map(str, version))
+            raise DeviceError(f"{place}: has firmware {found}, the robot file says {stated}")
+        _, encoder, torque = self._rate_commands
+        if self._motion_at_s[joint] == -inf:
+            raise DeviceError(f"{place}: sends no encoder estimates; set {encoder}")
+        if self._torque_at_s[joint] == -inf:
+            raise DeviceError(f"{place}: sends no torques; set {torque}")
 
     def _arm(self) -> None:
         """Clear errors and go to closed-loop torque control at zero torque."""
@@ -246,6 +285,12 @@ class OdriveBus(MotorBus):
         return True
 
     def _keep_torque(self, joint: int, motor_torque_nm: float, at_s: float) -> None:
+        least_nm = min(abs(self._sent_nm[joint]), abs(self._expected_nm[joint]))
+        self._expected_nm[joint] = self._sent_nm[joint]
+        clear_nm = _CLEAR_SHARE * self._axes[joint].max_torque_nm
+        is_short = self._powered and abs(motor_torque_nm) < _OBEYED_SHARE * least_nm - clear_nm
+        self._short_count[joint] = self._short_count[joint] + 1 if is_short else 0
+        self._short_nm[joint] = motor_torque_nm
         self._torque_nm[joint] = motor_torque_nm * self._axes[joint].signed_ratio
         self._torque_at_s[joint] = at_s - self._latency_s[joint]
 
@@ -259,9 +304,17 @@ class OdriveBus(MotorBus):
     def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
         axis = self._axes[joint]
         motor_nm = min(max(torque_nm / axis.signed_ratio, -axis.max_torque_nm), axis.max_torque_nm)
-        return odrive.encode_input_torque(axis.node_id, motor_nm), odrive.as_sent(
-            motor_nm
-        ) * axis.signed_ratio
+        self._sent_nm[joint] = motor_nm
+        sent_nm = odrive.as_sent(motor_nm) * axis.signed_ratio
+        return odrive.encode_input_torque(axis.node_id, motor_nm), sent_nm
+
+    def _doubt(self, joint: int) -> str:
+        if self._short_count[joint] < _SHORT_SAMPLES:
+            return ""
+        return (
+            f"exerts {abs(self._short_nm[joint]):.2f} of {abs(self._sent_nm[joint]):.2f} N m at the motor; "
+            f"does something on it limit torques? As delivered, its velocity limiter does: {LIMITER} = False"
+        )
 
     def _fault(self, joint: int, now_s: float) -> str:
         beat = self._heartbeats[joint]

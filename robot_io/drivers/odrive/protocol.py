@@ -36,6 +36,18 @@ class OdriveCommand(IntEnum):
     TORQUES = 0x1C  # 0.6 only
 
 
+# Settings that only USB can reach, by their names in odrivetool: periods of heartbeat, encoder estimates and
+# torques (or currents), in ms, as shipped 100, 10 and 0 (none); and what cuts torques in torque mode, as
+# shipped to (2 rev/s - speed) * 0.17 N m s/rev.
+CYCLIC_RATES = {
+    Firmware.V0_5: tuple(f"odrv0.axis0.config.can.{name}_rate_ms" for name in ("heartbeat", "encoder", "iq")),
+    Firmware.V0_6: tuple(
+        f"odrv0.axis0.config.can.{name}_msg_rate_ms" for name in ("heartbeat", "encoder", "torques")
+    ),
+}
+LIMITER = "odrv0.axis0.controller.config.enable_torque_mode_vel_limit"
+VELOCITY_LIMIT = "vel_limit"
+
 # An axis as shipped does not run below (dc_bus_undervoltage_trip_level of fw-v0.5.6).
 UNDERVOLTAGE_V = 8.0
 

@@ -56,13 +56,22 @@ class SerialReader:
         stream: makes readings of bytes.
         clock: the robot's clock.
         capacity_n: of the sensor [N].
+        held_back_s: for how long the stream waits for what confirms a reading [s].
 
     Attributes:
         newest: the newest reading, None before the first.
         failure: why nothing can be read any more, or None.
     """
 
-    def __init__(self, file_descriptor: int, stream: Stream, clock: Clock, capacity_n: float) -> None:
+    def __init__(
+        self,
+        file_descriptor: int,
+        stream: Stream,
+        clock: Clock,
+        capacity_n: float,
+        held_back_s: float = 0.0,
+    ) -> None:
+        self._held_back_s = held_back_s
         self._file_descriptor, self._stream, self._clock = file_descriptor, stream, clock
         self._looked_s = clock.now_s()
         self._to_discard, self._discard_next = 0, _DISCARD
@@ -115,9 +124,10 @@ class SerialReader:
         if readable and not data:
             self.failure = "the port was unplugged"
             return
+        arrived_s = (now_s if now_s - before_s <= _PROMPT_S else before_s) - self._held_back_s
         for force_n in self._undamaged(data):
             if self._is_plausible(force_n):
-                self.newest = ForceSample(force_n, now_s if now_s - before_s <= _PROMPT_S else before_s)
+                self.newest = ForceSample(force_n, arrived_s)
 
     def _undamaged(self, data: bytes) -> list[float]:
         """The readings in `data`, without those that come soon after damaged ones."""
@@ -237,13 +247,16 @@ class SerialLine(Bus):
                 return answer
         return None
 
-    def listen(self, stream: Stream, capacity_n: float) -> None:
+    def listen(self, stream: Stream, capacity_n: float, held_back_s: float = 0.0) -> None:
         """From now on all bytes are readings, made by `stream`; from `capacity_n` on [N] they are saturated.
+
+        `held_back_s` is for how long the stream waits for what confirms a reading [s].
 
         DeviceError: the port is not open.
         """
         self._capacity_n = capacity_n
-        self._reader = SerialReader(self._opened().fileno(), stream, self._clock, capacity_n)
+        port = self._opened().fileno()
+        self._reader = SerialReader(port, stream, self._clock, capacity_n, held_back_s)
         self._reader.start()
 
     def poll(self, deadline_s: float) -> None:

@@ -20,7 +20,7 @@ from robot_io.files.file_model import FileModel, Positive
 from robot_io.interfaces import ForceSensor
 from robot_io.types import Reading
 
-PING, PONG = b"\r", "A"
+PING, YES, NO = b"\r", "A", "?"
 ASK_MODEL, ASK_UNITS, ASK_CAPACITY = b"MODEL\r", b"UNITS\r", b"LC\r"
 TARE, STREAM, STOP = b"CT0\r", b"WC\r", b"\r"
 MODELS = ("DI-1000", "DI-100")
@@ -96,7 +96,7 @@ class Loadstar(ForceSensor, Examinable):
             )
         self._found = f"{model}, counts in {unit.split()[-1]}, load cell of {capacity_n:.4g} N"
         if self._own.tare:
-            self._ask(TARE)
+            self._ask(TARE, may_be_yes=True)
         self._bus.listen(loadstar_stream(newtons_per_unit, capacity_n), self._own.capacity_n)
         self._bus.write(STREAM)
 
@@ -119,20 +119,23 @@ class Loadstar(ForceSensor, Examinable):
             lines = LineSplitter()
 
             def pong(data: bytes, lines: LineSplitter = lines) -> bool | None:
-                return True if PONG.encode() in [line.strip() for line in lines.feed(data)] else None
+                return True if YES.encode() in [line.strip() for line in lines.feed(data)] else None
 
             if self._bus.ask(PING, pong, _ANSWER_S):
                 return
         raise DeviceError(f"{self._bus.label}: no DI-100 or DI-1000 answers; check port and baud rate")
 
-    def _ask(self, question: bytes) -> str:
+    def _ask(self, question: bytes, *, may_be_yes: bool = False) -> str:
+        """The answer; a yes that nobody asked for is a late one to the ping. DeviceError: none, or a no."""
         lines = LineSplitter()
 
         def first_line(data: bytes) -> str | None:
             complete = [text_of(line) for line in lines.feed(data)]
-            return next((line for line in complete if line and line != PONG), None)
+            return next((line for line in complete if line and (may_be_yes or line != YES)), None)
 
         answer = self._bus.ask(question, first_line, _ANSWER_S)
         if answer is None:
             raise DeviceError(f"{self._bus.label}: no answer to {question.decode().strip()}")
+        if answer == NO:
+            raise DeviceError(f"{self._bus.label}: the interface does not know {question.decode().strip()}")
         return answer

@@ -80,7 +80,8 @@ class Lorenz(ForceSensor, Examinable):
             )
         self._found = f"serial number {header.serial_number}, {own.nominal_n:.4g} N, {own.rate_hz} samples/s"
         self._command(lorenz.encode_start_stream(own.address, own.rate_hz), LorenzCommand.ACK, "the stream")
-        self._bus.listen(LorenzStream(own.nominal_n / own.counts_at_nominal), own.nominal_n)
+        stream = LorenzStream(own.nominal_n / own.counts_at_nominal)
+        self._bus.listen(stream, own.nominal_n, held_back_s=1.0 / own.rate_hz)
 
     def examine(self) -> tuple[Observation, ...]:
         return (Observation("force sensor", self._found),) if self._found else ()

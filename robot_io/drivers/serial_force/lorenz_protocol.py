@@ -155,16 +155,16 @@ def _block_checksums(content: bytes) -> bytes:
     return plain.to_bytes(2, "big") + weighted.to_bytes(2, "big")
 
 
-_SYNC_SAMPLES = 4  # counters in a row before a stream is accepted
+_SYNC_SAMPLES = 5  # counters in a row before a stream is accepted
 
 
 class LorenzStream:
     """Samples of the fast stream (mode 3): a counter, and 16 bits, signed, big-endian; no checksum.
 
-    Only the counter tells where a sample begins: it must count on by one. After a gap the stream is accepted
-    again once four counters in a row fit. Where a byte of a sample is lost, the next counter stands in the
-    place of the low byte: a sample that looks so waits for what follows, and is left out unless that fits it
-    alone. A flipped bit in a value does not show here.
+    Only the counters tell where a sample begins and ends: it counts once the counter after it has come and
+    goes on by one. Where that counter also stands within the sample, bytes may have been lost before it: the
+    sample is left out. After a gap the stream is accepted again once five counters in a row fit. A flipped
+    bit in a value does not show here.
 
     Args:
         newtons_per_count: newtons in one count.
@@ -173,49 +173,41 @@ class LorenzStream:
     def __init__(self, newtons_per_count: float) -> None:
         self._factor = newtons_per_count
         self._rest = b""
-        self._next_counter: int | None = None  # None: searching
+        self._in_step = False  # whether the rest begins with a counter
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[float]:
         buffer, place, samples = self._rest + data, 0, []
         while True:
-            if self._next_counter is None:
-                place, found = self._search(buffer, place)
-                if not found:
-                    break
-                self._next_counter = buffer[place]
-            if place + 3 > len(buffer):
+            if not self._in_step:
+                place, self._in_step = self._search(buffer, place)
+            if not self._in_step or place + 4 > len(buffer):
                 break
-            following = (self._next_counter + 1) & 0xFF
-            is_ambiguous = buffer[place + 2] == following
-            if is_ambiguous and place + 12 > len(buffer):
-                break
-            if buffer[place] != self._next_counter or (
-                is_ambiguous and not _counts_on(buffer[place : place + 12 : 3])
-            ):
-                self._next_counter = None
+            counter, *value, following = buffer[place : place + 4]
+            if (following - counter) & 0xFF != 1:
+                self._in_step = False
                 self.rejected += 1
                 continue
             place += 3
-            self._next_counter = following
-            if is_ambiguous and _counts_on(buffer[place - 1 : place + 9 : 3]):
-                continue  # could be either
-            samples.append(int.from_bytes(buffer[place - 2 : place], "big", signed=True) * self._factor)
+            if following not in value:
+                samples.append(int.from_bytes(value, "big", signed=True) * self._factor)
         self._rest = buffer[place:]
         return samples
 
     def _search(self, buffer: bytes, place: int) -> tuple[int, bool]:
         """Where a row of fitting counters begins; or where to look on when there is more.
 
-        A slow ramp of the force counts on by one too: a row is accepted only if no other one fits beside it.
+        A ramp of the force counts on by one too, and a byte of the true row may be lost or damaged, which
+        leaves it two steps: a row is accepted only where no other one has as many.
         """
         while place + 3 * _SYNC_SAMPLES + 2 <= len(buffer):
-            fitting = [shift for shift in range(3) if _counts_on(buffer[place + shift :: 3][:_SYNC_SAMPLES])]
-            if len(fitting) == 1:
-                return place + fitting[0], True
-            place += 3 if fitting else 1
+            steps = [_steps(buffer[place + shift :: 3][:_SYNC_SAMPLES]) for shift in range(3)]
+            if max(steps) == _SYNC_SAMPLES - 1 and sorted(steps)[1] <= 1:
+                return place + steps.index(max(steps)), True
+            place += 1
         return place, False
 
 
-def _counts_on(counters: bytes) -> bool:
-    return all((after - before) & 0xFF == 1 for before, after in pairwise(counters))
+def _steps(counters: bytes) -> int:
+    """How often they go on by one."""
+    return sum((after - before) & 0xFF == 1 for before, after in pairwise(counters))

@@ -15,7 +15,7 @@ NEWTONS = {
     **{"n": 1.0, "mn": 1e-3, "kn": 1e3},
     **dict.fromkeys(("kgf", "kg"), _GRAVITY_M_S2),
     **dict.fromkeys(("gf", "g"), 1e-3 * _GRAVITY_M_S2),
-    **dict.fromkeys(("lbf", "lb"), _POUND_N),
+    **dict.fromkeys(("lbf", "lb", "lbs"), _POUND_N),
     **dict.fromkeys(("ozf", "oz"), _POUND_N / 16),
 }
 

@@ -38,6 +38,10 @@ class EmulatedOdrive(CanNode):
         heartbeat_s: period of heartbeats [s].
         cyclic_s: period of encoder estimates and torques [s].
         watchdog_s: None is a watchdog that is not enabled [s].
+
+    Attributes:
+        velocity_limiter: limit [rev/s] and gain [N m s/rev] of what cuts torques in torque mode, as delivered
+            2 and 1/6; None: switched off.
     """
 
     def __init__(
@@ -64,6 +68,7 @@ class EmulatedOdrive(CanNode):
         self._next_cyclic_s = cyclic_s
         self._silent_until_s = -math.inf
         self._stuck: JointState | None = None
+        self.velocity_limiter: tuple[float, float] | None = None
         self._start_up()
 
     def _start_up(self) -> None:
@@ -114,6 +119,10 @@ class EmulatedOdrive(CanNode):
         torque_nm = (
             min(max(self._input_torque_nm, -self._max_torque_nm), self._max_torque_nm) if armed else 0.0
         )
+        if self.velocity_limiter is not None:
+            limit_rev_s, gain = self.velocity_limiter
+            rev_s = self._plant.joint(self._joint).velocity_rad_s * self._gear_ratio / math.tau
+            torque_nm = min(max(torque_nm, (-limit_rev_s - rev_s) * gain), (limit_rev_s - rev_s) * gain)
         self._plant.set_torque(self._joint, torque_nm * self._gear_ratio)
 
     def _answer(self, command: int) -> list[can.Message]:

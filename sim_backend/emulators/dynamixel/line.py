@@ -231,6 +231,8 @@ class DynamixelLine(EmulatedWire):
 
         if strikes(FaultKind.CORRUPT):
             packet = self.faults.flip_a_bit(packet)
+        if strikes(FaultKind.LOSE):
+            packet = self.faults.lose_a_byte(packet)
         if strikes(FaultKind.DUPLICATE):
             packet += packet
         self._quiet_s = max(self._quiet_s, now_s) + speaking[0].return_delay_s

@@ -175,6 +175,8 @@ class PtyLine(EmulatedWire):
             return
         if strikes(FaultKind.CORRUPT, name, now_s):
             data = self.faults.flip_a_bit(data)
+        if strikes(FaultKind.LOSE, name, now_s):
+            data = self.faults.lose_a_byte(data)
         if strikes(FaultKind.REORDER, name, now_s) and self._held_back is None:
             self._held_back = data
             return

@@ -107,8 +107,9 @@ def _sums(content: bytes) -> bytes:
     return bytes((total, weighted))
 
 
-def _telegram(command: int, to: int, parameters: bytes = b"") -> bytes:
-    content = bytes((command, to, ADDRESS, len(parameters))) + parameters
+def telegram(command: int, to: int, parameters: bytes = b"", sender: int = ADDRESS) -> bytes:
+    """What a sensor sends: STX, and what follows with every 02 doubled."""
+    content = bytes((command, to, sender, len(parameters))) + parameters
     stuffed = b"".join(
         bytes((byte, byte)) if byte == 2 else bytes((byte,)) for byte in content + _sums(content)
     )
@@ -170,15 +171,15 @@ class EmulatedLorenz(SerialSensor):
 
     def _obey(self, command: int, host: int, parameters: bytes, now_s: float) -> bytes:
         if command == 0x40:
-            return _telegram(0x40, host, b"\x01")
+            return telegram(0x40, host, b"\x01")
         if command == 0x44 and parameters == b"\x80":
-            return _telegram(0x44, host, b"\x80" + self._rotor_header())
+            return telegram(0x44, host, b"\x80" + self._rotor_header())
         if command == 0x5A and len(parameters) == 5 and parameters[0] == 3 and parameters[1] > 0:
             self._timer = StreamTimer(1.0 / (parameters[1] * CONFIG_TIME_S))
             self._timer.start(now_s)
             self._counter = 0
-            return _telegram(0x06, host)
-        return _telegram(0x15, host, bytes((41,)))
+            return telegram(0x06, host)
+        return telegram(0x15, host, bytes((41,)))
 
     def _rotor_header(self) -> bytes:
         block = bytearray(28)

@@ -1,12 +1,9 @@
 """The adapter: when frames are taken to have arrived, and what an adapter's own failures look like."""
 
-import os
 import time
-import tty
 
 import can
 import pytest
-import serial
 
 from robot_io.clock import SimulatedClock
 from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
@@ -131,53 +128,6 @@ def test_a_closed_line_says_so(ends):
     for call in (lambda: line.drain(0.0), lambda: line.send(CanFrame(1), 0.0)):
         with pytest.raises(DeviceError, match="not open"):
             call()
-
-
-def test_a_serial_adapter_that_stammers_does_not_bring_the_line_down():
-    """Slcan writes frames as text; python-can raises ValueError over what is none."""
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    line = CanLine(
-        CanLineSettings(interface="slcan", channel=os.ttyname(slave), options={"sleep_after_open": 0}),
-        SimulatedClock(),
-    )
-    line.open()
-    try:
-        os.write(master, b"t0212XX\rt1232AABB\rT00zz\rt021201FF\r")
-        frames = []
-        for _ in range(200):
-            frames += [frame for frame, _ in line.drain(0.0)]
-            if len(frames) == 2:
-                break
-            time.sleep(0.005)
-        assert frames == [CanFrame(0x123, b"\xaa\xbb"), CanFrame(0x021, b"\x01\xff")]
-        assert line.counts["damaged"] == 2
-    finally:
-        line.close()
-        os.close(slave)
-        os.close(master)
-
-
-def test_a_serial_adapter_that_somebody_else_has_open_is_refused():
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    settings = CanLineSettings(
-        interface="slcan", channel=f"{os.ttyname(slave)}@115200", options={"sleep_after_open": 0}
-    )
-    first, second = CanLine(settings, SimulatedClock()), CanLine(settings, SimulatedClock())
-    try:
-        first.open()
-        with pytest.raises(DeviceError, match="in use by another program"):
-            second.open()
-        with pytest.raises(serial.SerialException, match="lock"):
-            serial.Serial(os.ttyname(slave), exclusive=True)
-        first.close()
-        second.open()
-    finally:
-        first.close()
-        second.close()
-        os.close(slave)
-        os.close(master)
 
 
 def test_multicast_stays_on_this_machine_unless_told_otherwise():

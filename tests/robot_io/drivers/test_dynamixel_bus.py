@@ -102,10 +102,11 @@ def test_a_goal_that_somebody_left_behind_is_not_pursued():
         assert (bench.exerted_nm() == 0).all()
 
 
-def test_a_servo_that_answers_nothing_but_pings_is_made_to_answer():
+@pytest.mark.parametrize("level", [0, 1])
+def test_a_servo_that_answers_little_but_pings_is_made_to_answer(level):
     with dynamixel_bench() as bench:
         for servo in bench.line.servos.values():
-            servo.memory.put(table.STATUS_RETURN_LEVEL, 1)
+            servo.memory.put(table.STATUS_RETURN_LEVEL, level)
         bench.start()
         assert bench.tick() is not None
 
@@ -340,6 +341,19 @@ def test_a_hardware_error_keeps_the_torque_off_until_a_reboot(fast):
     fast.bus.activate()
     with pytest.raises(DeviceError, match=r"servo 2: setting torque enable.*overload; it must be rebooted"):
         fast.torque.activate()
+
+
+def test_a_servo_that_stays_off_without_a_word_is_named_with_its_error():
+    """Some firmware takes the write, says that all is well but for the alert bit, and stays off."""
+    with dynamixel_bench() as bench:
+        servo = bench.line.servos[2]
+        servo.fail()
+        write = servo.write
+        servo.write = lambda address, data: 0 if address == table.TORQUE_ENABLE else write(address, data)
+        bench.bus.configure()
+        bench.bus.activate()
+        with pytest.raises(DeviceError, match=r"servo 2: torque enable is 0 .*overload; it must be rebooted"):
+            bench.torque.activate()
 
 
 # Letting go

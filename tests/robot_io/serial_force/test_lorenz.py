@@ -104,28 +104,53 @@ def samples(values, first_counter=0):
     )
 
 
+def is_part_of(found, values):
+    """Whether `found` is what is left of `values` when some are left out."""
+    rest = iter(values)
+    return all(value in rest for value in found)
+
+
 @given(st.integers(0, 255), st.lists(st.integers(-32768, 32767), min_size=10, max_size=300))
 def test_the_stream_from_its_start(first_counter, values):
     assume_row = samples(values, first_counter)
     stream = LorenzStream(2.0)
     found = [sample for byte in assume_row for sample in stream.feed(bytes((byte,)))]
     wanted = [2.0 * value for value in values]
-    start = next((k for k in range(len(wanted)) if wanted[k : k + len(found)] == found), None)
-    assert start is not None  # a row
-    assert len(found) >= len(wanted) - 6 or len(set(values)) < len(values)  # ambiguous ends may be left out
+    assert is_part_of(found, wanted)
+    assert len(found) >= 0.9 * len(wanted) - 8 or len(set(values)) < len(values)
 
 
-def test_a_lost_byte_costs_samples_and_gives_no_wrong_one():
-    rng = np.random.default_rng(3)
-    values = rng.integers(-20000, 20000, 400)
-    data = samples(values)
-    for place in range(300, 330):
-        stream = LorenzStream(1.0)
-        found = stream.feed(data[:place] + data[place + 1 :])
-        wrong = set(found) - set(values.tolist())
-        assert not wrong
-        assert found[-200:] == values[-200:].tolist()
-        assert stream.rejected >= 1
+COURSES = {
+    "still": lambda k: 16250 + 0 * k,  # 65 N of 100
+    "noise": lambda k: np.random.default_rng(3).integers(-20000, 20000, k.size),
+    "slow": lambda k: 400 + k,  # the low byte counts on, too
+    "fast": lambda k: 257 * (k - 60),  # both bytes do
+    "there and back": lambda k: 20000 * np.sin(k / 60.0),
+}
+
+
+@pytest.mark.parametrize("damage", ["lost", "flipped counter"])
+@pytest.mark.parametrize("course", COURSES)
+def test_a_damaged_byte_costs_samples_and_gives_no_wrong_one(course, damage):
+    """Two of its bytes and the next counter once were a sample, such as 65 N without a touch."""
+    values = COURSES[course](np.arange(130)).astype(int).tolist()
+    for first_counter in range(0, 256, 5):
+        data = samples(values, first_counter)
+        for place in range(60, 160, 1 if damage == "lost" else 3):
+            wrong = b"" if damage == "lost" else bytes((data[place] ^ 0x04,))
+            stream = LorenzStream(1.0)
+            found = stream.feed(data[:place] + wrong + data[place + 1 :])
+            assert is_part_of(found, values), (first_counter, place)
+            if course in ("still", "noise"):  # elsewhere the counter cannot always be told from the value
+                assert len(found) > 80
+                assert stream.rejected >= 1
+
+
+def test_a_sample_counts_once_the_next_counter_has_come():
+    stream, data = LorenzStream(1.0), samples([500, 550, 600, 650, 700, 750, 800])
+    assert stream.feed(data[:-3])[-1] == 700.0
+    assert stream.feed(data[-3:-2]) == [750.0]
+    assert stream.feed(data[-2:]) == []
 
 
 def test_a_ramp_is_not_taken_for_the_counter():

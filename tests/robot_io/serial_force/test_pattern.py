@@ -7,7 +7,7 @@ from robot_io.errors import InputError
 
 MARK_10 = r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)"
 LBF_N = 4.4482216152605  # NIST SP 811
-OPEN_SCALE = r"\d+,(?P<value>[-\d.]+),lbs,.*"
+OPEN_SCALE = r"\d+,(?P<value>[-\d.]+),(?P<unit>lbs|kg),.*"
 
 
 def stream(pattern, unit=None, scale=1.0):
@@ -25,7 +25,7 @@ def forces_n(pattern, line, **settings):
         (MARK_10, "12.50 N", {}, 12.5),
         (MARK_10, " -2.0 lbF", {}, -2 * LBF_N),
         (MARK_10, "3 mN", {"unit": "kN"}, 3e-3),  # the unit in the line counts
-        (OPEN_SCALE, "1234,-2.5,lbs,0,", {"unit": "lbf"}, -2.5 * LBF_N),
+        (OPEN_SCALE, "1234,-2.5,lbs,0,", {}, -2.5 * LBF_N),
         (r"(?P<value>-?\d+)", "250", {"unit": "N", "scale": -0.01}, -2.5),
     ],
 )

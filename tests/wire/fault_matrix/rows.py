@@ -12,7 +12,8 @@ from robot_io.guard import Limits
 from sim_backend.emulators import Fault, FaultKind
 from tests.wire.parts import CUBEMARS, ODRIVE, ROOT
 
-MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.5  # where the probing run is then
+TICK_S = 1e-3
+MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.52  # where the probing run is then
 SPARE_TICKS = 2  # beyond its limit, for every row that gives no reason to take longer
 DYNAMIXEL = ROOT / "robots" / "dynamixel_3dof.yaml"
 _LINES = (
@@ -124,6 +125,7 @@ _CONTRADICTED = (
     "a sensor that is pulled may be right: joint torques contradict it once they say a push, and it a pull, "
     "of more than 2 N each"
 )
+_HEARTBEAT = "an axis says what has become of it with its next heartbeat, at most 10 ms later"
 _CUT_OFF = "nothing reaches the drives: their own watchdogs let go"
 _IDLE = (
     "the tool hangs straight down, and nothing is asked of its drive, so that nothing is missing: no harm, "
@@ -169,9 +171,9 @@ _MOTOR_ROWS = {
         GOES_ON,
         GOES_ON,
         (OLD, OLD_OFF, "joint 3 (node 2): nothing valid for"),
-        (2, BRAKED, "joint 3 (node 2): IDLE INVERTER_OVER_TEMP"),
+        (11, BRAKED + 11, "joint 3 (node 2): IDLE INVERTER_OVER_TEMP", _HEARTBEAT, "one heartbeat"),
         (OLD, BRAKED, "joint 3 (node 2): nothing valid for"),
-        (2, BRAKED, "joint 3 (node 2): left closed-loop control, is IDLE"),
+        (11, BRAKED + 11, "joint 3 (node 2): left closed-loop control, is IDLE", _HEARTBEAT, "one heartbeat"),
         (2, 52, "bus-off, the adapter has left the bus", _CUT_OFF),
         (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
     ),
@@ -230,7 +232,7 @@ _FORCE_ROWS = {
         (2, BRAKED, "the port was unplugged"),
         (2, BRAKED, "force sensor: at the end of its range"),
         (2, BRAKED, "force sensor: at the end of its range"),
-        (16, BRAKED + 16, "is the sensor alive", _CONTRADICTED, "2 N"),
+        (17, BRAKED + 17, "is the sensor alive", _CONTRADICTED, "2 N"),
         _STUCK,
     ),
     "lines": (
@@ -272,6 +274,8 @@ def rows() -> Iterator[Row]:
     for family, expected in _MOTOR_ROWS.items():
         for (name, kind, details), ends in zip(_MOTORS, expected, strict=True):
             joint, at_s = (0, FAST_S) if kind is K.STUCK else (2, MOVING_S)
+            if _HEARTBEAT in ends:
+                at_s += TICK_S  # the last heartbeat has just come
             if _DEAF in ends:
                 joint = 0  # which carries the arm
             yield _wire_row(family, name, kind, at_s, ends, details | _whose(family, kind, joint))

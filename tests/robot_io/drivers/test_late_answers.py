@@ -1,0 +1,79 @@
+"""However late a line is, and whatever it damages: no answer is dated later than its request."""
+
+import random
+import struct
+
+import pytest
+
+from robot_io.clock import SimulatedClock
+from robot_io.drivers.dynamixel.feedback import FeedbackReader
+from robot_io.errors import DeviceTimeoutError
+from sim_backend.emulators.dynamixel import wire
+
+FAST_SYNC_READ, LENGTH = 0x8A, 5  # an instruction; a place in a packet
+
+
+class LateLine:
+    """Servos that answer `late_s` after each request; their position says which request that was.
+
+    A third of the answers is `damaged`: a bit is flipped, or a byte lost.
+    """
+
+    def __init__(self, clock, late_s, *, damaged):
+        self._clock, self._late_s, self._damaged = clock, late_s, damaged
+        self._receiver, self._random = wire.Receiver(), random.Random(0)
+        self._coming = []
+        self.asked_at_s = []
+
+    def write(self, data):
+        now_s = self._clock.now_s()
+        for instruction in self._receiver.take(data):
+            size, ids = instruction.parameters[2], instruction.parameters[4:]
+            block = struct.pack("<BBbhii", 1, 0, 3, 0, 0, len(self.asked_at_s)).rjust(size, b"\x01")
+            self.asked_at_s.append(now_s)
+            if instruction.code == FAST_SYNC_READ:
+                answer = wire.fast_status([(servo_id, 0, block) for servo_id in ids], len(ids))
+            else:
+                answer = b"".join(wire.status(servo_id, 0, block) for servo_id in ids)
+            self._coming.append((now_s + self._late_s, self._maybe_damaged(answer)))
+
+    def _maybe_damaged(self, answer):
+        if not self._damaged or self._random.random() > 0.3:
+            return answer
+        place = self._random.choice((LENGTH, self._random.randrange(len(answer))))
+        bit = 1 << self._random.randrange(8)
+        wrong = bytes((answer[place] ^ bit,)) if self._random.random() < 0.5 else b""
+        return answer[:place] + wrong + answer[place + 1 :]
+
+    def read_all(self):
+        now_s = self._clock.now_s()
+        came = b"".join(answer for at_s, answer in self._coming if at_s <= now_s)
+        self._coming = [(at_s, answer) for at_s, answer in self._coming if at_s > now_s]
+        return came
+
+    def wait(self, deadline_s):
+        next_s = min((at_s for at_s, _ in self._coming), default=deadline_s)
+        self._clock.sleep_until(min(next_s, deadline_s))
+        return self.read_all()
+
+
+@pytest.mark.parametrize("damaged", [False, True], ids=["intact", "damaged"])
+@pytest.mark.parametrize("fast", [True, False], ids=["fast", "plain"])
+@pytest.mark.parametrize("servos", [1, 3, 6])
+@pytest.mark.parametrize("period_ms", [1, 2, 3, 4])
+def test_no_answer_is_dated_later_than_its_request(damaged, fast, servos, period_ms):
+    """A damaged length once made a late answer the newest: the wrong request was taken to be over."""
+    for tenths_ms in range(2, 206, 5):
+        clock = SimulatedClock()
+        line = LateLine(clock, 1e-4 * tenths_ms, damaged=damaged)
+        reader = FeedbackReader(line, clock, range(1, servos + 1), 224, fast=fast)
+        seen = 0
+        for tick in range(120):
+            clock.sleep_until(1e-3 * period_ms * (tick + 1))
+            try:
+                feedback, dated_s = reader.read(clock.now_s() + 0.6e-3 * period_ms)
+            except DeviceTimeoutError:
+                continue
+            seen += 1
+            assert dated_s <= min(line.asked_at_s[servo.position] for servo in feedback) + 1e-9, tenths_ms
+        assert seen > 0

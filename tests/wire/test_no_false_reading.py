@@ -1,0 +1,83 @@
+"""Bytes are lost and flipped at random places: no wrong number is served as OK, by any driver."""
+
+import numpy as np
+import pytest
+
+from robot_io.types import Status
+from sim_backend.emulators import FaultKind
+from tests.wire.fault_matrix.rows import FAMILIES
+
+DAMAGED, SHARE, FIRST_TICK, TICKS = 25, 0.04, 100, 1700
+TOLERANCES = {
+    "motors": 0.02,
+    "load_cell": 2.0,
+}  # [rad], [N]: 1 % of the capacity is believed, and what it moves
+CAN = ("odrive", "mit")  # a frame that has lost a byte does not arrive: CORRUPT cuts it short
+PLAIN = (("fast_sync_read: true", "fast_sync_read: false"),)
+CASES = [
+    *((family, (), FaultKind.CORRUPT) for family in FAMILIES),
+    *((family, (), FaultKind.LOSE) for family in FAMILIES if family not in CAN),
+    ("dynamixel", PLAIN, FaultKind.CORRUPT),
+    ("dynamixel", PLAIN, FaultKind.LOSE),
+]
+
+
+class Course:
+    """What was true, tick by tick, for a sample of any age to be held against."""
+
+    def __init__(self, arm, bus):
+        self._arm, self._bus = arm, bus
+        self._times_s, self._values = [], []
+
+    def note(self):
+        plant = self._arm.arm.plant
+        truth = plant.world.truth()
+        self._times_s.append(truth.time_s)
+        self._values.append(truth.joint_position_rad if self._bus == "motors" else plant.force[:1])
+
+    def off_by(self, measurement):
+        """By how much a sample is off what was true when it says that it was taken."""
+        value, at_s = measurement.joint_position_rad, measurement.encoder_at_s
+        if self._bus == "load_cell":
+            value, at_s = [measurement.force_n], measurement.force_at_s
+        columns = np.transpose(self._values)
+        return max(
+            abs(one - np.interp(at_s, self._times_s, true)) for one, true in zip(value, columns, strict=True)
+        )
+
+
+def move(arm, bus, tick):
+    """The arm falls as it likes; the surface presses the sensor with 5 to 55 N."""
+    if bus == "load_cell":
+        world = arm.arm.plant.world
+        world.held = True
+        depth_m = (30.0 + 25.0 * np.sin(tick / 40.0)) / world.object.law.stiffness_n_m
+        world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
+
+
+@pytest.mark.parametrize(
+    ("family", "changes", "kind"), CASES, ids=[f"{c[0]}-{c[2]}-{len(c[1])}" for c in CASES]
+)
+def test_no_wrong_number_is_served_as_ok(bench, family, changes, kind):
+    devices = FAMILIES[family]
+    arm = bench(devices.robot, (*devices.changes, *changes))
+    bus = devices.bus
+    course, faults = Course(arm, bus), arm.faults[bus]
+    faults.generator = np.random.default_rng(1)
+    arm.robot.configure()
+    if bus == "motors":
+        arm.robot.activate()
+    trusted = 0
+    for tick in range(TICKS):
+        if tick == FIRST_TICK:
+            arm.strike(bus, kind, times=DAMAGED, probability=SHARE)
+        move(arm, bus, tick)
+        arm.clock.sleep_until(arm.clock.now_s() + 1e-3)
+        course.note()
+        measurement = arm.robot.read(arm.clock.now_s() + 0.6e-3)
+        status = measurement.encoder_status if bus == "motors" else measurement.force_status
+        if tick > 20 and status is Status.OK:
+            trusted += 1
+            assert course.off_by(measurement) < TOLERANCES[bus], tick
+    assert sum(faults._struck.values()) == DAMAGED
+    assert trusted > FIRST_TICK // 2  # what is damaged so often is rightly doubted for long
