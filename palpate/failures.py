@@ -80,7 +80,7 @@ def report(text: str, code: int) -> int:
 def _usage(error: typer.TyperException) -> str:
     context = getattr(error, "ctx", None)
     hint = f" (see: {context.command_path} --help)" if context else ""
-    return error.format_message().rstrip(".") + hint
+    return error.format_message().replace("Value error, ", "").rstrip(".") + hint
 
 
 def _give_up_output() -> int:

@@ -92,7 +92,7 @@ def _watchdog(subject: str, watchdog_s: float, tick_s: float) -> Finding:
     long = f"the last torque acts that long on its own: {_LONG_WATCHDOG_S:g} s is enough"
     return graded(
         subject,
-        f"the drives let go {1e3 * watchdog_s:g} ms after the last command",
+        f"{1e3 * watchdog_s:g} ms from the last command until the drives let go, by the robot file",
         (_WARN, watchdog_s < 5 * tick_s, "a late tick drops the arm: allow 5 ticks or more"),
         (_WARN, watchdog_s > _LONG_WATCHDOG_S, long),
     )
