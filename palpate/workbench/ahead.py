@@ -48,6 +48,8 @@ class Ahead:
         _working.discard(self)
         for process in list((self._pool._processes or {}).values()):
             process.terminate()
+        # else half a result would be waited for: only the process that ended could complete it
+        self._pool._result_queue._writer.close()  # type: ignore[attr-defined]
         self._pool.shutdown(cancel_futures=True)
 
 

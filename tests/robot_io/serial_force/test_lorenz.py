@@ -134,7 +134,7 @@ COURSES = {
 def test_a_damaged_byte_costs_samples_and_gives_no_wrong_one(course, damage):
     """Two of its bytes and the next counter once were a sample, such as 65 N without a touch."""
     values = COURSES[course](np.arange(130)).astype(int).tolist()
-    for first_counter in range(0, 256, 5):
+    for first_counter in range(0, 256, 15):
         data = samples(values, first_counter)
         for place in range(60, 160, 1 if damage == "lost" else 3):
             wrong = b"" if damage == "lost" else bytes((data[place] ^ 0x04,))
