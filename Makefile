@@ -1,4 +1,5 @@
-# Two commands: `make demo` probes an object in simulation, `make test` runs every test.
+# Two commands: `make demo` probes an object in simulation, `make test` runs the tests.
+# `make test-all` runs also those that take long.
 # The newest CPython that runs here.
 PYTHON ?= $(shell for v in 14 13 12 11; do python3.$$v -c '' 2>/dev/null && echo python3.$$v && break; done)
 VENV   ?= .venv
@@ -6,13 +7,16 @@ BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test lint env clean
+.PHONY: demo test test-all lint env clean
 
 demo: $(READY)
 	@$(BIN)/palpate demo
 
 test: $(READY)
 	@$(BIN)/pytest
+
+test-all: $(READY)
+	@$(BIN)/pytest -m ""
 
 lint: $(READY)
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy

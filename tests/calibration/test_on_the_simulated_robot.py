@@ -26,6 +26,8 @@ from robot_io.session import Session
 from sim_backend.scenario import load_scenario
 from tests.calibration.simulated import FOLLOWER, in_joints, job_in, opened, stamp
 
+pytestmark = pytest.mark.slow
+
 FORCES_N = [0.0, 10.0, 20.0, 40.0, 20.0, 10.0, 0.0]
 SHORT = ExcitationSettings(duration_s=12.0, period_s=6.0)
 BIAS, GAIN = "bias", "sensor_gain"

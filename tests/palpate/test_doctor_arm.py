@@ -277,6 +277,7 @@ def test_swapped_drives_are_found():
     assert "joint 3 moved" in found[0].text
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_heavier_than_its_urdf_shows_in_the_small_motion(plants):
     heavy = changed(
         DYNAMIXEL, ("urdf: dynamixel_3dof.urdf", "urdf: ../sim_backend/arms/follower/follower.urdf")

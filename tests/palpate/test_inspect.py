@@ -137,6 +137,7 @@ def test_a_demo_without_a_seed_says_how_to_make_it_again(tmp_path, monkeypatch):
     assert again == f"palpate demo --seed {hidden[1]}" == hidden[2]  # which the session keeps
 
 
+@pytest.mark.slow
 def test_the_demo_finds_what_it_hid_and_tells_a_person(tmp_path):
     result = run("demo", "-o", tmp_path / "d.mcap", "--seed", 1)
     assert result.exit_code == 0, result.stderr

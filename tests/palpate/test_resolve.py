@@ -18,6 +18,8 @@ from robot_io.errors import InputError
 from robot_io.session import Session
 from tests.palpate.cli import assert_refused, run
 
+pytestmark = pytest.mark.slow
+
 QUICK = ProbingPlan(hold_s=0.3)
 SEED = 7206  # hides a dead band in joint 1, which a bias imitates as long as its torque keeps its sign
 

@@ -15,6 +15,8 @@ from sim_backend.imperfections.coulomb_friction import CoulombFriction
 from tests.wire.parts import ROOT
 from tests.wire.test_probing import probe, stiffness_and_damping
 
+pytestmark = pytest.mark.slow
+
 ROBOT = ROOT / "robots" / "dynamixel_3dof.yaml"
 SIMULATED = """buses:
   world: {driver: pybullet, scenario: default}

@@ -14,6 +14,8 @@ from palpate.sweep import ResultStore
 from tests.palpate.cli import ROOT
 from tests.palpate.sweep.client import cases
 
+pytestmark = pytest.mark.slow
+
 PATIENCE_S = 120.0
 
 

@@ -119,6 +119,7 @@ def short(case: Case) -> Case:
     return replace(case, parameters=dict(case.parameters) | {"draws": min(case.parameters["draws"], 2)})
 
 
+@pytest.mark.slow
 def test_the_paper_comes_out_with_its_numbers_beside_ours(tmp_path, small_paper):
     result = run("study", "paper", "--out", tmp_path / "paper", "--workers", 1)
     assert result.exit_code == 0, result.stderr

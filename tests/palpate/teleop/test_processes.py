@@ -71,6 +71,7 @@ def test_a_killed_leader_leaves_the_arm_safe_and_another_one_is_heard(tmp_path, 
     assert np.abs(ticks["joint_position_rad"][-1] - ticks["joint_position_rad"][0]).max() < 0.01
 
 
+@pytest.mark.slow
 def test_a_killed_follower_leaves_the_operator_with_the_virtual_object_and_a_word(tmp_path):
     port, session, plan = free_port(), tmp_path / "leader.mcap", tmp_path / "operator.yaml"
     plan.write_text(yaml.safe_dump(script(0.05)))

@@ -17,6 +17,8 @@ from tests.wire.fault_matrix.rig import NO_TORQUE_NM, SESSION, TICK_S, Rig
 from tests.wire.fault_matrix.rows import MOVING_S, Program, Row, rows
 from tests.wire.parts import ROOT
 
+pytestmark = pytest.mark.slow
+
 ROWS = tuple(rows())
 WATCHDOG_MS = 102.0  # the slowest, as in the rows of a program that is killed
 
