@@ -27,6 +27,8 @@ from tests.mock_robot import MockForce, build_mock_robot, mock_robot_file
 from tests.palpate.cli import ROOT, assert_refused, run
 from tests.robot_io.calibration.parts import calibration_of
 
+pytestmark = pytest.mark.slow
+
 ROBOTS = ROOT / "robots"
 DYNAMIXEL, ODRIVE, CUBEMARS = (ROBOTS / f"{name}_3dof.yaml" for name in ("dynamixel", "odrive", "cubemars"))
 
@@ -277,7 +279,6 @@ def test_swapped_drives_are_found():
     assert "joint 3 moved" in found[0].text
 
 
-@pytest.mark.slow
 def test_an_arm_that_is_heavier_than_its_urdf_shows_in_the_small_motion(plants):
     heavy = changed(
         DYNAMIXEL, ("urdf: dynamixel_3dof.urdf", "urdf: ../sim_backend/arms/follower/follower.urdf")
