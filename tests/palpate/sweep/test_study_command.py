@@ -13,6 +13,8 @@ from palpate.sweep import ResultStore, paper
 from palpate.sweep.case import Case
 from tests.palpate.cli import assert_refused, run
 
+pytestmark = pytest.mark.slow
+
 MINE = {
     "description": "two soft objects",
     "objects": [{"name": "kelvin_voigt", "stiffness_n_m": [500, 900], "damping_n_s_m": 20}],
@@ -119,7 +121,6 @@ def short(case: Case) -> Case:
     return replace(case, parameters=dict(case.parameters) | {"draws": min(case.parameters["draws"], 2)})
 
 
-@pytest.mark.slow
 def test_the_paper_comes_out_with_its_numbers_beside_ours(tmp_path, small_paper):
     result = run("study", "paper", "--out", tmp_path / "paper", "--workers", 1)
     assert result.exit_code == 0, result.stderr

@@ -19,6 +19,8 @@ from tests.palpate.cli import assert_refused, run
 from tests.palpate.teleop.sides import WAIT_S, Side, follow_until_asked, killed_when_reached, lead_until_hold
 from tests.robot_io.link.link_parts import intent
 
+pytestmark = pytest.mark.slow
+
 
 def free_port() -> int:
     with socket.socket() as probe:
@@ -71,7 +73,6 @@ def test_a_killed_leader_leaves_the_arm_safe_and_another_one_is_heard(tmp_path, 
     assert np.abs(ticks["joint_position_rad"][-1] - ticks["joint_position_rad"][0]).max() < 0.01
 
 
-@pytest.mark.slow
 def test_a_killed_follower_leaves_the_operator_with_the_virtual_object_and_a_word(tmp_path):
     port, session, plan = free_port(), tmp_path / "leader.mcap", tmp_path / "operator.yaml"
     plan.write_text(yaml.safe_dump(script(0.05)))
