@@ -21,6 +21,8 @@ from robot_io.session import Session
 from tests.palpate.cli import assert_refused, run, run_process
 from tests.palpate.sessions import synthetic_session
 
+pytestmark = pytest.mark.slow
+
 
 def entities(path):
     return {chunk.entity_path for chunk in RrdReader(path).stream().to_chunks()}
@@ -137,7 +139,6 @@ def test_a_demo_without_a_seed_says_how_to_make_it_again(tmp_path, monkeypatch):
     assert again == f"palpate demo --seed {hidden[1]}" == hidden[2]  # which the session keeps
 
 
-@pytest.mark.slow
 def test_the_demo_finds_what_it_hid_and_tells_a_person(tmp_path):
     result = run("demo", "-o", tmp_path / "d.mcap", "--seed", 1)
     assert result.exit_code == 0, result.stderr

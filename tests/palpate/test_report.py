@@ -123,6 +123,7 @@ def test_every_effect_can_be_written_out(result):
             )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here (apt install chromium)")
 @pytest.mark.parametrize(("look", "is_paper"), [((), lambda p: p > 235), ((DARK,), lambda p: p < 60)])
 def test_a_browser_without_network_draws_the_plots(page, tmp_path, look, is_paper):
