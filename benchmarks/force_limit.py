@@ -6,7 +6,7 @@ contact while loading and holding; "track" is the largest error of a joint.
 """
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from control.loop.task import TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates, tick_stream
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
+from palpate.runs.in_memory import TickRecords
 from palpate.runs.robots import find_robot, shipped_robots
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue
@@ -56,27 +57,10 @@ class Row:
     tracking_rad: float
 
 
-class Ticks:
-    """A log in memory that keeps the true force beside each record."""
-
-    dropped = 0
-    failure = None
-
-    def __init__(self) -> None:
-        self.records: list[tuple[object, ...]] = []
-        self.force_n: list[float] = []
-
-    def append(self, stream_name: str, record: tuple[object, ...]) -> None:
-        """Keep it."""
-        self.records.append(record)
-
-    def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
-        """Nothing is kept."""
-
-
 def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPlan) -> list[Row]:
     """Probe one object at all speeds of the plan."""
-    robot_file, clock, log = find_robot(arm), SimulatedClock(), Ticks()
+    robot_file, clock, log = find_robot(arm), SimulatedClock(), TickRecords()
+    true_n: list[float] = []
     task = ProbingTask.from_robot_file(robot_file, plan)
     guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
     robot = build_robot(robot_file, DriverCatalogue("sim_backend.drivers"), clock)
@@ -85,13 +69,13 @@ def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPla
     bus.use_scenario(load_scenario({"object": {"law": law}}))
 
     def keep_truth(_measurement: Measurement, _output: TaskOutput) -> Estimates:
-        log.force_n.append(bus.world.truth().force_n)
+        true_n.append(bus.world.truth().force_n)
         return NO_ESTIMATE
 
     with robot:
         run_loop(robot, guard, task, clock, log, rate_hz=RATE_HZ, observer=keep_truth).raise_for_trip()
     records = np.array(log.records, tick_stream(robot.joint_count).dtype)
-    force_n = np.array(log.force_n)
+    force_n = np.array(true_n)
     runs = range(len(plan.speeds_m_s))
     return [summary(records[records["run"] == run], force_n[records["run"] == run], plan) for run in runs]
 

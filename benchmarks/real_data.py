@@ -18,13 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measured import read
-from measured.free_run import free_run, refined
-from measured.recordings import SETS, Expected, Recording, model
+from measured.recordings import SETS, Expected, Recording
 
 from estimation.diagnosis import ChannelDiagnosis, diagnose
-from estimation.effects.cubic_stiffness import CubicStiffness
-from estimation.study import engine
 
 
 @dataclass(frozen=True)
@@ -96,7 +92,7 @@ def show(one: Judged, unit: str) -> None:
     print(f"\n{'right' if one.right else 'WRONG'} {place}: {one.verdict}{complete} ({one.seconds:.1f} s)")
     say(f"  literature: {one.said}; here: {one.reason}")
     if one.rmse is not None:
-        ladder = " -> ".join(f"{error:.4g}" for error in one.ladder) or "of free runs, below"
+        ladder = " -> ".join(f"{error:.4g}" for error in one.ladder) or "of free runs, not shown"
         ratio = f", {one.rmse[1] / one.ladder[-1]:.2f} times its best" if one.ladder else ""
         floor = "" if one.floor is None else f", floor {one.floor:.4g}"
         say(f"  held-out error {one.rmse[0]:.4g} -> {one.rmse[1]:.4g}{floor}; README {ladder}{ratio}")
@@ -145,26 +141,6 @@ def summary(judged: list[Judged]) -> str:
     )
 
 
-def show_free_run(folder: Path) -> None:
-    """Print the resonator's free run on the arrow, before and after, as found and refined on other runs."""
-    data, u, y = read.silverbox(folder)
-    step_s = read.SILVERBOX_STEP_S
-    runs = [(data.effort[data.run == run], data.position[data.run == run]) for run in data.runs[:3]]
-    print("  README, free run on the arrow: 13.6 -> 1.05 mV")
-    base = engine.fit(data, model("smd", "inertia", "damping", "stiffness"))
-    grown = engine.fit(data, base.model.with_effect(CubicStiffness()), base)
-    for added, fitted in (("the base model", base), ("cubic_stiffness", grown)):
-        found = {name: entry.value for name, entry in fitted.parameters.items()}
-        errors = [
-            1e3 * float(np.sqrt(np.mean((free_run(u, step_s, parameters) - y)[50:] ** 2)))
-            for parameters in (found, refined(runs, step_s, found))
-        ]
-        print(
-            f"  free run on the arrow with {added}: {errors[0]:.2f} mV; "
-            f"refined by free runs on others, with their shift: {errors[1]:.2f} mV"
-        )
-
-
 def main() -> None:
     """Run the sets named on the command line, or all."""
     parser = argparse.ArgumentParser(
@@ -192,8 +168,6 @@ def main() -> None:
                     show(one, recording.unit)
                     if out:
                         out.write(json.dumps(asdict(one)) + "\n")
-            if cases.__name__ == "silverbox":
-                show_free_run(folder)
     print(f"\n{summary(judged)}")
 
 

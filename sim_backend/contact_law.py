@@ -18,6 +18,9 @@ class ContactLaw(FileModel, ABC):
     name: ClassVar[str]  # what a scenario calls it
 
     @abstractmethod
+    def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
+        """What the material answers to a tip below the surface [N]; negative where it would have to pull."""
+
     def force_n(self, depth_m: float, rate_m_s: float) -> float:
         """Force of the object on the tip along the outward surface normal [N].
 
@@ -25,10 +28,8 @@ class ContactLaw(FileModel, ABC):
             depth_m: how far the tip is below the undeformed surface [m]; zero or less is no contact.
             rate_m_s: d(depth)/dt, positive while pressing in [m/s].
         """
-
-    def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
-        """The same before contact is limited to pushing: negative where the object would have to pull [N]."""
-        return self.force_n(depth_m, rate_m_s)
+        force_n = self.material_force_n(depth_m, rate_m_s) if depth_m > 0.0 else 0.0
+        return force_n if force_n > 0.0 or self.can_pull else 0.0
 
     @property
     def can_pull(self) -> bool:

@@ -2,11 +2,12 @@
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from math import cos, sin
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from robot_io.errors import InputError
+from robot_io.files.urdf_text import parse_urdf
 from robot_io.types import FloatArray
 
 
@@ -35,14 +36,12 @@ def dynamics_urdf(
         InputError: not a URDF, a number in it is not one, or it has no link of that name.
     """
     try:
-        robot = ET.fromstring(urdf_text)  # noqa: S314 - expat refuses entity bombs; nothing external is read
+        robot = parse_urdf(urdf_text)
         _reduce(robot, tip_frame, mass_scale, -tip_radius_m * np.asarray(sensor_axis_tip))
     except InputError:
         raise
-    except ET.ParseError as error:
-        raise InputError(f"URDF: not XML ({error})") from error
     except ValueError as error:
-        raise InputError(f"URDF: a number is not one: {error}") from error
+        raise InputError(f"URDF: {error}") from error
     return ET.tostring(robot, encoding="unicode")
 
 
@@ -82,7 +81,7 @@ def _in_last_moving_link(robot: ET.Element, link: str, point: FloatArray) -> tup
             xyz, rpy = (
                 [float(number) for number in origin.get(key, "0 0 0").split()] for key in ("xyz", "rpy")
             )
-            point = _rotation(*rpy) @ point + xyz
+            point = Rotation.from_euler("xyz", rpy).apply(point) + xyz
         link = _name(joint, "parent")
     return link, point
 
@@ -92,15 +91,6 @@ def _name(joint: ET.Element, role: str) -> str:
     if element is None:
         raise InputError(f"URDF: joint '{joint.get('name')}' has no <{role}>")
     return element.get("link", "")
-
-
-def _rotation(roll: float, pitch: float, yaw: float) -> FloatArray:
-    """URDF's fixed-axis roll, pitch, yaw as a rotation matrix (3, 3)."""
-    about_x = np.array([[1, 0, 0], [0, cos(roll), -sin(roll)], [0, sin(roll), cos(roll)]])
-    about_y = np.array([[cos(pitch), 0, sin(pitch)], [0, 1, 0], [-sin(pitch), 0, cos(pitch)]])
-    about_z = np.array([[cos(yaw), -sin(yaw), 0], [sin(yaw), cos(yaw), 0], [0, 0, 1]])
-    rotation: FloatArray = about_z @ about_y @ about_x
-    return rotation
 
 
 def _sphere(radius_m: float, centre_m: FloatArray) -> ET.Element:

@@ -43,9 +43,10 @@ class ObjectAnswer:
         """What law and effects answer to a motion, which may be one that is only tried [N]."""
         for material in self._material:
             state = material.felt(state)
-        force_n = (
-            by_engine_n if by_engine_n is not None else law.material_force_n(state.depth_m, state.rate_m_s)
-        )
+        if by_engine_n is not None:
+            force_n = by_engine_n
+        else:
+            force_n = law.material_force_n(state.depth_m, state.rate_m_s) if state.depth_m > 0.0 else 0.0
         for material in self._material:
             force_n = material.contact_force_n(state, force_n)
         if force_n < 0.0 and not law.can_pull:

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from robot_io.clip import clip
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, frozen_array
-from sim_backend.compliance_object import ComplianceObject
-from sim_backend.contact import Contact
+from sim_backend.contact import ComplianceObject, Contact
 from sim_backend.dynamics_urdf import dynamics_urdf
 from sim_backend.engines import engine_class
 from sim_backend.hidden import hidden_effects

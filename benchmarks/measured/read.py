@@ -76,8 +76,8 @@ def _swing(number: int, run: list[dict[str, str]]) -> list[np.ndarray]:
     return [(even + 10.0 * number)[kept], *(signal[kept] for signal in motion), volts[kept]]
 
 
-def silverbox(folder: Path) -> tuple[ChannelData, np.ndarray, np.ndarray]:
-    """The resonator: eight multisines as a channel [V for m and N], and the arrow's input and output."""
+def silverbox(folder: Path) -> ChannelData:
+    """The resonator: eight multisines [V for m and N]."""
     data = table(folder / "silverbox.csv.gz")
     u, y = (data[key] - data[key].mean() for key in ("input_voltage_V", "output_voltage_V"))
     spectrum, omega = np.fft.rfft(y), 2j * np.pi * np.fft.rfftfreq(len(y), SILVERBOX_STEP_S)
@@ -85,7 +85,7 @@ def silverbox(folder: Path) -> tuple[ChannelData, np.ndarray, np.ndarray]:
     t = np.arange(len(y)) * SILVERBOX_STEP_S
     starts = [40850 + 8692 * number for number in range(8)]
     parts = [[signal[start : start + 2000] for signal in (t, y, v, a, u)] for start in starts]
-    return channel(ChannelKind.PRISMATIC, parts), u[50:40500], y[50:40500]
+    return channel(ChannelKind.PRISMATIC, parts)
 
 
 def load_cells(folder: Path) -> list[ChannelData]:

@@ -101,10 +101,10 @@ def xl330_pendulum(folder: Path) -> Iterator[Recording]:
 
 
 def silverbox(folder: Path) -> Iterator[Recording]:
-    """Resonator; its README's errors are of free runs, which are told apart."""
+    """Resonator; its README's errors are of free runs, which cannot be compared."""
     base = model("spring_mass_damper", "inertia", "damping", "stiffness")
     said = Expected((names("cubic_stiffness"),), names("delay", "lag"), (), "cubic stiffness")
-    yield _one("silverbox", read.silverbox(folder)[0], base, said, "V")
+    yield _one("silverbox", read.silverbox(folder), base, said, "V")
 
 
 def load_cell(folder: Path) -> Iterator[Recording]:

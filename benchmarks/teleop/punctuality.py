@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from benchmarks.cyclictest import lateness
+from benchmarks.teleop.cyclictest import lateness
 from control.loop.timing import Histogram, SectionTiming
 from palpate.runs.robots import find_robot
 from palpate.teleop.demo import run_demo, script

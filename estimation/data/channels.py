@@ -8,6 +8,7 @@ from estimation.channel import ChannelData
 from estimation.data.session_streams import imported_channels
 from estimation.data.tick_channels import contact_channels, joined, joint_channels
 from estimation.data.tick_check import checked_ticks
+from estimation.signals.runwise import sample_time
 from robot_io.errors import InputError
 from robot_io.session import Session
 
@@ -45,6 +46,9 @@ def session_channels(session: Session, *more: Session, tared: bool = False) -> t
             f"{session.path}: no channel with samples of a run; its streams: "
             f"{', '.join(session.stream_names) or 'none'}"
         )
+    for one in channels:
+        if not sample_time(one.time_s, one.run) > 0.0:
+            raise InputError(f"{session.path}: the times of '{one.name}' do not go on from sample to sample")
     return channels
 
 

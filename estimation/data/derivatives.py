@@ -36,11 +36,13 @@ class Motion:
     """Derivatives of a position.
 
     Attributes:
+        position: shape (n,), smoothed by the window of the velocity.
         velocity: shape (n,), unit of the position per second.
         acceleration: shape (n,).
         half_windows: samples on either side that went into each fit, for velocity and for acceleration.
     """
 
+    position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
     half_windows: tuple[int, int]
@@ -71,7 +73,7 @@ def differentiate(
     if rounding is None:
         rounding = rounding_variance(time_s, position, piece, grid_step(position))
     pieces = list(blocks(piece))
-    position = _from_its_start(position, pieces)
+    whole, position = position, _from_its_start(position, pieces)
     if half_window is None:
         rows = slice(None) if tried is None else np.flatnonzero(tried)
         halves = _best_half_windows(
@@ -80,7 +82,8 @@ def differentiate(
     else:
         halves = half_window, half_window
     fitted = {half: _fit_all(time_s, position, pieces, half) for half in set(halves)}
-    return Motion(fitted[halves[0]][:, 1], fitted[halves[1]][:, 2], halves)
+    smooth = whole - position + fitted[halves[0]][:, 0]
+    return Motion(smooth, fitted[halves[0]][:, 1], fitted[halves[1]][:, 2], halves)
 
 
 def grid_step(position: FloatArray) -> float:
@@ -126,8 +129,12 @@ def _middles(signal: FloatArray, before: IntArray) -> FloatArray:
     return np.asarray(0.5 * (signal[before] + signal[before + 1]))
 
 
-def position_error(time_s: FloatArray, position: FloatArray, run: IntArray, rounding: float) -> FloatArray:
+def position_error(
+    time_s: FloatArray, position: FloatArray, run: IntArray, rounding: float
+) -> tuple[FloatArray, int]:
     """What each position differs by from the smooth motion, shape (n,), at the size of the reading's error.
+
+    Also the half window that says what is smooth, in samples: slower errors were taken for motion.
 
     The smooth motion is that of the window which best predicts a sample from its neighbours; what a sample
     has in common with its own fit is put back by the fit's leverage.
@@ -141,14 +148,14 @@ def position_error(time_s: FloatArray, position: FloatArray, run: IntArray, roun
     pieces = [rows for rows in blocks(run) if rows.stop - rows.start > 2 * HALF_WINDOWS[0] + 1]
     error = np.zeros(len(position))
     if not pieces:
-        return error
+        return error, HALF_WINDOWS[0]
     moved = _from_its_start(position, pieces)
     half = _pilot(_trials(time_s, moved, pieces, rounding)).half
     for rows in pieces:
         found = local_fit(time_s[rows], moved[rows], np.arange(rows.stop - rows.start), half)
         free = np.sqrt(np.maximum(1.0 - found.variance[:, 0], 1e-2))
         error[rows] = (moved[rows] - found.fitted[:, 0]) / free
-    return error
+    return error, half
 
 
 def _from_its_start(position: FloatArray, pieces: list[slice]) -> FloatArray:

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -122,14 +122,25 @@ def _name(column: str) -> str:
 
 
 def _filter(table: Table, options: ImportOptions) -> Table:
-    for name, wanted in options.where.items():
-        chosen = table.labels(name) == wanted
-        if not chosen.any():
-            there = np.unique(table.labels(name))
-            some = ", ".join(there[:8].tolist()) + (" ..." if len(there) > 8 else "")
-            raise InputError(f"--where {name}={wanted}: {table.path} has no such row. There are: {some}")
-        table = table.select(chosen)
+    for name, given in options.where.items():
+        texts, index = table.labels(name)
+        chosen = chosen_texts(name, given, texts, str(table.path))
+        table = table.select(np.isin(index, [texts.index(text) for text in chosen]))
     return table
+
+
+def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> list[str]:
+    """Which of the texts in a place `--where NAME=GIVEN` means: one, or several with commas between.
+
+    Raises:
+        InputError: one is not there.
+    """
+    wanted = " ".join(given.split())
+    parts = [wanted] if wanted in texts else [part.strip() for part in wanted.split(",")]
+    if not set(parts) <= set(texts):
+        some = ", ".join(sorted(texts)[:8]) + (" ..." if len(texts) > 8 else "")
+        raise InputError(f"--where {name}={wanted}: {place} has no such row. There are: {some}")
+    return parts
 
 
 @dataclass(frozen=True)

@@ -61,17 +61,15 @@ def arrange_rows(columns: Columns, *, fresh: bool = False) -> Rows:
 
 
 def _runs(table: Table, column: str | None) -> tuple[IntArray, dict[int, str]]:
-    """Number of each row's run: the file's own if they are whole numbers, else in order of appearance."""
+    """Number of each row's run: the file's own if they are different whole numbers, else as they appear."""
     if column is None:
         return np.zeros(len(table), dtype=np.int64), {0: "0"}
-    texts = table.labels(column)
-    names, first, index = np.unique(texts, return_index=True, return_inverse=True)
-    if all(name.isdecimal() and len(name) <= _LONGEST_NUMBER for name in names.tolist()):
-        numbers = names.astype(np.int64)
-    else:
-        numbers = np.argsort(np.argsort(first))
-    labels = {int(number): str(name) for number, name in zip(numbers, names, strict=True)}
-    return numbers[index].astype(np.int64), labels
+    names, index = table.labels(column)
+    numbers = list(range(len(names)))
+    if all(name.isdecimal() and len(name) <= _LONGEST_NUMBER for name in names):
+        own = [int(name) for name in names]
+        numbers = own if len(set(own)) == len(own) else numbers  # "1" and "01" are two runs
+    return np.array(numbers, dtype=np.int64)[index], dict(sorted(zip(numbers, names, strict=True)))
 
 
 def _phases(table: Table, column: str | None) -> IntArray:
@@ -79,14 +77,15 @@ def _phases(table: Table, column: str | None) -> IntArray:
         return np.full(len(table), UNKNOWN_PHASE, dtype=np.int64)
     known = {phase.name.lower(): phase.value for phase in Phase}
     known |= {str(value): value for value in (UNKNOWN_PHASE, *known.values())}
-    texts = np.char.lower(table.labels(column))
-    strange = np.flatnonzero(~np.isin(texts, list(known)))
-    if len(strange):
-        raise InputError(
-            f"{table.path}: row {table.rows[strange[0]]}, column '{column}': no phase is called "
-            f"'{texts[strange[0]]}'. Valid: {', '.join(known)}"
-        )
-    return np.array([known[text] for text in texts.tolist()], dtype=np.int64)
+    names, index = table.labels(column)
+    for number, name in enumerate(names):
+        if name.lower() not in known:
+            row = table.rows[np.argmax(index == number)]
+            raise InputError(
+                f"{table.path}: row {row}, column '{column}': no phase is called '{name:.60}'. "
+                f"Valid: {', '.join(known)}"
+            )
+    return np.array([known[name.lower()] for name in names], dtype=np.int64)[index]
 
 
 def _check_times(columns: Columns, rows: Rows) -> None:

@@ -46,7 +46,9 @@ def imported_channels(session: Session) -> tuple[ChannelData, ...]:
     """
     names = [name for name in session.stream_names if name == "contact" or name.startswith("joint_")]
     try:
-        return with_arm([_channel(name, session.samples(name)) for name in names])
+        return with_arm(
+            [_channel(name, session.samples(name)) for name in names if len(session.samples(name))]
+        )
     except InputError as error:
         raise InputError(f"{session.path}, {error}") from error
 
@@ -82,6 +84,8 @@ def _channel(name: str, samples: Samples) -> ChannelData:
     if not kinds:
         raise SessionError(f"stream '{name}' is no channel: it has columns {', '.join(samples)}")
     _check(name, samples, ("time_s", "run", "phase", *_COLUMNS[kinds[0]]))
+    if ((np.diff(samples["time_s"]) <= 0.0) & (np.diff(samples["run"]) == 0)).any():  # as the import has it
+        raise InputError(f"stream '{name}', column 'time_s': times must increase within a run")
     position, velocity, acceleration, effort = (samples[column] for column in _COLUMNS[kinds[0]])
     context = {
         column.removeprefix(_CONTEXT): samples[column] for column in samples if column.startswith(_CONTEXT)

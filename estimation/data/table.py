@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,15 @@ from numpy.typing import NDArray
 
 from estimation.data.numbers import fault_of, more_like_it, useless_rows
 from estimation.data.quantities import parse_role
-from estimation.data.text_table import MOST_BYTES, number_of, read_text_table
+from estimation.data.text_table import most_bytes, number_of, read_text_table
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-_LONGEST_LABEL = 60
+_SHOWN = 60  # characters of a value in an error
+_LONGEST_LABEL = 1000  # characters of the name of a run or a phase
 _MOST_NAMES = 20  # that an error lists
+_LEAST_CELL = 4  # bytes of a value, of whatever type
+_BATCH_ROWS = 256
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Table:
         more = f" and {len(self.names) - _MOST_NAMES} more" if len(self.names) > _MOST_NAMES else ""
         return ", ".join(self.names[:_MOST_NAMES]) + more
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the columns, in their order."""
         return tuple(self.columns.column_names)
@@ -66,7 +70,7 @@ class Table:
             values = np.array([number_of(text) for text in column.to_pylist()], dtype=np.float64)
         bad = useless_rows(values)
         if len(bad):
-            shown = str(column[int(bad[0])].as_py())[:_LONGEST_LABEL]
+            shown = str(column[int(bad[0])].as_py())[:_SHOWN]
             fault = fault_of(number_of(shown)) + more_like_it(len(bad))
             place = f"{self.path}: row {self.rows[bad[0]]}, column '{name}'"
             raise InputError(
@@ -81,26 +85,39 @@ class Table:
         except InputError:
             return False
 
-    def labels(self, name: str) -> NDArray[np.str_]:
-        """A column as text, shape (n,).
+    def labels(self, name: str) -> tuple[tuple[str, ...], IntArray]:
+        """The texts of a column in order of appearance, each once, and which of them each row has, (n,).
 
         Raises:
-            InputError: there is no such column.
+            InputError: there is no such column, or a text is too long to be a name.
         """
-        return np.array([_text(value) for value in self._column(name).to_pylist()], dtype=np.str_)
+        column, place = self._column(name), f"{self.path}: column '{name}'"
+        kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
+        try:
+            coded = column.cast(kind).dictionary_encode("encode").combine_chunks()
+        except pa.ArrowException as error:
+            raise InputError(f"{place} holds {kind!s:.60}, expected text or numbers") from error
+        texts = [_text(value) for value in coded.dictionary.to_pylist()]
+        longest = max(map(len, texts), default=0)
+        if longest > _LONGEST_LABEL:
+            raise InputError(f"{place}: a name of {longest} characters, at most {_LONGEST_LABEL}")
+        number = {text: number for number, text in enumerate(dict.fromkeys(texts))}
+        of_code = np.array([number[text] for text in texts], dtype=np.int64)
+        return tuple(number), of_code[coded.indices.to_numpy(zero_copy_only=False)]
 
     def select(self, chosen: BoolArray) -> "Table":
         """The table with only these rows, mask of shape (n,)."""
         return Table(self.path, self.columns.filter(pa.array(chosen)), self.rows[chosen])
 
     def _column(self, name: str) -> pa.ChunkedArray:
-        if name not in self.names:
+        try:
+            return self.columns.column(name)
+        except KeyError:
             close = get_close_matches(name, self.names, n=1)
             hint = f"; did you mean '{close[0]}'?" if close else ""
             raise UnknownNameError(
                 f"{self.path}: no column '{name}'{hint or '.'} There are: {self.listed_names}"
-            )
-        return self.columns.column(name)
+            ) from None
 
 
 def read_table(path: str | os.PathLike[str]) -> Table:
@@ -149,9 +166,13 @@ def table_of(found: pa.Table, place: Path) -> Table:
 
 def _read_parquet(path: Path) -> pa.Table:
     with pa.parquet.ParquetFile(path) as file:
-        groups = [file.metadata.row_group(index) for index in range(file.metadata.num_row_groups)]
-        _check_size(path, sum(group.total_byte_size for group in groups))
-        return file.read()
+        _check_size(path, _LEAST_CELL * file.metadata.num_rows * file.metadata.num_columns)
+        batches, size = [], 0
+        for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):  # what a row takes is known only then
+            size += batch.nbytes
+            _check_size(path, size)
+            batches.append(batch)
+        return pa.Table.from_batches(batches, file.schema_arrow)
 
 
 def _read_npz(path: Path) -> pa.Table:
@@ -198,10 +219,9 @@ def arrow_of(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
 
 
 def _check_size(path: Path, size: int) -> None:
-    if size > MOST_BYTES:
-        raise InputError(
-            f"{path}: holds {size // 2**20} MiB, at most {MOST_BYTES // 2**20}; cut it into pieces"
-        )
+    most = most_bytes(path)
+    if size > most:
+        raise InputError(f"{path}: holds more than {most // 2**20} MiB; cut it into pieces")
 
 
 def _remedy(shown: str, *, whole: bool) -> str:
@@ -222,7 +242,7 @@ def _text(value: object) -> str:
     """Text of a value; whole numbers without decimal point, so that runs read the same in every format."""
     if isinstance(value, float) and value.is_integer():
         return str(int(value))
-    return " ".join(str(value).split())[:_LONGEST_LABEL]
+    return " ".join(str(value).split())
 
 
 _READERS: tuple[tuple[tuple[str, ...], Callable[[Path], pa.Table]], ...] = (

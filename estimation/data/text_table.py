@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 from robot_io.errors import InputError
+from robot_io.files.unpacked import most_unpacked
 
 MOST_BYTES = 2**30  # unpacked: ten hours at 1 kHz; more is refused before the memory is full
 _DELIMITERS = (",", ";", "\t")
@@ -35,6 +36,11 @@ def read_text_table(path: Path) -> pa.Table:
         raise InputError(f"{path}: {problem}") from error
 
 
+def most_bytes(path: Path) -> int:
+    """What a file may hold once it is unpacked."""
+    return min(MOST_BYTES, most_unpacked(path.stat().st_size))
+
+
 def number_of(text: object) -> float:
     """The number that a cell says, NaN if it says none."""
     written = str(text).strip()
@@ -47,9 +53,9 @@ def number_of(text: object) -> float:
 def _content(path: Path) -> bytes:
     open_file = gzip.open if path.name.lower().endswith(".gz") else open
     with open_file(path, "rb") as file:
-        content: bytes = file.read(MOST_BYTES + 1)
-    if len(content) > MOST_BYTES:
-        raise InputError(f"{path}: more than {MOST_BYTES // 2**20} MiB of text; cut it into pieces")
+        content: bytes = file.read(most_bytes(path) + 1)
+    if len(content) > most_bytes(path):
+        raise InputError(f"{path}: more than {most_bytes(path) // 2**20} MiB of text; cut it into pieces")
     return content
 
 

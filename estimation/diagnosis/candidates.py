@@ -8,7 +8,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Effect, Inner, SensorEffect
 from estimation.effects import EFFECTS
-from estimation.fit.inner_search import Attempts, look, refine
+from estimation.fit.inner_search import Attempts, look, of, refine
 from estimation.fit.load import HEAVY
 from estimation.fit.polish import polish
 from estimation.fit.standing import Fit
@@ -115,7 +115,7 @@ def try_all(
         best = refine(standing.plain, first.best.model, effect, first) if gain >= least else first
         possible = is_possible(effect, best.best, standing.plain, LOOSE)
         if not possible and gain >= PROMISING * gains.max():
-            best = Attempts((*best.trials, polish(standing.plain, best.best)), best.start_count)
+            best = of((*best.trials, polish(standing.plain, best.best)), best.start_count)
             possible = is_possible(effect, best.best, standing.plain, LOOSE)
         found.append(Candidate(effect, best, possible))
     return sorted(found, key=lambda candidate: candidate.held_out)

@@ -1,5 +1,6 @@
 """Says what is missing in a model, with evidence; or that nothing is, or that nobody has named it."""
 
+import signal
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -65,10 +66,18 @@ def diagnose(
     if processes == 1 or len(jobs) == 1:
         found = [diagnose_channel(*job[:2], known, job[2], progress) for job in jobs]
     else:
-        with ProcessPoolExecutor(min(processes, len(jobs)), get_context("fork")) as pool:
+        with ProcessPoolExecutor(
+            min(processes, len(jobs)), get_context("fork"), initializer=_end_when_told
+        ) as pool:
             found = list(_counted(pool.map(work, jobs), channels, progress))
     name = "+".join(dict.fromkeys(one.name for one in models))
     return Diagnosis(file=file, model=name, channels=found)
+
+
+def _end_when_told() -> None:
+    """Handlers of the process that forked are not a worker's: a signal ends it at once."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def _diagnose_job(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.data.derivatives import grid_step
 from estimation.fit.flexible import flexible
 from estimation.fit.inner_search import look
 from estimation.fit.memory import Memory
@@ -92,7 +93,11 @@ def gained(
 
 
 def draws(
-    standing: Standing, readings: Readings, rng: np.random.Generator, left: FloatArray | None = None
+    standing: Standing,
+    readings: Readings,
+    rng: np.random.Generator,
+    left: FloatArray | None = None,
+    own: FloatArray | None = None,
 ) -> Iterator[tuple[Bench, Trial]]:
     """A model fitted to measurements drawn from itself, without end.
 
@@ -100,15 +105,19 @@ def draws(
         standing: the model.
         readings: how the motion was read.
         rng: for the draws.
-        left: noise on blocks, shape (m,); by default what a smooth law leaves of the model's error.
+        left: what reading and noise leave together on blocks, shape (m,); by default what a smooth law leaves
+            of the model's error.
+        own: the effort's own noise on blocks, shape (m,), where it is known without `left`.
     """
     frame, model, known = standing.plain.frame, standing.trial.model, standing.trial.parameters
     expected = model.predict(_with_derived(readings.true_motion, standing.data), known)
     left = standing.flexible.residual if left is None else left
-    noise = _own_noise(standing, readings, expected, left, rng)
+    noise = _own_noise(standing, readings, expected, left, rng) if own is None else own
+    step = 0.0 if own is None else grid_step(np.sort(standing.data.effort))  # else `left` has that of its own
     while True:
         effort = expected.copy()
         effort[frame.rows] += shuffled(noise, frame.run, rng)[:, None]
+        effort = np.round(effort / step) * step if step > 0.0 else effort
         data = replace(_with_derived(readings.draw(rng), standing.data), effort=effort)
         bench = Bench(replace(frame, data=data, memory=Memory(), of_load=Memory()), standing.plain.colour)
         yield bench, attempt(bench, model, known, rounds=2)

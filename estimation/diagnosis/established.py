@@ -5,29 +5,25 @@ law without a name does better: a wide, shrunken regression on all signals (`est
 knows no shape. Names stand where they describe held-out runs as well as that, and leave it little to explain.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from estimation.data.derivatives import grid_step
-from estimation.diagnosis.candidates import Candidate
 from estimation.diagnosis.doubt import SMALL, gained
-from estimation.diagnosis.search import Search
+from estimation.diagnosis.search import Search, looked_back
 from estimation.effect import SIGNALS
 from estimation.fit.flexible import flexible
 from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
-from estimation.fit.trial import Trial
-from robot_io.types import FloatArray
 
 AS_GOOD = 0.9  # of the squared error that names leave, that a law without a name must not get below
 MOST = 0.9  # of the squared error that can be explained at all, that names must explain
 # signals of effects by the names that a smooth law has for them
 _FELT_AS = {"past effort": ("effort",), "other joints": ("joint position", "joint velocity")}
-_ALIKE = 0.95  # cosine above which two effects explain the same
-_WITHIN = 1e-3  # of the energy of what an effect adds, that is left where another law contains it
+_RIVALS = 5  # looked at in the place of an effect; each must explain half of what that does
+_WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 
 
 @dataclass(frozen=True)
@@ -84,22 +80,34 @@ def established(search: Search, end: Standing, readings: Readings, *, complete: 
         readings: how the motion was read.
         complete: whether it leaves no more than draws from it do.
     """
-    held = standards(search.start, end)
-    if not search.is_sensible(end) or not (
-        complete
-        or held.is_met
-        or (held.explains_most and all(_stands_by_itself(search, end, name) for name in search.added(end)))
-    ):
+    if not search.added(end) or not _may_have_names(search, end, complete=complete):
         return search.start
-    for part in [
-        search.start,
-        *in_order(search, end)[:-1],
-    ]:  # some may need each other, and be nothing together
-        if not gained(part, end, readings, search.rng).is_unusual:
-            return (
-                established(search, part, readings, complete=complete) if part is not search.start else part
-            )
-    for name in reversed(names_in_order(search, end)):  # the least telling first
+    some = _sufficient_part(search, end, readings)
+    less = _without_needless(search, end, readings, complete=complete) if some is end else some
+    if less is end or less is search.start:
+        return less
+    return established(search, looked_back(search, less), readings, complete=complete)
+
+
+def _may_have_names(search: Search, end: Standing, *, complete: bool) -> bool:
+    if not search.is_sensible(end):
+        return False
+    held = standards(search.start, end)
+    if complete or held.is_met:
+        return True
+    return held.explains_most and all(_stands_by_itself(search, end, name) for name in search.added(end))
+
+
+def _sufficient_part(search: Search, end: Standing, readings: Readings) -> Standing:
+    """The first part of a model from which draws gain as much by the whole; some need each other."""
+    parts = (search.start, *in_order(search, end)[:-1])
+    enough = (part for part in parts if not gained(part, end, readings, search.rng).is_unusual)
+    return next(enough, end)
+
+
+def _without_needless(search: Search, end: Standing, readings: Readings, *, complete: bool) -> Standing:
+    """A model less the effects that it does not need, the least telling first."""
+    for name in reversed(names_in_order(search, end)):
         before = search.without(end, name)
         is_small = before.rmse - end.rmse < SMALL * (search.start.rmse - end.rmse)
         is_small = is_small or not (complete or _outweighs_the_rest(before, end))
@@ -133,25 +141,30 @@ def in_order(search: Search, end: Standing) -> list[Standing]:
 def rivals(search: Search, end: Standing, name: str, readings: Readings) -> list[str]:
     """Effects that the data do not refuse in the place of one, best first.
 
-    An effect that merely contains this one (a law with one more term) is no rival: the data say that the term
-    is nothing.
+    One that needs more parameters to draw the same curve (a law with one more term) is no rival: the data say
+    that the term is nothing.
     """
     without = search.without(end, name)
-    tried = search.instead(end, name)
-    taken = next((one for one in tried if one.effect.name == name), None)
-    reach = (1.0 + SMALL) ** 2 * 1.5 * end.trial.held_out
+    others = [one for one in search.instead(end, name) if one.effect.name != name]
+    half = 0.5 * (without.trial.held_out + end.trial.held_out)
     found = []
-    for candidate in tried:
-        if candidate is taken or candidate.held_out > reach:
-            continue
-        if _likeness(without.trial, end.trial, candidate.search.best) < _ALIKE:
-            continue
-        if taken is not None and _contains(candidate, taken):
-            continue
+    for candidate in others[:_RIVALS]:
         theirs = search.with_candidate(candidate)
+        is_larger = search.size(theirs) > search.size(end) + 1  # one more may be a place or a phase
+        if theirs.trial.held_out > half or (is_larger and _is_same_curve(theirs, end, without)):
+            continue
         if not gained(theirs, end, readings, search.rng).is_unusual:
             found.append(candidate.effect.name)
     return found
+
+
+def _is_same_curve(one: Standing, other: Standing, without: Standing) -> bool:
+    """Whether two models predict the same, beside what both add to a third."""
+    here, there, before = (standing.trial.residual for standing in (one, other, without))
+    if not len(here) == len(there) == len(before):  # the contact begins elsewhere
+        return False
+    apart, added = here - there, before - there
+    return float(apart @ apart) < _WITHIN * float(added @ added)
 
 
 def _stands_by_itself(search: Search, end: Standing, name: str) -> bool:
@@ -188,34 +201,3 @@ def _is_below_a_step(search: Search, end: Standing, name: str) -> bool:
     without = search.without(end, name)
     added = np.sqrt(max(without.rmse**2 - end.rmse**2, 0.0))
     return bool(name != "quantisation" and step > 0.0 and added < step / np.sqrt(12.0) and end.rmse < step)
-
-
-def _likeness(base: Trial, one: Trial, other: Trial) -> float:
-    """Cosine between what two models explain beyond a third: 1 where they explain the same."""
-    first, second = (base.residual - trial.residual for trial in (one, other))
-    lengths = float(np.linalg.norm(first) * np.linalg.norm(second))
-    return float(first @ second) / lengths if lengths > 0.0 else 0.0
-
-
-def _contains(rival: Candidate, taken: Candidate) -> bool:
-    """Whether the rival has more parameters and can draw what the taken one draws."""
-    if _count(rival) <= _count(taken):
-        return False
-    added = _contribution(taken.search.best, taken.effect.name)
-    energy = float(added @ added)
-    columns = rival.search.best.columns
-    left = added - columns @ np.linalg.lstsq(columns, added, rcond=None)[0]
-    return energy > 0.0 and float(left @ left) < _WITHIN * energy
-
-
-def _count(candidate: Candidate) -> int:
-    return len(candidate.effect.inner) + len(candidate.effect.gains)
-
-
-def _contribution(trial: Trial, effect: str) -> FloatArray:
-    """What an effect adds to the prediction on blocks, shape (m,)."""
-    names: Sequence[str] = list(trial.model.gains)
-    own = [i for i, name in enumerate(names) if name.startswith(f"{effect}.")]
-    gains = np.array([trial.parameters[names[i]] for i in own])
-    added: FloatArray = trial.columns[:, own] @ gains
-    return added

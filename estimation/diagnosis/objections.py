@@ -5,11 +5,11 @@ the data, so other runs teach nothing about it. Nor does a rest that swings or b
 """
 
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.derivatives import grid_step
 from estimation.diagnosis.doubt import draws, place
 from estimation.fit.frame import Frame
 from estimation.fit.held_out import held_out_residual, rmse
@@ -26,9 +26,9 @@ _FREE = 0.9  # of the samples before a touch; the last of them may already belon
 _LEAST = 50  # samples
 _APART = 1.5  # the error by itself; slow noise of a few runs stays well below that
 _ROWS = 30  # samples for each gain, with which a run can be fitted by itself
-_ABOVE_AIR = 3.0  # the noise to be expected
-_LIKE_NEIGHBOUR = 0.5  # correlation of neighbouring blocks, which noise as in free air does not have
-_MORE_ALIKE = 0.2  # than in free air: that of 40 blocks is uncertain by 0.16
+_ABOVE_AIR = 3.0  # times what draws show
+_LIKE_NEIGHBOUR = 0.5  # of the energy that is left, which neighbouring blocks must have in common
+_FEW_DRAWS = 4  # whose largest is compared
 _BLOCKS = 40  # in contact and in free air, with fewer of which nothing is said
 _PROMINENT = 40.0  # times the median around it, that a line rises to in a spectrum; noise reaches 10
 _PEAK = 0.2  # share of the variance in one frequency that makes it worth naming
@@ -72,7 +72,7 @@ def objection_to(
             "run",
             apart.alone,
         )
-    excess = unlike_noise(end)
+    excess = unlike_noise(end, readings, rng)
     if not excess:
         return _swinging(end)
     swings = f" and swings at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
@@ -165,7 +165,7 @@ class Excess:
 
     Attributes:
         contact: root mean square of the residual in contact, on blocks, in the unit of the effort.
-        expected: the same of noise as in free air, and of what the steps of force and position make.
+        expected: the same of draws from the model, with noise as in free air.
         frequency_hz: at which much of it swings; None if it does at none.
     """
 
@@ -174,61 +174,49 @@ class Excess:
     frequency_hz: float | None
 
 
-def unlike_noise(standing: Standing) -> Excess | None:
-    """What a model leaves in contact beyond the sensor's noise, or None if it looks like noise."""
+def unlike_noise(standing: Standing, readings: Readings, rng: np.random.Generator) -> Excess | None:
+    """What a model leaves in contact beyond noise as in free air and errors of the readings; None if nothing.
+
+    The noise may be larger in contact, of which only what neighbouring blocks share is held against the
+    model. Draws show what the readings' errors, such as the steps of encoders, make of that.
+    """
     frame = standing.plain.frame
-    data = frame.data
-    if data.kind is not ChannelKind.CONTACT:
+    if frame.data.kind is not ChannelKind.CONTACT:
         return None
     residual = frame.reduce(held_out_residual(frame, standing.trial))
     usable = frame.trusted & np.isfinite(residual)
-    pressed = data.engaged[frame.rows]
+    pressed = frame.data.engaged[frame.rows]
     contact, air = usable & pressed.all(axis=1), usable & ~pressed.any(axis=1)
     if min(contact.sum(), air.sum()) < _BLOCKS:
         return None
-    size = _rms(residual[contact])
-    rounding = grid_step(data.effort) / np.sqrt(12.0)
-    noise = (_about_run_means(residual, frame.run, air), rounding, _of_position(standing, contact))
-    expected = float(np.linalg.norm(noise))
-    alike = _neighbours(residual, frame.run, contact)
-    if size < _ABOVE_AIR * expected or alike < _LIKE_NEIGHBOUR:
+    slow = _shared_by_neighbours(residual, frame.run, contact)
+    if slow**2 < _LIKE_NEIGHBOUR * _rms(residual[contact]) ** 2:
         return None
-    if alike < _neighbours(residual, frame.run, air) + _MORE_ALIKE:
+    noise = _about_run_means(residual, frame.run, air)
+    drawn = islice(draws(standing, readings, rng, own=np.resize(noise, len(frame))), _FEW_DRAWS)
+    left = [_rms(one.frame.reduce(held_out_residual(one.frame, trial))[contact]) for one, trial in drawn]
+    if slow < _ABOVE_AIR * max(left):
         return None
-    return Excess(size, expected, _frequency(standing, residual, contact))
+    expected = float(np.median(left))
+    return Excess(_rms(residual[contact]), expected, _frequency(standing, residual, contact))
 
 
 def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _about_run_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> float:
+def _about_run_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> FloatArray:
+    """The chosen blocks (k,) in order of time, each about the mean of its run."""
     parts = [residual[chosen & (run == one)] for one in np.unique(run[chosen])]
-    return _rms(np.concatenate([part - part.mean() for part in parts]))
+    return np.concatenate([part - part.mean() for part in parts])
 
 
-def _of_position(standing: Standing, contact: BoolArray) -> float:
-    """Force that the unevenness of the measured position makes, whose steps a coarse encoder shows."""
-    frame = standing.plain.frame
-    position = frame.reduce(frame.data.position)
-    step = sample_time(frame.data.time_s, frame.data.run) * frame.rows.shape[1]
-    speed = frame.reduce(frame.data.velocity)
-    near = contact[1:] & contact[:-1] & (frame.run[1:] == frame.run[:-1])
-    if not near.any():
-        return 0.0
-    uneven = np.diff(position)[near] - 0.5 * (speed[1:] + speed[:-1])[near] * step
-    effort = frame.reduce(frame.data.effort)[contact]
-    stiffness = float(np.ptp(effort)) / max(float(np.ptp(position[contact])), 1e-12)
-    return stiffness * _rms(uneven)
-
-
-def _neighbours(residual: FloatArray, run: IntArray, chosen: BoolArray) -> float:
-    """Correlation of each block with the next."""
+def _shared_by_neighbours(residual: FloatArray, run: IntArray, chosen: BoolArray) -> float:
+    """Root mean square of what neighbouring blocks have in common; 0 for white noise."""
     pairs = chosen[1:] & chosen[:-1] & (run[1:] == run[:-1])
     if pairs.sum() < _BLOCKS // 2:
         return 0.0
-    one, other = residual[1:][pairs], residual[:-1][pairs]
-    return float((one @ other) / max(np.sqrt((one @ one) * (other @ other)), 1e-300))
+    return float(np.sqrt(max(np.mean(residual[1:][pairs] * residual[:-1][pairs]), 0.0)))
 
 
 def _frequency(standing: Standing, residual: FloatArray, contact: BoolArray) -> float | None:

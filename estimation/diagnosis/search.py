@@ -247,9 +247,11 @@ class Search:
 
     def exchanged(self, standing: Standing, name: str) -> list[Standing]:
         """Models with another effect in the place of one, of those that may do better, in order."""
-        near = _NEAR * standing.trial.held_out
-        tried = [one for one in self.instead(standing, name) if one.effect.name != name]
-        made = (self.with_candidate(one) for one in tried[:2] if one.held_out < near)
+        tried = self.instead(standing, name)
+        roughly = [one.held_out for one in tried if one.effect.name == name]  # in as few places as the others
+        near = _NEAR * max([standing.trial.held_out, *roughly])
+        others = [one for one in tried if one.effect.name != name]
+        made = (self.with_candidate(one) for one in others[:2] if one.held_out < near)
         return self.ordered([one for one in made if self.is_sensible(one)])
 
     def is_better(self, one: Standing, other: Standing) -> bool:
@@ -283,9 +285,8 @@ class Search:
         observed = (before.trial.sse - after.trial.sse) / max(float(noise @ noise), 1e-300)
         if observed > _CLEAR and len(noise) > _MANY:
             return 0.0
-        columns = (
-            trial.columns[kept] for candidate in self.screened(before) for trial in candidate.search.starts
-        )
+        starts = (trial for candidate in self.screened(before) for trial in candidate.search.starts)
+        columns = (attempt(before.plain, one.model, one.parameters).columns[kept] for one in starts)
         run = after.plain.frame.run[kept]
         chance = chance_gains(noise, run, before.trial.columns[kept], columns, self.rng)
         return float((1 + np.sum(chance >= observed)) / (1 + len(chance)))
@@ -360,7 +361,7 @@ def _pairs(sketch: Search) -> Iterator[Standing]:
 
 def _refined(whole: Search, rough: Standing) -> Standing:
     """What was found on a coarse copy, on the channel itself."""
-    return _climb(whole, _looked_back(whole, whole.fitted(rough.trial.model, rough.trial.parameters)))
+    return _climb(whole, looked_back(whole, whole.fitted(rough.trial.model, rough.trial.parameters)))
 
 
 def _climb(search: Search, standing: Standing) -> Standing:
@@ -370,14 +371,14 @@ def _climb(search: Search, standing: Standing) -> Standing:
         found = next(further, None)
         if found is None:
             break
-        settled = _looked_back(search, found)
+        settled = looked_back(search, found)
         if settled.trial.held_out >= standing.trial.held_out:
             break
         standing = settled
     return standing
 
 
-def _looked_back(search: Search, standing: Standing) -> Standing:
+def looked_back(search: Search, standing: Standing) -> Standing:
     """Drop what later effects made needless, and exchange what another would now do better, or is sound."""
     for name in search.added(standing):
         less = search.without(standing, name)

@@ -5,9 +5,10 @@ from typing import ClassVar
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.data.derivatives import Motion, differentiate
 from estimation.effect import Inner, MotionEffect, Parameter
 from estimation.signals.moved import moved
-from estimation.signals.runwise import rate
+from estimation.signals.remembered import remembered
 
 
 class JointElasticity(MotionEffect):
@@ -20,7 +21,7 @@ class JointElasticity(MotionEffect):
     signature = "errors grow with the second derivative of the load: at fast changes, not at slow ones"
     signals = ("load",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    inner = (Parameter("compliance", "{position}/{effort}", 0.0, 10.0, (1e-05, 0.1), log=True),)
+    inner = (Parameter("compliance", "{position}/{effort}", 0.0, 1e9, (1e-05, 0.1), log=True),)
     needs = ("load",)
     confused_with: ClassVar[dict[str, str]] = {
         "lag": "move slowly under a large load: a spring yields at rest too",
@@ -29,11 +30,9 @@ class JointElasticity(MotionEffect):
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
         c, load = inner["compliance"], data.context["load"]
+        changes = _changes_of_load(data)
         return moved(
-            data,
-            position=-c * load,
-            velocity=-c * rate(load, data.time_s, data.run),
-            acceleration=-c * rate(load, data.time_s, data.run, order=2),
+            data, position=-c * load, velocity=-c * changes.velocity, acceleration=-c * changes.acceleration
         )
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
@@ -41,3 +40,9 @@ class JointElasticity(MotionEffect):
         load = float(np.std(data.context["load"])) or 1.0
         span = float(np.std(data.position)) or 1.0
         return tuple({"compliance": float(part * span / load)} for part in np.geomspace(3e-4, 0.3, 10))
+
+
+@remembered("time_s", "run", "load")
+def _changes_of_load(data: ChannelData) -> Motion:
+    """First and second derivative of the load, by windows that its own noise calls for."""
+    return differentiate(data.time_s, data.context["load"], data.run, rounding=0.0)

@@ -3,9 +3,13 @@
 from dataclasses import replace
 from typing import ClassVar
 
+import numpy as np
+
 from estimation.channel import ChannelData, ChannelKind
+from estimation.data.derivatives import Motion, differentiate
 from estimation.effect import Inner, MotionEffect, Parameter
-from estimation.signals.runwise import low_pass, rate, sample_time
+from estimation.signals.blocks import stretches
+from estimation.signals.remembered import remembered
 
 
 class ToolCompliance(MotionEffect):
@@ -18,16 +22,29 @@ class ToolCompliance(MotionEffect):
     signature = "the object seems softer the harder it is pressed, and less damped than it is"
     signals = ("position", "effort")
     channels = frozenset({ChannelKind.CONTACT})
-    inner = (Parameter("compliance", "{position}/{effort}", 0.0, 0.01, (1e-06, 0.001), log=True),)
+    inner = (Parameter("compliance", "{position}/{effort}", 0.0, 1e9, (1e-06, 0.001), log=True),)
     confused_with: ClassVar[dict[str, str]] = {
         "cubic_stiffness": "press a rigid block: what yields is the tool",
         "damping": "press a rigid block: what yields is the tool",
     }
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
-        force = low_pass(data.effort, data.time_s, data.run, 2.0 * sample_time(data.time_s, data.run))
+        force = _smooth_force(data)
         return replace(
             data,
-            position=data.position - inner["compliance"] * force,
-            velocity=data.velocity - inner["compliance"] * rate(force, data.time_s, data.run),
+            position=data.position - inner["compliance"] * force.position,
+            velocity=data.velocity - inner["compliance"] * force.velocity,
         )
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: yielding by from a thousandth of the depth to as much as that."""
+        yielding = float(np.ptp(data.position) / (np.ptp(data.effort) or 1.0))
+        return tuple({"compliance": float(part * yielding)} for part in np.geomspace(1e-3, 1.0, 7))
+
+
+@remembered("time_s", "run", "effort")
+def _smooth_force(data: ChannelData) -> Motion:
+    """The force and its rate, by a window that its own noise calls for."""
+    return differentiate(
+        data.time_s, data.effort, stretches(data.engaged, data.run), rounding=0.0, calm=False
+    )

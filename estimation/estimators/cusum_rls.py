@@ -103,7 +103,8 @@ class CusumRls(RecursiveEstimator):
             learnt = self._samples > 2 * _WARM_UP or self.changes > 0
             if learnt:
                 unsure = self._noise.mean_variance * float(row.dot(self._covariance.dot(row)))
-                self._sum_up(columns, error, (self._noise.variance(effort - error) + unsure) ** 0.5)
+                variance = self._noise.variance(effort - error) + unsure  # rounding may take it below zero
+                self._sum_up(columns, error, max(variance, 0.0) ** 0.5)
             self._noise.learn(error, effort - error, cut=learnt)
         return super().update(row, effort)
 

@@ -196,7 +196,7 @@ def _mixed(data: ChannelData, frame: Frame) -> BoolArray:
 def _position_error(data: ChannelData) -> FloatArray:
     step = data.position_step or grid_step(data.position)
     rounding = rounding_variance(data.time_s, data.position, data.run, step)
-    return position_error(data.time_s, data.position, data.run, rounding)
+    return position_error(data.time_s, data.position, data.run, rounding)[0]
 
 
 def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:

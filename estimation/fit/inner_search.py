@@ -20,7 +20,8 @@ class Attempts:
     """All trials of one candidate.
 
     Attributes:
-        trials: at all inner parameters that were tried; the first are those at the starts.
+        trials: at all inner parameters that were tried; the first are those at the starts. Only the best has
+            its blocks: those of all would fill the memory.
         start_count: how many of them.
     """
 
@@ -36,10 +37,6 @@ class Attempts:
     def best(self) -> Trial:
         """The trial that fits all data best."""
         return min(self.trials, key=lambda trial: trial.sse)
-
-    def without_blocks(self) -> "Attempts":
-        """The same, see `Trial.without_blocks`."""
-        return Attempts(tuple(trial.without_blocks() for trial in self.trials), self.start_count)
 
     @property
     def held_out(self) -> FloatArray:
@@ -59,8 +56,22 @@ def look(
 ) -> Attempts:
     """Try `effect`, which is part of `model`, at its starts."""
     along = parts_along(bench.frame.data, model, effect, parameters)
-    trials = tuple(_at(bench, model, effect, parameters, inner, along=along) for inner in starts)
-    return Attempts(trials, len(trials))
+    places = list(starts)
+    trials = (_at(bench, model, effect, parameters, inner, along=along) for inner in places)
+    return of(trials, len(places))
+
+
+def of(trials: Iterable[Trial], start_count: int) -> Attempts:
+    """All trials of a candidate, of which the best keeps its blocks."""
+    kept: list[Trial] = []
+    best = 0
+    for number, trial in enumerate(trials):
+        kept.append(trial)
+        if number and trial.sse < kept[best].sse:
+            kept[best], best = kept[best].without_blocks(), number
+        elif number:
+            kept[number] = trial.without_blocks()
+    return Attempts(tuple(kept), start_count)
 
 
 def refine(bench: Bench, model: Model, effect: Effect, looked: Attempts) -> Attempts:
@@ -78,9 +89,7 @@ def refine(bench: Bench, model: Model, effect: Effect, looked: Attempts) -> Atte
             for point in closer:
                 grid.append(point)
                 trials.append(_at(bench, model, effect, trials[best].parameters, point, along=along))
-    best_trial = min(trials, key=lambda trial: trial.sse)
-    between = (t if t is best_trial else t.without_blocks() for t in trials[looked.start_count :])
-    return Attempts((*looked.trials, *between), looked.start_count)
+    return of(trials, looked.start_count)
 
 
 def _at(

@@ -38,6 +38,7 @@ class Readings:
         data: the channel as it was recorded.
         error: of each position, shape (n,): what differs from the smooth motion.
         velocity_error: the same of each velocity that was measured; 0 where it was derived.
+        halves: half windows [samples] that these were found by, for position and velocity.
         step: of the grid on which positions lie; 0 where there is none.
         is_staircase: whether most positions are those of the sample before or after, on no grid: encoders of
             several joints that step.
@@ -50,6 +51,7 @@ class Readings:
     data: ChannelData
     error: FloatArray
     velocity_error: FloatArray
+    halves: tuple[int, int]
     step: float
     is_staircase: bool
     windows: tuple[int | None, int | None]
@@ -68,7 +70,8 @@ class Readings:
         if self.windows[0] is not None:
             velocity = self.bent[0] + derived(data, error, self.windows[0], 1)
         else:
-            velocity = shuffled(velocity, data.run, rng)
+            slow = slow_part(velocity, data.run, self.halves[1], rng)
+            velocity = shuffled(velocity, data.run, rng) + slow
         if self.windows[1] is not None:
             of, order = (velocity, 1) if self.is_of_velocity else (error, 2)
             acceleration = self.bent[1] + derived(data, of, self.windows[1], order)
@@ -80,11 +83,12 @@ class Readings:
             extra = max(float(np.mean(self.error**2)) - self.step**2 / 12.0, 0.0)
             noisy = smooth + np.sqrt(extra) * rng.standard_normal(len(smooth))
             shift = self.step * rng.random()
-            read: FloatArray = np.round((noisy + shift) / self.step) * self.step - shift
-            return read - smooth
+            error: FloatArray = np.round((noisy + shift) / self.step) * self.step - shift - smooth
+            return error - np.mean(error)  # what all have in common is a matter of the zero, not of reading
+        slow = slow_part(self.error, self.data.run, self.halves[0], rng)
         if self.is_staircase:
-            return self._elsewhere(rng)
-        return shuffled(self.error, self.data.run, rng)
+            return self._elsewhere(rng) + slow
+        return shuffled(self.error, self.data.run, rng) + slow
 
     def _elsewhere(self, rng: np.random.Generator) -> FloatArray:
         """The error as a function of the place, moved along, (n,): the same in each pass, as steps are."""
@@ -107,14 +111,14 @@ def readings_of(data: ChannelData) -> Readings:
 def _readings_of(data: ChannelData) -> Readings:
     step = data.position_step or grid_step(data.position)
     rounding = rounding_variance(data.time_s, data.position, data.run, step)
-    error = position_error(data.time_s, data.position, data.run, rounding)
+    error, half = position_error(data.time_s, data.position, data.run, rounding)
     few = data.select(np.arange(min(len(data), _TRIED)))
     velocity, _ = _window(few, few.position, error, few.velocity, 1)
-    of_velocity = np.zeros(len(data))
+    of_velocity, half_of_velocity = np.zeros(len(data)), half
     acceleration, apart = _window(few, few.position, error, few.acceleration, 2)
     is_of_velocity = False
     if velocity is None:  # else both came from the positions
-        of_velocity = position_error(data.time_s, data.velocity, data.run, 0.0)
+        of_velocity, half_of_velocity = position_error(data.time_s, data.velocity, data.run, 0.0)
         of_it, apart_from_it = _window(few, few.velocity, of_velocity, few.acceleration, 1)
         is_of_velocity = of_it is not None and apart_from_it < apart
         acceleration = of_it if is_of_velocity else acceleration
@@ -124,7 +128,8 @@ def _readings_of(data: ChannelData) -> Readings:
         _bent(data, data.velocity - of_velocity, windows[0], 1),
         _bent(data, data.acceleration, windows[1], 1 if is_of_velocity else 2),
     )
-    return Readings(data, error, of_velocity, step, is_staircase, windows, is_of_velocity, bent)
+    halves = half, half_of_velocity
+    return Readings(data, error, of_velocity, halves, step, is_staircase, windows, is_of_velocity, bent)
 
 
 def shuffled(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
@@ -133,6 +138,29 @@ def shuffled(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> Floa
     for rows in blocks(run):
         made[rows] = np.roll(noise[rows], rng.integers(rows.stop - rows.start)) * rng.choice([-1.0, 1.0])
     return made
+
+
+def slow_part(error: FloatArray, run: IntArray, half: int, rng: np.random.Generator) -> FloatArray:
+    """Errors slower than a smoothing window lets show, (n,), drawn at the density that it leaves beside.
+
+    A reading's error does not end at the frequency where the smooth motion begins. That is where a cubic fit
+    to 2 h + 1 samples passes half of the power: R. W. Schafer, IEEE Signal Processing Magazine 28 (2011).
+    """
+    edge = min(0.5 * 4.0 / max(3.2 * half - 4.6, 1.0), 0.25)  # in cycles a sample
+    slow = np.zeros_like(error)
+    for rows in blocks(run):
+        count = rows.stop - rows.start
+        found = np.fft.rfft(error[rows])
+        frequency = np.fft.rfftfreq(count)
+        beside, below = (frequency >= edge) & (frequency < 2.0 * edge), (frequency > 0.0) & (frequency < edge)
+        if not beside.any() or not below.any():
+            continue
+        lacking = np.maximum(np.mean(np.abs(found[beside]) ** 2) - np.abs(found[below]) ** 2, 0.0)
+        drawn = np.zeros_like(found)
+        parts = rng.standard_normal((2, below.sum()))
+        drawn[below] = np.sqrt(0.5 * lacking) * (parts[0] + 1j * parts[1])
+        slow[rows] = np.fft.irfft(drawn, count)
+    return slow
 
 
 def derived(data: ChannelData, signal: FloatArray, window: int, order: int) -> FloatArray:

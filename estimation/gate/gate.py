@@ -95,7 +95,11 @@ def _size(data: ChannelData) -> str | None:
     count = int(np.sum(lengths // block_length(data)))
     if count > _MOST_BLOCKS:
         more = f"{count} blocks are more than can be searched, {_MOST_BLOCKS}"
-        return f"{more}; take some of the runs with --where"
+        several = len(lengths) > 1
+        some = (
+            f"some of the {len(lengths)} runs with --where run=N,N ..." if several else "shorter recordings"
+        )
+        return f"{more}; take {some}"
     return None
 
 

@@ -38,15 +38,22 @@ class _Seen:
 def remembered(
     *arrays: str,
 ) -> Callable[[Callable[[ChannelData], Result]], Callable[[ChannelData], Result]]:
-    """For a function of these arrays of a channel: computed once for all channels that have the same ones."""
+    """For a function of these arrays of a channel: computed once for all channels that have the same ones.
+
+    An array is a field of the channel or a signal of its context.
+    """
 
     def decorate(compute: Callable[[ChannelData], Result]) -> Callable[[ChannelData], Result]:
         known = lru_cache(maxsize=_MOST)(lambda seen: compute(seen.data))
 
         @wraps(compute)
         def recall(data: ChannelData) -> Result:
-            return known(_Seen(tuple(Itself(getattr(data, name)) for name in arrays), data))
+            return known(_Seen(tuple(Itself(_array(data, name)) for name in arrays), data))
 
         return recall
 
     return decorate
+
+
+def _array(data: ChannelData, name: str) -> object:
+    return getattr(data, name) if hasattr(data, name) else data.context[name]

@@ -14,6 +14,8 @@ CONFIDENCE = 0.95
 _SINGULAR = 1e8  # condition number beyond which double precision leaves no digit that could be trusted
 _LOST_SHARE = 1.0  # uncertainty, as a share of the effort, at which a parameter of no certain sign is lost
 _ROUGH = 0.25  # relative standard error above which a parameter is known only roughly
+_SURE = 1e-6  # of what residuals of this size leave open: no share of outliers makes an error that small
+_DIGITS = 1e-9  # share of the effort below which residuals are the last digits of the numbers
 _MATTERS = 0.01  # uncertainty, as a share of the effort, above which that is worth a word
 
 
@@ -58,7 +60,10 @@ def sandwich(
     if not lengths.all() or condition_of_gram((jacobian / lengths).T @ (jacobian / lengths)) > _SINGULAR:
         return unknown_covariance(parameters)
     scaled = jacobian / lengths
-    bread = np.linalg.inv(scaled.T @ (scaled * slope[:, None]))
+    curvature = scaled.T @ (scaled * slope[:, None])
+    if np.linalg.cond(curvature) > _SINGULAR**2:  # samples that count at all may be a few, or all alike
+        return unknown_covariance(parameters)
+    bread = np.linalg.inv(curvature)
     filling = sum_covariance(scaled * score[:, None], run)
     freedom = max(1.0, filling.effective_count - parameters)
     matrix = bread @ filling.matrix @ bread * (count / max(1, count - parameters))
@@ -174,6 +179,18 @@ def _advice(
     return f"{doubt}: excite it more (faster, deeper, longer) or measure with less noise"
 
 
+_TOO_SURE = "most samples are exactly alike, and the others do not fit: leave out what stands still"
+
+
+def _is_too_sure(
+    jacobian: FloatArray, effort: FloatArray, residuals: FloatArray, covariance: Covariance
+) -> bool:
+    """Whether residuals that are there have no share in an error: a majority without noise set the scale."""
+    left = _rms(residuals)
+    spread = covariance.std_err * np.linalg.norm(jacobian, axis=0)
+    return left > _DIGITS * _rms(effort) and bool((spread < _SURE * left).any())
+
+
 def assemble(
     estimator: str,
     names: tuple[str, ...],
@@ -205,6 +222,10 @@ def assemble(
     """
     used = np.ones(len(effort), dtype=np.bool_) if inliers is None else inliers
     judgement = judge(names, values, jacobian[used], effort[used], covariance)
+    if _is_too_sure(jacobian, effort, residuals, covariance):
+        covariance = unknown_covariance(len(values))
+        if judgement.identifiability is not Identifiability.NONE:
+            judgement = Judgement(Identifiability.NONE, _TOO_SURE)
     lengths = np.linalg.norm(jacobian[used], axis=0)
     scaled = jacobian[used] / np.where(lengths > 0, lengths, 1.0)
     parameters = tuple(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.estimate import Estimate
+from estimation.estimate import Estimate, Identifiability
 from estimation.estimate_channel import estimate_channel, fitting_rows
 from estimation.estimators import ESTIMATORS
 from estimation.fit.trial import Trial
@@ -45,13 +45,17 @@ class ChannelEstimates(Shown):
 
     @property
     def best(self) -> Estimate:
-        """The first of `BEST` that was asked for and used most of the samples, or the first of all.
+        """The first of `BEST` that was asked for, used most samples and says something, or the first of all.
 
         A robust method that sets many samples aside says that the model is wrong, not that they are.
         """
         by_name = {estimate.estimator: estimate for estimate in self.estimates}
         ranked = [by_name[name] for name in BEST if name in by_name]
-        trusted = [estimate for estimate in ranked if np.mean(estimate.inliers) >= MOST]
+        trusted = [
+            estimate
+            for estimate in ranked
+            if np.mean(estimate.inliers) >= MOST and estimate.identifiability is not Identifiability.NONE
+        ]
         return (trusted or ranked or list(self.estimates))[0]
 
     def surface_of(self, estimate: Estimate) -> Surface | None:

@@ -2,8 +2,9 @@
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,16 @@ from control.loop.tick_record import STREAM_NAME
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData
 from estimation.data.channels import is_session, session_channels
-from estimation.data.import_file import Imported, import_file, import_table
+from estimation.data.import_file import Imported, chosen_texts, import_file, import_table
 from estimation.data.import_options import ImportOptions
 from estimation.data.joining import joined_channels
+from estimation.data.quantities import RUN
 from estimation.data.table import arrow_of, table_of
 from robot_io.calibration import NO_CALIBRATIONS, parse_calibrations
 from robot_io.errors import InputError
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
+from robot_io.types import IntArray
 
 NO_OPTIONS = ImportOptions()
 IN_MEMORY = "data"  # what measurements without a file are called
@@ -92,7 +95,8 @@ class Source:
         """The channels with the force in free air taken off that of a probing, which a stiffness needs."""
         if self.session is None:
             return self.channels
-        return session_channels(self.session, *self.more, tared=True)
+        runs = np.unique(np.concatenate([one.runs for one in self.channels]))
+        return _of_runs(session_channels(self.session, *self.more, tared=True), runs)
 
 
 def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None = None) -> Source:  # noqa: ANN401
@@ -159,12 +163,24 @@ def _of_file(path: Path, options: ImportOptions) -> Source:
     if not is_session(path):
         imported: Imported = import_file(path, options)
         return Source(path.name, imported.channels, path=path, unused=imported.unused, notes=imported.notes)
-    if options != NO_OPTIONS:
+    if options != ImportOptions(where={RUN: runs} if (runs := options.where.get(RUN)) else {}):
         raise InputError(
-            f"{path}: is a session; --column, --unit, --where, --context and --fresh-runs are for data files"
+            f"{path}: is a session, which takes --where run=0,2; "
+            "--column, --unit, --context and --fresh-runs are for data files"
         )
     session = Session.open(path)
-    return Source(path.name, session_channels(session), arm_of(session), path, session)
+    channels = session_channels(session)
+    if runs:
+        there = sorted(set(chain(*(one.runs.tolist() for one in channels))))
+        numbers = chosen_texts(RUN, runs, [str(run) for run in there], str(path))
+        channels = _of_runs(channels, np.array([int(number) for number in numbers]))
+    return Source(path.name, channels, arm_of(session), path, session)
+
+
+def _of_runs(channels: Iterable[ChannelData], runs: IntArray) -> tuple[ChannelData, ...]:
+    """What of the channels is of these runs."""
+    chosen = (one.of_runs(runs) for one in channels)
+    return tuple(one for one in chosen if len(one))
 
 
 def _arrow(data: Any) -> pa.Table:  # noqa: ANN401

@@ -21,8 +21,6 @@ class EngineContact(ContactLaw):
     stiffness_n_m: Number = Field(gt=0, le=1e6)  # contactStiffness [N/m]
     damping_n_s_m: Number = Field(ge=0, le=1e4)  # contactDamping [N s/m]
 
-    def force_n(self, depth_m: float, rate_m_s: float) -> float:
-        """The force that the engine aims at [N]; see `ContactLaw.force_n`."""
-        if depth_m <= 0.0:
-            return 0.0
+    def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
+        """The force that the engine aims at [N]; it does not pull."""
         return max(self.stiffness_n_m * depth_m + self.damping_n_s_m * rate_m_s, 0.0)

@@ -20,14 +20,5 @@ class HuntCrossley(ContactLaw):
     damping: Number = Field(ge=0, le=1e9)  # b [N s/m^(n+1)]
     exponent: Number = Field(ge=1.0, le=4.0)  # n [-]; 1.5 for a sphere on an elastic half space
 
-    def force_n(self, depth_m: float, rate_m_s: float) -> float:
-        if depth_m <= 0.0:
-            return 0.0
-        force_n = (self.stiffness + self.damping * rate_m_s) * depth_m**self.exponent
-        return force_n if force_n > 0.0 else 0.0
-
     def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
-        if depth_m <= 0.0:
-            return 0.0
-        force_n: float = (self.stiffness + self.damping * rate_m_s) * depth_m**self.exponent
-        return force_n
+        return (self.stiffness + self.damping * rate_m_s) * float(depth_m**self.exponent)

@@ -21,15 +21,7 @@ class KelvinVoigt(ContactLaw):
     damping_n_s_m: Number = Field(ge=0, le=1e4)  # viscous damping c [N s/m]
     sticky: bool = False  # whether the object may pull while the tip is below its surface
 
-    def force_n(self, depth_m: float, rate_m_s: float) -> float:
-        if depth_m <= 0.0:
-            return 0.0
-        force_n = self.stiffness_n_m * depth_m + self.damping_n_s_m * rate_m_s
-        return force_n if self.sticky or force_n > 0.0 else 0.0
-
     def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
-        if depth_m <= 0.0:
-            return 0.0
         return self.stiffness_n_m * depth_m + self.damping_n_s_m * rate_m_s
 
     @property

@@ -1,6 +1,7 @@
 """A little probing simulator of its own: a pushed mass that meets a spring and damper; no robot in it."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -45,7 +46,9 @@ def probe(law, *, surface_m=0.4321, speeds=(0.15, 0.09, 0.06), seed=0, noise_n=N
     return Probe(time_s, counted, sensed, run.astype(int), phase.astype(int), along, velocity)
 
 
+@cache
 def _one_run(law, surface_m, speed, hold_s):
+    """The motion without noise, which is the same for every seed; nobody may change the array."""
     position, velocity, phase, since = surface_m - CLEARANCE_M, 0.0, Phase.FREE_AIR, 0.0
     rows = []
     for step in range(int(6.0 / STEP_S)):
@@ -68,7 +71,7 @@ def _wanted_speed(phase, speed, force):
         return 0.0
     if phase in (Phase.UNLOADING, Phase.RETRACT):
         return -speed
-    return float(np.clip((FORCE_LIMIT_N - force) * 0.03, -speed, speed))
+    return min(max((FORCE_LIMIT_N - force) * 0.03, -speed), speed)
 
 
 def _next_phase(phase, since, force, depth, velocity, hold_s):
@@ -85,10 +88,12 @@ def _next_phase(phase, since, force, depth, velocity, hold_s):
     return (following, 0.0) if over else (phase, since)
 
 
+@cache
 def kelvin_voigt(stiffness, damping):
     return lambda depth, rate: stiffness * depth + damping * rate
 
 
+@cache
 def hunt_crossley(k, b, n):
     return lambda depth, rate: depth**n * (k + b * rate)
 

@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 
 from control.loop.phases import Phase
 from estimation.channel import ChannelKind
-from estimation.data import table, text_table
+from estimation.data import text_table
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions, parse_pairs
 from estimation.data.session_streams import import_streams
 from estimation.study.source import open_source
 from robot_io.errors import InputError
+from robot_io.files import unpacked
 from robot_io.session import SessionMetadata, write_session
 
 T = np.arange(50) * 0.01
@@ -74,13 +75,6 @@ def test_joints(tmp_path):
     np.testing.assert_allclose(first.context["joint_position"], np.column_stack([X, -X]))
 
 
-def test_a_prismatic_joint(tmp_path):
-    channel = only(
-        import_file(write_csv(tmp_path / "axis.csv", {"time_s": T, "position_m": X, "force_N": F}))
-    )
-    assert (channel.name, channel.kind) == ("joint_1", ChannelKind.PRISMATIC)
-
-
 def test_all_formats_hold_the_same(tmp_path, contact):
     csv = contact()
     packed = tmp_path / "data.csv.gz"
@@ -105,27 +99,6 @@ def test_a_byte_order_mark_and_quotes_do_not_matter(tmp_path):
     path = tmp_path / "windows.csv"
     path.write_bytes(b"\xef\xbb\xbf" + text.encode())
     np.testing.assert_allclose(only(import_file(path)).effort, X)
-
-
-@pytest.mark.parametrize(
-    ("columns", "scale"),
-    [
-        ({"time_ms": 1e3 * T, "displacement_mm": 1e3 * X, "force_mN": 1e3 * F}, 1.0),
-        ({"time_s": T, "displacement_um": 1e6 * X, "force_kN": 1e-3 * F}, 1.0),
-    ],
-)
-def test_units_in_names_become_si(tmp_path, columns, scale):
-    channel = only(import_file(write_csv(tmp_path / "units.csv", columns)))
-    np.testing.assert_allclose(channel.time_s, T, atol=1e-12)
-    np.testing.assert_allclose(channel.position, scale * X)
-    np.testing.assert_allclose(channel.effort, F)
-
-
-def test_degrees_become_radians(tmp_path):
-    columns = {"time_s": T, "position_deg": np.degrees(X), "torque_mNm": 1e3 * F}
-    channel = only(import_file(write_csv(tmp_path / "deg.csv", columns)))
-    np.testing.assert_allclose(channel.position, X)
-    np.testing.assert_allclose(channel.effort, F)
 
 
 def test_columns_of_other_names_and_units(tmp_path):
@@ -162,11 +135,16 @@ def test_numbered_runs_keep_their_numbers_and_are_put_together(contact):
     np.testing.assert_allclose(channel.time_s[:25], T[1::2])
 
 
-def test_a_header_that_is_endless_is_told_as_such(tmp_path):
-    path = tmp_path / "wide.csv"
-    path.write_text(",".join(f"column_{number}" for number in range(100_000)) + "\n1,2\n")
-    with pytest.raises(InputError, match=r"wide\.csv: its first line is longer than 1 MiB"):
-        import_file(path)
+@pytest.mark.parametrize("names", [("1", "01", "001"), ("x" * 70 + "1", "x" * 70 + "2", "x" * 70)])
+def test_runs_of_different_names_are_different_runs(names, contact):
+    path = contact(run=[name for name in names for _ in range(10)] + [names[0]] * 20)
+    assert import_file(path).run_labels == dict(enumerate(names))
+    for name, rows in zip(names, (30, 10, 10), strict=True):
+        assert len(only(import_file(path, ImportOptions(where={"run": name})))) == rows
+
+
+def test_numbers_with_leading_zeros_stay_numbers(contact):
+    assert import_file(contact(run=["07"] * 25 + ["12"] * 25)).run_labels == {7: "07", 12: "12"}
 
 
 def test_labels_that_are_longer_than_any_number_are_names(contact):
@@ -222,18 +200,6 @@ def test_where_chooses_rows_and_context_keeps_signals(contact):
     np.testing.assert_allclose(channel.context["temperature_C"], 20 + T[:30])
 
 
-@pytest.mark.parametrize("name", ["joint_velocity", "load"])
-def test_a_context_cannot_take_the_place_of_what_belongs_to_the_joints(contact, name):
-    path = contact(**{name: 20 + T})
-    assert "rename the column" in refusal(path, context=(name,))
-    assert import_file(path).unused == ()
-
-
-def test_two_columns_of_the_context_cannot_become_one_signal(contact):
-    path = contact(**{"temp (C)": 20 + T, "temp [C]": 25 + T})
-    assert "rename one" in refusal(path, context=("temp (C)", "temp [C]"))
-
-
 @pytest.mark.parametrize("column", ["température à l'air", "°", "a" * 80])
 def test_a_session_holds_a_context_whatever_its_column_is_called(contact, tmp_path, column):
     imported = import_file(contact(**{column: 20 + T}), ImportOptions(context=(column,)))
@@ -250,172 +216,8 @@ def test_columns_of_numbers_that_nothing_was_made_of_are_told(contact):
     assert import_file(path, ImportOptions(context=("humidity",))).unused == ("temperature_C",)
 
 
-def test_an_angle_in_degrees_is_a_position_in_radians(tmp_path):
-    swing = {"time_s": T, "angle_deg": np.degrees(np.sin(9 * T)), "torque_Nm": F}
-    assert only(import_file(write_csv(tmp_path / "swing.csv", swing))).position == pytest.approx(
-        np.sin(9 * T)
-    )
-
-
 def test_an_angle_that_says_no_unit_may_be_of_anything(contact):
     assert import_file(contact(angle=T)).unused == ("angle",)
-
-
-def test_names_in_lower_case_and_a_depth_are_understood(tmp_path):
-    plain = {"time_s": T, "depth_mm": 1e3 * X, "force_n": F}
-    channel = only(import_file(write_csv(tmp_path / "plain.csv", plain)))
-    assert channel.kind is ChannelKind.CONTACT
-    np.testing.assert_allclose(channel.position, X)
-    np.testing.assert_allclose(channel.effort, F)
-
-
-def test_an_empty_or_bad_number_is_named_by_row_and_column(contact):
-    force = F.astype(object)
-    force[16] = "oops"
-    assert "row 17, column 'force_N': 'oops' is no finite number; remove such rows" in refusal(
-        contact(force_N=force)
-    )
-    force[16] = ""
-    assert "row 17, column 'force_N'" in refusal(contact(force_N=force))
-    force[16:19] = "nan"
-    assert "row 17, column 'force_N': 'nan' is no finite number (2 more like it)" in refusal(
-        contact(force_N=force)
-    )
-    force[16:19] = "1,5"
-    assert "row 17 has 4 cells and the header 3" in refusal(contact(force_N=force))
-
-
-def test_row_numbers_are_those_of_the_file_after_a_choice_of_rows(contact):
-    force = F.astype(object)
-    force[40] = "inf"
-    path = contact(force_N=force, specimen=["P1"] * 30 + ["P2"] * 20)
-    assert "row 41, column 'force_N'" in refusal(path, where={"specimen": "P2"})
-
-
-def test_nulls_in_parquet_are_named(tmp_path):
-    path = tmp_path / "holes.parquet"
-    force = [*F[:10].tolist(), None, *F[11:].tolist()]
-    pa.parquet.write_table(pa.table({"time_s": T, "displacement_m": X, "force_N": force}), path)
-    assert "row 11, column 'force_N': 'None' is no finite number" in refusal(path)
-
-
-def test_times_must_increase_within_a_run(contact):
-    time_s = T.copy()
-    time_s[30:] -= 0.2
-    text = refusal(contact(time_s=time_s))
-    assert "row 31, column 'time_s': 0.1 s does not come after 0.29 s in row 30" in text
-    assert "--column run=COLUMN" in text
-    only(import_file(contact(time_s=time_s, run=[0] * 30 + [1] * 20)))
-    assert "of run 'two'" in refusal(contact(time_s=np.zeros(50), run=["one"] + ["two"] * 49))
-
-
-def test_a_missing_column_says_what_is_needed_and_what_is_there(contact):
-    text = refusal(contact(force_N=None))
-    assert "a contact needs time_s, displacement_m, force_N" in text
-    assert "time_s, displacement_m" in text
-    assert "--column force_N=COLUMN" in text
-    assert "no time; name it time_s" in refusal(contact(time_s=None))
-
-
-def test_a_column_that_is_not_there_lists_those_that_are(contact):
-    assert "has only time_s, displacement_m, force_N" in refusal(contact(), columns={"force_N": "load"})
-    text = refusal(contact(), where={"specimn": "P1"})
-    assert "no column 'specimn'" in text
-    assert "no such row. There are: P1" in refusal(contact(specimen=["P1"] * 50), where={"specimen": "P2"})
-
-
-def test_units_that_cannot_be_are_refused(contact):
-    assert "'force' does not say its unit; say it, as in --unit force=N" in refusal(
-        contact(force_N=None, force=F)
-    )
-    text = refusal(contact(time_s=None, force_N=None, force=F, time=T))
-    assert "do not say their units; say them, as in --unit force=N --unit time=s" in text
-    assert "measures no displacement" in refusal(contact(), units={"displacement": "N"})
-    assert "Valid: " in refusal(contact(), units={"displacement": "furlong"})
-    assert "no such quantity or column is in use" in refusal(contact(), units={"torque": "Nm"})
-    assert "no quantity with its unit" in refusal(contact(), columns={"weight_N": "force_N"})
-
-
-def test_two_columns_for_one_quantity_are_ambiguous(contact):
-    text = refusal(contact(displacement_mm=1e3 * X))
-    assert "'displacement_m' and 'displacement_mm' both hold displacement" in text
-    chosen = ImportOptions(columns={"displacement_m": "displacement_mm"})
-    np.testing.assert_allclose(only(import_file(contact(displacement_mm=2e3 * X), chosen)).position, 2 * X)
-
-
-def test_a_velocity_in_the_wrong_unit_is_noticed(contact):
-    velocity = 0.009 * np.cos(9 * T)
-    text = refusal(contact(velocity_m_s=1e3 * velocity))
-    assert "column 'velocity_m_s' is 1e+03 times the rate of change of 'displacement_m'" in text
-
-
-@pytest.mark.parametrize("share", [-1.0, -0.97])
-def test_a_velocity_of_the_wrong_sign_is_refused(tmp_path, share):
-    velocity = share * 0.009 * np.cos(9 * T)
-    columns = {"time_s": T, "position_rad": 0.001 * np.sin(9 * T), "velocity_rad_s": velocity, "torque_Nm": F}
-    text = refusal(write_csv(tmp_path / "joint.csv", columns))
-    assert f"column 'velocity_rad_s' is {share:.3g}" in text
-    assert "wrong sign" in text
-
-
-def test_units_of_position_and_velocity_must_go_together(tmp_path):
-    columns = {"time_s": T, "position_rad": X, "velocity_m_s": X, "torque_Nm": F}
-    assert "units that do not go together" in refusal(write_csv(tmp_path / "mixed.csv", columns))
-
-
-def test_a_run_that_is_too_short_is_named(contact):
-    text = refusal(contact(run=["long"] * 47 + ["short"] * 3))
-    assert "run 'short' has 3 rows, at least 5" in text
-
-
-def test_an_unknown_phase_lists_the_known_ones(contact):
-    assert "row 2, column 'phase': no phase is called 'squeeze'. Valid: idle" in refusal(
-        contact(phase=["hold", "squeeze"] + ["hold"] * 48)
-    )
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("empty.csv", b"", "no rows of data"),
-        ("header.csv", b"time_s,displacement_m,force_N\n", "no rows of data"),
-        ("numbers.csv", b"0,1,2\n1,2,3\n", "first line holds numbers"),
-        ("twice.csv", b"time_s,force_N,force_N\n1,2,3\n", "column 'force_N' is there twice"),
-        ("ragged.csv", b"time_s,displacement_m,force_N\n0,1,2\n1,2\n", "row 2 has 2 cells and the header 3"),
-        (
-            "torn.csv.gz",
-            gzip.compress(b"time_s,displacement_m,force_N\n" + b"1,2,3\n" * 9, mtime=0)[:25],
-            "cannot be read",
-        ),
-        ("not.csv.gz", b"time_s,displacement_m,force_N\n0,1,2\n", "cannot be read"),
-        ("binary.csv", bytes(range(256)), "is no UTF-8 text"),
-        ("broken.parquet", b"PAR1 nonsense", "cannot be read"),
-        ("broken.npz", b"PK nonsense", "cannot be read"),
-        ("data.xlsx", b"PK", "unknown kind of file"),
-    ],
-)
-def test_broken_files_get_one_line(tmp_path, name, content, message):
-    path = tmp_path / name
-    path.write_bytes(content)
-    text = refusal(path)
-    assert message in text
-    assert str(path) in text
-
-
-def test_arrays_of_objects_are_not_unpickled(tmp_path):
-    path = tmp_path / "objects.npz"
-    np.savez(path, time_s=np.array([{"a": 1}], dtype=object))
-    assert "column 'time_s' holds objects" in refusal(path)
-
-
-def test_arrays_of_different_length(tmp_path):
-    path = tmp_path / "uneven.npz"
-    np.savez(path, time_s=T, displacement_m=X[:-1], force_N=F)
-    assert "different lengths" in refusal(path)
-
-
-def test_a_file_that_is_not_there(tmp_path):
-    assert "no such file" in refusal(tmp_path / "absent.csv")
 
 
 def outcome(path):
@@ -475,28 +277,6 @@ def test_pairs():
         parse_pairs(["a=1", "a=2"], "--unit")
 
 
-TEXT = "time_s,displacement_m,force_N\n" + "".join(f"{i / 100},{0.001 * i},{i}\n" for i in range(9))
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (TEXT.replace("\n0.03,0.003,3", "\n0.03,0.003"), "row 4 has 2 cells and the header 3: '0.03,0.003'"),
-        (TEXT.replace("\n0.03,", "\n0.03,7,"), "row 4 has 4 cells and the header 3"),
-        (TEXT.replace(",", ";").replace(".", ","), "with a decimal point, not a comma"),
-        (TEXT.replace("\n0.03,", "\n1_0,"), "row 4, column 'time_s': '1_0' is no finite number"),
-        (TEXT.replace(",3\n", ",1e300\n"), "row 4, column 'force_N': '1e300' is too large a number"),
-        ("<html>404</html>", "no rows of data"),
-        (TEXT.encode("utf-16"), "is no UTF-8 text; save it as CSV in UTF-8"),
-        (TEXT.splitlines()[0] + "\n" + "1" * 3_000_000 + "\n", "a line is longer than 1 MiB"),
-    ],
-)
-def test_a_broken_text_file_is_refused_with_row_and_remedy(tmp_path, text, words):
-    file = tmp_path / "broken.csv"
-    file.write_bytes(text if isinstance(text, bytes) else text.encode())
-    assert words in refusal(file)
-
-
 def test_a_file_of_very_many_columns_is_refused_briefly(tmp_path):
     file = tmp_path / "wide.csv"
     file.write_text(",".join(f"c{i}" for i in range(2_000)) + "\n" + ",".join("0" * 2_000) + "\n")
@@ -507,8 +287,7 @@ def test_a_file_of_very_many_columns_is_refused_briefly(tmp_path):
 
 @pytest.mark.parametrize("name", ["big.csv", "big.csv.gz", "big.npz", "big.parquet"])
 def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, name):
-    for module in (text_table, table):
-        monkeypatch.setattr(module, "MOST_BYTES", 500)
+    monkeypatch.setattr(text_table, "MOST_BYTES", 500)
     file = tmp_path / name
     if name.endswith(".npz"):
         np.savez_compressed(file, time_s=T, displacement_m=X, force_N=0 * F)
@@ -520,11 +299,13 @@ def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, n
     assert "cut it into pieces" in refusal(file)
 
 
-@pytest.mark.parametrize("name", ["time_s", "displacement_m", "force_N", "run"])
-def test_a_context_is_no_column_that_the_channel_is_made_of(contact, name):
-    said = refusal(contact(run=np.zeros(50, int), heat=T**2), context=(name,))
-    assert said.startswith(f"--context {name}: the channel is made of that column")
-    assert said.endswith("heat")
+def test_what_is_small_only_while_it_is_packed_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(unpacked, "_ALWAYS", 100_000)
+    file = tmp_path / "x.parquet"
+    same = pa.DictionaryArray.from_arrays(np.zeros(2000, np.int32), pa.array(["x" * 1000]))
+    pyarrow.parquet.write_table(pa.table({"a": same}), file, store_schema=False)
+    assert file.stat().st_size < 20_000
+    assert "x.parquet: holds more than 0 MiB" in refusal(file)
 
 
 def test_fresh_runs_begin_with_the_clock_at_zero_and_keep_their_motion(contact, tmp_path):
@@ -541,3 +322,164 @@ def test_fresh_runs_begin_with_the_clock_at_zero_and_keep_their_motion(contact, 
     )
     (again,) = open_source(tmp_path / "s.mcap").channels
     np.testing.assert_allclose(again.time_s, fresh.time_s, atol=1e-9)
+
+
+def forces(**changed):
+    """The forces, some of them something else: `at_16="x"`."""
+    force = F.astype(object)
+    for place, value in changed.items():
+        force[int(place[3:])] = value
+    return force
+
+
+TWO_SPECIMENS = ["P1"] * 30 + ["P2"] * 20
+BACK = np.where(T < 0.295, T, T - 0.2)
+SWING = {"displacement_m": None, "force_N": None, "position_rad": 0.001 * np.sin(9 * T), "torque_Nm": F}
+RATE = 0.009 * np.cos(9 * T)
+TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
+
+
+@pytest.mark.parametrize(
+    ("changed", "options", "words"),
+    [
+        (
+            {"force_N": forces(at_16="oops")},
+            {},
+            "row 17, column 'force_N': 'oops' is no finite number; remove such rows",
+        ),
+        ({"force_N": forces(at_16="")}, {}, "row 17, column 'force_N'"),
+        (
+            {"force_N": forces(at_16="nan", at_17="nan", at_18="nan")},
+            {},
+            "row 17, column 'force_N': 'nan' is no finite number (2 more like it)",
+        ),
+        ({"force_N": forces(at_16="1,5")}, {}, "row 17 has 4 cells and the header 3"),
+        (
+            {"force_N": forces(at_40="inf"), "specimen": TWO_SPECIMENS},
+            {"where": {"specimen": "P2"}},
+            "row 41, column 'force_N'",
+        ),
+        ({"time_s": BACK}, {}, "row 31, column 'time_s': 0.1 s does not come after 0.29 s in row 30"),
+        ({"time_s": BACK}, {}, "--column run=COLUMN"),
+        ({"time_s": np.zeros(50), "run": ["one"] + ["two"] * 49}, {}, "of run 'two'"),
+        ({"force_N": None}, {}, "a contact needs time_s, displacement_m, force_N"),
+        ({"force_N": None}, {}, "--column force_N=COLUMN"),
+        ({"time_s": None}, {}, "no time; name it time_s"),
+        ({}, {"columns": {"force_N": "load"}}, "has only time_s, displacement_m, force_N"),
+        ({}, {"where": {"specimn": "P1"}}, "no column 'specimn'"),
+        ({"specimen": ["P1"] * 50}, {"where": {"specimen": "P2"}}, "no such row. There are: P1"),
+        ({"force_N": None, "force": F}, {}, "'force' does not say its unit; say it, as in --unit force=N"),
+        (
+            {"time_s": None, "force_N": None, "force": F, "time": T},
+            {},
+            "do not say their units; say them, as in --unit force=N --unit time=s",
+        ),
+        ({}, {"units": {"displacement": "N"}}, "measures no displacement"),
+        ({}, {"units": {"displacement": "furlong"}}, "Valid: "),
+        ({}, {"units": {"torque": "Nm"}}, "no such quantity or column is in use"),
+        ({}, {"columns": {"weight_N": "force_N"}}, "no quantity with its unit"),
+        ({"displacement_mm": 1e3 * X}, {}, "'displacement_m' and 'displacement_mm' both hold displacement"),
+        (
+            {"velocity_m_s": 1e3 * RATE},
+            {},
+            "column 'velocity_m_s' is 1e+03 times the rate of change of 'displacement_m'",
+        ),
+        (SWING | {"velocity_rad_s": -RATE}, {}, "column 'velocity_rad_s' is -1 "),
+        (SWING | {"velocity_rad_s": -0.97 * RATE}, {}, "column 'velocity_rad_s' is -0.97 "),
+        (SWING | {"velocity_rad_s": -0.97 * RATE}, {}, "wrong sign"),
+        (SWING | {"velocity_m_s": X}, {}, "units that do not go together"),
+        ({"run": ["long"] * 47 + ["short"] * 3}, {}, "run 'short' has 3 rows, at least 5"),
+        (
+            {"phase": ["hold", "squeeze"] + ["hold"] * 48},
+            {},
+            "row 2, column 'phase': no phase is called 'squeeze'. Valid: idle",
+        ),
+        ({"joint_velocity": 20 + T}, {"context": ("joint_velocity",)}, "rename the column"),
+        ({"load": 20 + T}, {"context": ("load",)}, "rename the column"),
+        (TEMPERATURES, {"context": tuple(TEMPERATURES)}, "rename one"),
+        *(
+            ({"run": np.zeros(50, int)}, {"context": (name,)}, f"--context {name}: the channel is made of")
+            for name in ("time_s", "displacement_m", "force_N", "run")
+        ),
+    ],
+)
+def test_what_makes_no_channel_is_refused_with_its_place_and_remedy(contact, changed, options, words):
+    assert words in refusal(contact(**changed), **options)
+
+
+TEXT = "time_s,displacement_m,force_N\n" + "".join(f"{i / 100},{0.001 * i},{i}\n" for i in range(9))
+HEADER = b"time_s,displacement_m,force_N\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("absent.csv", None, "no such file"),
+        ("empty.csv", b"", "no rows of data"),
+        ("header.csv", HEADER, "no rows of data"),
+        ("page.csv", "<html>404</html>", "no rows of data"),
+        ("numbers.csv", b"0,1,2\n1,2,3\n", "first line holds numbers"),
+        ("twice.csv", b"time_s,force_N,force_N\n1,2,3\n", "column 'force_N' is there twice"),
+        ("short.csv", TEXT.replace("\n0.03,0.003,3", "\n0.03,0.003"), "header 3: '0.03,0.003'"),
+        ("long.csv", TEXT.replace("\n0.03,", "\n0.03,7,"), "row 4 has 4 cells and the header 3"),
+        ("comma.csv", TEXT.replace(",", ";").replace(".", ","), "with a decimal point, not a comma"),
+        ("line.csv", TEXT.replace("\n0.03,", "\n1_0,"), "row 4, column 'time_s': '1_0' is no finite number"),
+        ("huge.csv", TEXT.replace(",3\n", ",1e300\n"), "row 4, column 'force_N': '1e300' is too large"),
+        ("utf16.csv", TEXT.encode("utf-16"), "is no UTF-8 text; save it as CSV in UTF-8"),
+        ("binary.csv", bytes(range(256)), "is no UTF-8 text"),
+        ("endless.csv", HEADER + b"1" * 3_000_000 + b"\n", "a line is longer than 1 MiB"),
+        ("wide.csv", b"," * 2_000_000 + b"\n1,2\n", "its first line is longer than 1 MiB"),
+        ("torn.csv.gz", gzip.compress(HEADER + b"1,2,3\n" * 9, mtime=0)[:25], "cannot be read"),
+        ("not.csv.gz", HEADER + b"0,1,2\n", "cannot be read"),
+        ("broken.parquet", b"PAR1 nonsense", "cannot be read"),
+        ("broken.npz", b"PK nonsense", "cannot be read"),
+        ("data.xlsx", b"PK", "unknown kind of file"),
+    ],
+)
+def test_broken_files_get_one_line(tmp_path, name, content, message):
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    text = refusal(path)
+    assert message in text
+    assert str(path) in text
+
+
+def test_arrays_that_make_no_table_are_named(tmp_path):
+    holes, objects, uneven = (tmp_path / name for name in ("holes.parquet", "objects.npz", "uneven.npz"))
+    force = [*F[:10].tolist(), None, *F[11:].tolist()]
+    pa.parquet.write_table(pa.table({"time_s": T, "displacement_m": X, "force_N": force}), holes)
+    assert "row 11, column 'force_N': 'None' is no finite number" in refusal(holes)
+    np.savez(objects, time_s=np.array([{"a": 1}], dtype=object))  # and it is not unpickled
+    assert "column 'time_s' holds objects" in refusal(objects)
+    np.savez(uneven, time_s=T, displacement_m=X[:-1], force_N=F)
+    assert "different lengths" in refusal(uneven)
+
+
+@pytest.mark.parametrize(
+    ("columns", "name", "kind"),
+    [
+        ({"time_ms": 1e3 * T, "displacement_mm": 1e3 * X, "force_mN": 1e3 * F}, "contact", "CONTACT"),
+        ({"time_s": T, "displacement_um": 1e6 * X, "force_kN": 1e-3 * F}, "contact", "CONTACT"),
+        ({"time_s": T, "depth_mm": 1e3 * X, "force_n": F}, "contact", "CONTACT"),
+        ({"time_s": T, "position_deg": np.degrees(X), "torque_mNm": 1e3 * F}, "joint_1", "REVOLUTE"),
+        ({"time_s": T, "angle_deg": np.degrees(X), "torque_Nm": F}, "joint_1", "REVOLUTE"),
+        ({"time_s": T, "position_m": X, "force_N": F}, "joint_1", "PRISMATIC"),
+    ],
+)
+def test_names_say_what_is_measured_and_units_become_si(tmp_path, columns, name, kind):
+    channel = only(import_file(write_csv(tmp_path / "units.csv", columns)))
+    assert (channel.name, channel.kind) == (name, ChannelKind[kind])
+    np.testing.assert_allclose(channel.time_s, T, atol=1e-12)
+    np.testing.assert_allclose(channel.position, X)
+    np.testing.assert_allclose(channel.effort, F)
+
+
+def test_of_two_columns_for_one_quantity_one_can_be_chosen(contact):
+    chosen = ImportOptions(columns={"displacement_m": "displacement_mm"})
+    np.testing.assert_allclose(only(import_file(contact(displacement_mm=2e3 * X), chosen)).position, 2 * X)
+
+
+def test_time_may_go_back_from_run_to_run_and_names_of_joints_need_not_be_used(contact):
+    only(import_file(contact(time_s=BACK, run=[0] * 30 + [1] * 20)))
+    assert import_file(contact(joint_velocity=20 + T)).unused == ()

@@ -3,16 +3,17 @@
 import ast
 import inspect
 import re
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import sim_backend
 from robot_io.errors import InputError
-from sim_backend import Scenario, World, load_scenario, parse_scenario
+from sim_backend import Scenario, World, engines, load_scenario, parse_scenario
 from sim_backend.contact_law import CONTACT_LAWS
 from sim_backend.hidden import STRONGEST, WEAKEST, draw_hidden, hidden_effects, noise_scale
 from sim_backend.imperfection import (
@@ -27,6 +28,7 @@ from tests.sim_backend.hidden_parts import ALL
 from tests.sim_backend.parts import shipped_arm
 
 SCALE = noise_scale(Scenario())
+EVERY_ENGINE = pytest.mark.parametrize("engine", sorted(engines._ENGINES), indirect=True)
 # The vocabulary of the project; what is left out is the object's law or the arm's URDF.
 VOCABULARY = {
     *("hunt_crossley", "cubic_stiffness", "layered_stiffness", "stress_relaxation", "quadratic_damping"),
@@ -48,6 +50,12 @@ def any_channel(kind):
 def at_strength(name, strength, channel=None):
     kind = IMPERFECTIONS[name]
     return kind.at_strength(strength, channel or any_channel(kind), SCALE, np.random.default_rng(4))
+
+
+@lru_cache(maxsize=8)
+def fallen(_engine, name, strength):
+    """What a fall shows with an effect of a strength, or with none, in the engine that is chosen now."""
+    return fall(at_strength(name, strength) if name else None)
 
 
 def fall(entry, duration_s=0.15):
@@ -103,34 +111,28 @@ class TestEveryEffect:
         world = Scenario().with_hidden([entry])
         assert parse_scenario(world.to_yaml(), "copy") == world
 
-    def test_is_silent_at_strength_zero(self, name):
-        expected, truth = fall(None)
-        shown, at_end = fall(at_strength(name, 0.0))
+    @EVERY_ENGINE
+    def test_is_silent_at_strength_zero(self, name, engine):
+        expected, truth = fallen(engine, None, 0.0)
+        shown, at_end = fallen(engine, name, 0.0)
         assert np.array_equal(shown, expected)
         assert np.array_equal(at_end.joint_position_rad, truth.joint_position_rad)
 
-    def test_shows_when_it_is_strong(self, name):
-        assert not np.array_equal(fall(at_strength(name, 30.0))[0], fall(None)[0])
+    def test_grows_with_its_strength_and_keeps_its_memory_to_one_world(self, name, engine):
+        calm, weak, strong = (fallen(engine, *what)[0] for what in ((None, 0.0), (name, 1.0), (name, 30.0)))
+        assert np.abs(strong - calm).mean() > np.abs(weak - calm).mean()
+        assert np.array_equal(fall(at_strength(name, 30.0))[0], strong)
 
-    def test_keeps_its_memory_to_one_world(self, name):
-        entry = at_strength(name, 30.0)
-        first, second = fall(entry), fall(entry)
-        assert np.array_equal(first[0], second[0])
-
-    def test_is_stable_at_the_ends_of_its_typical_range(self, name):
+    @EVERY_ENGINE
+    def test_is_stable_at_the_ends_of_its_typical_range(self, name, engine):
         kind = IMPERFECTIONS[name]
-        for joint in (1, 3):
-            place = {"joint": joint} if "joint" in kind.model_fields else {}
+        for joint in (1, 3) if "joint" in kind.model_fields else (None,):
+            place = {"joint": joint} if joint else {}
             place |= {"channel": CONTACT} if "channel" in kind.model_fields else {}
             values = {parameter.name: parameter.high for parameter in kind.parameters()}
             shown, truth = fall(kind(**place, **values))
             assert np.isfinite(shown).all()
             assert np.abs(truth.joint_velocity_rad_s).max() < 60.0
-
-    def test_grows_with_its_strength(self, name):
-        weak, strong = (fall(at_strength(name, s))[0] for s in (1.0, 30.0))
-        calm = fall(None)[0]
-        assert np.abs(strong - calm).mean() > np.abs(weak - calm).mean()
 
     def test_is_refused_in_a_joint_that_the_arm_does_not_have(self, name):
         kind = IMPERFECTIONS[name]
@@ -232,7 +234,6 @@ def test_strengths_are_drawn_evenly_on_a_logarithmic_scale():
 
 
 @given(st.integers(0, 10_000), st.sampled_from([None, *SCALE.channels]), st.sampled_from(["soft", "engine"]))
-@settings(max_examples=60, deadline=None)
 def test_what_is_drawn_fits_its_world_and_shows_where_it_was_wanted(seed, channel, name):
     scenario = load_scenario(name)
     (entry,) = draw_hidden(seed, channel, scenario=scenario)

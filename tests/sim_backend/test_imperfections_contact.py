@@ -167,7 +167,6 @@ def test_a_tool_on_a_damped_object_follows_the_differential_equation():
     assert force[0] < 0.1 < damping * 0.1  # no jump at touch, unlike the dashpot alone
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.floats(1e-5, 0.05),
     st.floats(-1.0, 1.0),

@@ -5,7 +5,7 @@ import math
 import re
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_io.errors import InputError
@@ -113,7 +113,6 @@ JSON_LIKE = st.recursive(
 )
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.dictionaries(st.sampled_from([*Scenario.model_fields, "x"]), JSON_LIKE, max_size=4))
 def test_a_mapping_of_anything_makes_a_scenario_or_one_clear_line(mapping):
     try:
@@ -143,7 +142,6 @@ class TestEveryLaw:
         law = parse_contact_law({"name": name, **LAWS[name]})
         assert [law.force_n(depth, rate) for depth in (-0.01, 0.0) for rate in (-1.0, 1.0)] == [0.0] * 4
 
-    @settings(max_examples=60, deadline=None)
     @given(st.floats(1e-6, 0.1), st.floats(-1.0, 1.0), st.floats(1e-6, 0.1), st.floats(0.0, 1.0))
     def test_pushes_more_the_deeper_and_the_faster_and_never_pulls(self, name, depth, rate, deeper, faster):
         law = parse_contact_law({"name": name, **LAWS[name]})

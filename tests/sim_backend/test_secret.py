@@ -7,7 +7,7 @@ import signal
 import zlib
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_io.errors import InputError
@@ -19,7 +19,6 @@ MADE = "2025-01-02T03:04:05+00:00"
 
 
 @given(st.lists(st.integers(0, 1000), max_size=4), st.none() | st.integers(0, 2**40))
-@settings(max_examples=30, deadline=None)
 def test_an_answer_comes_back_as_it_was(tmp_path_factory, seeds, seed):
     session = tmp_path_factory.mktemp("sealed") / "a.mcap"
     hidden = tuple(draw_hidden(number)[0] for number in seeds)
@@ -116,7 +115,6 @@ def test_no_file_is_one_clear_line(tmp_path):
 
 
 @given(st.binary(max_size=200))
-@settings(max_examples=60, deadline=None)
 def test_any_bytes_are_refused_in_one_line(tmp_path_factory, content):
     path = tmp_path_factory.mktemp("sealed") / "a.sealed"
     path.write_bytes(b"palpate sealed answer, version 1\nhow\n\n" + content)

@@ -16,7 +16,7 @@ OWN_CONTACT = pytest.mark.parametrize(
 )  # MuJoCo has none that is a spring
 
 
-def settled_depth(world, duration_s=3.0):
+def settled_depth(world, duration_s=2.0):
     world.advance_to(world.time_s + duration_s)
     assert abs(world.truth().rate_m_s) < 1e-4
     return world.truth().depth_m

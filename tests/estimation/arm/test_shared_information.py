@@ -13,15 +13,7 @@ from estimation.arm.normal_equations import (
 )
 from estimation.arm.prior import urdf_information
 from estimation.information import Information
-from tests.estimation.arm.panda import (
-    JOINTS,
-    coloured_noise,
-    minimum,
-    motion,
-    other_bodies,
-    panda,
-    regressor,
-)
+from tests.estimation.arm.panda import JOINTS, coloured_noise, minimum, motion, other_bodies, panda, regressor
 
 FOLDS = 4
 SIGMA = np.array([0.3, 0.5, 0.2, 0.3, 0.05, 0.1, 0.02])
@@ -65,10 +57,7 @@ class Arm:
         blocks, targets = [], []
         for j in range(JOINTS):
             block = np.zeros((used.sum(), starts[-1]))
-            block[:, :b], block[:, starts[j] : starts[j + 1]] = (
-                self.columns[used, j],
-                self.own[j][used],
-            )
+            block[:, :b], block[:, starts[j] : starts[j + 1]] = (self.columns[used, j], self.own[j][used])
             blocks.append(block / SIGMA[j])
             targets.append(self.torque[used, j] / SIGMA[j])
         root = np.linalg.cholesky(self.prior.matrix).T

@@ -9,12 +9,10 @@ from estimation.base_model import ModelContext
 from estimation.diagnosis import Verdict, diagnose
 from estimation.diagnosis.candidates import candidates, library
 from estimation.effects import EFFECTS
-from estimation.effects.recorded_dependence import RecordedDependence
-from estimation.effects.run_variation import RunVariation
 from estimation.model import Model
 from estimation.models import MODELS
 from tests.estimation.presses import NOISE_N, K, kelvin_voigt, maxwell, session
-from tests.estimation.swings import NOISE_NM, WEIGHT, read, swings
+from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, read, swings
 
 PRESS, SWING = (MODELS[name]().build(ModelContext()) for name in ("kelvin_voigt", "pendulum"))
 
@@ -34,11 +32,12 @@ SOME = {
         "joint_spring",
         "cubic_stiffness",
         "torque_ripple",
+        "backlash",
         "delay",
         "bias",
     ),
 }
-ALL = {"a friction", "a spring that stiffens", "white noise", "a coarse encoder"}  # tried with all effects
+ALL = {"a friction", "white noise", "a coarse encoder"}  # tried with all effects
 
 
 def model_of(data):
@@ -71,6 +70,17 @@ def late(torque, run):
     """Twelve samples late; before that, the first value."""
     parts = (torque[run == number] for number in np.unique(run))
     return np.concatenate([np.concatenate([np.repeat(part[:1], 12), part[:-12]]) for part in parts])
+
+
+def with_a_gap(q, v, a, gap=0.12, runs=5):
+    """A link that rests while the motor crosses the gap, with 0.3 of the inertia and 0.8 of the friction."""
+    link = np.empty((runs, len(q) // runs))
+    for number, angles in enumerate(q.reshape(runs, -1)):
+        place = angles[0]
+        for i, motor in enumerate(angles):
+            place = link[number, i] = min(max(place, motor - gap / 2), motor + gap / 2)
+    rests = (np.diff(link, axis=1, prepend=np.nan) == 0.0).ravel()
+    return WEIGHT * (np.sin(link.ravel()) - np.sin(q)) - rests * (0.7 * INERTIA * a + 0.2 * DAMPING * v)
 
 
 # name: data, what must be named, a parameter with its truth and the share it may be off by
@@ -122,6 +132,15 @@ def test_what_is_hidden_is_named_with_its_size_and_nothing_else(name):
     assert found.final.rmse == pytest.approx(noise, rel=0.15)
 
 
+def test_a_gap_is_found_with_what_the_motor_keeps_of_inertia_and_friction():
+    found = answer(swings(5, with_a_gap), *SOME["joint_1"])
+    assert named(found) == {"backlash"}
+    (entry,) = found.accepted
+    for name, truth in (("gap", 0.12), ("motor_inertia", 0.3), ("motor_friction", 0.8)):
+        told = entry.parameters[name]
+        assert abs(told.value - truth) < 3.0 * told.std_err < 0.2, name
+
+
 NOTHING = {
     "white noise": lambda: pressed(3),
     "slow noise": lambda: pressed(3, correlation=0.97),
@@ -143,10 +162,7 @@ def test_where_nothing_is_hidden_nothing_is_missing(name):
 
 
 UNKNOWN = {
-    "a relaxation": (
-        lambda: pressed(6, relaxing),
-        "stress_relaxation",
-    ),
+    "a relaxation": (lambda: pressed(6, relaxing), "stress_relaxation"),
     "waves of the depth": (lambda: pressed(6, lambda t, x, v, run: np.sin(900.0 * x) * (x > 0)), None),
     "waves of the speed": (lambda: swings(6, lambda q, v, a: 0.2 * np.sin(3.0 * v)), None),
 }
@@ -281,10 +297,7 @@ def warm(data, per_kelvin):
 
 
 def test_an_error_that_depends_on_what_was_recorded_says_so():
-    from_library = [
-        name for name in EFFECTS if not issubclass(EFFECTS[name], RunVariation | RecordedDependence)
-    ]
-    found = answer(warm(pressed(11), 0.01), *from_library)
+    found = answer(warm(pressed(11), 0.01), *SOME["contact"])
     assert found.verdict is Verdict.UNEXPLAINED
     assert found.depends_on[0] == "temperature"
     assert "different values of temperature" in found.next_experiment.instruction
@@ -333,7 +346,7 @@ def test_hum_in_contact_is_not_called_adequate_and_its_frequency_is_told():
 def test_the_same_seed_gives_the_same_answer_and_processes_change_nothing():
     channels = [replace(made, name=name) for name, made in (("b", swings(1, rubbing)), ("a", swings(2)))]
 
-    effects = [EFFECTS[name]() for name in SOME["joint_1"]]
+    effects = [EFFECTS[name]() for name in ("coulomb_friction", "joint_spring", "bias")]
 
     def answers(processes):
         rng = np.random.default_rng(5)

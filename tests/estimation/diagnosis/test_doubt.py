@@ -13,7 +13,7 @@ from tests.estimation.presses import kelvin_voigt, session
 from tests.estimation.swings import read, swings
 
 PRESS, SWING = (MODELS[name]().build(ModelContext()) for name in ("kelvin_voigt", "pendulum"))
-SEEDS = range(4)
+SEEDS = range(2)
 GRAIN = 0.02  # of the error; what is hidden below is 0.6 and more
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.base_model import ModelContext
+from estimation.data.derivatives import differentiate
 from estimation.diagnosis.objections import disagreement, objection_to
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import stand
@@ -26,12 +27,26 @@ def coarsely_read(seed, step_m=3e-4):
     return replace(data, position=step_m * np.round(data.position / step_m))
 
 
+def derived_from_steps(seed):
+    """The speed's error is slow where two encoders step, and damping makes a force of it."""
+    data = session(seed)
+    x, v = 0.02 * data.position, 0.02 * data.velocity
+    noise = np.random.default_rng(seed).normal(0.0, 0.02, len(data))
+    read = sum(share * step * np.round(share * x / step) for share, step in ((0.8, 4e-6), (0.6, 7e-6)))
+    motion = differentiate(data.time_s, read, data.run)
+    force = np.where(x > 0.0, np.maximum(15e3 * x + 4e3 * v, 0.0), 0.0) + noise
+    return replace(
+        data, position=read, velocity=motion.velocity, acceleration=motion.acceleration, effort=force
+    )
+
+
 NOISE = {
     "white": session,
     "slow": lambda seed: session(seed, correlation=0.9),
     "very slow": lambda seed: session(seed, correlation=0.97),
     "growing with the load": louder_with_load,
     "steps of the depth": coarsely_read,
+    "a speed derived from steps": derived_from_steps,
 }
 
 

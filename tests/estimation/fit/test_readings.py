@@ -48,9 +48,6 @@ def test_derivatives_follow_the_redrawn_position_by_their_own_window(given):
     assert one.velocity - two.velocity == pytest.approx(apart, abs=1e-9 * np.ptp(one.velocity))
 
 
-@pytest.mark.xfail(
-    strict=True, reason="the estimated error lacks what the smooth motion followed: slow parts"
-)
 def test_the_redrawn_velocity_is_as_noisy_as_white_noise_of_the_position_makes_it():
     readings = readings_of(read(SMOOTH, noise=1e-3))
     white = np.random.default_rng(3).normal(0.0, 1e-3, len(SMOOTH))

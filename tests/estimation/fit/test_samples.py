@@ -43,10 +43,7 @@ def test_finds_gains_and_exponent_without_noise(loss):
     np.testing.assert_allclose(relative_errors(found), 0.0, atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("loss", "outliers", "times"),
-    [(Loss.LINEAR, 0.0, 1.3), (Loss.CAUCHY, 0.3, 2.5)],
-)
+@pytest.mark.parametrize(("loss", "outliers", "times"), [(Loss.LINEAR, 0.0, 1.3), (Loss.CAUCHY, 0.3, 2.5)])
 def test_errors_are_near_the_cramer_rao_bound_and_within_the_intervals(loss, outliers, times):
     model, errors, held = base_model("hunt_crossley"), [], []
     for seed in range(20):

@@ -17,9 +17,17 @@ from robot_io.errors import InputError
 from tests.estimation.fits import cubic
 from tests.estimation.presses import session
 from tests.estimation.study.joints import joints
+from tests.few_effects import try_few_effects
 from tests.palpate.presses import write_presses
 
 NOON = datetime(2026, 1, 2, 12, tzinfo=UTC)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_effects():
+    with pytest.MonkeyPatch.context() as patch:
+        try_few_effects(patch)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,18 @@
+"""A small library of effects, for tests of what is around a diagnosis; the search has tests of its own."""
+
+import pytest
+
+from estimation.effects import EFFECTS
+from estimation.study import fits
+
+FEW = (
+    *("cubic_stiffness", "layered_stiffness", "stress_relaxation", "contact_offset", "bias", "lag"),
+    *("stiffness", "damping", "quadratic_damping", "drift", "delay"),
+    *("coulomb_friction", "viscous_friction", "weight"),
+    *("run_gain", "run_offset", "recorded_dependence"),
+)
+
+
+def try_few_effects(patch: pytest.MonkeyPatch) -> None:
+    """Studies that are made from now on know no other effects, beside the user's own."""
+    patch.setattr(fits, "library", lambda: tuple(EFFECTS[name]() for name in FEW))
