@@ -1,25 +1,25 @@
-"""What a driver can say of the devices at its other end, for somebody who checks the wiring before power."""
+"""What is found when a machine or the devices at the other end of a driver are looked at before power."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import StrEnum
 
 
-class Verdict(StrEnum):
-    """How an observation is to be taken."""
+class Level(StrEnum):
+    """How much a finding matters."""
 
     OK = "ok"
-    WARN = "warn"  # the arm can be used, but not as well as it should
-    FAIL = "fail"  # the arm must not be powered
+    WARN = "warn"  # it works, but not as well as it should, or a part that not everybody needs is absent
+    FAIL = "fail"  # the arm must not be powered, or palpate will not work
 
 
-@dataclass(frozen=True, slots=True)
-class Observation:
+@dataclass(frozen=True)
+class Finding:
     """One thing that was looked at."""
 
-    subject: str  # the device, such as "servo 2 (joint 2)"
-    value: str  # what was found, with units
-    verdict: Verdict = Verdict.OK  # whether that is as it should be
+    subject: str  # what was looked at, such as "servo 2 (joint 2)"
+    level: Level
+    text: str  # what was found, with units
     remedy: str = ""  # what to do, empty where all is well
 
 
@@ -27,7 +27,7 @@ class Examinable(ABC):
     """A bus or device that can say what is connected. Offering this is up to the driver."""
 
     @abstractmethod
-    def examine(self) -> tuple[Observation, ...]:
+    def examine(self) -> tuple[Finding, ...]:
         """Look at every device: is it there, is it the one of the robot file, is it well.
 
         Called after `configure`, also after one that failed, and never while the torque is on. May take
@@ -41,11 +41,24 @@ class Examinable(ABC):
         return None
 
 
-def warn(subject: str, value: str, remedy: str) -> Observation:
+def ok(subject: str, text: str) -> Finding:
+    """A finding without complaint."""
+    return Finding(subject, Level.OK, text)
+
+
+def warn(subject: str, text: str, remedy: str) -> Finding:
     """Something that one can live with."""
-    return Observation(subject, value, Verdict.WARN, remedy)
+    return Finding(subject, Level.WARN, text, remedy)
 
 
-def fail(subject: str, value: str, remedy: str) -> Observation:
+def fail(subject: str, text: str, remedy: str) -> Finding:
     """Something that must be put right first."""
-    return Observation(subject, value, Verdict.FAIL, remedy)
+    return Finding(subject, Level.FAIL, text, remedy)
+
+
+def graded(subject: str, text: str, *complaints: tuple[Level, object, str]) -> Finding:
+    """A finding with the first complaint (level, whether it holds, remedy) that holds; ok if none does."""
+    for level, holds, remedy in complaints:
+        if holds:
+            return Finding(subject, level, text, remedy)
+    return ok(subject, text)

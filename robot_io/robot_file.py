@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, PrivateAttr, field_validator
 
-from robot_io.files.file_model import FileModel, Number, Positive, input_error, matching, validate
+from robot_io.files.file_model import FileModel, Number, input_error, matching, validate
 from robot_io.files.safe_yaml import MOST_BYTES, YamlDocument, load_yaml, parse_yaml
 from robot_io.guard import Limits, SafeState
 
@@ -58,7 +58,7 @@ class RobotFile(FileModel):
     tip_frame: Text  # URDF frame at the force sensor's contact point
     # Unit vector in the tip frame along which the tool pushes; force is positive in compression along it.
     sensor_axis_tip: tuple[Number, Number, Number]
-    control_rate_hz: Annotated[Positive, Field(le=20_000)]  # ticks per second [Hz]
+    control_rate_hz: Annotated[Number, Field(ge=20, le=20_000)]  # ticks per second [Hz]
     buses: dict[str, BusSection] = Field(default_factory=dict)  # buses by name
     encoder: DeviceSection  # joint encoders
     torque: DeviceSection  # torque-controlled drives

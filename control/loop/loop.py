@@ -41,8 +41,8 @@ def run_loop(
     absolute times. A trip of the guard, Ctrl-C (also SIGTERM and SIGHUP; in the main thread only), `stop`, a
     device that fails, an exception in the task or a result of it that is of no use all take one way out: the
     guard's safe state, tick after tick until it is finished, then deactivation, which is tried whatever
-    happened before. Trouble with observer or log stops nothing: the observer is switched off, the log's
-    failures are counted, both with an event.
+    happened before. Trouble with observer or log stops nothing by itself: the observer is switched off, the
+    log's failures are counted, both with an event. Who moves a real arm lets `stop` ask for its log.
 
     The robot is configured and not active; on return it is deactivated, not closed. The guard is armed;
     unless the task was done it is tripped on return, until it is re-armed. The log takes the records of the
@@ -158,7 +158,7 @@ class _Loop:
         try:
             self._clock.sleep_until(self._grid.due_s)
             return self._tick(dt_s)
-        except Exception as error:
+        except (Exception, SystemExit, KeyboardInterrupt) as error:  # sys.exit() must not drop the arm
             self._way_out.fail("the loop", error)
             return stopping  # and what fails while the arm is stopped leaves nobody to brake it: torque off
 
@@ -218,7 +218,7 @@ class _Loop:
     def _step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         try:
             return checked_output(self._task.step(measurement, dt_s), self._joints)
-        except Exception as error:
+        except (Exception, SystemExit, KeyboardInterrupt) as error:  # sys.exit() must not drop the arm
             self._way_out.fail("the task", error)
             return self._stopped_output
 

@@ -91,8 +91,10 @@ class WayOut:
         if self._on_request:
             self.guard.trip("stopped on request")
 
-    def fail(self, what: str, error: Exception) -> None:
+    def fail(self, what: str, error: BaseException) -> None:
         """Trip for an exception, or log it if the guard is tripped already."""
+        if not isinstance(error, Exception):  # what would end the program is one failure of many
+            error = RuntimeError(f"{type(error).__name__} {error}")
         text = f"{what}: {one_line(error)}"
         if not self.guard.tripped:
             self.error = error

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from robot_io.calibration.file import EncoderCalibration, ForceCalibration, Quantities, TorqueCalibration
-from robot_io.examination import Examinable, Observation
+from robot_io.examination import Examinable, Finding
 from robot_io.interfaces import Component, ForceSensor, JointEncoder, JointTorque
 from robot_io.types import FloatArray, Reading, frozen_array
 
@@ -31,7 +31,7 @@ class _Calibrated(Component, Examinable):
     def close(self) -> None:
         self._driver.close()
 
-    def examine(self) -> tuple[Observation, ...]:
+    def examine(self) -> tuple[Finding, ...]:
         """See `Examinable.examine`; a driver that cannot say is silent."""
         return self._driver.examine() if isinstance(self._driver, Examinable) else ()
 

@@ -153,7 +153,7 @@ def _samples(stream: Stream, messages: list[bytes]) -> Samples:
 def _dropped(found: Scan, stream_name: str) -> int:
     """Sequence numbers without a message: in the gaps, and after the last one if the file knows its end."""
     count = len(found.messages.get(stream_name, []))
-    offered = found.last_sequence.get(stream_name, -1) + 1
+    offered = found.sequence[stream_name][-1] + 1 if count else 0
     stated = found.metadata.get(END_RECORD, {}).get(stream_name, "")
     if len(stated) < 20 and stated.isdecimal():
         offered = max(offered, int(stated))

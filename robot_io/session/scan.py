@@ -6,11 +6,13 @@ wrote.
 
 import struct
 import zlib
+from array import array
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 
+import numpy as np
 from lz4.frame import LZ4FrameDecompressor
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -19,6 +21,7 @@ from mcap.records import Channel, Chunk, DataEnd, Metadata
 from mcap.writer import MCAP0_MAGIC
 
 from robot_io.errors import SessionError
+from robot_io.files.unpacked import most_unpacked
 
 MAX_CHUNK_BYTES = 4 * 1024 * 1024  # ours are 64 KiB or less
 MAX_DATA_BYTES = 8 * 1024**3
@@ -34,8 +37,8 @@ class Scan:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)  # the metadata records by their names
     # The messages of each topic, one after the other.
     messages: dict[str, list[bytes]] = field(default_factory=lambda: defaultdict(list))
-    # The sequence number of each topic's last message.
-    last_sequence: dict[str, int] = field(default_factory=dict)
+    # The sequence numbers of each topic's messages, in the order of the messages.
+    sequence: "dict[str, array[int]]" = field(default_factory=lambda: defaultdict(lambda: array("L")))
     complete: bool = False  # whether the file was finished; else it was read up to the last whole chunk
 
 
@@ -57,7 +60,18 @@ def scan(data: bytes) -> Scan:
             raise
     if scanner.closed and not scanner.found.complete:
         raise SessionError("damaged: its end is there, but not all that comes before")
+    _put_in_order(scanner.found)
     return scanner.found
+
+
+def _put_in_order(found: Scan) -> None:
+    """Put messages into the order in which they were logged: chunks of a file may lie in any."""
+    for topic, numbers in found.sequence.items():
+        order = np.argsort(np.asarray(numbers), kind="stable")
+        if (order[1:] < order[:-1]).any():
+            messages = found.messages[topic]
+            found.messages[topic] = [messages[index] for index in order.tolist()]
+            found.sequence[topic] = array("L", sorted(numbers))
 
 
 class Growing:
@@ -74,6 +88,7 @@ class Growing:
         """
         scanner, found = self._scanner, self._scanner.found
         found.messages.clear()
+        found.sequence.clear()
         try:
             for opcode, start, end in _records(data, 0):
                 scanner.take(opcode, data[start:end])
@@ -90,7 +105,7 @@ class _Scanner:
         self.closed = len(data) > len(MCAP0_MAGIC) and data.endswith(MCAP0_MAGIC)
         self._data = data
         self._topics: dict[int, str] = {}
-        self._bytes_left = MAX_DATA_BYTES
+        self._bytes_left = min(MAX_DATA_BYTES, most_unpacked(len(data))) if data else MAX_DATA_BYTES
 
     def run(self) -> None:
         for opcode, start, end in _records(self._data, len(MCAP0_MAGIC)):
@@ -114,7 +129,7 @@ class _Scanner:
     def _take_chunk(self, chunk: bytes) -> None:
         self._bytes_left -= len(chunk)
         if self._bytes_left < 0:
-            raise SessionError(f"more than {MAX_DATA_BYTES} bytes of data")
+            raise SessionError("unpacks to far more data than a session of its size holds")
         for opcode, start, end in _records(chunk, 0):
             if opcode == Opcode.MESSAGE:
                 channel, sequence, _, _ = _MESSAGE.unpack_from(chunk, start)
@@ -122,7 +137,7 @@ class _Scanner:
                 if topic is None:
                     raise SessionError(f"damaged: a message belongs to no channel ({channel})")
                 self.found.messages[topic].append(chunk[start + _MESSAGE.size : end])
-                self.found.last_sequence[topic] = sequence
+                self.found.sequence[topic].append(sequence)
             elif opcode == Opcode.CHANNEL:
                 record = Channel.read(_stream(chunk[start:end]))
                 self._topics[record.id] = record.topic

@@ -23,8 +23,8 @@ EVENT_DTYPE = np.dtype([("time_s", "<f8"), ("size", "<u4"), ("message", f"V{MAX_
 
 STARTING, READY, FINISHED, FAILED = range(4)
 
-_WORDS = 64  # bytes: state of the writer, wish of the program, length of the failure's text
-_STATE, _STOP, _FAILURE_LENGTH = range(3)
+_WORDS = 64  # bytes: state of the writer, wish of the program, length of the failure's text, its errno
+_STATE, _STOP, _FAILURE_LENGTH, _ERRNO = range(4)
 _FAILURE_BYTES = 960
 _BLOCK = _WORDS + _FAILURE_BYTES
 
@@ -75,8 +75,15 @@ class SharedLog:
             return None
         return bytes(self._failure[: self._words[_FAILURE_LENGTH]]).decode(errors="replace")
 
-    def fail(self, text: str) -> None:
-        """Writer process: give up, and say why."""
+    @property
+    def system_error(self) -> OSError | None:
+        """The system's error behind the failure; None if there is none."""
+        number = self._words[_ERRNO]
+        return OSError(number, os.strerror(number)) if number else None
+
+    def fail(self, text: str, errno: int | None) -> None:
+        """Writer process: give up, and say why; with the system's error number if it is one."""
+        self._words[_ERRNO] = errno or 0
         data = text.encode()[:_FAILURE_BYTES]
         self._failure[: len(data)] = data
         self._words[_FAILURE_LENGTH] = len(data)

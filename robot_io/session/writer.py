@@ -1,8 +1,10 @@
 """Logs a live session. The control loop only copies into memory; another process waits for the disk."""
 
 import os
+import subprocess
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -21,6 +23,8 @@ from robot_io.session.stream import Record, RecordArray, Stream, streams_to_json
 
 START_LIMIT_S = 60.0
 STALL_LIMIT_S = 30.0  # at close, without a single record reaching the disk
+_STALLED = f"the disk took nothing for {STALL_LIMIT_S:.0f} s"
+_KILL_LIMIT_S = 2.0
 _POLL_S = 0.002
 
 
@@ -109,7 +113,11 @@ class SessionWriter:
         self.append(EVENT_STREAM, (time_s, len(message), message))
 
     def _wait_for(self, ring: RingBuffer) -> None:
+        give_up_s = time.monotonic() + STALL_LIMIT_S
         while ring.full and self._process.poll() is None:
+            if time.monotonic() > give_up_s:
+                self._wait_for_room = False  # from here on records are dropped, and counted
+                raise SessionError(f"{self.path}: {_STALLED}")
             time.sleep(_POLL_S)
 
     def _no_ring(self, stream_name: str) -> InputError:
@@ -145,13 +153,12 @@ class SessionWriter:
         finished = self._wait_until_finished()
         if not finished:
             self._process.kill()
+            with suppress(subprocess.TimeoutExpired):  # nothing ends a process that a disk holds
+                self._process.wait(_KILL_LIMIT_S)
+            raise SessionError(f"{self.path}: {_STALLED}; the end is missing")
         self._process.wait()
-        if not finished:
-            raise SessionError(
-                f"{self.path}: the disk took nothing for {STALL_LIMIT_S:.0f} s; the end is missing"
-            )
         if self.failure is not None:
-            raise SessionError(f"{self.path} is not complete: {self.failure}")
+            raise SessionError(f"{self.path} is not complete: {self.failure}") from self._log.system_error
 
     def __enter__(self) -> Self:
         return self
@@ -175,7 +182,7 @@ class SessionWriter:
         if self.failure is not None:
             self._closed = True
             self._process.wait()
-            raise SessionError(f"{self.path} cannot be written: {self.failure}")
+            raise SessionError(f"{self.path} cannot be written: {self.failure}") from self._log.system_error
 
     def _wait_until_finished(self) -> bool:
         """True when the writer process has ended, False when nothing has moved for `STALL_LIMIT_S`."""

@@ -9,6 +9,7 @@ import sys
 import time
 from contextlib import suppress
 
+from robot_io.errors import SessionError
 from robot_io.session.event import EVENT_STREAM, encode_event, unclosed
 from robot_io.session.mcap_file import McapFile
 from robot_io.session.metadata import SessionMetadata
@@ -34,7 +35,8 @@ def main() -> None:
         _write_session(job, streams, log)
         log.state = FINISHED
     except Exception as error:  # whatever it is, the program hears of it
-        log.fail((error.strerror if isinstance(error, OSError) else None) or str(error) or repr(error))
+        text, number = (error.strerror, error.errno) if isinstance(error, OSError) else (None, None)
+        log.fail(text or str(error) or repr(error), number)
 
 
 def _leave_real_time() -> None:
@@ -52,6 +54,8 @@ def _write_session(job: Job, streams: tuple[Stream, ...], log: SharedLog) -> Non
         drain.run(job.parent_pid)
         drain.finish()
         os.fsync(file.fileno())
+        if not (os.path.exists(job.path) and os.path.samestat(os.stat(job.path), os.fstat(file.fileno()))):
+            raise SessionError("the file was deleted or replaced while it was being written")
 
 
 class _Drain:

@@ -1,5 +1,5 @@
-"""The probing session of the face's tests."""
+"""The probing session of the face's tests, and how it is written."""
 
-from tests.palpate.conftest import probed
+from tests.palpate.conftest import log_in_process, probed
 
-__all__ = ["probed"]
+__all__ = ["log_in_process", "probed"]

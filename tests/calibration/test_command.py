@@ -8,6 +8,7 @@ from robot_io.calibration import load_calibration
 from robot_io.session import Session
 from tests.palpate.cli import assert_refused, run
 
+pytestmark = pytest.mark.usefixtures("log_in_process")
 KG = (0, 1, 2, 3, 2, 1, 0)
 COUNTS = [f"{1000 + 200 * kg + sample % 3},{kg}" for kg in KG for sample in range(20)]
 

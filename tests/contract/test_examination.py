@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robot_io.examination import Examinable, Verdict
+from robot_io.examination import Examinable, Level
 
 MUST = {"odrive", "cubemars", "dynamixel"}  # the backends of hardware drivers, by the start of their names
 
@@ -26,9 +26,9 @@ def test_what_is_as_it_should_be_is_said_to_be(examinable):
         observations = part.examine()
         assert observations
         for seen in observations:
-            assert seen.verdict is Verdict.OK, seen
+            assert seen.level is Level.OK, seen
             assert seen.subject
-            assert seen.value
+            assert seen.text
             assert not seen.remedy
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from control.arm.dh import DhRow, DhTable, check_dh_table, load_dh_table
@@ -62,7 +62,6 @@ def test_both_shipped_arms_have_a_table():
     assert len(TABLES) >= 2
 
 
-@settings(max_examples=60)
 @given(rows, st.integers(0, 2**32 - 1))
 def test_any_table_and_its_urdf_have_the_same_kinematics(found, seed):
     table = table_of(found)

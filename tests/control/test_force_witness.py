@@ -25,11 +25,7 @@ def freeze(arm: SimulatedArm, value_n: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "stiffness", "speed_m_s"),
-    [
-        ("follower", 7100.0, 0.05),
-        ("leader", 500.0, 0.15),
-    ],
+    ("name", "stiffness", "speed_m_s"), [("follower", 7100.0, 0.05), ("leader", 500.0, 0.15)]
 )
 def test_a_dead_but_fresh_force_sensor_is_found_out_before_twice_the_limit(name, stiffness, speed_m_s):
     arm = SimulatedArm(name, ProbingPlan(speeds_m_s=(speed_m_s,)), kelvin_voigt(stiffness))

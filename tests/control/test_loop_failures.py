@@ -76,6 +76,15 @@ def test_an_exception_in_the_task_brakes_the_arm_and_is_chained():
     assert isinstance(raised.value.__cause__, ZeroDivisionError)
 
 
+def test_a_task_that_ends_the_program_brakes_the_arm_first():
+    arm, task = Arm(), Swing(torque_nm=0.5)
+    task.step = raising(SystemExit(7))
+    result, log = run(arm, task)
+    assert (result.outcome, result.cause) == (Outcome.TRIPPED, "the task: RuntimeError: SystemExit 7")
+    assert log.texts("trip") == [result.cause]
+    assert_came_to_rest(arm, log)
+
+
 def test_what_fails_before_the_first_tick_is_passed_on_and_nothing_is_sent():
     arm, task = Arm(), Swing()
     task.start = raising(InputError("target 2 is out of reach"))

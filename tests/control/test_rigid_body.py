@@ -27,6 +27,12 @@ SPECK = """<link name="tip"><inertial><mass value="1e-6"/>
   <inertia ixx="1e-9" iyy="1e-9" izz="1e-9" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
 
 
+def chain(joints: int) -> str:
+    links = "".join(f'<link name="l{i}"/>' for i in range(joints + 1))
+    joint = '<joint name="j{0}" type="fixed"><parent link="l{0}"/><child link="l{1}"/></joint>'
+    return f'<robot name="r">{links}{"".join(joint.format(i, i + 1) for i in range(joints))}</robot>'
+
+
 def random_states(count: int = 20):
     rng = np.random.default_rng(3)
     return rng.uniform(-2.0, 2.0, (count, 3, 3))
@@ -178,6 +184,30 @@ def test_joint_axes_are_where_the_urdf_puts_them():
         ('<robot name="r"/>', "tip", "No link elements found"),
         (PENDULUM.format(kind="hinge"), "tip", "has no known type .hinge"),
         (PENDULUM.format(kind="revolute").replace('link="rod"', 'link="lost"'), "tip", "lost"),
+        (
+            PENDULUM.format(kind="revolute").replace('izz="0.02"', 'izz="nan"'),
+            "tip",
+            "izz='nan'.*not 1 finite",
+        ),
+        (PENDULUM.format(kind="revolute").replace('iyy="0.02"', 'iyy="0,02"'), "tip", "iyy='0,02'"),
+        (PENDULUM.format(kind="revolute").replace('iyy="0.02"', ""), "tip", "inertia of link 'rod' lacks"),
+        (
+            PENDULUM.format(kind="revolute").replace('ixy="0"', 'ixy="0.1"'),
+            "tip",
+            "'rod' has a negative moment",
+        ),
+        (
+            PENDULUM.format(kind="revolute").replace('xyz="0.4 0 0"', 'xyz="0.4 0"'),
+            "tip",
+            "not 3 finite numbers",
+        ),
+        (PENDULUM.format(kind="revolute").replace('upper="3"', 'upper="inf"'), "tip", "upper='inf'"),
+        (chain(501), "tip", "502 links, at most 500"),
+        (chain(2).replace('parent link="l0"', 'parent link="l2"'), "tip", "round in a circle"),
+        (chain(2).replace('child link="l2"', 'child link="l1"'), "tip", "'l1' hangs on two joints"),
+        ("<robot>" + "<a>" * 100_000 + "</a>" * 100_000 + "</robot>", "tip", "nested deeper than 20"),
+        ("<robot>" + "<a/>" * 30_000 + "</robot>", "tip", "more than 20000 elements"),
+        ("<!DOCTYPE r [<!ENTITY a 'b'>]><robot name='&a;'/>", "tip", "document type"),
     ],
 )
 def test_a_bad_urdf_is_one_clear_line(urdf, tip, message, capfd):

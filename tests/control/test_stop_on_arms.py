@@ -76,8 +76,7 @@ def test_without_a_model_of_its_weight_the_arm_falls():
 
 
 @pytest.mark.parametrize(
-    ("name", "phase", "stiffness"),
-    [("follower", Phase.LOADING, 7100.0), ("leader", Phase.HOLD, 500.0)],
+    ("name", "phase", "stiffness"), [("follower", Phase.LOADING, 7100.0), ("leader", Phase.HOLD, 500.0)]
 )
 def test_in_contact_the_object_pushes_the_arm_out_and_carries_it_softly_later(name, phase, stiffness):
     stop = stop_in(name, phase, 10, stiffness=stiffness)

@@ -95,8 +95,7 @@ def test_too_short_a_way_back_overshoots_by_no_more_than_stopping_needs():
 
 
 @given(
-    st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array),
-    st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array),
+    st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array), st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
 )
 def test_a_joint_move_is_smooth_arrives_and_keeps_its_limits(start, end):
     move = JointMove(start, end, 1.0, 4.0)

@@ -1,5 +1,7 @@
 """In free air the arm stays above what it presses on: between targets, and when it swings before a run."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -29,22 +31,24 @@ FAR_APART = [(0.25, 0.45, 0.005), (0.2, 0.5, 0.015), (0.16, 0.5, 0.03), (0.45, 0
 def started(plan, **limits):
     """A task that has looked at its plan, on the reference arm."""
     task = ProbingTask(
-        test_arm(),
-        TOOL_AXIS_TIP,
-        probing_task(plan)._gains,
-        plan,
-        **{"position_limits_rad": WIDE} | limits,
+        test_arm(), TOOL_AXIS_TIP, probing_task(plan)._gains, plan, **{"position_limits_rad": WIDE} | limits
     )
     plant = plant_above()
     task.start(plant.measure())
     return task
 
 
-def test_the_tip_swings_up_and_back_at_both_speeds_before_every_run():
-    plant = plant_above(stiffness_n_m=2000.0, damping_n_s_m=20.0)
-    task = probing_task(ProbingPlan(**SWINGING))
-    record = run_probing(plant, task)
+@cache
+def probed(swing_m):
+    """What happens with swings of that height, or none."""
+    task = probing_task(ProbingPlan(**SWINGING | {"free_air_swing_m": swing_m}))
+    record = run_probing(plant_above(stiffness_n_m=2000.0, damping_n_s_m=20.0), task)
     assert task.failures == ()
+    return record
+
+
+def test_the_tip_swings_up_and_back_at_both_speeds_before_every_run():
+    record = probed(SWING_M)
     assert "no_swing" not in record.kinds()
     heights = np.array([output.tip_position_world_m[2] for output in record.outputs])
     speeds = np.array([np.abs(output.reference_velocity_rad_s).max() for output in record.outputs])
@@ -64,10 +68,7 @@ def test_the_tip_swings_up_and_back_at_both_speeds_before_every_run():
 
 
 def test_without_it_nothing_moves_but_what_did():
-    records = [
-        run_probing(plant_above(stiffness_n_m=2000.0, damping_n_s_m=20.0), probing_task(ProbingPlan(**plan)))
-        for plan in (SHORT, SWINGING)
-    ]
+    records = [probed(swing_m) for swing_m in (0.0, SWING_M)]
     torques = [record.torque_nm[record.run == 0] for record in records]
     plain_s, swung_s = (record.time_s[-1] for record in records)
     assert swung_s > plain_s + 2.0

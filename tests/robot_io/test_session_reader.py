@@ -11,6 +11,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from robot_io.errors import InputError, SessionError, UnknownNameError
+from robot_io.files import unpacked
 from robot_io.session import Column, Event, Follower, Session, SessionMetadata, Stream, scan, write_session
 from robot_io.session.mcap_file import CHUNK_BYTES, EXTRA_RECORD, HEADER_RECORD, McapFile
 from robot_io.session.stream import streams_to_json
@@ -20,9 +21,7 @@ from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, streams_w
 SLOW = Stream("slow", (Column("time_s", "s"), Column("x", "m", 1, "into the object")))
 EVENTS = (Event(0.5, "mark", "hello", {"a": [1, None]}), Event(0.6, "trip", "", None))
 
-within_one_folder = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+within_one_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def columns_of(records):
@@ -195,7 +194,14 @@ def test_a_file_that_is_not_as_it_should_be_is_refused_in_one_line(tmp_path, arg
 def test_more_data_than_there_is_memory_for_is_refused(tmp_path, monkeypatch):
     path = written(tmp_path / "s.mcap")
     monkeypatch.setattr(scan, "MAX_DATA_BYTES", 100_000)
-    with pytest.raises(SessionError, match="more than 100000 bytes"):
+    with pytest.raises(SessionError, match="far more data than a session of its size"):
+        Session.open(path)
+
+
+def test_a_session_that_is_small_only_while_it_is_packed_is_refused(tmp_path, monkeypatch):
+    path = foreign(tmp_path / "s.mcap", {}, [("events", bytes(4_000_000))] * 10)
+    monkeypatch.setattr(unpacked, "_ALWAYS", 1_000_000)
+    with pytest.raises(SessionError, match="far more data"):
         Session.open(path)
 
 
@@ -297,3 +303,18 @@ def test_a_growing_session_is_followed_without_reading_anything_twice(tmp_path, 
     short = Follower(path, "tick", last=100)
     path.write_bytes(whole)
     assert_ticks(short.read(), range(1400, 1500))
+
+
+def test_messages_in_chunks_of_any_order_are_read_in_the_order_of_logging(tmp_path):
+    formed = WireFormat(SLOW).encode(SLOW.records({"time_s": np.arange(6.0), "x": np.zeros(6)}))
+    with (tmp_path / "s.mcap").open("wb") as file:
+        mcap = Writer(file, chunk_size=1, compression=CompressionType.LZ4)  # a chunk for each message
+        mcap.start()
+        mcap.add_metadata(HEADER_RECORD, {"format_version": "1", "streams": streams_to_json((SLOW,))})
+        channel = mcap.register_channel("slow", "protobuf", mcap.register_schema("x", "protobuf", b""))
+        for number in (4, 5, 0, 2, 1, 3):
+            mcap.add_message(channel, number, formed[number], number, sequence=number)
+        mcap.finish()
+    session = Session.open(tmp_path / "s.mcap")
+    assert session.samples("slow")["time_s"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert session.dropped == 0

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from hypothesis import given, settings
+from hypothesis import given
 
 from robot_io.errors import SessionError
 from robot_io.session.wire import PACKAGE, WireFormat
@@ -17,7 +17,6 @@ def parsed_by_protobuf(wire, messages):
     return [kind.FromString(message) for message in messages]
 
 
-@settings(max_examples=60, deadline=None)
 @given(streams_with_columns())
 def test_protobuf_and_decode_both_read_what_was_encoded(stream_and_columns):
     stream, columns = stream_and_columns

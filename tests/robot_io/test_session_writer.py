@@ -44,6 +44,30 @@ def stop(log):
     os.waitpid(pid(log), os.WUNTRACED)  # the signal is asynchronous; wait until it has stopped
 
 
+@linux_only
+def test_a_disk_that_hangs_holds_no_program_for_ever(tmp_path, monkeypatch):
+    monkeypatch.setattr(writer, "STALL_LIMIT_S", 0.2)
+    log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA, ring_slots=4, wait_for_room=True)
+    stop(log)
+    for number in range(4):
+        log.append("tick", tick(number))
+    with pytest.raises(SessionError, match="the disk took nothing"):
+        log.append("tick", tick(4))
+    log.append("tick", tick(5))
+    assert log.dropped == 1
+    with pytest.raises(SessionError, match="the end is missing"):
+        log.close()
+
+
+@pytest.mark.parametrize("meanwhile", [Path.unlink, lambda path: (path.unlink(), path.write_bytes(b""))])
+def test_a_file_that_is_gone_when_it_is_done_is_said_to_be(meanwhile, tmp_path):
+    log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
+    log.append("tick", tick(0))
+    meanwhile(tmp_path / "s.mcap")
+    with pytest.raises(SessionError, match="deleted or replaced while it was being written"):
+        log.close()
+
+
 def test_what_was_logged_is_read_back(tmp_path):
     path = tmp_path / "new" / "s.mcap"
     with SessionWriter(path, [TICK, SLOW], METADATA) as log:

@@ -19,6 +19,11 @@ from sim_backend.scenario import load_scenario
 ROOT = Path(__file__).resolve().parents[2]
 ODRIVE = ROOT / "robots" / "odrive_3dof.yaml"
 CUBEMARS = ROOT / "robots" / "cubemars_3dof.yaml"
+LINES = (  # a load cell that is read by a pattern, in place of the ODrive arm's
+    "{driver: loadstar, bus: load_cell, capacity_n: 100.0}",
+    "{driver: force_lines, bus: load_cell, capacity_n: 100.0, "
+    r"pattern: '\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)'}",
+)
 
 
 class WireBench:

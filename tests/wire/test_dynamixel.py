@@ -1,22 +1,32 @@
 """A whole probing run through the Dynamixel drivers byte by byte, and what faults on the way do to it."""
 
+from datetime import UTC, datetime
+
 import numpy as np
 import pytest
 
-from control.loop.result import Outcome
+from control.loop.loop import run_loop
+from control.loop.result import LoopResult, Outcome
+from control.loop.tick_record import tick_stream
+from control.probing.plan import ProbingPlan
+from control.probing.task import ProbingTask
+from estimation.data.channels import session_channels
+from estimation.study.estimates import estimate_with
+from robot_io import Session, SessionMetadata
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue
+from robot_io.guard import Guard
 from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
-from robot_io.session import Session
 from robot_io.types import Command, Status
-from sim_backend.emulators import Fault, FaultKind
+from sim_backend.emulators import FaultKind
 from sim_backend.imperfections.coulomb_friction import CoulombFriction
+from tests.log_in_process import LogInProcess
 from tests.wire.parts import ROOT
-from tests.wire.test_probing import probe, stiffness_and_damping
 
 pytestmark = pytest.mark.slow
 
+PLAN = ProbingPlan(speeds_m_s=(0.12, 0.06), hold_s=0.1, free_air_s=0.1)
 ROBOT = ROOT / "robots" / "dynamixel_3dof.yaml"
 SIMULATED = """buses:
   world: {driver: pybullet, scenario: default}
@@ -24,6 +34,28 @@ encoder: {driver: sim_encoder, bus: world}
 torque: {driver: sim_torque, bus: world}
 force: {driver: sim_force, bus: world}
 """
+
+
+def probe(robot, robot_file, clock, path) -> LoopResult:
+    metadata = SessionMetadata(
+        robot_file=robot_file.text,
+        urdf=robot_file.urdf_path.read_text(encoding="utf-8"),
+        created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
+        extra={"source": "simulated"},
+    )
+    task = ProbingTask.from_robot_file(robot_file, PLAN)
+    guard = Guard(robot_file.limits, robot_file.safe_state, robot.joint_count)
+    robot.configure()
+    with LogInProcess(path, [tick_stream(robot.joint_count)], metadata) as log:
+        return run_loop(robot, guard, task, clock, log, rate_hz=robot_file.control_rate_hz)
+
+
+def stiffness_and_damping(path):
+    """By name: value, and its standard error."""
+    (channel,) = (c for c in session_channels(Session.open(path), tared=True) if c.name == "contact")
+    (estimate,) = estimate_with(channel, "kelvin_voigt", ["lsq"]).estimates
+    wanted = ("stiffness", "damping")
+    return {p.name: (p.value, p.std_err) for p in estimate.parameters if p.name.startswith(wanted)}
 
 
 def tick(arm):
@@ -60,38 +92,6 @@ def test_the_object_is_the_same_over_the_wire(bench, direct, tmp_path, changes):
     for name, (value, _) in direct.items():
         assert wired[name][0] == pytest.approx(value, rel=0.02)
         assert abs(wired[name][0] - value) < 4 * wired[name][1]
-
-
-@pytest.mark.parametrize(
-    ("kind", "details", "cause"),
-    [
-        (FaultKind.DROP, {"device": 2}, "servo 2 did not answer in time"),
-        (FaultKind.CORRUPT, {"device": 3}, "CRC mismatch"),
-        (FaultKind.WRONG_ID, {"device": 1}, "servo 101 answered in place of servo 1"),
-        (FaultKind.DELAY, {"delay_s": 5e-3}, "did not answer in time"),
-        (FaultKind.ALERT, {"device": 2, "times": 1}, r"servo 2 (joint 2): has switched its torque off"),
-        (
-            FaultKind.REBOOT,
-            {"device": 3, "times": 1, "delay_s": 1e-3},
-            "servo 3 (joint 3): has lost its settings",
-        ),
-        (FaultKind.UNPLUG, {}, "unplugged?"),
-        (FaultKind.STUCK, {"device": 1}, "encoder of joint 1: stuck at"),
-    ],
-)
-def test_a_fault_on_the_way_ends_without_torque_and_with_its_name(bench, tmp_path, kind, details, cause):
-    arm = bench(ROBOT)
-    fault_s = 0.5
-    arm.faults["motors"].add(Fault(kind=kind, from_s=fault_s, **details))
-    path = tmp_path / "wire.mcap"
-    result = probe(arm.robot, arm.arm.robot_file, arm.clock, path)
-    assert result.outcome is Outcome.TRIPPED
-    assert cause in result.cause
-    arm.clock.sleep_until(arm.clock.now_s() + 0.1)
-    assert np.abs(arm.drive_torque_nm).max() == 0
-    session = Session.open(path)
-    assert session.samples("tick")["time_s"][-1] >= fault_s
-    assert any(cause in event.text for event in session.events)
 
 
 def test_joints_that_friction_holds_are_no_stuck_encoders(bench, tmp_path):

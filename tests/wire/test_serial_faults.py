@@ -13,17 +13,12 @@ from robot_io.clock import MonotonicClock, SimulatedClock
 from robot_io.drivers.serial_force import lorenz_protocol as lorenz
 from robot_io.drivers.serial_force.line import SerialReader
 from robot_io.drivers.serial_force.loadstar import loadstar_stream
-from robot_io.errors import DeviceError, InputError
+from robot_io.errors import DeviceError
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
-from tests.wire.parts import CUBEMARS, ODRIVE
+from tests.wire.parts import CUBEMARS, LINES, ODRIVE
 
-PATTERN = r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)"
-GAUGE = (
-    "{driver: loadstar, bus: load_cell, capacity_n: 100.0}",
-    f"{{driver: force_lines, bus: load_cell, capacity_n: 100.0, pattern: '{PATTERN}'}}",
-)
-SENSORS = {"loadstar": (ODRIVE, ()), "lorenz": (CUBEMARS, ()), "force_lines": (ODRIVE, (GAUGE,))}
+SENSORS = {"loadstar": (ODRIVE, ()), "lorenz": (CUBEMARS, ()), "force_lines": (ODRIVE, (LINES,))}
 
 
 @pytest.fixture(params=SENSORS, ids=str)
@@ -83,17 +78,6 @@ def test_a_silent_sensor_keeps_its_value_and_its_time(sensor):
     assert "no reading for" in sensor.problem
 
 
-def test_what_is_no_number_is_no_force(sensor):
-    sensor.strike("load_cell", FaultKind.NOT_A_NUMBER)
-    measurement = sensor.ticks(30, None)
-    assert measurement.force_status in (Status.STALE, Status.SATURATED)  # Lorenz has but the end of its range
-
-
-def test_the_end_of_the_range_is_marked(sensor):
-    sensor.strike("load_cell", FaultKind.SATURATED)
-    sensor.ticks_until(lambda m: m.force_status is Status.SATURATED, most=10, torque_nm=None)
-
-
 def test_a_reversed_sensor_shows_at_once(sensor):
     sensor.strike("load_cell", FaultKind.REVERSED)
     assert sensor.ticks(5, None).force_n == pytest.approx(-5.0, abs=0.1)
@@ -108,21 +92,6 @@ def test_corrupt_lines_give_no_wild_force(bench):
         measurement = arm.tick(None)
         assert not abs(measurement.force_n) > 200.0
     assert arm.robot.buses["load_cell"]._reader.rejected > 20
-
-
-def test_an_unplugged_sensor_is_named(sensor):
-    sensor.strike("load_cell", FaultKind.UNPLUG)
-    sensor.ticks(3, None)
-    assert "serial port /dev/pts/" in sensor.problem
-    assert "unplugged" in sensor.problem or "failed" in sensor.problem
-
-
-def test_a_sensor_that_restarts_falls_silent(bench):
-    arm = bench(ODRIVE)
-    arm.robot.configure()
-    arm.ticks(10, None)
-    arm.strike("load_cell", FaultKind.REBOOT, times=1, delay_s=0.01)
-    arm.ticks_until(lambda m: "no reading for" in arm.problem, most=30, torque_nm=None)
 
 
 def test_a_port_that_somebody_else_has_open_is_refused(bench):
@@ -182,26 +151,6 @@ def test_a_port_where_nobody_answers_is_one_line(bench):
     arm.arm.wires["load_cell"]._sensor.hear = lambda data, now_s: b""
     with pytest.raises(DeviceError, match="no DI-100 or DI-1000 answers"):
         arm.robot.configure()
-
-
-@pytest.mark.parametrize(
-    ("path", "old", "new", "problem"),
-    [
-        (CUBEMARS, "unit: N", "unit: bar", "not a known unit"),
-        (CUBEMARS, "load_code: 100", "load_code: 100, rate_hz: 999", "1000"),
-        (ODRIVE, *(GAUGE[0], GAUGE[1].replace("?P<value>", "?P<force>")), "value"),
-        (ODRIVE, *(GAUGE[0], GAUGE[1].replace("(?P<unit>\\w+)", "((a+)+)")), "for ever"),
-    ],
-)
-def test_a_wrong_robot_file_is_refused(path, old, new, problem):
-    from robot_io.driver import DriverCatalogue
-    from robot_io.robot import build_robot
-    from robot_io.robot_file import parse_robot_file
-
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    with pytest.raises(InputError, match=problem):
-        build_robot(parse_robot_file(text.replace(old, new), path), DriverCatalogue(), SimulatedClock())
 
 
 # The reader alone, on a pseudo terminal.

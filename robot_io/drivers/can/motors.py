@@ -11,7 +11,7 @@ from pydantic import StrictBool
 from robot_io.driver import DriverContext
 from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
 from robot_io.errors import DeviceError, DeviceTimeoutError, LifecycleError, ProtocolError
-from robot_io.examination import Examinable, Observation, fail, warn
+from robot_io.examination import Examinable, Finding, fail, warn
 from robot_io.files.file_model import FileModel, Number, Positive, input_error
 from robot_io.interfaces import Bus, JointEncoder, JointTorque
 from robot_io.types import FloatArray, Reading, Status
@@ -125,12 +125,12 @@ class MotorBus(Bus, Examinable):
         return ""
 
     @abstractmethod
-    def _report(self) -> list[Observation]:
+    def _report(self) -> list[Finding]:
         """What the motors say of themselves, asked for if need be, with the torque off."""
 
     # What is common.
 
-    def examine(self) -> tuple[Observation, ...]:
+    def examine(self) -> tuple[Finding, ...]:
         observations = self._report()
         if foreign := self.line.counts["foreign id"]:
             value = f"{foreign} frames from ids that are not in the robot file"

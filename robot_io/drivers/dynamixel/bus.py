@@ -13,7 +13,7 @@ from robot_io.drivers.dynamixel.servos import ServoIdentity, ServoLine
 from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
 from robot_io.drivers.dynamixel.tables import GOAL_CURRENT, POSITION_STEP_RAD, VELOCITY_STEP_RAD_S
 from robot_io.errors import DeviceError, LifecycleError
-from robot_io.examination import Examinable, Observation
+from robot_io.examination import Examinable, Finding
 from robot_io.interfaces import Bus
 from robot_io.serial_port import SerialPort
 from robot_io.types import FloatArray, Status
@@ -142,7 +142,7 @@ class DynamixelBus(Bus, Examinable):
         self._reader = None
         self._port.close()
 
-    def examine(self) -> tuple[Observation, ...]:
+    def examine(self) -> tuple[Finding, ...]:
         """See `Examinable.examine`; also finds servos under other ids and at another baud rate."""
         return tuple(examine_servos(self._settings, self._port, self._clock))
 

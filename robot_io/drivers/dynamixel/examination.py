@@ -10,13 +10,13 @@ from robot_io.drivers.dynamixel.servos import RegisterAccess
 from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
 from robot_io.drivers.dynamixel.tables import WATCHDOG_FIRMWARE, model_name
 from robot_io.errors import DeviceError, DeviceTimeoutError
-from robot_io.examination import Observation, fail, warn
+from robot_io.examination import Finding, fail, ok, warn
 from robot_io.serial_port import SerialPort
 
 _PING_ALL_S = 0.3  # all 253 ids have answered by then
 
 
-def examine_servos(settings: DynamixelSettings, port: SerialPort, clock: Clock) -> list[Observation]:
+def examine_servos(settings: DynamixelSettings, port: SerialPort, clock: Clock) -> list[Finding]:
     """What every servo of the robot file says of itself, and who else is there.
 
     Args:
@@ -33,7 +33,7 @@ def examine_servos(settings: DynamixelSettings, port: SerialPort, clock: Clock) 
         return _none_answers(settings, port, clock, there)
     access = RegisterAccess(port, clock)
     strangers = [servo_id for servo_id in there if servo_id not in wanted]
-    observations: list[Observation] = []
+    observations: list[Finding] = []
     for joint, servo in enumerate(settings.servos, 1):
         label = f"servo {servo.id} (joint {joint})"
         if servo.id in there:
@@ -51,7 +51,7 @@ def examine_servos(settings: DynamixelSettings, port: SerialPort, clock: Clock) 
 
 def _none_answers(
     settings: DynamixelSettings, port: SerialPort, clock: Clock, there: Sequence[int]
-) -> list[Observation]:
+) -> list[Finding]:
     """None of the servos answers: others may, or all of them at another baud rate."""
     wanted = [servo.id for servo in settings.servos]
     if there:
@@ -89,7 +89,7 @@ def _ids_on_line(port: SerialPort, clock: Clock) -> list[int]:
     return sorted(ids)
 
 
-def _look_at(access: RegisterAccess, servo: ServoSettings, label: str) -> list[Observation]:
+def _look_at(access: RegisterAccess, servo: ServoSettings, label: str) -> list[Finding]:
     """Model, firmware, supply and errors of one servo."""
     try:
         number, firmware = access.ping(servo.id)
@@ -102,16 +102,16 @@ def _look_at(access: RegisterAccess, servo: ServoSettings, label: str) -> list[O
         return [fail(label, f"answers now and then: {error}", "check plugs, cable and ground")]
 
 
-def _model(servo: ServoSettings, label: str, number: int, firmware: int) -> Observation:
+def _model(servo: ServoSettings, label: str, number: int, firmware: int) -> Finding:
     value = f"{model_name(number)}, firmware {firmware}"
     if number != servo.servo_model.number:
         return fail(label, f"{value}; the robot file says {servo.model}", "correct the model, or the ids")
     if firmware < WATCHDOG_FIRMWARE:
         return fail(label, f"{value}, without a bus watchdog", f"update it to {WATCHDOG_FIRMWARE} or newer")
-    return Observation(label, value)
+    return ok(label, value)
 
 
-def _supply(access: RegisterAccess, servo: ServoSettings, label: str) -> Observation:
+def _supply(access: RegisterAccess, servo: ServoSettings, label: str) -> Finding:
     read = access.read
     voltage, low, high = (
         0.1 * read(servo.id, register)
@@ -121,10 +121,10 @@ def _supply(access: RegisterAccess, servo: ServoSettings, label: str) -> Observa
     value = f"{voltage:.1f} V (its limits {low:.1f} to {high:.1f} V), {temperature} °C"
     if not low < voltage < high:
         return fail(label, value, "check the power supply and the cable's cross-section")
-    return Observation(label, value)
+    return ok(label, value)
 
 
-def _state(access: RegisterAccess, servo: ServoSettings, label: str) -> list[Observation]:
+def _state(access: RegisterAccess, servo: ServoSettings, label: str) -> list[Finding]:
     observations = []
     errors = access.read(servo.id, tables.HARDWARE_ERROR_STATUS)
     if errors:

@@ -16,7 +16,7 @@ from robot_io.drivers.can.motors import MotorBus, MotorEncoder, MotorMounting, M
 from robot_io.drivers.mit import protocol as mit
 from robot_io.drivers.mit.protocol import MIT_MODELS, MitRanges, mit_error_name
 from robot_io.errors import DeviceError
-from robot_io.examination import Observation, fail
+from robot_io.examination import Finding, fail, ok
 from robot_io.files.file_model import FileModel, Positive
 
 
@@ -119,7 +119,7 @@ class MitBus(MotorBus):
         if self._own.ask_with == "exit":  # one answer to each frame
             self._measure_latency(self._ask, self._motion_at_s)
 
-    def _report(self) -> list[Observation]:
+    def _report(self) -> list[Finding]:
         """See `MotorBus._report`; the protocol tells neither voltage nor firmware."""
         self._motion_at_s = [-inf] * self.joint_count
         self._ask()
@@ -138,7 +138,7 @@ class MitBus(MotorBus):
                     f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model, the robot "
                 )
                 value += f"file says {motor.model}; CAN timeout {self._own.watchdog_s:g} s, {proven}"
-                observations.append(Observation(label, value))
+                observations.append(ok(label, value))
         return observations
 
     def tick_wire_s(self) -> float | None:

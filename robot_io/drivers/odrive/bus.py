@@ -29,7 +29,7 @@ from robot_io.drivers.odrive.protocol import (
 )
 from robot_io.drivers.odrive.settings import OdriveAxis, OdriveBusSettings
 from robot_io.errors import DeviceError
-from robot_io.examination import Observation, fail, warn
+from robot_io.examination import Finding, fail, ok, warn
 
 _OBEYED_SHARE, _CLEAR_SHARE, _SHORT_SAMPLES = 0.8, 0.02, 5  # of what was sent, of the most; in a row
 _LOST_HEARTBEATS = 3.5  # heartbeat periods without one: it is lost
@@ -80,7 +80,7 @@ class OdriveBus(MotorBus):
             self._check_rate(joint, self._motion_at_s, self._limits.encoder_age_s, "encoder")
             self._check_rate(joint, self._torque_at_s, self._limits.torque_age_s, "torque")
 
-    def _report(self) -> list[Observation]:
+    def _report(self) -> list[Finding]:
         self._heartbeats = [None] * self.joint_count
         self._motion_at_s, self._torque_at_s = [-inf] * self.joint_count, [-inf] * self.joint_count
         asked = [OdriveCommand.BUS_VOLTAGE_CURRENT, OdriveCommand.GET_VERSION]
@@ -95,10 +95,10 @@ class OdriveBus(MotorBus):
         unseen = f"{LIMITER} = False, {VELOCITY_LIMIT} = {fastest_rev_s:.1f} or more, and the current limit"
         return [
             *(self._observe(joint) for joint in range(self.joint_count)),
-            Observation("set over USB", f"CAN cannot read whether each axis has {unseen}"),
+            ok("set over USB", f"CAN cannot read whether each axis has {unseen}"),
         ]
 
-    def _observe(self, joint: int) -> Observation:
+    def _observe(self, joint: int) -> Finding:
         label, beat, supply_v = self.motor_label(joint), self._heartbeats[joint], self._supply_v.get(joint)
         if beat is None:
             remedy = f"check its power, cable, node id and bit rate; {self._rate_commands[0]}"
@@ -116,7 +116,7 @@ class OdriveBus(MotorBus):
             return fail(label, value, "switch its power supply on")
         if beat.axis_error or beat.component_errors:
             return warn(label, value, "errors are cleared at activation; see what caused them")
-        return Observation(label, value)
+        return ok(label, value)
 
     def tick_wire_s(self) -> float | None:
         """See `Examinable.tick_wire_s`: estimates, torques and command of each axis; heartbeats are rare."""

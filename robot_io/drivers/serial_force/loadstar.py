@@ -15,7 +15,7 @@ from robot_io.driver import DriverContext
 from robot_io.drivers.serial_force.line import SerialLine
 from robot_io.drivers.serial_force.text import LineSplitter, LineStream, newtons_per, text_of
 from robot_io.errors import DeviceError, ProtocolError
-from robot_io.examination import Examinable, Observation
+from robot_io.examination import Examinable, Finding, ok
 from robot_io.files.file_model import FileModel, Positive
 from robot_io.interfaces import ForceSensor
 from robot_io.types import Reading
@@ -100,8 +100,8 @@ class Loadstar(ForceSensor, Examinable):
         self._bus.listen(loadstar_stream(newtons_per_unit, capacity_n), self._own.capacity_n)
         self._bus.write(STREAM)
 
-    def examine(self) -> tuple[Observation, ...]:
-        return (Observation("force sensor", self._found),) if self._found else ()
+    def examine(self) -> tuple[Finding, ...]:
+        return (ok("force sensor", self._found),) if self._found else ()
 
     def close(self) -> None:
         """End the stream."""

@@ -11,7 +11,7 @@ from robot_io.drivers.serial_force.line import SerialLine
 from robot_io.drivers.serial_force.lorenz_protocol import LorenzCommand, LorenzStream, Telegram
 from robot_io.drivers.serial_force.text import known_unit, newtons_per
 from robot_io.errors import DeviceError, ProtocolError
-from robot_io.examination import Examinable, Observation
+from robot_io.examination import Examinable, Finding, ok
 from robot_io.files.file_model import FileModel, Positive
 from robot_io.interfaces import ForceSensor
 from robot_io.types import Reading
@@ -83,8 +83,8 @@ class Lorenz(ForceSensor, Examinable):
         stream = LorenzStream(own.nominal_n / own.counts_at_nominal)
         self._bus.listen(stream, own.nominal_n, held_back_s=1.0 / own.rate_hz)
 
-    def examine(self) -> tuple[Observation, ...]:
-        return (Observation("force sensor", self._found),) if self._found else ()
+    def examine(self) -> tuple[Finding, ...]:
+        return (ok("force sensor", self._found),) if self._found else ()
 
     def close(self) -> None:
         """End the stream."""

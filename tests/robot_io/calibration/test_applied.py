@@ -11,7 +11,7 @@ from robot_io.calibration.devices import CalibratedForceSensor
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError
-from robot_io.examination import Examinable, Observation
+from robot_io.examination import Examinable, ok
 from robot_io.interfaces import ForceSensor
 from robot_io.robot import build_robot
 from robot_io.robot_file import load_robot_file, parse_robot_file
@@ -184,14 +184,14 @@ def test_it_does_not_hide_who_the_sensor_is(tmp_path):
 
     class Named(Silent, Examinable):
         def examine(self):
-            return (Observation("force sensor", "DI-1000"),)
+            return (ok("force sensor", "DI-1000"),)
 
         def tick_wire_s(self):
             return 1e-4
 
     named, silent = CalibratedForceSensor(Named(), calibration), CalibratedForceSensor(Silent(), calibration)
     assert isinstance(named, Examinable)
-    assert [seen.value for seen in named.examine()] == ["DI-1000"]
+    assert [seen.text for seen in named.examine()] == ["DI-1000"]
     assert named.tick_wire_s() == 1e-4
     assert silent.examine() == ()
     assert silent.tick_wire_s() is None

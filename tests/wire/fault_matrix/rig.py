@@ -15,11 +15,11 @@ from control.loop.result import LoopResult, Outcome
 from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, tick_stream
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
-from robot_io import Session, SessionMetadata, SessionWriter, write_session
+from robot_io import Session, SessionMetadata, SessionWriter
 from robot_io.errors import SessionError
 from robot_io.guard import Guard
-from robot_io.session import Event
 from sim_backend.emulators import Fault
+from tests.log_in_process import LogInProcess
 from tests.wire.fault_matrix.rows import FAMILIES, Program, Row
 from tests.wire.parts import WireBench
 
@@ -62,28 +62,6 @@ class Observed:
     session_events: list[str]
 
 
-class MemoryLog:
-    """A session in memory; the writer process has its own tests, and its own rows."""
-
-    dropped, failure = 0, None
-
-    def __init__(self) -> None:
-        self.records: list[tuple[object, ...]] = []
-        self.events: list[Event] = []
-
-    def append(self, _stream: str, record: tuple[object, ...]) -> None:
-        self.records.append(record)
-
-    def event(self, time_s: float, kind: str, text: str, data: object = None) -> None:
-        self.events.append(Event(time_s, kind, text, None))
-
-    def write(self, path: Path) -> None:
-        stream = tick_stream(3)
-        values = zip(*self.records, strict=True)
-        columns = {column.name: list(value) for column, value in zip(stream.columns, values, strict=True)}
-        write_session(path, [(stream, columns)], SessionMetadata(), self.events)
-
-
 class Rig:
     """An arm on emulated wires, its probing run, and the row's fault.
 
@@ -99,7 +77,7 @@ class Rig:
         family = FAMILIES[row.family]
         self.bench = WireBench(family.robot, (*family.changes, *row.changes))
         self.robot, self.clock = self.bench.robot, self.bench.clock
-        self.log: MemoryLog | SessionWriter = MemoryLog()
+        self.log: LogInProcess | SessionWriter = LogInProcess(self.path, [tick_stream(3)], SessionMetadata())
         self.robot_file = self.bench.arm.robot_file
         self.guard = Guard(self.robot_file.limits, self.robot_file.safe_state, 3)
         self._task = ProbingTask.from_robot_file(self.robot_file, PLAN)
@@ -203,13 +181,10 @@ class Rig:
 
     def _close_log(self, result: LoopResult | None) -> str:
         reads = "" if result is None else result.one_line()
-        if isinstance(self.log, MemoryLog):
-            self.log.write(self.path)
-        else:
-            try:
-                self.log.close()
-            except SessionError as error:
-                reads += f"; {error}"
+        try:
+            self.log.close()
+        except SessionError as error:
+            reads += f"; {error}"
         return reads
 
     def _observed(self, result: LoopResult | None, reads: str) -> Observed:

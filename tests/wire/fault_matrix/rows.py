@@ -10,17 +10,12 @@ from pathlib import Path
 
 from robot_io.guard import Limits
 from sim_backend.emulators import Fault, FaultKind
-from tests.wire.parts import CUBEMARS, ODRIVE, ROOT
+from tests.wire.parts import CUBEMARS, LINES, ODRIVE, ROOT
 
 TICK_S = 1e-3
 MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.52  # where the probing run is then
 SPARE_TICKS = 2  # beyond its limit, for every row that gives no reason to take longer
 DYNAMIXEL = ROOT / "robots" / "dynamixel_3dof.yaml"
-_LINES = (
-    "{driver: loadstar, bus: load_cell, capacity_n: 100.0}",
-    "{driver: force_lines, bus: load_cell, capacity_n: 100.0, "
-    r"pattern: '\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)'}",
-)
 
 
 @dataclass(frozen=True)
@@ -48,7 +43,7 @@ FAMILIES = {
     "mit": Family("MIT mode, CAN", CUBEMARS, "motors", 5),
     "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10),
     "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5),
-    "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (_LINES,)),
+    "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (LINES,)),
 }
 
 
@@ -208,46 +203,37 @@ _FORCE: tuple[tuple[str, FaultKind, dict[str, float]], ...] = (
 )
 _SILENT = (11, BRAKED + 5, "no reading for")
 _STUCK = (22, BRAKED + 22, "force sensor: stuck at", "", _FROZEN_FORCE)
-_FORCE_ROWS = {
-    "loadstar": (
+
+
+def _streamed(corrupt_ticks: int, reversed_ticks: int) -> tuple[tuple[object, ...], ...]:
+    """Ends of a sensor that streams lines; how soon digits that are flipped are told is a matter of luck."""
+    return (
         _SILENT,
         _SILENT,
-        (13, BRAKED + 13, "no reading for", _NO_CHECKSUM),
+        (corrupt_ticks, BRAKED + corrupt_ticks, "no reading for", _NO_CHECKSUM),
         GOES_ON,
         GOES_ON,
         _SILENT,
         (2, BRAKED, "the port was unplugged"),
         _SILENT,
         (4, BRAKED, "force sensor: at the end of its range", _CONFIRMED, "one reading"),
-        (30, BRAKED + 30, "is the sensor alive", _CONTRADICTED, "2 N"),
+        (reversed_ticks, BRAKED + reversed_ticks, "is the sensor alive", _CONTRADICTED, "2 N"),
         _STUCK,
-    ),
+    )
+
+
+_FORCE_ROWS = {
+    "loadstar": _streamed(13, 30),
     "lorenz": (
-        (OLD, BRAKED, "no reading for"),
-        (OLD, BRAKED, "no reading for"),
+        *[(OLD, BRAKED, "no reading for")] * 2,
         (13, BRAKED + 13, "no reading for", _NO_CHECKSUM),
-        (OLD, BRAKED, "no reading for"),
-        (OLD, BRAKED, "no reading for"),
-        (OLD, BRAKED, "no reading for"),
+        *[(OLD, BRAKED, "no reading for")] * 3,
         (2, BRAKED, "the port was unplugged"),
-        (2, BRAKED, "force sensor: at the end of its range"),
-        (2, BRAKED, "force sensor: at the end of its range"),
+        *[(2, BRAKED, "force sensor: at the end of its range")] * 2,
         (17, BRAKED + 17, "is the sensor alive", _CONTRADICTED, "2 N"),
         _STUCK,
     ),
-    "lines": (
-        _SILENT,
-        _SILENT,
-        (17, BRAKED + 17, "no reading for", _NO_CHECKSUM),
-        GOES_ON,
-        GOES_ON,
-        _SILENT,
-        (2, BRAKED, "the port was unplugged"),
-        _SILENT,
-        (4, BRAKED, "force sensor: at the end of its range", _CONFIRMED, "one reading"),
-        (22, BRAKED + 22, "is the sensor alive", _CONTRADICTED, "2 N"),
-        _STUCK,
-    ),
+    "lines": _streamed(17, 22),
 }
 
 _HELD_UP = (

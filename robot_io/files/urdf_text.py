@@ -1,0 +1,136 @@
+"""The border that every URDF crosses, a stranger's too: bounded, a tree, numbers that are finite."""
+
+import math
+from collections.abc import Iterator
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from robot_io.files.safe_yaml import MOST_BYTES
+
+MOST_ELEMENTS = 20_000
+MOST_LINKS = 500
+MOST_DEPTH = 20
+_TENSOR = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
+_NUMBERS = {  # of an element: its attributes, and how many numbers each holds
+    "inertia": (tuple(dict.fromkeys(_TENSOR)), 1),
+    "origin": (("xyz", "rpy"), 3),
+    "axis": (("xyz",), 3),
+    "limit": (("lower", "upper", "effort", "velocity"), 1),
+}
+_ROUNDING = 1e-4  # of the largest moment: what published tensors, cut to a few digits, are off
+
+
+def parse_urdf(text: str) -> Element:
+    """The XML of a URDF whose links are a tree, whose numbers are finite and whose masses can be.
+
+    ValueError: it is not, or is larger than any arm needs.
+    """
+    if len(text) > MOST_BYTES:
+        raise ValueError(f"larger than {MOST_BYTES} characters")
+    try:
+        robot = ElementTree.fromstring(text, ElementTree.XMLParser(target=_Bounded()))  # noqa: S314, bounded
+    except ElementTree.ParseError as error:
+        raise ValueError(str(error)) from error
+    if robot.tag != "robot":
+        raise ValueError(f"its root is <{robot.tag}>, not <robot>")
+    _check_tree(robot)
+    for link in robot.iter("link"):
+        for inertial in link.iter("inertial"):
+            _check_inertial(inertial, link.get("name"))
+    for element in robot.iter():
+        list(_numbers(element))
+    return robot
+
+
+def without_files(robot: Element) -> Element:
+    """The same arm without meshes and textures: whoever draws it then opens no file and asks no server."""
+    for link in robot.iter("link"):
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            if shape.find(".//mesh") is not None:
+                link.remove(shape)
+    for parent in list(robot.iter()):
+        for named in [child for child in parent if child.get("filename") is not None]:
+            parent.remove(named)
+    return robot
+
+
+class _Bounded(ElementTree.TreeBuilder):
+    """Refuses what is deeper or longer than a URDF, before it takes memory."""
+
+    _depth = _count = 0
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> Element:
+        self._depth, self._count = self._depth + 1, self._count + 1
+        if self._depth > MOST_DEPTH or self._count > MOST_ELEMENTS:
+            raise ValueError(f"more than {MOST_ELEMENTS} elements, or nested deeper than {MOST_DEPTH}")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> Element:
+        self._depth -= 1
+        return super().end(tag)
+
+    def doctype(self, *_: object) -> None:
+        raise ValueError("a document type is not allowed")
+
+
+def _check_tree(robot: Element) -> None:
+    links = {link.get("name", "") for link in robot.findall("link")}
+    if len(links) > MOST_LINKS:
+        raise ValueError(f"{len(links)} links, at most {MOST_LINKS}")
+    parents: dict[str, str] = {}
+    for joint in robot.findall("joint"):
+        child, parent = (_linked(joint, role) for role in ("child", "parent"))
+        if child in parents:
+            raise ValueError(f"link '{child}' hangs on two joints")
+        parents[child] = parent
+        if len(parents) > MOST_LINKS:
+            raise ValueError(f"more than {MOST_LINKS} joints")
+    for link in parents:
+        above = link
+        for _ in range(len(parents)):
+            above = parents.get(above, "")
+        if above in parents:
+            raise ValueError(f"link '{link}' hangs on itself: its joints go round in a circle")
+
+
+def _linked(joint: Element, role: str) -> str:
+    element = joint.find(role)
+    if element is None or not element.get("link"):
+        raise ValueError(f"joint '{joint.get('name')}' has no <{role}>")
+    return element.get("link", "")
+
+
+def _check_inertial(inertial: Element, link: str | None) -> None:
+    """Refuse what no body has: with it, a mass matrix need not be positive, and torques are anything."""
+    for mass in inertial.iter("mass"):
+        if not 0.0 <= float(mass.get("value", "nan")) < math.inf:
+            raise ValueError(f"mass of link '{link}' is {mass.get('value')} kg")
+    for element in inertial.iter("inertia"):
+        values = dict(_numbers(element))
+        tensor = np.array([values.get(name, math.nan) for name in _TENSOR]).reshape(3, 3)
+        if not np.isfinite(tensor).all():
+            raise ValueError(f"inertia of link '{link}' lacks a number")
+        moments = np.linalg.eigvalsh(tensor)
+        if moments[0] < -_ROUNDING * abs(moments[2]):
+            raise ValueError(f"inertia of link '{link}' has a negative moment, {moments[0]:.3g} kg m^2")
+
+
+def _numbers(element: Element) -> Iterator[tuple[str, float]]:
+    """An element's numbers; each is finite."""
+    names, count = _NUMBERS.get(element.tag, ((), 0))
+    for name in names:
+        if (text := element.get(name)) is None:
+            continue
+        values = [_number(word) for word in text.split()]
+        if len(values) != count or not all(map(math.isfinite, values)):
+            raise ValueError(f"<{element.tag} {name}='{text:.60}'> is not {count} finite numbers")
+        yield name, values[0]
+
+
+def _number(word: str) -> float:
+    try:
+        return math.nan if "_" in word else float(word)
+    except ValueError:
+        return math.nan

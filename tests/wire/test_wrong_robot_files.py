@@ -1,0 +1,41 @@
+"""A robot file that states what its devices cannot be is refused before a port is opened."""
+
+import pytest
+
+from robot_io.clock import SimulatedClock
+from robot_io.driver import DriverCatalogue
+from robot_io.errors import InputError
+from robot_io.robot import build_robot
+from robot_io.robot_file import parse_robot_file
+from tests.wire.parts import CUBEMARS, LINES, ODRIVE
+
+
+@pytest.mark.parametrize(
+    ("path", "old", "new", "problem"),
+    [
+        (ODRIVE, "node_id: 1", "node_id: 0", "not all different"),
+        (ODRIVE, "node_id: 1", "node_id: 64", "63"),
+        (ODRIVE, 'firmware: "0.6"', 'firmware: "0.7"', "firmware"),
+        (ODRIVE, 'firmware: "0.6"', 'firmware: "0.5"', "torque_constant_nm_a"),
+        (ODRIVE, "      - {node_id: 2, gear_ratio: 9, max_torque_nm: 2.2}\n", "", "one per joint"),
+        (
+            ODRIVE,
+            "driver: odrive_encoder, bus: motors",
+            "driver: odrive_encoder, bus: load_cell",
+            "odrive_bus",
+        ),
+        (ODRIVE, *(LINES[0], LINES[1].replace("?P<value>", "?P<force>")), "value"),
+        (ODRIVE, *(LINES[0], LINES[1].replace(r"(?P<unit>\w+)", "((a+)+)")), "for ever"),
+        (CUBEMARS, "model: AK60-6", "model: AK60-7", "AK60-6"),
+        (CUBEMARS, "motor_id: 2", "motor_id: 1", "not all different"),
+        (CUBEMARS, "motor_id: 2", "motor_id: 0", "motor_id"),
+        (CUBEMARS, "check_watchdog: false", "", "check_watchdog"),
+        (CUBEMARS, "unit: N", "unit: bar", "not a known unit"),
+        (CUBEMARS, "load_code: 100", "load_code: 100, rate_hz: 999", "1000"),
+    ],
+)
+def test_a_wrong_robot_file_is_refused(path, old, new, problem):
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    with pytest.raises(InputError, match=problem):
+        build_robot(parse_robot_file(text.replace(old, new, 1), path), DriverCatalogue(), SimulatedClock())
