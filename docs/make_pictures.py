@@ -17,15 +17,11 @@ import plotly.graph_objects as go
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
 from estimation.study.estimates import BEST, estimate_with
-from palpate.demo.hidden import STRENGTH, probe_hidden, solve
-from palpate.demo.probe import probe_demo, show_demo
+from palpate.demo import HIDDEN_PLAN, hide_one, probe_demo, show_demo, solve
 from palpate.render.estimates import estimates_view
 from palpate.render.figures import fall_figure, state_figure
 from palpate.render.recording.viewer import take_picture
 from palpate.study_view import result_view
-from sim_backend.hidden import noise_scale
-from sim_backend.imperfection import IMPERFECTIONS
-from sim_backend.noise_scale import CONTACT
 from sim_backend.scenario import load_scenario
 
 PICTURES = Path(__file__).parent / "pictures"
@@ -55,11 +51,8 @@ def draw_simulated(folder: Path) -> None:
 def draw_hidden(folder: Path) -> None:
     """Something is hidden in the default object, found and added: the picture, and the model growing."""
     session = folder / "hidden.mcap"
-    effect = IMPERFECTIONS["stress_relaxation"]
-    world = load_scenario("default")
-    rng = np.random.default_rng(1)
-    hidden = effect.at_strength(STRENGTH, CONTACT, noise_scale(world), rng)
-    probe_hidden(session, world.with_hidden([hidden]), seed=1)
+    world = hide_one(load_scenario("default"), np.random.default_rng(1), ("stress_relaxation",))
+    probe_demo(session, world, seed=1, plan=HIDDEN_PLAN)
     demo = solve(session, lambda what, share: None)
     draw(fall_figure(result_view(demo.result)), 760, PICTURES / "waterfall.png", folder)
     take_picture(demo.files["recording"], PICTURES / "revisions.png", 0.0, SCREEN, revision=1)

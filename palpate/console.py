@@ -22,20 +22,27 @@ PIPE_WIDTH = 120  # columns when the output is no terminal, so that tables are n
 
 def stdout() -> Console:
     """The console for results. Made on each call: the tests exchange `sys.stdout`."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
+    return _console(stderr=False)
 
 
 def stderr() -> Console:
     """The console for progress, remarks and next steps."""
-    console = Console(stderr=True, highlight=False)
-    return console if console.is_terminal else Console(stderr=True, highlight=False, width=PIPE_WIDTH)
+    return _console(stderr=True)
+
+
+def _console(*, stderr: bool) -> Console:
+    made = Console(stderr=stderr, emoji=False, highlight=False)  # text of a file stays as it is
+    if not made.is_terminal:
+        made.width = PIPE_WIDTH
+    return made
 
 
 def print_json(data: Any) -> None:  # noqa: ANN401
     """Print `data` as strict JSON on stdout; arrays become lists, NaN and infinity become null."""
     readable = "utf" in (sys.stdout.encoding or "").lower()
-    print(json.dumps(plain(data), indent=2, ensure_ascii=not readable, allow_nan=False))
+    text = json.dumps(plain(data), indent=2, ensure_ascii=not readable, allow_nan=False)
+    # what stands for itself in JSON may still be an order to a terminal
+    print("".join(char if char.isprintable() or char == "\n" else json.dumps(char)[1:-1] for char in text))
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401

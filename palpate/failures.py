@@ -11,11 +11,12 @@ from typer.core import TyperGroup
 
 from palpate.made_folders import remove_empty_folders
 from palpate.preflight import library_remedy
-from robot_io.errors import InputError, PalpateError
+from robot_io.errors import DeviceError, InputError, PalpateError
 from robot_io.files.safe_yaml import one_line
 
 BAD_INPUT = 2
 FAILED = 1
+DISK_FULL = 3
 INTERRUPTED = 130
 DEBUG_VARIABLE = "PALPATE_DEBUG"
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
@@ -66,9 +67,18 @@ def _in_words(error: Exception) -> tuple[str, int]:
             text, code = f"{error.filename}: {error.strerror}", BAD_INPUT
         case OSError() if error.errno in _NO_ROOM:  # files that are written are named: see `palpate.files`
             text = f"cannot write the output: {error.strerror}"
+        case MemoryError():
+            text = "the memory is full; take fewer runs, or a shorter recording"
         case ImportError() if remedy := library_remedy(error):
             text = f"a library of the system is missing ({error}); {remedy}"
-    return text, code
+    return text, DISK_FULL if _disk_is_full(error) else code
+
+
+def _disk_is_full(error: BaseException | None) -> bool:
+    """Whether a disk that takes nothing more, or fails, is behind it: the input may be as good as can be."""
+    while error is not None and not isinstance(error, OSError | DeviceError):  # a line that fails is no disk
+        error = error.__cause__
+    return isinstance(error, OSError) and error.errno in _NO_ROOM
 
 
 def report(text: str, code: int) -> int:

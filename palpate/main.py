@@ -14,7 +14,10 @@ INTERRUPTED = 130
 
 
 def main() -> None:
-    """Be the process: it ends with 0 (done), 1 (failed), 2 (bad input) or 130 (Ctrl-C)."""
+    """Be the process: it ends with 0 (done), 1 (failed), 2 (bad input), 3 (disk full) or 130 (Ctrl-C)."""
+    for number in (signal.SIGTERM, signal.SIGHUP):  # what is half written is taken away on this way out
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, lambda ended_by, _: sys.exit(128 + ended_by))
     # Matrices are small here: shared out over threads, they cost up to twenty times the processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _keep_libraries_quiet()

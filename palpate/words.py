@@ -1,6 +1,5 @@
 """Small things said the same way everywhere."""
 
-import re
 import shlex
 from pathlib import Path
 
@@ -13,12 +12,13 @@ NOT_DETERMINED = "not determined"  # by the data: said in place of an interval
 _LEAST_P = 0.005  # of 199 surrogates and the measurement itself
 _MOST_DECIMALS = 6  # what would need more is written with a power of ten
 _MOST_DIGITS = 8
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 def safe(text: str) -> str:
-    """Text from a file, made harmless for a terminal: no escape sequences, no console markup."""
-    return escape(_CONTROL.sub("�", text))
+    """Text from a file for a console: one line, no escape sequence, no mark of direction, no markup."""
+    line = "".join(char if char.isprintable() else " " if char in "\t\n" else "�" for char in text)
+    last = line[len(line.rstrip("\\")) :]  # a backslash before markup would take its meaning away
+    return escape(line.rstrip("\\")) + 2 * last
 
 
 def count(number: int, one: str, many: str = "") -> str:
@@ -36,7 +36,7 @@ def duration(seconds: float) -> str:
 
 def shown(path: Path) -> str:
     """A path as short as it can be said from where the user is, in one line, for a console."""
-    return safe("".join(char if char.isprintable() else "�" for char in _from_here(path)))
+    return safe(_from_here(path))
 
 
 def typed(path: Path) -> str:

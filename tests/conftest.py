@@ -14,8 +14,16 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 # A busy machine is no failure; the same examples everywhere, so that a red test stays red until it is mended.
-settings.register_profile("palpate", deadline=None, derandomize=True)
-settings.load_profile("palpate")
+settings.register_profile("soon", deadline=None, derandomize=True, max_examples=30)
+settings.register_profile("all", settings.get_profile("soon"), max_examples=100)
+settings.load_profile("soon")
+
+
+def pytest_configure(config):
+    """`make test-all`, which leaves no slow test out, tries more examples."""
+    if not config.option.markexpr:
+        settings.load_profile("all")
+
 
 # A shell starts jobs in the background with Ctrl-C switched off, nohup with SIGHUP, and both are inherited by
 # every process below. The tests that press Ctrl-C must not depend on how they were started.

@@ -17,6 +17,7 @@ from estimation.data.import_options import parse_pairs
 from palpate import console
 from palpate.console import command_group
 from palpate.files import different_files, existing_file, output_file, whole_set
+from palpate.option_sets import takes
 from palpate.render.calibration import (
     arm_figure,
     encoder_figure,
@@ -35,7 +36,6 @@ from palpate.runs.options import (
     forces_of,
     pose_of,
     stops_of,
-    takes,
 )
 from palpate.runs.permission import Permission, ask_for_pose, ask_for_power, without_question
 from palpate.words import AT_REST, shown

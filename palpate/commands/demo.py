@@ -8,9 +8,17 @@ import numpy as np
 import typer
 
 from palpate import console
-from palpate.demo.hidden import PLAN as HIDDEN_PLAN
-from palpate.demo.hidden import HiddenDemo, can_hide, drawn_seed, hide_one, probe_hidden, solve
-from palpate.demo.probe import PLAN, Demo, probe_demo, show_demo
+from palpate.demo import (
+    HIDDEN_PLAN,
+    PLAN,
+    Demo,
+    HiddenDemo,
+    drawn_seed,
+    hide_one,
+    probe_demo,
+    show_demo,
+    solve,
+)
 from palpate.doctor.viewer import rerun_step
 from palpate.files import output_file
 from palpate.render.estimates import as_data, print_estimates
@@ -19,9 +27,11 @@ from palpate.render.terminal import print_files, print_stages
 from palpate.runs.options import ENGINE
 from palpate.study_view import result_view
 from palpate.words import as_shell_word, shown, significant, typed
+from sim_backend.contact_laws import KelvinVoigt
 from sim_backend.engines import EngineName
 from sim_backend.imperfection import Imperfection
 from sim_backend.scenario import MOST_SEED, Scenario, load_scenario, shipped_scenarios
+from sim_backend.secret import sealed_path
 
 DEFAULT = "default"
 
@@ -51,7 +61,7 @@ def command(
     if engine is not None:
         world = world.with_engine(engine)
     session = output_file(out or _default_session())
-    second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if can_hide(world) else None
+    second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if _can_hide(world) else None
     if seed is None and second is not None:
         seed = drawn_seed()
     again = _repeated(scenario, engine, seed)
@@ -73,6 +83,11 @@ def command(
     _next(demo, hidden, again)
 
 
+def _can_hide(scenario: Scenario) -> bool:
+    """Whether the demo's base model is that of the object, so that all that is missing is what is hidden."""
+    return isinstance(scenario.object.law, KelvinVoigt)
+
+
 def _repeated(scenario: str, engine: EngineName | None, seed: int | None) -> str:
     """The command that makes this very demo again."""
     words = ["palpate", "demo", *(["--scenario", scenario] if scenario != DEFAULT else [])]
@@ -90,8 +105,8 @@ def _find_hidden(session: Path, world: Scenario, seed: int | None, again: str) -
     talk.print("\n[bold]Now something else is in the object, and the model does not know it.[/bold]")
     world = hide_one(world, np.random.default_rng(seed))
     with probing_progress(HIDDEN_PLAN, live=True) as watcher:
-        sealed = probe_hidden(session, world, seed, watcher, command_line=again)
-    talk.print(f"probed again; what is hidden is sealed in {shown(sealed)}")
+        probe_demo(session, world, seed, watcher, HIDDEN_PLAN, command_line=again)
+    talk.print(f"probed again; what is hidden is sealed in {shown(sealed_path(session))}")
     with diagnosis_progress(["contact"]) as progress:
         return solve(session, progress)
 

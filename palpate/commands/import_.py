@@ -13,26 +13,18 @@ import typer
 from estimation.data.import_file import Imported, import_file
 from estimation.data.session_streams import import_extra, import_streams
 from palpate import console
-from palpate.data_options import (
-    ColumnOption,
-    ContextOption,
-    FreshOption,
-    UnitOption,
-    WhereOption,
-    import_options,
-)
+from palpate.data_options import ReadOptions
 from palpate.files import existing_file, output_file
+from palpate.option_sets import takes
 from palpate.words import count, duration, safe, shown, typed
 from robot_io.session import SessionMetadata, write_session
 
 
-def command(  # noqa: PLR0917, one parameter an option
+@takes(ReadOptions)
+def command(
+    options: ReadOptions,
+    *,
     file: Annotated[Path, typer.Argument(help="Measurements: .csv, .csv.gz, .parquet or .npz.")],
-    column: ColumnOption = None,
-    unit: UnitOption = None,
-    where: WhereOption = None,
-    context: ContextOption = None,
-    fresh_runs: FreshOption = False,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
@@ -43,7 +35,7 @@ def command(  # noqa: PLR0917, one parameter an option
     """
     existing_file(file, "data file")
     session = output_file(out or Path("sessions") / f"{_stem(file)}.mcap")
-    imported = import_file(file, import_options(column, unit, where, context, fresh_runs))
+    imported = import_file(file, options.options)
     metadata = SessionMetadata(
         software_version=version("palpate"),
         created_utc=datetime.now(UTC).isoformat(timespec="seconds"),

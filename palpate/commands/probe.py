@@ -10,8 +10,9 @@ from control.loop.result import Outcome
 from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate import console
 from palpate.files import existing_file, output_file
+from palpate.option_sets import takes
 from palpate.render.progress import probing_progress
-from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers, takes
+from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers
 from palpate.runs.permission import ask_for_power, motion_in_words
 from palpate.runs.probing import ProbingJob, ProbingOutcome, online_estimators, run_probing
 from palpate.runs.robots import wires_in_words

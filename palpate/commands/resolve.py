@@ -11,9 +11,10 @@ import typer
 from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate import console
 from palpate.files import existing_file
+from palpate.option_sets import takes
 from palpate.render.progress import diagnosis_progress, probing_progress
 from palpate.resolving.resolve import DECISIONS, Budget, Decision, Resolved, resolve
-from palpate.runs.options import SESSIONS, RunOptions, YesOption, takes
+from palpate.runs.options import SESSIONS, RunOptions, YesOption
 from palpate.runs.permission import ask_for_power, motion_in_words
 from palpate.runs.probing import ProbingJob, Watcher
 from palpate.words import count, duration, safe, shown, typed

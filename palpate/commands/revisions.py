@@ -6,7 +6,6 @@ from palpate import console
 from palpate.data_options import DataArguments, FolderOption, JsonOption, takes_data
 from palpate.derived import folder_to_read
 from palpate.files import existing_data
-from palpate.render.build import revision_rows
 from palpate.render.terminal import print_revisions
 
 
@@ -26,7 +25,7 @@ def command(data: DataArguments, as_json: JsonOption = False, folder: FolderOpti
         console.stdout().print("no revisions yet: nothing was added to a model")
         console.next_steps((f"palpate diagnose {data.typed()} --apply", "find what is missing, and add it"))
         return
-    print_revisions(console.stdout(), revision_rows(revisions))
+    print_revisions(console.stdout(), revisions)
     first, newest = revisions[0], {revision.channel: revision for revision in revisions}
     added = data.typed(out=folder, effect=own_effects([first]))
     last = {"revision": [str(revision.number) for revision in newest.values()], "folder": folder}

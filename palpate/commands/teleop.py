@@ -15,8 +15,9 @@ from control.teleop.leader_arm import LeaderArm
 from palpate import console
 from palpate.console import command_group
 from palpate.files import existing_file, output_file
+from palpate.option_sets import takes
 from palpate.render.terminal import print_files
-from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers, takes
+from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers
 from palpate.runs.permission import ask_for_power
 from palpate.runs.robots import find_robot
 from palpate.teleop.demo import run_demo

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import gains_of
-from palpate.doctor.finding import Finding, Level, fail, warn
 from palpate.doctor.hand import EmulatedHand, Hand
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.machine import can_interface, serial_port
@@ -21,7 +20,7 @@ from robot_io.calibration import doubtful, load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import DeviceError, InputError, PalpateError, in_words
-from robot_io.examination import Examinable, Observation, Verdict
+from robot_io.examination import Examinable, Finding, Level, fail, warn
 from robot_io.interfaces import Component
 from robot_io.lifecycle import undo_all
 from robot_io.robot import Robot, build_robot
@@ -179,20 +178,19 @@ def examine_devices(robot: Robot, robot_file: RobotFile, closed: Set[str]) -> It
 
 def _examine(label: str, component: Component) -> Iterator[Finding]:
     problem = ""
-    observations: tuple[Observation, ...] = ()
+    seen: tuple[Finding, ...] = ()
     try:
         component.configure()
     except Exception as error:  # a driver of somebody's own may fail with anything: that is a finding
         problem = _in_words(error)
     if isinstance(component, Examinable):
         try:
-            observations = component.examine()
+            seen = component.examine()
         except Exception as error:
             problem = problem or _in_words(error)
-    if problem and not any(seen.verdict is Verdict.FAIL for seen in observations):
+    if problem and not any(finding.level is Level.FAIL for finding in seen):
         yield fail(label, problem, _WIRING)
-    for seen in observations:
-        yield Finding(seen.subject, Level(seen.verdict.value), seen.value, seen.remedy)
+    yield from seen
 
 
 def _in_words(error: Exception) -> str:

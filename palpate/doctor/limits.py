@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from control.arm.rigid_body import RigidBody
-from palpate.doctor.finding import Finding, Level, fail, graded, ok
 from robot_io.drivers.serial_force.text import newtons_per
+from robot_io.examination import Finding, Level, fail, graded, ok
 from robot_io.guard import Limits
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray

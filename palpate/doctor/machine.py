@@ -13,8 +13,8 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from palpate import preflight
-from palpate.doctor.finding import Finding, Level, fail, graded, ok, warn
-from palpate.doctor.viewer import rerun, viewer_port
+from palpate.doctor.viewer import rerun
+from robot_io.examination import Finding, Level, fail, graded, ok, warn
 
 CONSTRAINTS = Path(__file__).resolve().parents[2] / "constraints.txt"
 GRAVITY = 9.81  # [m/s2]
@@ -189,7 +189,7 @@ def _text(path: Path) -> str:
 
 
 CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
-    *(python, control_package, packages, physics_engines, pinocchio, rerun, viewer_port),
+    *(python, control_package, packages, physics_engines, pinocchio, rerun),
     *(real_time, memory_lock, serial_ports, can_interfaces),
 )
 

@@ -1,6 +1,6 @@
 """A small motion under power: each joint in turn is moved by 3 degrees and back, under the guard."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -13,8 +13,9 @@ from control.loop.result import LoopResult, Outcome
 from control.loop.task import TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates
 from control.paths.trajectory import JointMotion
-from palpate.doctor.finding import Finding, Level, fail, graded
 from palpate.doctor.limits import random_poses_rad
+from palpate.runs.in_memory import TickRecords
+from robot_io.examination import Finding, Level, fail, graded
 from robot_io.guard import Guard, Limits
 from robot_io.robot import Robot
 from robot_io.robot_file import RobotFile
@@ -64,19 +65,6 @@ class NudgeTask:
         return JointMotion(position, velocity, acceleration)
 
 
-class _NoLog:
-    """A `TickLog` that keeps nothing; the findings say what there is to say."""
-
-    dropped = 0
-    failure: str | None = None
-
-    def append(self, stream_name: str, record: tuple[object, ...]) -> None: ...
-
-    def event(
-        self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None
-    ) -> None: ...
-
-
 def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     """Move a configured robot a little; its torque is off at the end, whatever happens.
 
@@ -93,7 +81,7 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
         return NO_ESTIMATE
 
     task, rate_hz = NudgeTask(robot_file, body), robot_file.control_rate_hz
-    result = run_loop(robot, guard, task, robot.clock, _NoLog(), rate_hz=rate_hz, observer=observe)
+    result = run_loop(robot, guard, task, robot.clock, TickRecords(), rate_hz=rate_hz, observer=observe)
     if result.outcome is Outcome.STOPPED and not result.deactivation_error:
         raise KeyboardInterrupt
     yield from _findings(result, measured, body)

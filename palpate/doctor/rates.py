@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from control.loop.loop import READ_SHARE
-from palpate.doctor.finding import Finding, Level, fail, graded, warn
 from robot_io.clock import SimulatedClock
-from robot_io.examination import Examinable
+from robot_io.examination import Examinable, Finding, Level, fail, graded, warn
 from robot_io.robot import Robot
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, Measurement, Status

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from control.arm.rigid_body import RigidBody
-from palpate.doctor.finding import Finding, Level, fail, graded, ok
 from palpate.doctor.hand import Hand
+from robot_io.examination import Finding, Level, fail, graded, ok
 from robot_io.robot import Robot
 from robot_io.types import FloatArray, Measurement, Status
 

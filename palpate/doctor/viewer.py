@@ -1,16 +1,14 @@
 """The Rerun viewer."""
 
 import os
-import socket
 import sys
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 
-from palpate.doctor.finding import Finding, Level, graded
 from palpate.words import typed
+from robot_io.examination import Finding, Level, graded
 
-PORT = 9876  # Rerun's default
 VULKAN_DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d")
 
 
@@ -24,19 +22,6 @@ def rerun() -> Iterator[Finding]:
         shows = "neither display nor Vulkan driver: recordings yes, screenshots no"
     value = f"{metadata.version('rerun-sdk')}, {shows}"
     yield graded("rerun", value, (Level.WARN, blind, "apt install mesa-vulkan-drivers"))
-
-
-def viewer_port() -> Iterator[Finding]:
-    """The viewer's port is free on this machine's own address."""
-    state = "free"
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", PORT))
-        except OSError as error:
-            state = str(error.strerror)
-    remedy = "close the other viewer; palpate takes a free port"
-    yield graded("viewer port", f"127.0.0.1:{PORT}: {state}", (Level.WARN, state != "free", remedy))
 
 
 def has_display() -> bool:

@@ -14,15 +14,12 @@ from estimation.diagnosis.result import ParameterValue
 from estimation.effect import AdditiveEffect, MemoryEffect, MotionEffect, SensorEffect
 from estimation.estimate import ParameterEstimate
 from estimation.model import Model
-from estimation.study import Revision
 from estimation.study.comparison import Part
 from palpate.render import sentences
 from palpate.render.view import (
     Axes,
     ChannelView,
     ParameterView,
-    PartView,
-    RevisionRow,
     StageView,
     VerdictView,
 )
@@ -82,11 +79,12 @@ def channel_view(
         parameters=_parameters(stages, diagnosis),
         floor=noise_floor,
         verdict=VerdictView("", ""),
+        parts=parts or {},
     )
     verdict = _verdict(view, words, diagnosis)
     left_out = [not_judged] if not_judged else _left_out(judged)
     verdict = replace(verdict, remarks=(*verdict.remarks, *notes, *left_out))
-    view = replace(view, verdict=verdict, parts=_parts(parts or {}, view))
+    view = replace(view, verdict=verdict)
     return view if diagnosis is None else _with_evidence(view, diagnosis)
 
 
@@ -226,14 +224,6 @@ def _left_out(judged: BoolArray) -> Iterator[str]:
         yield f"{share:.2g} % of the samples are not judged; the report shades them."
 
 
-def _parts(parts: Mapping[str, Sequence[Part]], view: ChannelView) -> tuple[PartView, ...]:
-    return tuple(
-        PartView(by, part.label, part.rmse, part.mean, view.times_floor(part.rmse))
-        for by, several in parts.items()
-        for part in several
-    )
-
-
 def _with_evidence(view: ChannelView, found: ChannelDiagnosis) -> ChannelView:
     if found.verdict is Verdict.ADEQUATE:
         return replace(view, accepted=tuple(found.accepted))
@@ -242,23 +232,4 @@ def _with_evidence(view: ChannelView, found: ChannelDiagnosis) -> ChannelView:
         accepted=tuple(found.accepted),
         ranking=tuple(found.ranking),
         next_experiment=found.next_experiment,
-    )
-
-
-def revision_rows(kept: Sequence[Revision]) -> tuple[RevisionRow, ...]:
-    """Kept revisions beside the lowest noise floor of their channel: a better model sees it more clearly."""
-    floors: dict[str, float] = {}
-    for one in kept:
-        floors[one.channel] = min(one.noise_floor, floors.get(one.channel, float("inf")))
-    return tuple(
-        RevisionRow(
-            number=one.number,
-            parent=one.parent,
-            channel=one.channel,
-            terms=(one.model, *one.effects),
-            error=f"{one.rmse:.4g} {one.effort_unit}",
-            times=one.rmse / floors[one.channel] if floors[one.channel] > 0.0 else float("inf"),
-            made=one.created_utc[:16].replace("T", " "),
-        )
-        for one in kept
     )

@@ -88,10 +88,12 @@ def _one_row_an_estimator(found: ChannelEstimates, truth: Truth, width: int, tit
     columns = ["estimator"]
     for parameter in parameters:
         columns += [
-            safe(f"{short_name(parameter.name)}\n[{parameter.unit}]"),
+            safe(short_name(parameter.name)) + "\n" + safe(f"[{parameter.unit}]"),
             *["error"] * (parameter.name in erring),
         ]
-    columns += [safe(f"rmse\n[{found.channel.kind.effort_unit}]"), "cond.", "used"] if width >= _WIDE else []
+    columns += (
+        ["rmse\n" + safe(f"[{found.channel.kind.effort_unit}]"), "cond.", "used"] if width >= _WIDE else []
+    )
     made = table(title, *columns, "determined", right=columns[1:])
     for estimate in found.estimates:
         cells = [estimate.estimator]

@@ -11,13 +11,13 @@ from rich.table import Table
 from rich.text import Text
 
 from estimation.diagnosis.result import Accepted
+from estimation.study import Revision
 from palpate.console import table
 from palpate.render.view import (
     FAR,
     NOISE,
     ChannelView,
     ParameterView,
-    RevisionRow,
     StudyView,
     VerdictView,
 )
@@ -74,21 +74,26 @@ def print_stages(console: Console, channel: ChannelView) -> None:
     console.print(parameter_table(channel.parameters))
 
 
-def print_revisions(console: Console, rows: Sequence[RevisionRow]) -> None:
-    """All revisions of a session; one effect a line and no dates where there are few columns."""
+def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
+    """All revisions of a session; one effect a line and no dates where there are few columns.
+
+    Errors stand beside the lowest noise floor of their channel: a better model sees it more clearly.
+    """
     roomy = console.width >= _ROOMY
     numbers = ("revision", "from") if roomy else ("no.",)
     errors, when = ("held-out\nerror", "× floor"), ("made",) if roomy else ()
     words = ("channel", "model") if roomy else ("model",)
     made = table("", *numbers, *words, *errors, *when, right=(*numbers, *errors))
-    for row in rows:
-        before = "" if row.parent is None else str(row.parent)
-        number = [str(row.number), before] if roomy else [f"{before} → {row.number}".removeprefix(" → ")]
-        model = safe((" + " if roomy else "\n+ ").join(row.terms))
-        last = [f"[dim]{safe(row.made)}[/dim]"] if roomy else []
-        times = f"[{grade(row.times)}]{row.times:.2f}[/]"
-        words = (safe(row.channel), model) if roomy else (f"[bold]{safe(row.channel)}[/bold]\n{model}",)
-        made.add_row(*number, *words, safe(row.error), times, *last)
+    for one in kept:
+        floor = min(other.noise_floor for other in kept if other.channel == one.channel)
+        times = one.rmse / floor if floor > 0.0 else float("inf")
+        before = "" if one.parent is None else str(one.parent)
+        number = [str(one.number), before] if roomy else [f"{before} → {one.number}".removeprefix(" → ")]
+        model = (" + " if roomy else "\n+ ").join(map(safe, [one.model, *one.effects]))
+        last = [f"[dim]{safe(one.created_utc[:16].replace('T', ' '))}[/dim]"] if roomy else []
+        words = (safe(one.channel), model) if roomy else (f"[bold]{safe(one.channel)}[/bold]\n{model}",)
+        error = safe(f"{one.rmse:.4g} {one.effort_unit}")
+        made.add_row(*number, *words, error, f"[{grade(times)}]{times:.2f}[/]", *last)
     console.print(made)
 
 
@@ -134,7 +139,7 @@ def grade(times: float) -> str:
 
 def fall_table(channel: ChannelView, width: int) -> Table:
     """The error in held-out runs, one row a stage, down to the noise floor."""
-    error = safe(f"held-out\nerror [{channel.axes.effort_unit}]")
+    error = "held-out\n" + safe(f"error [{channel.axes.effort_unit}]")
     kept = ["" if stage.number is None else str(stage.number) for stage in channel.stages]
     number = ("revision",) if any(kept) else ()
     evidence = {f"+ {entry.effect}": chance(entry.p_value) for entry in channel.accepted}
@@ -185,18 +190,19 @@ def with_interval(one: ParameterView) -> tuple[str, str]:
 def parts_table(channel: ChannelView, width: int) -> Table:
     """The error part by part, each beside the noise floor; the worst of each kind in bold."""
     unit = channel.axes.effort_unit
-    numbers = (safe(f"rmse\n[{unit}]"), safe(f"mean\n[{unit}]"), "× floor")
+    numbers = ("rmse\n" + safe(f"[{unit}]"), "mean\n" + safe(f"[{unit}]"), "× floor")
     made = table("", "by", "where", *numbers, "", right=numbers)
-    most = max(part.rmse for part in channel.parts)
+    most = max(part.rmse for parts in channel.parts.values() for part in parts)
     for kind, parts in channel.parts_by():
         worst = max(parts, key=lambda part: part.rmse)
         for row, part in enumerate(parts):
-            bold = part is worst and part.times > NOISE
+            times = channel.times_floor(part.rmse)
+            bold = part is worst and times > NOISE
             label = f"[bold]{safe(part.label)}[/bold]" if bold else safe(part.label)
             cells = f"[dim]{safe(kind)}[/dim]" if row == 0 else "", label, f"{part.rmse:.3g}"
-            bar = _bar(part.rmse / most, grade(part.times), width)
+            bar = _bar(part.rmse / most, grade(times), width)
             last = row == len(parts) - 1
-            made.add_row(*cells, f"{part.mean:+.2g}", f"{part.times:.1f}", bar, end_section=last)
+            made.add_row(*cells, f"{part.mean:+.2g}", f"{times:.1f}", bar, end_section=last)
     return made
 
 
@@ -210,7 +216,7 @@ def _signature(entry: Accepted) -> Text:
 
 
 def _ranking(channel: ChannelView, width: int) -> Table:
-    error, falls = safe(f"held-out\nerror [{channel.axes.effort_unit}]"), "error\nfalls by"
+    error, falls = "held-out\n" + safe(f"error [{channel.axes.effort_unit}]"), "error\nfalls by"
     made = table("", "alone beside the base model", error, falls, "", right=(error, falls))
     for entry in channel.ranking[:_MOST_RANKED]:
         bar = _bar(entry.score, "blue", width)

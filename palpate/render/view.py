@@ -3,7 +3,7 @@
 Positions and velocities are in the units that people read (mm for lengths); efforts and errors are in SI.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from estimation.diagnosis.result import Accepted, NextExperiment, Ranked
 from estimation.effect import Effect
+from estimation.study.comparison import Part
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 NOISE = 1.1  # times the noise floor, below which an error passes for noise
@@ -78,17 +79,6 @@ class StageView:
 
 
 @dataclass(frozen=True)
-class PartView:
-    """The error in one part of the data; `times` is the rmse over the noise floor."""
-
-    by: str
-    label: str
-    rmse: float
-    mean: float
-    times: float
-
-
-@dataclass(frozen=True)
 class VerdictView:
     """The answer for one channel.
 
@@ -152,7 +142,7 @@ class ChannelView:
     parameters: tuple[ParameterView, ...]
     floor: float
     verdict: VerdictView
-    parts: tuple[PartView, ...] = ()
+    parts: Mapping[str, Sequence[Part]] = field(default_factory=dict)
     accepted: tuple[Accepted, ...] = ()
     ranking: tuple[Ranked, ...] = ()
     next_experiment: NextExperiment | None = None
@@ -162,10 +152,9 @@ class ChannelView:
         """An error over the noise floor."""
         return error / self.floor if self.floor > 0.0 else float("inf")
 
-    def parts_by(self) -> Iterator[tuple[str, list[PartView]]]:
+    def parts_by(self) -> Iterator[tuple[str, Sequence[Part]]]:
         """The parts of each kind with its name; of very many, such as runs, only the worst."""
-        for kind in dict.fromkeys(part.by for part in self.parts):
-            parts = [part for part in self.parts if part.by == kind]
+        for kind, parts in self.parts.items():
             if len(parts) > _MOST_PARTS:
                 worst = sorted(parts, key=lambda part: -part.rmse)[: _MOST_PARTS - 2]
                 yield f"{kind}, worst {len(worst)} of {len(parts)}", [p for p in parts if p in worst]
@@ -186,19 +175,6 @@ class StudyView:
     channels: tuple[ChannelView, ...]
     facts: Mapping[str, str] = field(default_factory=dict)
     commands: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class RevisionRow:
-    """A kept revision in a list: the terms of its model, its error in words, and over the noise floor."""
-
-    number: int
-    parent: int | None
-    channel: str
-    terms: tuple[str, ...]
-    error: str
-    times: float
-    made: str
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import KW_ONLY, dataclass
 from datetime import UTC, datetime
+from functools import partial
 
 import numpy as np
 
@@ -90,9 +91,10 @@ class Bench:
         with ExitStack() as stack:
             if not self.job.simulated:
                 stack.enter_context(realtime())
-            result = run_loop(arm.robot, guard, task, arm.clock, arm.log, rate_hz=rate_hz, observer=observe)
+            loop = partial(run_loop, rate_hz=rate_hz, observer=observe, stop=arm.unlogged)
+            result = loop(arm.robot, guard, task, arm.clock, arm.log)
             result = released(arm.robot, result)
-        if result.outcome is Outcome.STOPPED and not result.deactivation_error:
+        if result.outcome is Outcome.STOPPED and not (result.deactivation_error or arm.unlogged()):
             raise KeyboardInterrupt
         result.raise_for_trip()
 

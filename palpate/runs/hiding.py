@@ -78,5 +78,11 @@ def _mark(metadata: SessionMetadata) -> tuple[str, str]:
 
 def command_line(arguments: Sequence[str], hidden: str | None) -> str:
     """How the program was started, for a session to keep: it does not tell what is hidden."""
-    line = " ".join(["palpate", *arguments])
-    return line if hidden in (None, "", RANDOM) else line.replace(str(hidden), SEALED)
+    words = list(arguments)
+    for number, word in enumerate(words):
+        if hidden not in (None, "", RANDOM):
+            if word == hidden and words[number - 1 : number] == ["--hidden"]:
+                words[number] = SEALED
+            elif word == f"--hidden={hidden}":
+                words[number] = f"--hidden={SEALED}"
+    return " ".join(["palpate", *words])

@@ -28,11 +28,11 @@ class TickRecords:
     failure = None
 
     def __init__(self) -> None:
-        self._records: list[tuple[object, ...]] = []
+        self.records: list[tuple[object, ...]] = []
 
     def append(self, stream_name: str, record: tuple[object, ...]) -> None:
         """Keep a tick's record."""
-        self._records.append(record)
+        self.records.append(record)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
         """Nothing is kept of events."""
@@ -40,7 +40,7 @@ class TickRecords:
     def samples(self, joint_count: int) -> Samples:
         """All ticks, as a session would give them."""
         stream = tick_stream(joint_count)
-        return Samples.from_records(stream, np.array(self._records, stream.dtype))
+        return Samples.from_records(stream, np.array(self.records, stream.dtype))
 
 
 def probe_in_memory(robot_file: RobotFile, scenario: Scenario, plan: ProbingPlan) -> Samples:

@@ -1,13 +1,11 @@
 """Options that every command with an arm shares, and what they mean."""
 
 import functools
-import inspect
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -95,31 +93,6 @@ class MotionOptions(CalibrateOptions):
     """The same, for what gives a real arm power."""
 
     yes: YesOption = False
-
-
-def takes(options: type[RunOptions]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Gives a command one option for each field of `options`; they come as its first argument."""
-
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        names, hints = [field.name for field in fields(options)], get_type_hints(options, include_extras=True)
-        own = list(inspect.signature(command).parameters.values())[1:]
-        shared = [
-            inspect.Parameter(
-                f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name]
-            )
-            for f in fields(options)
-        ]
-
-        @functools.wraps(command)
-        def call(**values: Any) -> None:  # noqa: ANN401
-            command(options(**{name: values.pop(name) for name in names}), **values)
-
-        parameters = [*shared, *(p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own)]
-        call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        call.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-        return call
-
-    return decorate
 
 
 def numbers(option: str, text: str, example: str = "") -> list[float]:

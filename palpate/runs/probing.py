@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import KW_ONLY, dataclass, field
+from functools import partial
 from pathlib import Path
 
 import yaml
@@ -115,7 +116,8 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
             stack.enter_context(realtime())
         watcher.started()
         # An InputError from here: the plan does not suit where the arm stands, and nothing has moved.
-        result = run_loop(arm.robot, guard, task, arm.clock, arm.log, rate_hz=rate_hz, observer=observe)
+        loop = partial(run_loop, rate_hz=rate_hz, observer=observe, stop=arm.unlogged)
+        result = loop(arm.robot, guard, task, arm.clock, arm.log)
         result = released(arm.robot, result)
     touched = Phase.LOADING in phases or bool(result.observer_error)  # who sees nothing more says nothing
     return ProbingOutcome(job.session, result, task.failures, arm.sealed, touched)

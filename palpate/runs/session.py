@@ -67,6 +67,10 @@ class ArmSession:
     sealed: Path | None  # file with what is hidden in the simulated world, None if nothing is
     world: Callable[[], World] | None  # gives the simulated world, None with hardware
 
+    def unlogged(self) -> bool:
+        """Whether a real arm moves and nothing of it is kept any longer, for whatever reason."""
+        return self.world is None and self.log.failure is not None
+
 
 def checked_body(robot_file: RobotFile, calibrations: Calibrations) -> RigidBody:
     """The arm, once it is known that its masses and its DH table can be relied on.

@@ -6,6 +6,7 @@ processes of their own estimate. Neither can hold the loop up, and only the queu
 
 from contextlib import ExitStack
 from dataclasses import KW_ONLY, dataclass, field
+from functools import partial
 
 import numpy as np
 import yaml
@@ -98,9 +99,8 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
         observer = Observer(talk, arm.log, robot_file.joint_count, len(list(job.plan.runs())))
         talk.start()
         say("waiting for a leader; Ctrl-C brings the arm to rest")
-        result = run_loop(
-            arm.robot, guard, task, arm.clock, arm.log, rate_hz=rate_hz, observer=observer.observe
-        )
+        loop = partial(run_loop, rate_hz=rate_hz, observer=observer.observe, stop=arm.unlogged)
+        result = loop(arm.robot, guard, task, arm.clock, arm.log)
         result = released(arm.robot, result)
         talk.farewell(result.cause)
     states = {short_number(number): state for number, state in talk.queue.states().items()}

@@ -44,7 +44,9 @@ class Ahead:
             self._study.take(self._channel, effects, packed)
 
     def close(self) -> None:
-        """End the process, whatever it is doing."""
+        """End the process, whatever it is doing. Can be called again."""
+        if self not in _working:
+            return
         _working.discard(self)
         for process in list((self._pool._processes or {}).values()):
             process.terminate()

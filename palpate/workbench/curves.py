@@ -19,13 +19,7 @@ MOST_OF_STATE = 900
 _FEW = 4  # runs over the state, where none were chosen
 _MILLI = 1e3
 _FONT = {"family": "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif", "size": 12}
-_AXIS = {
-    "gridcolor": "#e8ecf0",
-    "zerolinecolor": "#c3cbd3",
-    "automargin": True,
-    "ticks": "",
-    "title": {"standoff": 6},
-}
+_AXIS = {"gridcolor": "#e8ecf0", "zerolinecolor": "#c3cbd3", "automargin": True, "ticks": ""}
 MEASURED, BASE, MODEL, LEFT_BEFORE, LEFT = range(5)  # traces over time
 
 
@@ -86,27 +80,18 @@ def time_figure(motion: Motion, base: FloatArray | None, left: FloatArray | None
     drawn = nothing if base is None else picked(base, rows)
     rest = nothing if left is None else picked(left, rows)
     traces = [
-        _line("measured", x, effort, palette.MEASURED, 1.6, unit),
-        _line("base model", x, drawn, palette.BASE, 1.2, unit, dash="4px,3px"),
-        _line("model", x, drawn, palette.MODEL, 1.4, unit),
-        _line("left by base", x, rest, palette.BASE, 1.0, unit, yaxis="y2", showlegend=False),
-        _line("left by model", x, rest, palette.MODEL, 1.1, unit, yaxis="y2", showlegend=False),
+        curve("measured", x, effort, palette.MEASURED, 1.6, unit),
+        curve("base model", x, drawn, palette.BASE, 1.2, unit, dash="4px,3px"),
+        curve("model", x, drawn, palette.MODEL, 1.4, unit),
+        curve("left by base", x, rest, palette.BASE, 1.0, unit, yaxis="y2", showlegend=False),
+        curve("left by model", x, rest, palette.MODEL, 1.1, unit, yaxis="y2", showlegend=False),
     ]
     most = 1.15 * float(np.nanmax(np.abs(left))) if left is not None and np.isfinite(left).any() else 1.0
-    layout = _layout(
+    layout = layout_of(
         410,
-        xaxis={
-            **_AXIS,
-            "title": {"text": "time, runs one after the other [s]", "standoff": 6},
-            "anchor": "y2",
-        },
-        yaxis={**_AXIS, "title": {"text": motion.axes.effort, "standoff": 6}, "domain": [0.4, 1.0]},
-        yaxis2={
-            **_AXIS,
-            "title": {"text": f"left [{unit}]", "standoff": 6},
-            "domain": [0.0, 0.32],
-            "range": [-most, most],
-        },
+        xaxis=axis("time, runs one after the other [s]", anchor="y2"),
+        yaxis=axis(motion.axes.effort, domain=[0.4, 1.0]),
+        yaxis2=axis(f"left [{unit}]", domain=[0.0, 0.32], range=[-most, most]),
         dragmode="zoom",
         uirevision=motion.data.name,
     )
@@ -160,13 +145,13 @@ def state_figure(motion: Motion, predicted: FloatArray | None) -> Figure:
     for number, values in enumerate((motion.position, motion.velocity)):
         place = {"xaxis": f"x{number + 1}" if number else "x", "showlegend": False}
         x = picked(values, rows)
-        traces.append(_line("measured", x, effort, palette.MEASURED, 1.3, unit, **place))
-        traces.append(_line("model", x, model, palette.MODEL, 1.2, unit, **place))
-    layout = _layout(
+        traces.append(curve("measured", x, effort, palette.MEASURED, 1.3, unit, **place))
+        traces.append(curve("model", x, model, palette.MODEL, 1.2, unit, **place))
+    layout = layout_of(
         270,
-        xaxis={**_AXIS, "title": {"text": motion.axes.position, "standoff": 6}, "domain": [0.0, 0.48]},
-        xaxis2={**_AXIS, "title": {"text": motion.axes.velocity, "standoff": 6}, "domain": [0.52, 1.0]},
-        yaxis={**_AXIS, "title": {"text": motion.axes.effort, "standoff": 6}},
+        xaxis=axis(motion.axes.position, domain=[0.0, 0.48]),
+        xaxis2=axis(motion.axes.velocity, domain=[0.52, 1.0]),
+        yaxis=axis(motion.axes.effort),
         uirevision=motion.data.name,
     )
     return {"data": traces, "layout": layout}
@@ -200,21 +185,11 @@ def map_figure(motion: Motion, before: FloatArray, now: FloatArray) -> Figure:
         }
         for number, each in enumerate((first, second))
     ]
-    layout = _layout(
+    layout = layout_of(
         250,
-        xaxis={
-            **_AXIS,
-            "title": {"text": motion.axes.position, "standoff": 6},
-            "domain": [0.0, 0.48],
-            "showgrid": False,
-        },
-        xaxis2={
-            **_AXIS,
-            "title": {"text": motion.axes.position, "standoff": 6},
-            "domain": [0.52, 1.0],
-            "showgrid": False,
-        },
-        yaxis={**_AXIS, "title": {"text": motion.axes.velocity, "standoff": 6}, "showgrid": False},
+        xaxis=axis(motion.axes.position, domain=[0.0, 0.48], showgrid=False),
+        xaxis2=axis(motion.axes.position, domain=[0.52, 1.0], showgrid=False),
+        yaxis=axis(motion.axes.velocity, showgrid=False),
         annotations=[_above("base model", 0.24), _above("model", 0.76)],
         uirevision=motion.data.name,
     )
@@ -249,9 +224,10 @@ def _above(text: str, x: float) -> dict[str, Any]:
     return {**place, "text": text, "showarrow": False}
 
 
-def _line(  # noqa: PLR0917, what a line is made of
+def curve(  # noqa: PLR0917, what a line is made of
     name: str, x: np.ndarray, y: np.ndarray, color: str, width: float, unit: str, **more: object
 ) -> dict[str, Any]:
+    """A curve over x (n,)."""
     dash = more.pop("dash", "solid")
     return {
         "type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "connectgaps": False,
@@ -260,7 +236,13 @@ def _line(  # noqa: PLR0917, what a line is made of
     }  # fmt: skip
 
 
-def _layout(height: int, **more: object) -> dict[str, Any]:
+def axis(title: str, **more: object) -> dict[str, Any]:
+    """An axis with what runs along it."""
+    return {**_AXIS, "title": {"text": title, "standoff": 6}, **more}
+
+
+def layout_of(height: int, **more: object) -> dict[str, Any]:
+    """The look that all figures share."""
     return {
         "height": height, "margin": {"l": 56, "r": 12, "t": 24, "b": 40}, "font": _FONT,
         "paper_bgcolor": "#fff", "plot_bgcolor": "#fff", "hovermode": "closest",

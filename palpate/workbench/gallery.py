@@ -11,7 +11,7 @@ from estimation.effect import Effect, Parameter
 from palpate.render import palette
 from palpate.render.build import axes_of
 from palpate.workbench.bench import Bench
-from palpate.workbench.curves import Motion, near, picked
+from palpate.workbench.curves import Motion, axis, curve, layout_of, near, picked
 from palpate.workbench.effects import sized
 from palpate.workbench.plot import Figure, Plot, Restyle
 from robot_io.errors import PalpateError
@@ -74,32 +74,21 @@ class _Simulated:
     def figure(self) -> Figure:
         axes, traces = axes_of(self.data.kind), []
         for x, place in ((self._motion.time_s, "x"), (self._motion.position, "x2")):
-            traces.append(self._trace("base model", x, self.data.effort, palette.BASE, place))
-            traces.append(self._trace("with it", x, self.effort(), palette.MODEL, place))
-        layout = {
-            "height": 260,
-            "margin": {"l": 50, "r": 10, "t": 20, "b": 40},
-            "legend": {"orientation": "h", "y": 1.1},
-            "xaxis": {"domain": [0, 0.55], "title": {"text": "time [s]"}},
-            "xaxis2": {"domain": [0.62, 1], "title": {"text": axes.position}},
-            "yaxis": {"title": {"text": axes.effort}},
-        }
+            for name, y, color in (
+                ("base model", self.data.effort, palette.BASE),
+                ("with it", self.effort(), palette.MODEL),
+            ):
+                drawn = picked(x, self._rows), picked(y, self._rows)
+                traces.append(
+                    curve(name, *drawn, color, 1.4, axes.effort_unit, xaxis=place, showlegend=place == "x")
+                )
+        layout = layout_of(
+            260,
+            xaxis=axis("time [s]", domain=[0, 0.55]),
+            xaxis2=axis(axes.position, domain=[0.62, 1]),
+            yaxis=axis(axes.effort),
+        )
         return {"data": traces, "layout": layout, "config": {"displayModeBar": False}}
-
-    def _trace(self, name: str, x: FloatArray, y: FloatArray, color: str, place: str) -> dict[str, object]:
-        drawn = {
-            "x": picked(x, self._rows),
-            "y": picked(y, self._rows),
-            "line": {"color": color, "width": 1.4},
-        }
-        return {
-            "type": "scatter",
-            "mode": "lines",
-            "name": name,
-            "xaxis": place,
-            "showlegend": place == "x",
-            **drawn,
-        }
 
     def update(self) -> Restyle:
         return {"y": [picked(self.effort(), self._rows)] * 2}, [1, 3]

@@ -7,6 +7,7 @@ import asyncio
 import sys
 from collections.abc import Awaitable, Callable, Sequence
 from html import escape
+from itertools import count, cycle
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from nicegui import ui
 from control.loop.tick_record import STREAM_NAME
 from palpate.render import palette
 from palpate.render.thinning import peaks
+from palpate.workbench.curves import axis, curve, layout_of, picked
 from palpate.workbench.plot import Figure, Plot
 from robot_io.errors import PalpateError
 from robot_io.session import Follower, Samples, Session
@@ -51,27 +53,31 @@ def live_figure(ticks: Samples) -> Figure:
     """Force with its residual, torques, and online estimates over the last seconds."""
     time_s = ticks["time_s"]
     last = time_s > time_s[-1] - SPAN_S if len(time_s) else np.zeros(0, dtype=np.bool_)
-    traces = [
-        _trace("force [N]", time_s[last], ticks["force_n"][last], palette.MEASURED, "y"),
-        _trace(
-            "residual of the estimates [N]", time_s[last], online_residual(ticks)[last], palette.TRUTH, "y"
-        ),
+    torques = ticks.vector("torque_measured_nm")[last].T
+    joints = zip(count(1), torques, cycle(palette.JOINTS), strict=False)
+    curves = [
+        ("force [N]", ticks["force_n"][last], palette.MEASURED, "y"),
+        ("residual of the estimates [N]", online_residual(ticks)[last], palette.TRUTH, "y"),
+        *((f"torque {n} [N m]", y, color, "y2") for n, y, color in joints),
+        ("k [N/m]", ticks["stiffness_n_m"][last], palette.MODEL, "y3"),
+        ("c [N s/m]", ticks["damping_n_s_m"][last], palette.FLOOR, "y4"),
     ]
-    torques = ticks.vector("torque_measured_nm")[last]
-    for number, torque in enumerate(torques.T, start=1):
-        color = palette.JOINTS[(number - 1) % len(palette.JOINTS)]
-        traces.append(_trace(f"torque {number} [N m]", time_s[last], torque, color, "y2"))
-    traces.append(_trace("k [N/m]", time_s[last], ticks["stiffness_n_m"][last], palette.MODEL, "y3"))
-    traces.append(_trace("c [N s/m]", time_s[last], ticks["damping_n_s_m"][last], palette.FLOOR, "y4"))
-    layout = {
-        "height": 460, "margin": {"l": 56, "r": 50, "t": 10, "b": 40},
-        "showlegend": True, "uirevision": "live",
-        "legend": {"orientation": "h", "y": -0.12}, "xaxis": {"title": {"text": "time [s]"}, "anchor": "y3"},
-        "yaxis": {"domain": [0.68, 1.0], "title": {"text": "force [N]"}},
-        "yaxis2": {"domain": [0.34, 0.62], "title": {"text": "torque [N m]"}},
-        "yaxis3": {"domain": [0.0, 0.28], "title": {"text": "k [N/m]"}},
-        "yaxis4": {"overlaying": "y3", "side": "right", "title": {"text": "c [N s/m]"}, "showgrid": False},
-    }  # fmt: skip
+    traces = []
+    for name, y, color, place in curves:
+        rows = peaks(y, _POINTS)
+        x, drawn = picked(time_s[last], rows), picked(y, rows)
+        traces.append(curve(name, x, drawn, color, 1.3, name.rpartition("[")[2][:-1], yaxis=place))
+    layout = layout_of(
+        460,
+        margin={"l": 56, "r": 50, "t": 10, "b": 40},
+        uirevision="live",
+        legend={"orientation": "h", "y": -0.12},
+        xaxis=axis("time [s]", anchor="y3"),
+        yaxis=axis("force [N]", domain=[0.68, 1.0]),
+        yaxis2=axis("torque [N m]", domain=[0.34, 0.62]),
+        yaxis3=axis("k [N/m]", domain=[0.0, 0.28]),
+        yaxis4=axis("c [N s/m]", overlaying="y3", side="right", showgrid=False),
+    )
     return {"data": traces, "layout": layout}
 
 
@@ -135,11 +141,3 @@ async def ran(arguments: Sequence[str], hear: Callable[[str], object]) -> str:
         hear(line.decode(errors="replace").rstrip())
     said = (await errors).decode(errors="replace").strip()
     return "" if await process.wait() == 0 else (said.splitlines() or ["it failed"])[-1]
-
-
-def _trace(name: str, x: FloatArray, y: FloatArray, color: str, axis: str) -> Figure:
-    rows = peaks(y, _POINTS)
-    return {
-        "type": "scatter", "mode": "lines", "name": name, "x": x[rows].astype(np.float32), "yaxis": axis,
-        "y": y[rows].astype(np.float32), "line": {"color": color, "width": 1.3},
-    }  # fmt: skip

@@ -8,23 +8,18 @@ from pathlib import Path
 import numpy as np
 from nicegui import ui
 
-from palpate.demo.hidden import PLAN, drawn_seed
+from palpate.demo import HIDDEN_PLAN, drawn_seed, hide_one, probe_demo
 from palpate.runs.hiding import open_answer
-from palpate.runs.probing import ProbingJob, run_probing
-from palpate.runs.robots import DEFAULT, DEFAULT_SCENARIO, find_robot
+from palpate.runs.robots import DEFAULT_SCENARIO
 from palpate.workbench.bench import Bench
 from robot_io.errors import PalpateError
 from robot_io.session import Session
-from sim_backend.hidden import noise_scale
-from sim_backend.imperfection import IMPERFECTIONS
-from sim_backend.noise_scale import CONTACT
 from sim_backend.scenario import load_scenario
 
 HIDDEN = (
     *("adhesion", "cubic_stiffness", "delay", "dry_friction", "layered_stiffness", "plastic_set"),
     *("quadratic_damping", "stress_relaxation"),
 )
-STRENGTH = 20.0  # times the noise floor
 
 
 def pose(folder: Path, seed: int | None = None) -> Path:
@@ -34,19 +29,9 @@ def pose(folder: Path, seed: int | None = None) -> Path:
         PalpateError: the session cannot be written.
     """
     drawn = drawn_seed() if seed is None else seed
-    rng, scenario = np.random.default_rng(drawn), load_scenario(DEFAULT_SCENARIO)
-    effect = IMPERFECTIONS[str(rng.choice(HIDDEN))]
-    hidden = scenario.with_hidden([effect.at_strength(STRENGTH, CONTACT, noise_scale(scenario), rng)])
+    world = hide_one(load_scenario(DEFAULT_SCENARIO), np.random.default_rng(drawn), HIDDEN)
     session = folder / f"riddle-{drawn}.mcap"
-    job = ProbingJob(
-        find_robot(DEFAULT),
-        session,
-        PLAN,
-        scenario=hidden,
-        seed=drawn,
-        command_line="palpate workbench --riddle",
-    )
-    run_probing(job).raise_for_failure()
+    probe_demo(session, world, drawn, plan=HIDDEN_PLAN, command_line="palpate workbench --riddle")
     return session
 
 

@@ -1,16 +1,43 @@
-"""One real probing session that several tests read."""
+"""One real probing session that several tests read, and a diagnosis that does not try everything."""
 
 import json
 
 import pytest
 
+from palpate.runs import session
+from tests.built_once import built_once
+from tests.few_effects import try_few_effects
+from tests.log_in_process import LogInProcess
 from tests.palpate.cli import run
+from tests.palpate.presses import write_presses
 
 
 @pytest.fixture(scope="session")
 def probed(tmp_path_factory):
     """A session file of the default object at three speeds, and what the command said about it."""
-    path = tmp_path_factory.mktemp("probed") / "default.mcap"
-    result = run("probe", "--out", path, "--seed", 5, "--hold-s", 0.3, "--json")
-    assert result.exit_code == 0, result.stderr
-    return path, json.loads(result.stdout)
+
+    def probe(folder):
+        result = run("probe", "--out", folder / "default.mcap", "--seed", 5, "--hold-s", 0.3, "--json")
+        assert result.exit_code == 0, result.stderr
+        (folder / "said.json").write_text(result.stdout)
+
+    folder = built_once(tmp_path_factory, "probed", probe)
+    return folder / "default.mcap", json.loads((folder / "said.json").read_text())
+
+
+@pytest.fixture(scope="session")
+def hardening(tmp_path_factory):
+    """A data file of presses onto a spring that stiffens; nobody may write beside it."""
+    return write_presses(tmp_path_factory.mktemp("hardening") / "hardening.csv")
+
+
+@pytest.fixture
+def log_in_process(monkeypatch):
+    """Sessions are written without a process for each."""
+    monkeypatch.setattr(session, "SessionWriter", LogInProcess)
+
+
+@pytest.fixture
+def few_effects(monkeypatch):
+    """A diagnosis tries few effects."""
+    try_few_effects(monkeypatch)

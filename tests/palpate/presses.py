@@ -3,7 +3,7 @@
 import numpy as np
 
 STIFFNESS, DAMPING, CUBIC, NOISE_N = 400.0, 6.0, 2e6, 0.02
-RATE_HZ = 500
+RATE_HZ = 250
 
 
 def press_rows(run, speed_m_s, force_of, rng):

@@ -6,12 +6,6 @@ import numpy as np
 import pytest
 
 from tests.palpate.cli import assert_refused, next_commands, run
-from tests.palpate.presses import write_presses
-
-
-@pytest.fixture(scope="module")
-def hardening(tmp_path_factory):
-    return write_presses(tmp_path_factory.mktemp("presses") / "hardening.csv")
 
 
 def add(data, folder, *arguments):
@@ -40,7 +34,7 @@ def test_without_a_word_on_it_the_model_of_the_newest_revision_goes_on(tmp_path)
     torque += np.random.default_rng(0).normal(0, 0.01, len(t))
     joint, rows = tmp_path / "joint.csv", np.column_stack([t, np.sin(3 * t), torque])
     np.savetxt(joint, rows, delimiter=",", header="time_s,position_rad,torque_Nm", comments="", fmt="%.9f")
-    add(joint, tmp_path, "delay")
+    add(joint, tmp_path, "quadratic_friction")
     first = add(joint, tmp_path, "bias", "--model", "pendulum")
     (second,) = add(joint, tmp_path, "coulomb_friction")
     assert (second["model"], second["parent"]) == ("pendulum", first[-1]["number"])

@@ -8,10 +8,15 @@ import pytest
 from tests.palpate.cli import assert_refused, next_commands, run
 from tests.palpate.presses import NOISE_N, write_presses
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
 
 @pytest.fixture(scope="module")
-def hardening(tmp_path_factory):
-    return write_presses(tmp_path_factory.mktemp("presses") / "hardening.csv")
+def grown(hardening, tmp_path_factory):
+    """A folder with a revision that has what is missing, and that revision."""
+    folder = tmp_path_factory.mktemp("grown")
+    added = run("add", hardening, "cubic_stiffness", "--out", folder, "--json")
+    return folder, json.loads(added.stdout)["revisions"][-1]
 
 
 def test_a_hardening_object_is_missed_most_where_it_is_deep(hardening):
@@ -66,49 +71,23 @@ def test_a_single_run_cannot_be_judged(tmp_path):
     assert_refused(run("compare", one), "single run")
 
 
-def test_what_is_compared_is_judged_by_the_next_command(tmp_path):
-    plain = write_presses(tmp_path / "plain.csv", cubic=0)
-    rows = np.loadtxt(plain, delimiter=",", skiprows=1)
-    t = rows[:, 0]
-    speed = np.cos(9 * t)
-    torque = 0.05 * -9 * np.sin(9 * t) + 0.4 * np.tanh(speed / 0.02)
-    torque += np.random.default_rng(0).normal(0, 0.005, len(t))
-    data = tmp_path / "both.csv"
-    header = "time_s,displacement_m,force_N,run,position_1_rad,torque_1_Nm"
-    rows = np.column_stack([rows, np.sin(9 * t) / 9, torque])
-    np.savetxt(data, rows, delimiter=",", header=header, comments="", fmt="%.9g")
-    result = run("compare", data)
-    assert "fits contact" in result.stdout
-    assert "misses joint_1" in result.stdout
-    judged = run(*next_commands(result)[0], "--out", tmp_path / "kept", "--json")
-    found = {one["channel"]: one for one in json.loads(judged.stdout)["channels"]}
-    again = run("compare", data, "--folder", tmp_path / "kept", "--json")
-    compared = {one["channel"]: one for one in json.loads(again.stdout)["channels"]}
-    assert list(found) == list(compared) == ["contact", "joint_1"]
-    for name, one in found.items():
-        assert one["baseline"]["rmse"] == compared[name]["rmse"]
-        assert one["noise_floor"] == compared[name]["noise_floor"]
-
-
-def test_what_was_added_can_be_put_beside_the_measurement_too(hardening, tmp_path):
-    added = run("add", hardening, "cubic_stiffness", "--out", tmp_path, "--json")
-    kept = json.loads(added.stdout)["revisions"][-1]
-    result = run("compare", hardening, "--revision", 1, "--folder", tmp_path, "--json")
+def test_what_was_added_can_be_put_beside_the_measurement_too(hardening, grown):
+    folder, kept = grown
+    result = run("compare", hardening, "--revision", 1, "--folder", folder, "--json")
     assert result.exit_code == 0, result.stderr
     (channel,) = json.loads(result.stdout)["channels"]
     assert channel["model"] == "kelvin_voigt + cubic_stiffness"
     assert channel["rmse"] == pytest.approx(kept["rmse"])
     assert channel["lack_of_fit"] < 1.1
     assert channel["parameters"]["cubic_stiffness.k3"] == pytest.approx(2e6, rel=0.05)
-    shown = run("compare", hardening, "--folder", tmp_path)
+    shown = run("compare", hardening, "--folder", folder)
     assert "kelvin_voigt misses contact" in shown.stdout
-    assert next_commands(shown)[0][-4:] == ["--revision", "1", "--folder", str(tmp_path)]
+    assert next_commands(shown)[0][-4:] == ["--revision", "1", "--folder", str(folder)]
 
 
-def test_a_revision_of_other_rows_is_said_to_be_one(hardening, tmp_path):
-    run("add", hardening, "cubic_stiffness", "--out", tmp_path)
+def test_a_revision_of_other_rows_is_said_to_be_one(grown, tmp_path):
     other = write_presses(tmp_path / "other.csv", seed=5)
-    told = run("compare", other, "--revision", 1, "--folder", tmp_path).stdout
+    told = run("compare", other, "--revision", 1, "--folder", grown[0]).stdout
     assert "revision 1 was kept with an error of" in " ".join(told.split())
 
 
@@ -133,9 +112,8 @@ def test_the_floor_is_one_number_whatever_was_kept_before(hardening, tmp_path):
         (("--revision", 1, "--model", "hunt_crossley"), ("leave out --model",)),
     ],
 )
-def test_revisions_that_cannot_be_compared_are_refused(hardening, tmp_path, options, words):
-    run("add", hardening, "cubic_stiffness", "--out", tmp_path)
-    assert_refused(run("compare", hardening, "--folder", tmp_path, *options), *words)
+def test_revisions_that_cannot_be_compared_are_refused(hardening, grown, options, words):
+    assert_refused(run("compare", hardening, "--folder", grown[0], *options), *words)
 
 
 def test_a_base_model_that_does_far_better_is_pointed_out(tmp_path):

@@ -18,7 +18,7 @@ EXAMPLES = [
 
 
 @pytest.mark.parametrize("code", EXAMPLES)
-def test_an_example_runs(probed, code, tmp_path, monkeypatch):
+def test_an_example_runs(few_effects, probed, code, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in re.findall(r'"(\w+\.mcap)"', code):
         shutil.copy(probed[0], name)

@@ -62,17 +62,6 @@ def test_an_untested_version_is_a_warning(monkeypatch):
     assert "0.0.1" in finding.text
 
 
-def test_a_port_in_use_is_a_warning(monkeypatch):
-    import socket
-
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        monkeypatch.setattr(viewer, "PORT", taken.getsockname()[1])
-        (finding,) = viewer.viewer_port()
-    assert finding.level is Level.WARN
-
-
 @pytest.mark.parametrize(
     ("display", "driver", "level"), [("", True, "ok"), ("", False, "warn"), (":0", False, "ok")]
 )

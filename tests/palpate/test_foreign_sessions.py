@@ -44,12 +44,12 @@ def test_a_column_that_is_missing_is_named(name, reader, tmp_path):
         reader(session)
 
 
-@pytest.mark.parametrize("name", ["tick", "lateness_s", "log_s", "joint_velocity_rad_s"])
-def test_what_nothing_is_worked_out_from_may_be_missing(name, tmp_path):
+def test_what_nothing_is_worked_out_from_may_be_missing(tmp_path):
     columns, data = columns_and_data()
-    del data[name]
+    for name in ("tick", "lateness_s", "log_s", "joint_velocity_rad_s"):
+        del data[name]
     path = tmp_path / "x.mcap"
-    session_of(path, [c for c in columns if c.name != name], data)
+    session_of(path, [column for column in columns if column.name in data], data)
     assert run("inspect", path, "--save", tmp_path / "x.rrd").exit_code == 0
 
 
@@ -135,12 +135,32 @@ def test_a_urdf_that_cannot_be_drawn_is_one_line(urdf, tmp_path, capfd):
     assert not (tmp_path / "x.rrd").exists()
 
 
+@pytest.mark.parametrize("name", ["file://{}", "{}", "../../../../../..{}"])
+@pytest.mark.parametrize(
+    "part",
+    [
+        '<visual><geometry><mesh filename="{}"/></geometry></visual>',
+        '<visual><geometry><box size="1 1 1"/></geometry>'
+        '<material name="m"><texture filename="{}"/></material></visual>',
+    ],
+)
+def test_no_file_that_a_sessions_urdf_names_is_read(part, name, tmp_path):
+    secret = tmp_path / "secret.stl"
+    secret.write_text("solid KEEP-THIS\nendsolid KEEP-THIS\n")
+    urdf = synthetic.urdf().replace("</link>", part.format(name.format(secret)) + "</link>", 1)
+    synthetic_session(tmp_path / "x.mcap", urdf=urdf)
+    assert run("inspect", tmp_path / "x.mcap", "--save", tmp_path / "x.rrd").exit_code == 0
+    assert b"KEEP-THIS" not in (tmp_path / "x.rrd").read_bytes()
+
+
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
         ("force_n", np.nan, "nan is no finite number"),
         ("displacement_m", 1e300, "too large"),
         ("run", None, "no column 'run'"),
+        ("time_s", slice(None), "times must increase within a run"),
+        ("time_s", slice(7), "times must increase within a run"),
     ],
 )
 def test_an_imported_stream_is_looked_at_as_well(name, value, words, tmp_path):
@@ -153,9 +173,22 @@ def test_an_imported_stream_is_looked_at_as_well(name, value, words, tmp_path):
     if value is None:
         del data[name]
         columns = [column for column in columns if column.name != name]
+    elif isinstance(value, slice):
+        data[name][value] = 0.0
     else:
         data[name][7] = value
     path = write_session(tmp_path / "x.mcap", [(Stream("contact", tuple(columns)), data)], SessionMetadata())
     with pytest.raises(InputError, match=r"x\.mcap, stream 'contact'") as caught:
         session_channels(Session.open(path))
     assert words in str(caught.value)
+
+
+def test_an_imported_stream_without_a_sample_is_nothing_to_show(tmp_path):
+    names = ("time_s", "displacement_m", "velocity_m_s", "acceleration_m_s2", "force_n")
+    columns = [Column(each, "1") for each in names]
+    columns += [Column("run", "1", 1, "", "int64"), Column("phase", "1", 1, "", "int32")]
+    data = {column.name: np.zeros(0, column.dtype) for column in columns}
+    write_session(tmp_path / "x.mcap", [(Stream("contact", tuple(columns)), data)], SessionMetadata())
+    assert_refused(
+        run("inspect", tmp_path / "x.mcap", "--save", tmp_path / "x.rrd"), "nothing that can be shown"
+    )

@@ -12,13 +12,15 @@ from palpate.runs.robots import find_robot
 from robot_io.session import Session
 from sim_backend.scenario import load_scenario
 
+pytestmark = pytest.mark.usefixtures("log_in_process")
+
 
 def held(tmp_path, law, online, stiffness_n_m=1500.0, damping_n_s_m=20.0, **plan):
     """Ticks of the last run's hold."""
     path = tmp_path / f"{len(list(tmp_path.iterdir()))}.mcap"
     contact = {"name": "kelvin_voigt", "stiffness_n_m": stiffness_n_m, "damping_n_s_m": damping_n_s_m}
     scenario = load_scenario({"object": {"law": contact}})
-    plan = ProbingPlan(speeds_m_s=(0.09,), hold_s=1.0, hold_law=law, **plan)
+    plan = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.8, hold_law=law, **plan)
     outcome = run_probing(ProbingJob(find_robot("follower"), path, plan, scenario=scenario, online=online))
     outcome.raise_for_failure()
     ticks = Session.open(path).samples("tick")

@@ -1,6 +1,7 @@
 """What `palpate info` says about a session."""
 
 import json
+import os
 
 import pytest
 
@@ -36,6 +37,18 @@ def test_text_of_a_file_cannot_command_the_terminal(session):
     shown = run("info", session).stdout
     assert "\x1b[2J" not in shown
     assert "[bold]not markup" in shown
+
+
+@pytest.mark.parametrize("asked", [(), ("--json",)])
+@pytest.mark.parametrize("name", ["x.mcap", os.fsdecode(b"x\xff\x1b[2J.mcap")])
+def test_no_text_of_a_file_commands_the_terminal(name, asked, tmp_path):
+    orders = "[/] [bold]:smile: \x1b[2J\x9b2J\x1b]0;title\x07\u202egnp\u2066\r\n\\\\\\"
+    texts = {orders: orders, "source": orders, "python": orders}
+    synthetic_session(tmp_path / name, command_line=orders, software_version=orders, extra=texts)
+    shown = run("info", tmp_path / name, *asked)
+    assert shown.exit_code == 0
+    assert all(char.isprintable() or char == "\n" for char in shown.stdout)
+    assert shown.stdout.count("[bold]:smile:") >= 5
 
 
 def test_a_session_cut_short_is_said_to_be(session, tmp_path):

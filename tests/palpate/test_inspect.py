@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 from rerun.chunk import RrdReader
 
+from palpate import demo as demo_runs
 from palpate.commands import demo
-from palpate.demo import probe
 from palpate.doctor.viewer import has_vulkan_driver
 from palpate.render.recording import viewer
 from robot_io.errors import PalpateError
@@ -127,7 +127,7 @@ def test_the_demo_makes_everything_at_once(tmp_path, monkeypatch):
 def test_a_demo_without_a_seed_says_how_to_make_it_again(tmp_path, monkeypatch):
     jobs = []
     done = SimpleNamespace(raise_for_failure=lambda: None)
-    monkeypatch.setattr(probe, "run_probing", lambda job, watcher: jobs.append(job) or done)
+    monkeypatch.setattr(demo_runs, "run_probing", lambda job, watcher: jobs.append(job) or done)
     monkeypatch.setattr(demo, "show_demo", lambda session: None)
     monkeypatch.setattr(demo, "solve", lambda session, progress: None)
     monkeypatch.setattr(demo, "_as_data", lambda demo, hidden: {})
@@ -168,7 +168,7 @@ def test_a_recording_on_a_full_disk_is_refused_in_words_and_leaves_no_half_of_it
 
     out = tmp_path / "x.rrd"
     result = run_process("inspect", probed[0], "--save", out, preexec_fn=small)
-    assert result.returncode == 2, result.stderr
+    assert result.returncode == 3, result.stderr
     assert f"palpate: cannot write {out}: " in result.stderr
     assert not list(tmp_path.iterdir())
 

@@ -3,10 +3,14 @@
 import json
 import re
 
+import pytest
+
 from estimation.study.kept_diagnosis import RESULT
 from palpate.study import Study
 from tests.palpate.cli import assert_refused, run
 from tests.palpate.presses import write_presses
+
+pytestmark = pytest.mark.usefixtures("few_effects")
 
 
 def words_of(page):

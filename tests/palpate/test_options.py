@@ -5,15 +5,13 @@ import sys
 
 import pytest
 
+from estimation.data.import_options import ImportOptions
+from estimation.study.source import open_source
 from tests.palpate import synthetic
 from tests.palpate.cli import assert_refused, run
-from tests.palpate.presses import write_presses
 from tests.palpate.sessions import synthetic_session
 
-
-@pytest.fixture(scope="module")
-def presses(tmp_path_factory):
-    return write_presses(tmp_path_factory.mktemp("presses") / "presses.csv")
+WHERE = ImportOptions(where={"run": "0,2"})
 
 
 @pytest.mark.parametrize(
@@ -23,19 +21,28 @@ def presses(tmp_path_factory):
         (("--estimator", "lsq,lsq"), ("lsq,lsq", "twice")),
         (("--context", "force_N"), ("--context force_N", "made of that column")),
         (("--tip-frame", "zz"), ("--tip-frame zz", "--urdf")),
-        (("--urdf", "DATA"), ("presses.csv", "not a readable URDF")),
+        (("--urdf", "DATA"), ("hardening.csv", "not a readable URDF")),
         (("--urdf", "ARM", "--tip-frame", "zz"), ("arm.urdf: no frame is called 'zz'", "Valid:")),
     ],
 )
-def test_options_of_estimate_that_say_nothing_are_refused(options, words, presses, tmp_path):
+def test_options_of_estimate_that_say_nothing_are_refused(options, words, hardening, tmp_path):
     (tmp_path / "arm.urdf").write_text(synthetic.urdf())
-    places = {"DATA": presses, "ARM": tmp_path / "arm.urdf"}
-    assert_refused(run("estimate", presses, *(places.get(each, each) for each in options)), *words)
+    places = {"DATA": hardening, "ARM": tmp_path / "arm.urdf"}
+    assert_refused(run("estimate", hardening, *(places.get(each, each) for each in options)), *words)
 
 
 def test_an_option_for_data_files_is_refused_for_a_session(tmp_path):
     synthetic_session(tmp_path / "x.mcap")
     assert_refused(run("estimate", tmp_path / "x.mcap", "--fresh-runs"), "--fresh-runs", "data files")
+
+
+def test_runs_of_a_session_are_chosen_as_those_of_its_data_file(hardening, tmp_path):
+    assert run("import", hardening, "-o", tmp_path / "x.mcap").exit_code == 0
+    few, all_runs = open_source(tmp_path / "x.mcap", WHERE), open_source(tmp_path / "x.mcap")
+    assert few.channels[0].runs.tolist() == few.tared()[0].runs.tolist() == [0, 2]
+    assert len(open_source(hardening, WHERE).channels[0]) == len(few.channels[0]) < len(all_runs.channels[0])
+    refused = run("diagnose", tmp_path / "x.mcap", "--where", "run=0,77")
+    assert_refused(refused, "--where run=0,77", "There are: 0, 1")
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-1"])
@@ -50,12 +57,12 @@ def test_a_size_in_other_digits_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("command", ["export", "revisions"])
-def test_a_folder_of_revisions_that_is_not_there_is_refused(command, presses, tmp_path):
-    assert_refused(run(command, presses, "--folder", tmp_path / "nope"), "--folder", "no such folder")
+def test_a_folder_of_revisions_that_is_not_there_is_refused(command, hardening, tmp_path):
+    assert_refused(run(command, hardening, "--folder", tmp_path / "nope"), "--folder", "no such folder")
 
 
-def test_a_revision_that_is_not_there_is_told_with_its_folder(presses, tmp_path):
-    result = run("export", presses, "--folder", tmp_path, "--revision", 99)
+def test_a_revision_that_is_not_there_is_told_with_its_folder(hardening, tmp_path):
+    result = run("export", hardening, "--folder", tmp_path, "--revision", 99)
     assert_refused(result, "no revision 99 in", str(tmp_path), "none yet")
 
 
@@ -69,11 +76,11 @@ def test_a_package_without_drivers_is_refused(tmp_path, monkeypatch):
     assert not (tmp_path / "x.mcap").exists()
 
 
-def test_a_urdf_that_is_too_large_is_not_read_whole(presses, tmp_path):
+def test_a_urdf_that_is_too_large_is_not_read_whole(hardening, tmp_path):
     path = tmp_path / "arm.urdf"
     path.touch()
     os.truncate(path, 2**40)  # takes no room on the disk
-    assert_refused(run("estimate", presses, "--urdf", path), "arm.urdf", "larger than")
+    assert_refused(run("estimate", hardening, "--urdf", path), "arm.urdf", "larger than")
 
 
 def test_a_bad_urdf_of_a_session_is_told_with_the_session(tmp_path):

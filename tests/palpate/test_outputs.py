@@ -17,7 +17,6 @@ from palpate.words import as_shell_word, shown, typed
 from robot_io.errors import InputError, SessionError
 from robot_io.session import Column, Event, Session, SessionMetadata, Stream, write_session
 from tests.palpate.cli import ROOT, assert_refused, run, run_process
-from tests.palpate.presses import write_presses
 
 NASTY = (
     "a b.mcap",
@@ -37,14 +36,9 @@ def session(probed, tmp_path):
     return Path(shutil.copy(probed[0], tmp_path / "s.mcap"))
 
 
-@pytest.fixture(scope="module")
-def presses(tmp_path_factory):
-    return write_presses(tmp_path_factory.mktemp("presses") / "presses.csv")
-
-
-def test_what_is_exported_never_replaces_what_is_read(session, presses, tmp_path):
+def test_what_is_exported_never_replaces_what_is_read(session, hardening, tmp_path):
     (tmp_path / "link.yaml").symlink_to(session)
-    data = Path(shutil.copy(presses, tmp_path / "data.csv"))
+    data = Path(shutil.copy(hardening, tmp_path / "data.csv"))
     for read, out in ((session, session), (session, tmp_path / "link.yaml"), (data, data)):
         before = read.read_bytes()
         assert_refused(run("export", read, "-o", out, "--force"), "is what is read")
@@ -60,26 +54,26 @@ def test_what_is_exported_never_replaces_what_is_read(session, presses, tmp_path
         (("add",), "revisions.rrd"),
     ],
 )
-def test_in_a_folder_that_the_user_names_nothing_is_replaced_unasked(command, name, presses, tmp_path):
+def test_in_a_folder_that_the_user_names_nothing_is_replaced_unasked(command, name, hardening, tmp_path):
     (tmp_path / name).write_text("precious")
     effects = ("cubic_stiffness",) if command == ("add",) else ()
-    result = run(*command, presses, *effects, "--out", tmp_path)
+    result = run(*command, hardening, *effects, "--out", tmp_path)
     assert_refused(result, name, "exists already", "--force")
     assert {file.name: file.read_text() for file in tmp_path.iterdir()} == {name: "precious"}
 
 
-def test_with_force_it_is_replaced_but_never_what_is_read(presses, tmp_path):
+def test_with_force_it_is_replaced_but_never_what_is_read(hardening, tmp_path):
     (tmp_path / "report.html").write_text("old")
-    assert run("compare", presses, "--out", tmp_path, "--force").exit_code == 0
+    assert run("compare", hardening, "--out", tmp_path, "--force").exit_code == 0
     assert "<html" in (tmp_path / "report.html").read_text()
-    data = Path(shutil.copy(presses, tmp_path / "data.csv"))
+    data = Path(shutil.copy(hardening, tmp_path / "data.csv"))
     with pytest.raises(InputError, match="is what is read"):
         spare_files(tmp_path, ["*.csv"], force=True, keep=[data])
 
 
-def test_where_revisions_are_kept_the_report_is_renewed(presses, tmp_path):
+def test_where_revisions_are_kept_the_report_is_renewed(hardening, tmp_path):
     for again in ((), ("--from", 0)):
-        result = run("add", presses, "cubic_stiffness", "--out", tmp_path, *again)
+        result = run("add", hardening, "cubic_stiffness", "--out", tmp_path, *again)
         assert result.exit_code == 0, result.stderr
 
 
@@ -98,9 +92,9 @@ def test_plots_and_pictures_replace_nothing_unasked_nor_each_other(session, tmp_
 
 
 @pytest.mark.parametrize("option", ["--out", "--out=", "--model"])
-def test_an_empty_argument_is_no_name(option, presses):
+def test_an_empty_argument_is_no_name(option, hardening):
     empty = (option,) if option.endswith("=") else (option, "")
-    assert_refused(run("diagnose", presses, *empty), "empty", option)
+    assert_refused(run("diagnose", hardening, *empty), "empty", option)
 
 
 def test_a_folder_that_takes_no_files_is_refused_before_any_work(tmp_path):
@@ -110,13 +104,13 @@ def test_a_folder_that_takes_no_files_is_refused_before_any_work(tmp_path):
 
 
 @pytest.mark.parametrize("device", ["/dev/zero", "pipe"])
-def test_what_might_never_end_is_not_read(device, presses, tmp_path):
+def test_what_might_never_end_is_not_read(device, hardening, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     path = tmp_path / device
     with pytest.raises(InputError, match="is a device or a pipe"):
         existing_file(path, "session")
     assert_refused(
-        run("estimate", presses, "--model", "rigid_body", "--urdf", path), "URDF", "a device or a pipe"
+        run("estimate", hardening, "--model", "rigid_body", "--urdf", path), "URDF", "a device or a pipe"
     )
     for command in (
         ("probe", "--robot", path),
@@ -201,7 +195,7 @@ def test_output_that_cannot_be_written_is_one_plain_line(options, probed):
         result = subprocess.run(
             command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, cwd=ROOT
         )
-    assert result.returncode == 1
+    assert result.returncode == 3
     assert result.stderr == "palpate: cannot write the output: No space left on device\n"
 
 

@@ -43,7 +43,7 @@ def test_the_session_can_be_understood_alone(probed):
     assert {"touch", "loop_ended"} <= {event.kind for event in session.events}
 
 
-def test_it_probes_at_the_speeds_and_to_the_force_asked_for(tmp_path):
+def test_it_probes_at_the_speeds_and_to_the_force_asked_for(tmp_path, log_in_process):
     path = tmp_path / "two.mcap"
     result = run(
         "probe", "-o", path, "--speed-mm-s", "100,50", "--force-limit-n", 5, "--hold-s", 0.2, "--repeats", 2
@@ -91,7 +91,7 @@ def test_measured_torques_follow_the_commands_and_are_what_the_rigid_body_needs(
     assert np.all(spread < [0.09, 0.04, 0.012])  # accelerations add to the 0.01 N m of the torque's noise
 
 
-def test_equal_seeds_give_equal_measurements_and_others_do_not(tmp_path):
+def test_equal_seeds_give_equal_measurements_and_others_do_not(tmp_path, log_in_process):
     forces = []
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         path = tmp_path / f"{name}.mcap"

@@ -34,7 +34,7 @@ def test_a_full_disk_stops_no_arm_and_is_one_line(tmp_path, monkeypatch):
     path = tmp_path / "s.mcap"
     said = run("probe", "-o", path, "--speed-mm-s", 150, "--hold-s", 0.2, "--online", "none")
 
-    assert said.exit_code == 2
+    assert said.exit_code == 3
     assert said.stderr.strip().endswith("s.mcap is not complete: File too large")
     assert (results[0].outcome, results[0].deactivation_error) == (Outcome.FINISHED, "")
     session = Session.open(path)

@@ -7,7 +7,6 @@ from rich.console import Console
 
 from estimation.study import Revision
 from palpate import console
-from palpate.render.build import revision_rows
 from palpate.render.terminal import print_revisions
 from palpate.words import safe
 
@@ -20,7 +19,7 @@ def printed(what, width):
 
 def listed(kept, width):
     out = io.StringIO()
-    print_revisions(Console(file=out, width=width), revision_rows(kept))
+    print_revisions(Console(file=out, width=width), kept)
     return out.getvalue()
 
 

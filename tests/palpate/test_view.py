@@ -146,8 +146,7 @@ def test_runs_that_each_begin_at_zero_are_shown_one_after_the_other(contact):
 
 
 @pytest.mark.parametrize(
-    ("values", "expected"),
-    [([], []), ([3], [(0, 1)]), ([1, 1, 2, 2, 2, 1], [(0, 2), (2, 5), (5, 6)])],
+    ("values", "expected"), [([], []), ([3], [(0, 1)]), ([1, 1, 2, 2, 2, 1], [(0, 2), (2, 5), (5, 6)])]
 )
 def test_stretches_of_equal_values(values, expected):
     assert list(stretches(np.array(values, int))) == expected

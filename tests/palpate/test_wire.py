@@ -18,7 +18,8 @@ from robot_io.session import Session
 from sim_backend.secret import sealed_path
 from tests.palpate.cli import ROOT, assert_refused, run
 
-SHORT = ("--speed-mm-s", "150,60", "--hold-s", 0.5)
+pytestmark = pytest.mark.usefixtures("log_in_process")
+SHORT = ("--speed-mm-s", "150,90", "--hold-s", 0.1)
 SHARES = {  # of stiffness and damping: what each arm's steps at the tip leave uncertain
     "odrive_3dof": (0.002, 0.005),
     "cubemars_3dof": (0.003, 0.005),
@@ -144,7 +145,7 @@ def test_the_arm_itself_refuses_it(arm, command, tmp_path):
 
 
 def test_the_emulated_devices_take_it(arm, tmp_path):
-    short = ("--speed-mm-s", 100, "--hold-s", 0.05, "--online", "none")
+    short = ("--speed-mm-s", 150, "--hold-s", 0.05, "--online", "none")
     result = run("probe", "--robot", arm, "--wire", "-o", tmp_path / "x.mcap", *short)
     assert result.exit_code == 0, result.stderr
     assert "encoder" in run("info", tmp_path / "x.mcap", "--json").stdout

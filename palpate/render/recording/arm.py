@@ -3,6 +3,7 @@
 import tempfile
 import warnings
 from pathlib import Path
+from xml.etree.ElementTree import tostring
 
 import numpy as np
 import rerun as rr
@@ -13,6 +14,7 @@ from palpate.render.recording.block import Block
 from palpate.render.recording.scene import Scene
 from palpate.render.recording.stream import BACKGROUND, time_column
 from robot_io.errors import InputError
+from robot_io.files.urdf_text import parse_urdf, without_files
 from robot_io.types import FloatArray
 
 ROOT_FRAME = "world"  # of everything that is drawn and is no part of the arm
@@ -82,10 +84,16 @@ def log_moving_arm(
 
 
 def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> UrdfTree:
-    """Read a URDF from its text; Rerun takes files only."""
+    """Read a URDF from its text; Rerun takes files only.
+
+    Meshes and textures are left out: the text may come from a stranger's session, and names any file.
+
+    ValueError, RuntimeError: it cannot be used.
+    """
+    drawn = tostring(without_files(parse_urdf(text)), encoding="unicode")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
-        path.write_text(text, encoding="utf-8")
+        path.write_text(drawn, encoding="utf-8")
         return UrdfTree.from_file_path(path, entity_path_prefix=entity, frame_prefix=frame_prefix or None)
 
 

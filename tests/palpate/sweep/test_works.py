@@ -25,7 +25,7 @@ PARAMETERS = {
 TIMINGS = {"read_s", "control_s", "guard_s", "write_s", "observer_s", "log_s", "lateness_s"}
 
 
-def test_ticks_in_memory_are_those_of_a_session(tmp_path):
+def test_ticks_in_memory_are_those_of_a_session(tmp_path, log_in_process):
     plan, robot = ProbingPlan(speeds_m_s=(0.09,), hold_s=0.1), find_robot("follower")
     kept = probe_in_memory(robot, Scenario(), plan)
     run_probing(ProbingJob(robot, tmp_path / "a.mcap", plan, scenario=Scenario(), online=None))
@@ -89,7 +89,7 @@ def test_the_peak_is_that_of_the_dashpot_where_it_alone_is_beyond_the_limit():
     assert row["over_limit_ms"][0] > 0 == row["over_limit_ms"][1]
 
 
-def test_hidden_effects_are_found_by_the_diagnosis():
+def test_hidden_effects_are_found_by_the_diagnosis(few_effects):
     hidden = [{"effect": "cubic_stiffness", "cubic_n_m3": 2e6}]
     plan = {"speeds_m_s": [0.12, 0.09, 0.06], "hold_s": 0.0}
     rows = probing.diagnosed(PARAMETERS | {"hidden": hidden, "plan": plan}, 1)

@@ -15,14 +15,15 @@ from sim_backend.scenario import load_scenario
 from tests.control.simulated_arms import SimulatedArm
 from tests.robot_io.link.link_parts import DOWN, estimate
 
-PLAN = ProbingPlan(hold_s=0.3)
+FAST = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.3)
+NOTHING_NEAR = ProbingPlan(speeds_m_s=(0.15,), search_depth_m=0.05)
 CUBIC = {"hidden": [{"effect": "cubic_stiffness", "cubic_n_m3": 4e6}]}
 TRUE_DEPTHS_M = np.linspace(0.001, 0.012, 12)
 
 
-def probed(scenario: dict) -> Samples:
+def probed(scenario: dict, plan: ProbingPlan = FAST) -> Samples:
     """The ticks of a probing, as the follower keeps them."""
-    arm = SimulatedArm("follower", PLAN, scenario)
+    arm = SimulatedArm("follower", plan, scenario)
     arm.run()
     stream = tick_stream(arm.robot.joint_count)
     return Samples.from_records(stream, np.array(arm.log.records, stream.dtype))
@@ -41,9 +42,7 @@ def probed(scenario: dict) -> Samples:
     ids=["kelvin_voigt", "hunt_crossley"],
 )
 def test_the_first_look_is_the_object(scenario):
-    samples = probed(scenario)
-    one_run = samples.select(samples["run"] == 0)
-    found, world = first_look(one_run, 4), load_scenario(scenario)
+    found, world = first_look(probed(scenario), 4), load_scenario(scenario)
     assert found.model[0].name == world.object.law.name
     assert (found.target, found.runs) == (4, 1)
     assert found.surface_world_m[2] == pytest.approx(0.05, abs=1e-4)
@@ -55,8 +54,8 @@ def test_the_first_look_is_the_object(scenario):
             )
 
 
-def test_an_established_effect_is_felt():
-    found = second_look(probed(CUBIC), 0)
+def test_an_established_effect_is_felt(few_effects):
+    found = second_look(probed(CUBIC, ProbingPlan(hold_s=0.1)), 0)
     assert found.verdict == "missing"
     assert [term.name for term in found.model] == ["kelvin_voigt", "cubic_stiffness"]
     felt, real = force_law(found.model), force_law(terms_of(load_scenario(CUBIC)))
@@ -66,7 +65,7 @@ def test_an_established_effect_is_felt():
 
 def test_nothing_touched_is_no_estimate():
     with pytest.raises(InputError, match="nothing was touched"):
-        first_look(probed({"object": {"surface_height_m": -0.5}}), 0)
+        first_look(probed({"object": {"surface_height_m": -0.5}}, NOTHING_NEAR), 0)
 
 
 def test_a_law_with_a_memory_is_felt_as_the_world_has_it():

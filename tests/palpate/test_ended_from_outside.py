@@ -1,0 +1,51 @@
+"""What is left when a program or its writer process is ended from outside."""
+
+import signal
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from palpate.runs.session import ArmSession
+from robot_io.errors import SessionError
+from robot_io.session import SessionWriter
+from tests.palpate.cli import ROOT
+from tests.robot_io.session_parts import METADATA, TICK
+
+HALF_WRITTEN = """
+import sys, time
+from pathlib import Path
+from palpate import main
+from robot_io.files.whole_file import whole_file
+def run():
+    with whole_file(Path(sys.argv[1])) as unfinished:
+        unfinished.write_text("half of it")
+        print("begun", flush=True)
+        time.sleep(60)
+main.run = run
+main.main()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_program_that_is_ended_leaves_no_half_of_a_file(number, tmp_path):
+    command = [sys.executable, "-c", HALF_WRITTEN, str(tmp_path / "x")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT) as program:
+        program.stdout.readline()
+        assert len(list(tmp_path.iterdir())) == 1
+        program.send_signal(number)
+        assert program.wait(30) == 128 + number
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("world", "ends"), [(None, True), (SimpleNamespace, False)])
+def test_only_a_real_arm_is_ended_when_nobody_writes_its_log_any_more(world, ends, tmp_path):
+    log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
+    arm = ArmSession(None, None, log, None, world)
+    assert not arm.unlogged()
+    log._process.kill()
+    log._process.wait()
+    assert arm.unlogged() is ends
+    with pytest.raises(SessionError, match="writer process ended with -9"):
+        log.close()
