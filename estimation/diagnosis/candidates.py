@@ -9,6 +9,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Effect, Inner, SensorEffect
 from estimation.effects import EFFECTS
 from estimation.fit.inner_search import Attempts, look, of, refine
+from estimation.fit.intervals import inner_slopes
 from estimation.fit.load import HEAVY
 from estimation.fit.polish import polish
 from estimation.fit.standing import Fit
@@ -53,6 +54,18 @@ class Candidate:
     def held_out(self) -> float:
         """Sum of squared residuals in held-out runs."""
         return float(self.search.held_out.sum())
+
+    def followed(self, bench: Bench) -> float:
+        """The same if the inner parameters of the whole model followed, to first order.
+
+        A model without an effect has taken what it could of it on itself: held where they are, its
+        parameters would leave the effect little to explain.
+        """
+        best = self.search.best
+        names = (*best.model.gains, *best.model.inner)
+        columns = np.column_stack([best.columns, *inner_slopes(bench, best)])
+        followed = bench.fit(columns, best.target, names, best.model.held)
+        return min(float(followed.held_out.sum()), self.held_out)
 
 
 def library() -> tuple[Effect, ...]:

@@ -39,6 +39,7 @@ MOST_EFFECTS = 4  # with more, almost anything can be imitated
 FITTED = 4  # candidates of a step of which all parameters are fitted together
 FITTED_IN_FULL = 2  # the same where a sketch has chosen before
 FIRSTS = 5  # first effects that are tried where the best one leads to no complete model
+LOOKED_AT = 12  # candidates among which those are chosen
 BESIDE, PAIRS = 3, 4  # second effects looked at beside each first, and pairs that are fitted together
 _FOLDS = 0.6  # share of the folds in which an effect must help
 _CLEAR = 0.5  # of the energy that is left: noise of a thousand blocks and more gives no effect that much
@@ -223,15 +224,17 @@ class Search:
 
     def extensions(self, standing: Standing, count: int = FITTED) -> list[Standing]:
         """A model with one more effect, all parameters fitted together, in the order of `ordered`."""
-        promising = (1.0 - TIE) * standing.trial.held_out
         count = count if self.sketch is None else min(count, FITTED_IN_FULL)
-        made = []
-        for candidate in [one for one in self.screened(standing) if one.possible][:count]:
-            if candidate.held_out < promising:
-                after = self.with_candidate(candidate)
-                if self.is_sensible(after):
-                    made.append(after)
-        return self.ordered(made)
+        made = (self.with_candidate(one) for one in self._promising(standing)[:count])
+        return self.ordered([one for one in made if self.is_sensible(one)])
+
+    def _promising(self, standing: Standing) -> list[Candidate]:
+        """Candidates that lower the error once the model's other parameters follow, the best first."""
+        possible = [one for one in self.screened(standing) if one.possible][:LOOKED_AT]
+        follow = bool(standing.trial.model.inner)
+        left = [one.followed(standing.plain) if follow else one.held_out for one in possible]
+        order = sorted(range(len(possible)), key=lambda number: left[number])
+        return [possible[i] for i in order if left[i] < (1.0 - TIE) * standing.trial.held_out]
 
     def is_sensible(self, standing: Standing) -> bool:
         """Whether added effects are what their names say, and turn no base gain beyond its bounds."""

@@ -1,12 +1,15 @@
 """The sensor reaches the end of its range."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import Inner, Parameter, SensorEffect
+from estimation.effect import Errors, Inner, Parameter, SensorEffect
 from robot_io.types import FloatArray
+
+_NOISE, _OF_THOSE = 4.0, 0.05  # times the noise, and share of the readings beyond the limit
 
 
 class Saturation(SensorEffect):
@@ -32,6 +35,13 @@ class Saturation(SensorEffect):
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.slope`: none beyond the limit."""
         return np.where(np.abs(effort) < inner["limit"], 1.0, 0.0)[:, None] * columns
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: readings go on beyond the limit, by more than noise."""
+        above = np.abs(data.effort) - parameters[f"{self.name}.limit"]
+        return bool(np.sum(above > _NOISE * noise) > _OF_THOSE * np.sum(above > 0.0))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""

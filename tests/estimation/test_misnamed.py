@@ -1,5 +1,7 @@
 """Parameters within their bounds that make an effect another thing than its name says."""
 
+from dataclasses import replace
+
 import pytest
 
 from estimation.effects import EFFECTS
@@ -89,3 +91,12 @@ def test_a_layer_of_which_a_sensor_shows_nothing_is_a_surface_that_lies_deeper(w
 def test_a_damper_alone_that_grows_with_depth_is_not_hunt_and_crossleys(k, b, n, crossley):
     given = {f"hunt_crossley.{name}": value for name, value in {"k": k, "b": b, "n": n}.items()}
     assert EFFECTS["hunt_crossley"]().is_misnamed(session(1), given, dict, NOISE_N) is not crossley
+
+
+@pytest.mark.parametrize(("share", "clipped"), [(1.0, True), (0.9, False)])
+def test_readings_do_not_go_on_beyond_the_end_of_a_range(share, clipped):
+    data = session(1, lambda t, x, v, run: 800.0 * x.clip(0.0))
+    top = float(abs(data.effort).max())
+    data = replace(data, effort=data.effort.clip(-0.7 * top, 0.7 * top))
+    given = {"saturation.limit": share * 0.7 * top}
+    assert EFFECTS["saturation"]().is_misnamed(data, given, dict, 0.01 * top) is not clipped
