@@ -13,7 +13,7 @@ from estimation.fit.intervals import inner_slopes
 from estimation.fit.load import HEAVY
 from estimation.fit.polish import polish
 from estimation.fit.standing import Fit
-from estimation.fit.trial import Bench, Trial
+from estimation.fit.trial import Bench, Trial, attempt
 from estimation.model import Model
 from estimation.signals.runwise import finest_step
 from robot_io.types import BoolArray, FloatArray
@@ -62,6 +62,7 @@ class Candidate:
         parameters would leave the effect little to explain.
         """
         best = self.search.best
+        best = attempt(bench, best.model, best.parameters)  # with its blocks
         names = (*best.model.gains, *best.model.inner)
         columns = np.column_stack([best.columns, *inner_slopes(bench, best)])
         followed = bench.fit(columns, best.target, names, best.model.held)
@@ -130,7 +131,7 @@ def try_all(
         if not possible and gain >= PROMISING * gains.max():
             best = of((*best.trials, polish(standing.plain, best.best)), best.start_count)
             possible = is_possible(effect, best.best, standing.plain, LOOSE)
-        found.append(Candidate(effect, best, possible))
+        found.append(Candidate(effect, best.without_blocks(), possible))
     return sorted(found, key=lambda candidate: candidate.held_out)
 
 

@@ -1,7 +1,7 @@
 """The search for the inner parameters of one effect, the others of its model as they are."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,10 @@ class Attempts:
         held_out = np.array([trial.scores.held_out for trial in self.trials])
         chosen: FloatArray = held_out[np.argmin(train, axis=0), np.arange(train.shape[1])]
         return chosen
+
+    def without_blocks(self) -> "Attempts":
+        """The same, the best trial without its blocks too."""
+        return replace(self, trials=tuple(trial.without_blocks() for trial in self.trials))
 
 
 def look(
