@@ -14,7 +14,7 @@ from estimation.diagnosis.answer import Judgement, answer, insufficient
 from estimation.diagnosis.arm_gains import with_shared_gains
 from estimation.diagnosis.candidates import library
 from estimation.diagnosis.doubt import SMALL, still_explained
-from estimation.diagnosis.established import established, standards
+from estimation.diagnosis.established import established, simplest, standards
 from estimation.diagnosis.next_experiment import FEW_READINGS
 from estimation.diagnosis.objections import Objection, objection_to
 from estimation.diagnosis.of_runs import vary
@@ -130,10 +130,10 @@ def _established(tried: Search, found: Standing, is_complete: "_Completeness") -
         return established(tried, one, is_complete.readings, complete=complete)
 
     end = of(found)
-    if end is not tried.start:
-        return end
-    alone = map(of, tried.extensions(tried.start, _ALONE))
-    return next((one for one in alone if one is not tried.start), tried.start)
+    if end is tried.start:
+        alone = map(of, tried.extensions(tried.start, _ALONE))
+        end = next((one for one in alone if one is not tried.start), tried.start)
+    return simplest(tried, end, is_complete.readings, is_complete)
 
 
 class _Completeness:

@@ -5,12 +5,14 @@ law without a name does better: a wide, shrunken regression on all signals (`est
 knows no shape. Names stand where they describe held-out runs as well as that, and leave it little to explain.
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from estimation.data.derivatives import grid_step
+from estimation.diagnosis.candidates import Candidate, size
 from estimation.diagnosis.doubt import SMALL, gained
 from estimation.diagnosis.search import Search, looked_back
 from estimation.effect import SIGNALS
@@ -22,6 +24,7 @@ AS_GOOD = 0.9  # of the squared error that names leave, that a law without a nam
 MOST = 0.9  # of the squared error that can be explained at all, that names must explain
 # signals of effects by the names that a smooth law has for them
 _FELT_AS = {"past effort": ("effort",), "other joints": ("joint position", "joint velocity")}
+Complete = Callable[[Standing], bool]
 _RIVALS = 5  # looked at in the place of an effect; each must explain half of what that does
 _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 
@@ -139,7 +142,30 @@ def in_order(search: Search, end: Standing) -> list[Standing]:
 
 
 def rivals(search: Search, end: Standing, name: str, readings: Readings) -> list[str]:
-    """Effects that the data do not refuse in the place of one, best first.
+    """Effects that the data do not refuse in the place of one, best first."""
+    return [one.effect.name for one in _rivals(search, end, name, readings)]
+
+
+def simplest(search: Search, end: Standing, readings: Readings, is_complete: Complete) -> Standing:
+    """The model with each effect exchanged for one of fewer parameters, where the data do not refuse that.
+
+    Of laws that cannot be told apart, the simplest bears the name (W. H. Jefferys, J. O. Berger, American
+    Scientist 80 (1992)); it must leave no more than the other did.
+    """
+    for name in names_in_order(search, end):
+        (effect,) = (one for one in end.trial.model.effects if one.name == name)
+        smaller = (search.with_candidate(one) for one in _rivals(search, end, name, readings, size(effect)))
+        as_complete = (
+            one for one in smaller if search.is_sensible(one) and (is_complete(one) or not is_complete(end))
+        )
+        end = min(as_complete, key=search.size, default=end)
+    return end
+
+
+def _rivals(
+    search: Search, end: Standing, name: str, readings: Readings, below: float = np.inf
+) -> Iterator[Candidate]:
+    """Candidates of fewer parameters than `below` that the data do not refuse in the place of one.
 
     One that needs more parameters to draw the same curve (a law with one more term) is no rival: the data say
     that the term is nothing.
@@ -147,15 +173,15 @@ def rivals(search: Search, end: Standing, name: str, readings: Readings) -> list
     without = search.without(end, name)
     others = [one for one in search.instead(end, name) if one.effect.name != name]
     half = 0.5 * (without.trial.held_out + end.trial.held_out)
-    found = []
     for candidate in others[:_RIVALS]:
+        if size(candidate.effect) >= below:
+            continue
         theirs = search.with_candidate(candidate)
         is_larger = search.size(theirs) > search.size(end) + 1  # one more may be a place or a phase
         if theirs.trial.held_out > half or (is_larger and _is_same_curve(theirs, end, without)):
             continue
         if not gained(theirs, end, readings, search.rng).is_unusual:
-            found.append(candidate.effect.name)
-    return found
+            yield candidate
 
 
 def _is_same_curve(one: Standing, other: Standing, without: Standing) -> bool:

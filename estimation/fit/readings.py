@@ -194,19 +194,17 @@ def _window(
 ) -> tuple[int | None, float]:
     """The window by which a derivative (n,) was derived from a signal (n,) with an error; None if by none.
 
-    And the mean square by which it differs from that; infinite if by none.
+    And the median square by which it differs from that where something moves; infinite if by none. Other
+    ends of the pieces that were derived by themselves, or what was cut off behind, do not count in a median.
     """
     best, least = None, np.inf
+    moving = given != 0.0
+    if not moving.any():
+        return best, least
     for window in HALF_WINDOWS:
         passed_on = derived(data, error[: len(data)], window, order)
-        apart = _mean_square(derived(data, signal, window, order) - given, len(error))
-        limit = max(_PASSED_ON * float(np.mean(passed_on**2)), _ALIKE * float(np.mean(given**2)))
+        apart = float(np.median((derived(data, signal, window, order) - given)[moving] ** 2))
+        limit = max(_PASSED_ON * float(np.median(passed_on**2)), _ALIKE * float(np.mean(given**2)))
         if apart <= limit and apart < least:
             best, least = window, apart
     return best, least
-
-
-def _mean_square(apart: FloatArray, count: int) -> float:
-    """Of a beginning (k,) of so many samples: what follows it was in the windows at its end."""
-    whole = len(apart) if len(apart) == count else len(apart) - HALF_WINDOWS[-1]
-    return float(np.mean(apart[:whole] ** 2))
