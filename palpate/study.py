@@ -62,11 +62,12 @@ class Study(StudyBase):
     Args:
         data: path of a session or data file; a table (pandas, pyarrow, or a dict of arrays); or channels.
         model: base model; None for what suits each channel.
-        columns: of a file or table, see `estimation.data.import_options.ImportOptions`; as are the next four.
+        columns: of a file or table, see `estimation.data.import_options.ImportOptions`; as are the next five.
         units: such as {"force": "mN"}.
         where: only rows with this text in a column.
         context: further columns of numbers to keep.
         fresh: each run met an object that was never pressed before.
+        runs: how many presses a recording of several holds; None to find them.
         arm: what the channels belong to: an `Arm`, or the path of a URDF with a frame "tip".
         effects: of your own, beside palpate's: objects, or "my_effects.py:MyEffect".
         folder: where revisions and the diagnosis are kept; None for the usual place.
@@ -86,6 +87,7 @@ class Study(StudyBase):
         where: Mapping[str, str] | None = None,
         context: Sequence[str] = (),
         fresh: bool = False,
+        runs: int | None = None,
         arm: Arm | Path | str | None = None,
         effects: Sequence[str | Effect] = (),
         folder: Path | str | None = None,
@@ -113,6 +115,7 @@ class Study(StudyBase):
                 where or {},
                 tuple(context) if isinstance(context, list) else context,  # type: ignore[arg-type]
                 fresh,
+                runs,
             ),
             arm=arm_from_urdf(Path(arm)) if isinstance(arm, str | Path) else arm,
             effects=own,

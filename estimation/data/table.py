@@ -4,7 +4,7 @@ import os
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from estimation.data.numbers import fault_of, more_like_it, useless_rows
 from estimation.data.quantities import parse_role
-from estimation.data.text_table import most_bytes, number_of, read_text_table
+from estimation.data.text_table import TextTable, most_bytes, number_of, read_text_table
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -27,6 +27,9 @@ _LONGEST_LABEL = 1000  # characters of the name of a run or a phase
 _MOST_NAMES = 20  # that an error lists
 _LEAST_CELL = 4  # bytes of a value, of whatever type
 _BATCH_ROWS = 256
+_LOOKED_AT = 100  # rows that say whether a column holds numbers
+_GROUPED = r"^[+-]?[1-9]\d{0,2}(,\d{3})+\.\d+$"  # a point behind, so that it is no decimal comma
+_GROUPED_BY_POINTS = r"^\s*[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?\s*$"
 
 
 @dataclass(frozen=True)
@@ -37,11 +40,15 @@ class Table:
         path: where they come from, for errors.
         columns: as Arrow holds them; those of a text file are text.
         rows: number of each row in the file, counted from 1 after the header, shape (n,).
+        decimal: mark in numbers that are text.
+        words: how the file is written, where that is worth a word.
     """
 
     path: Path
     columns: pa.Table
     rows: IntArray
+    decimal: str = "."
+    words: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -63,7 +70,7 @@ class Table:
         Raises:
             InputError: there is no such column, or a value is missing or no finite number.
         """
-        column = self._column(name)
+        column = _with_points(self._column(name), self.decimal)
         try:
             values = np.asarray(_as_numbers(column).to_numpy(zero_copy_only=False), dtype=np.float64)
         except (pa.ArrowException, TypeError, ValueError):
@@ -107,7 +114,19 @@ class Table:
 
     def select(self, chosen: BoolArray) -> "Table":
         """The table with only these rows, mask of shape (n,)."""
-        return Table(self.path, self.columns.filter(pa.array(chosen)), self.rows[chosen])
+        return replace(self, columns=self.columns.filter(pa.array(chosen)), rows=self.rows[chosen])
+
+    def head(self, rows: int) -> "Table":
+        """The table with only its first rows."""
+        return replace(self, columns=self.columns.slice(0, rows), rows=self.rows[:rows])
+
+    def is_numeric(self, name: str) -> bool:
+        """Whether a column holds numbers only, as far as its first rows say."""
+        try:
+            self.head(_LOOKED_AT).numbers(name)
+        except InputError:
+            return False
+        return True
 
     def _column(self, name: str) -> pa.ChunkedArray:
         try:
@@ -137,7 +156,10 @@ def read_table(path: str | os.PathLike[str]) -> Table:
             f"{place}: unknown kind of file. Valid: {known}; a text file may be packed, as .csv.gz"
         )
     try:
-        return table_of(read(place), place)
+        found = read(place)
+        if isinstance(found, TextTable):
+            return replace(table_of(found.columns, place), decimal=found.decimal, words=found.words)
+        return table_of(found, place)
     except InputError:
         raise
     except Exception as error:  # a broken file can make the libraries raise almost anything
@@ -232,6 +254,20 @@ def _remedy(shown: str, *, whole: bool) -> str:
     return "remove such rows, or choose others with --where"
 
 
+def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
+    """Text of numbers with a decimal point and without marks between thousands; all else as it is."""
+    if not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
+        return column
+    if decimal == ",":
+        grouped = pc.any(pc.match_substring_regex(column, _GROUPED_BY_POINTS)).as_py()
+        plain = pc.replace_substring(column, ".", "") if grouped else column
+        return pc.replace_substring(plain, ",", ".")
+    trimmed = pc.utf8_trim_whitespace(column)
+    if not pc.any(pc.match_substring_regex(trimmed, _GROUPED)).as_py():
+        return column
+    return pc.replace_substring(trimmed, ",", "")
+
+
 def _as_numbers(column: pa.ChunkedArray) -> pa.ChunkedArray:
     if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
         return pc.cast(pc.utf8_trim_whitespace(column), pa.float64())
@@ -245,8 +281,8 @@ def _text(value: object) -> str:
     return " ".join(str(value).split())
 
 
-_READERS: tuple[tuple[tuple[str, ...], Callable[[Path], pa.Table]], ...] = (
-    ((".csv", ".tsv", ".txt"), read_text_table),
+_READERS: tuple[tuple[tuple[str, ...], Callable[[Path], pa.Table | TextTable]], ...] = (
+    ((".csv", ".tsv", ".txt", ".dat", ".asc", ".lvm", ".log", ".tra"), read_text_table),
     ((".parquet", ".pq"), _read_parquet),
     ((".npz",), _read_npz),
 )

@@ -75,6 +75,7 @@ class Source:
         more: further probings by the same arm, that belong to the study.
         unused: columns of numbers that nothing was made of.
         notes: sentences on the data that the reader should see.
+        read: what was taken for what in a data file; empty for a session.
     """
 
     name: str
@@ -85,6 +86,7 @@ class Source:
     unused: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     more: tuple[Session, ...] = ()
+    read: str = ""
 
     @property
     def probed(self) -> bool:
@@ -144,7 +146,18 @@ def _read(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
                 raise InputError(f"{IN_MEMORY}: several channels are called {', '.join(twice)}; rename them")
             return Source(IN_MEMORY, tuple(data))
     imported = import_table(table_of(_arrow(data), Path(IN_MEMORY)), options)
-    return Source(IN_MEMORY, imported.channels, unused=imported.unused, notes=imported.notes)
+    return _of_import(IN_MEMORY, imported)
+
+
+def _of_import(name: str, imported: Imported, path: Path | None = None) -> Source:
+    return Source(
+        name,
+        imported.channels,
+        path=path,
+        unused=imported.unused,
+        notes=imported.notes,
+        read=imported.read,
+    )
 
 
 def _of_folder(folder: Path) -> Source:
@@ -161,12 +174,11 @@ def _of_file(path: Path, options: ImportOptions) -> Source:
     if path.is_dir() and options == NO_OPTIONS:
         return _of_folder(path)
     if not is_session(path):
-        imported: Imported = import_file(path, options)
-        return Source(path.name, imported.channels, path=path, unused=imported.unused, notes=imported.notes)
+        return _of_import(path.name, import_file(path, options), path)
     if options != ImportOptions(where={RUN: runs} if (runs := options.where.get(RUN)) else {}):
         raise InputError(
             f"{path}: is a session, which takes --where run=0,2; "
-            "--column, --unit, --context and --fresh-runs are for data files"
+            "--column, --unit, --context, --runs and --fresh-runs are for data files"
         )
     session = Session.open(path)
     channels = session_channels(session)

@@ -16,7 +16,7 @@ from palpate import console
 from palpate.data_options import ReadOptions
 from palpate.files import existing_file, output_file
 from palpate.option_sets import takes
-from palpate.words import count, duration, safe, shown, typed
+from palpate.words import count, duration, shown, typed
 from robot_io.session import SessionMetadata, write_session
 
 
@@ -43,6 +43,7 @@ def command(
         extra={"source": f"imported from {file.name}"} | import_extra(imported),
     )
     write_session(session, import_streams(imported), metadata)
+    console.say_read(imported.read, imported.notes)
     if as_json:
         console.print_json(
             {"session": str(session), "channels": _facts(imported), "notes": list(imported.notes)}
@@ -74,8 +75,6 @@ def _print(imported: Imported, session: Path) -> None:
     for fact in _facts(imported):
         samples, runs = count(fact["samples"], "sample"), count(fact["runs"], "run")
         out.print(f"{fact['channel']} ({fact['kind']}): {samples}, {runs}, {duration(fact['recorded_s'])}")
-    for note in imported.notes:
-        out.print(f"  [yellow]{safe(note)}[/yellow]")
     out.print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
     console.next_steps(
         (f"palpate estimate {typed(session)}", "parameters of a model with their intervals"),
