@@ -64,7 +64,7 @@ class Guess:
 
     @property
     def fit(self) -> tuple[bool, int, bool]:
-        """How well it suits, to compare columns for one quantity; a motor's current only for want of torque."""
+        """How well it suits its quantity, to compare columns; a current only for want of a torque."""
         return dimension_of(self.unit) != "current", self.rank, bool(self.unit)
 
 

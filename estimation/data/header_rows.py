@@ -59,6 +59,11 @@ def find_layout(rows: Sequence[Sequence[str]], decimal: str) -> Layout | None:
     return None
 
 
+def preamble_words(lines: int) -> tuple[str, ...]:
+    """A word on the lines before the names, if there are any."""
+    return (f"a preamble of {lines} line{'s' if lines > 1 else ''}",) if lines else ()
+
+
 def _goes_on(rows: Sequence[Sequence[str]], numeric: Sequence[list[bool]], first: int) -> bool:
     """Whether numbers stand in the same columns for some rows, or to the end."""
     following = [i for i in range(first, min(first + _ALIKE, len(rows))) if any(rows[i])]

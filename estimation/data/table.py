@@ -1,4 +1,4 @@
-"""A file of measurements as named columns: CSV (also .gz), Parquet, or NPZ."""
+"""A file of measurements as named columns: text (also .gz), Excel, Parquet, or NPZ."""
 
 import os
 import zipfile
@@ -186,6 +186,12 @@ def table_of(found: pa.Table, place: Path) -> Table:
     return Table(place, columns, np.arange(1, columns.num_rows + 1))
 
 
+def _read_excel(path: Path) -> TextTable:
+    from estimation.data.excel_table import read_excel_table  # noqa: PLC0415, seldom needed
+
+    return read_excel_table(path)
+
+
 def _read_parquet(path: Path) -> pa.Table:
     with pa.parquet.ParquetFile(path) as file:
         _check_size(path, _LEAST_CELL * file.metadata.num_rows * file.metadata.num_columns)
@@ -283,6 +289,7 @@ def _text(value: object) -> str:
 
 _READERS: tuple[tuple[tuple[str, ...], Callable[[Path], pa.Table | TextTable]], ...] = (
     ((".csv", ".tsv", ".txt", ".dat", ".asc", ".lvm", ".log", ".tra"), read_text_table),
+    ((".xlsx", ".xlsm", ".xls"), _read_excel),
     ((".parquet", ".pq"), _read_parquet),
     ((".npz",), _read_npz),
 )

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from estimation.data.header_rows import NUMBER, Layout, find_layout
+from estimation.data.header_rows import NUMBER, Layout, find_layout, preamble_words
 from estimation.data.quantities import parse_role
 
 DELIMITERS = (",", ";", "\t", "|")
@@ -38,8 +38,7 @@ class Dialect:
         names = {";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks"}
         found = [f"cells between {names[self.delimiter]}"] if self.delimiter in names else []
         found += ["decimal commas"] if self.decimal == "," else []
-        lines = "line" if self.skipped == 1 else "lines"
-        return (*found, *([f"a preamble of {self.skipped} {lines}"] if self.skipped else []))
+        return (*found, *preamble_words(self.skipped))
 
 
 def find_dialect(content: bytes) -> Dialect | None:
@@ -70,7 +69,7 @@ def blanks_as_tabs(content: bytes) -> bytes:
 def _tried(lines: list[tuple[int, str]]) -> Iterator[Dialect | None]:
     for delimiter in (*DELIMITERS, BLANKS):
         rows = list(_cells([text for _, text in lines], delimiter))
-        decimal = "," if delimiter != "," and _commas_decide(rows) else "."
+        decimal = "," if delimiter != "," and commas_decide(rows) else "."
         layout = find_layout(rows, decimal)
         if layout is not None:
             yield _dialect(lines, delimiter, decimal, _fitted(layout, rows[layout.first :]))
@@ -112,10 +111,10 @@ def _cells(lines: list[str], delimiter: str) -> Iterator[list[str]]:
 
 
 def _has_decimal_commas(lines: list[tuple[int, str]], delimiter: str) -> bool:
-    return _commas_decide(list(_cells([text for _, text in lines], delimiter)))
+    return commas_decide(list(_cells([text for _, text in lines], delimiter)))
 
 
-def _commas_decide(rows: list[list[str]]) -> bool:
+def commas_decide(rows: list[list[str]]) -> bool:
     """Whether more numbers make sense with a decimal comma alone than with a decimal point alone.
 
     "1,234" may be either. Between other delimiters than commas it is taken for a little more than one.
