@@ -60,7 +60,8 @@ class Study(StudyBase):
     [0, 1, 2]
 
     Args:
-        data: path of a session or data file; a table (pandas, pyarrow, or a dict of arrays); or channels.
+        data: path of a session or data file, or of a folder of them; a list of data files; a table (pandas,
+            pyarrow, or a dict of arrays); or channels.
         model: base model; None for what suits each channel.
         columns: of a file or table, see `estimation.data.import_options.ImportOptions`; as are the next five.
         units: such as {"force": "mN"}.

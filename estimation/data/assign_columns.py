@@ -113,6 +113,15 @@ class Columns:
         return tuple(notes)
 
     @property
+    def roles(self) -> dict[str, str]:
+        """What each column in use holds, and in which unit, by its name."""
+        roles = {
+            found.column: f"{_numbered(Role(*key, ''))} in {found.unit.replace('_', '/')}"
+            for key, found in self.assigned.items()
+        }
+        return roles | {name: what for name, what in ((self.run, RUN), (self.phase, PHASE)) if name}
+
+    @property
     def matched(self) -> str:
         """Which column is what, in a few words; empty where all have palpate's own names."""
         if all(_own_name(found.column) for found in self.assigned.values()):

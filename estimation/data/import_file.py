@@ -2,8 +2,8 @@
 
 import os
 import re
-from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -39,7 +39,8 @@ class Imported:
         run_labels: what the file calls each run, by its number.
         notes: sentences that the reader should see.
         unused: columns of numbers that could be kept as context.
-        read: what was taken for what, in a few words.
+        read: what was taken for what, in a few words; empty where all columns have palpate's own names.
+        roles: what each column in use holds, in a few words, by its name.
     """
 
     channels: tuple[ChannelData, ...]
@@ -47,6 +48,7 @@ class Imported:
     notes: tuple[str, ...]
     unused: tuple[str, ...]
     read: str = ""
+    roles: Mapping[str, str] = field(default_factory=dict)
 
 
 def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT) -> Imported:
@@ -83,7 +85,7 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     unused = tuple(n for n in columns.unused if n not in options.context and _name(n) not in _TAKEN)
-    return Imported(with_arm(channels), rows.labels, tuple(notes), unused, _read(columns))
+    return Imported(with_arm(channels), rows.labels, tuple(notes), unused, _read(columns), columns.roles)
 
 
 def _read(columns: Columns) -> str:

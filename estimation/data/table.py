@@ -151,7 +151,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     ending = Path(place.name.lower().removesuffix(".gz")).suffix
     read = next((reader for endings, reader in _READERS if ending in endings), None)
     if read is None:
-        known = ", ".join(known for endings, _ in _READERS for known in endings)
+        known = ", ".join(ENDINGS)
         raise InputError(
             f"{place}: unknown kind of file. Valid: {known}; a text file may be packed, as .csv.gz"
         )
@@ -293,3 +293,4 @@ _READERS: tuple[tuple[tuple[str, ...], Callable[[Path], pa.Table | TextTable]], 
     ((".parquet", ".pq"), _read_parquet),
     ((".npz",), _read_npz),
 )
+ENDINGS = tuple(ending for endings, _ in _READERS for ending in endings)

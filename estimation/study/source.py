@@ -16,6 +16,7 @@ from estimation.base_model import ModelContext
 from estimation.channel import ChannelData
 from estimation.data.channels import is_session, session_channels
 from estimation.data.import_file import Imported, chosen_texts, import_file, import_table
+from estimation.data.import_files import data_files, import_files
 from estimation.data.import_options import ImportOptions
 from estimation.data.joining import joined_channels
 from estimation.data.quantities import RUN
@@ -105,9 +106,9 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
     """Read whatever a user has.
 
     Args:
-        data: path of a session, of a folder of sessions of one arm, or of a data file; a table (pandas,
-            pyarrow, or a dict of arrays (n,)), whose columns are called as those of a file; one channel or
-            several.
+        data: path of a session, of a folder of sessions of one arm, of a data file or of a folder of them,
+            or a list of data files, whose runs belong together; a table (pandas, pyarrow, or a dict of arrays
+            (n,)), whose columns are called as those of a file; one channel or several.
         options: how to read a file or table; none for a session or channels.
         arm: what the channels belong to, where the data does not say or the user knows better.
 
@@ -140,6 +141,8 @@ def _read(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
             return _of_file(Path(data), options)
         case ChannelData():
             return Source(IN_MEMORY, (data,))
+        case list() | tuple() if data and all(isinstance(one, str | os.PathLike) for one in data):
+            return _of_import(IN_MEMORY, import_files([Path(one) for one in data], options))
         case list() | tuple() if data and all(isinstance(one, ChannelData) for one in data):
             names = [one.name for one in data]
             if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -164,15 +167,19 @@ def _of_folder(folder: Path) -> Source:
     """The probings in a folder, as one measurement."""
     sessions = [Session.open(path) for path in sorted(folder.glob("*.mcap"))]
     if not sessions:
-        raise InputError(f"{folder}: is a folder without a session (.mcap)")
+        raise InputError(f"{folder}: is a folder without a session (.mcap) or a data file")
     first, *more = sessions
     channels = session_channels(first, *more)
     return Source(folder.name, channels, arm_of(first), folder, first, more=tuple(more))
 
 
 def _of_file(path: Path, options: ImportOptions) -> Source:
-    if path.is_dir() and options == NO_OPTIONS:
+    if path.is_dir() and (any(path.glob("*.mcap")) or not (files := data_files(path))):
+        if options != NO_OPTIONS:
+            raise InputError(f"{path}: is a folder of sessions, whose options are those of their import")
         return _of_folder(path)
+    if path.is_dir():
+        return _of_import(path.name, import_files(files, options), path)
     if not is_session(path):
         return _of_import(path.name, import_file(path, options), path)
     if options != ImportOptions(where={RUN: runs} if (runs := options.where.get(RUN)) else {}):
