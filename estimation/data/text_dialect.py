@@ -12,6 +12,7 @@ DELIMITERS = (",", ";", "\t", "|")
 BLANKS = " "  # one or more between cells
 _LOOKED_AT = 1 << 18  # bytes
 _MOST_LINES = 400
+_BLANK = re.compile(r"\s+(?![\[(])")  # none between a name and its unit
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ def _lines(content: bytes) -> list[tuple[int, str]]:
 
 def _cells(lines: list[str], delimiter: str) -> Iterator[list[str]]:
     if delimiter == BLANKS:
-        yield from (line.split() for line in lines)
+        yield from (_BLANK.split(line.strip(" \t#%")) for line in lines)
         return
     for line in lines:
         try:
