@@ -101,7 +101,7 @@ class DataArguments(ReadOptions):
         typer.Option(help="The arm's URDF, for models that need it and data files.", metavar="FILE"),
     ] = None
     tip_frame: Annotated[
-        str | None, typer.Option(help="The tip's frame in that URDF.", show_default="tip")
+        str | None, typer.Option(help="The tip's frame in that URDF.", show_default="tip, or its last link")
     ] = None
 
     def study(self, model: str | None = None, folder: Path | None = None) -> "Study":

@@ -40,12 +40,14 @@ class Arm:
         tip_frame: the tip's frame in it.
         origin: where the URDF comes from, for errors.
         gravity_m_s2: shape (3,), fall acceleration in the axes of its base [m/s^2].
+        notes: sentences on it that the reader should see.
     """
 
     urdf: str = ""
     tip_frame: str = ""
     origin: str = "URDF text"
     gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
+    notes: tuple[str, ...] = ()
 
     def context_of(self, channel: ChannelData) -> ModelContext:
         """What a base model may need to know beside a channel."""
@@ -116,7 +118,7 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
         InputError: it cannot be used.
     """
     source = _read(data, options)
-    return source if arm is None else replace(source, arm=arm)
+    return source if arm is None else replace(source, arm=arm, notes=(*source.notes, *arm.notes))
 
 
 def joined(first: Source, second: Source) -> Source:
