@@ -16,6 +16,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet
 from numpy.typing import NDArray
 
+from estimation.data.lerobot_table import flat_table, is_lerobot
 from estimation.data.numbers import fault_of, more_like_it, useless_rows
 from estimation.data.quantities import parse_role
 from estimation.data.text_table import TextTable, most_bytes, number_of, read_text_table
@@ -192,7 +193,13 @@ def _read_excel(path: Path) -> TextTable:
     return read_excel_table(path)
 
 
-def _read_parquet(path: Path) -> pa.Table:
+def _read_ros(path: Path) -> TextTable:
+    from estimation.data.ros_table import read_ros_table  # noqa: PLC0415, seldom needed
+
+    return read_ros_table(path)
+
+
+def _read_parquet(path: Path) -> pa.Table | TextTable:
     with pa.parquet.ParquetFile(path) as file:
         _check_size(path, _LEAST_CELL * file.metadata.num_rows * file.metadata.num_columns)
         batches, size = [], 0
@@ -200,7 +207,11 @@ def _read_parquet(path: Path) -> pa.Table:
             size += batch.nbytes
             _check_size(path, size)
             batches.append(batch)
-        return pa.Table.from_batches(batches, file.schema_arrow)
+        table = pa.Table.from_batches(batches, file.schema_arrow)
+    if not is_lerobot(table):
+        return table
+    flat, words = flat_table(table, path)
+    return TextTable(flat, ".", words)
 
 
 def _read_npz(path: Path) -> pa.Table:
@@ -292,5 +303,6 @@ _READERS: tuple[tuple[tuple[str, ...], Callable[[Path], pa.Table | TextTable]], 
     ((".xlsx", ".xlsm", ".xls"), _read_excel),
     ((".parquet", ".pq"), _read_parquet),
     ((".npz",), _read_npz),
+    ((".mcap",), _read_ros),
 )
 ENDINGS = tuple(ending for endings, _ in _READERS for ending in endings)

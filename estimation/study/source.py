@@ -176,7 +176,7 @@ def _of_folder(folder: Path) -> Source:
 
 
 def _of_file(path: Path, options: ImportOptions) -> Source:
-    if path.is_dir() and (any(path.glob("*.mcap")) or not (files := data_files(path))):
+    if path.is_dir() and (any(map(is_session, path.glob("*.mcap"))) or not (files := data_files(path))):
         if options != NO_OPTIONS:
             raise InputError(f"{path}: is a folder of sessions, whose options are those of their import")
         return _of_folder(path)

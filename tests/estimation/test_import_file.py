@@ -437,7 +437,8 @@ HEADER = b"time_s,displacement_m,force_N\n"
         ("not.csv.gz", HEADER + b"0,1,2\n", "cannot be read"),
         ("broken.parquet", b"PAR1 nonsense", "cannot be read"),
         ("broken.npz", b"PK nonsense", "cannot be read"),
-        ("data.xlsx", b"PK", "unknown kind of file"),
+        ("data.xlsx", b"PK", "cannot be read"),
+        ("data.pdf", b"%PDF", "unknown kind of file"),
     ],
 )
 def test_broken_files_get_one_line(tmp_path, name, content, message):
