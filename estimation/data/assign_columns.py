@@ -1,21 +1,25 @@
 """Decides which column holds which quantity, and in which unit."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimation.data.choose_columns import (
     DISPLACEMENT,
+    EFFORTS,
     FORCE,
     POSITION,
+    TIME,
     Key,
     choose_columns,
     pressed_position,
     typed_name,
 )
 from estimation.data.column_guess import guess_columns
+from estimation.data.compression_sign import counted_negative
 from estimation.data.import_options import ImportOptions
+from estimation.data.mixed_rates import with_one_rate
 from estimation.data.quantities import (
     PHASE,
     QUANTITIES,
@@ -31,6 +35,11 @@ from estimation.data.units import SI, dimension_of, factor_to_si, normalise, sca
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
+_LARGE = {
+    "time": (0.5, "ms"),
+    "displacement": (0.2, "mm"),
+    "position": (4.0 * np.pi, "deg"),
+}  # a row, or in all
 _FEWEST_A_RUN = 20  # rows on average, where a column of whole numbers looks like that of the runs
 
 
@@ -155,13 +164,25 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
     chosen = _by_own_name(table, options, _by_option(table, options))
     taken = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
     chosen |= choose_columns(table, chosen, taken)
-    notes = list(_pressed(table, chosen)) if not options.columns else []
+    run = _special(table, options, RUN) or _run_by_name(table)
+    table, note = _with_one_rate(table, chosen, run)
+    notes = [note] if note else []
+    notes += _pressed(table, chosen) if not options.columns else []
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
     _check_all_say_their_units(table, options, chosen)
     assigned = {key: _assign(table, options, role, name) for key, (role, name) in chosen.items()}
     _check_units(options, chosen)
-    run = _special(table, options, RUN) or _run_by_name(table)
+    assigned, turned = _turned(table, options, assigned)
+    notes += turned
     return Columns(table, assigned, run, _special(table, options, PHASE), tuple(notes))
+
+
+def _with_one_rate(table: Table, chosen: dict[Key, tuple[Role, str]], run: str | None) -> tuple[Table, str]:
+    if TIME not in chosen:
+        return table, ""
+    efforts = [column for (quantity, _), (_, column) in chosen.items() if quantity in EFFORTS]
+    motions = [column for key, (_, column) in chosen.items() if key != TIME and column not in efforts]
+    return with_one_rate(table, chosen[TIME][1], efforts, motions, run)
 
 
 def _by_own_name(
@@ -189,6 +210,21 @@ def _pressed(table: Table, chosen: dict[Key, tuple[Role, str]]) -> Iterator[str]
             f"'{column}' and '{chosen[FORCE][1]}' go together as those of a press; if it is a linear axis, "
             f"add --column position={typed_name(column)}"
         )
+
+
+def _turned(
+    table: Table, options: ImportOptions, assigned: dict[Key, Assigned]
+) -> tuple[dict[Key, Assigned], list[str]]:
+    """Turn way and force of a machine that counts compression negative; palpate's own names say the sign."""
+    pair = [assigned[key] for key in (DISPLACEMENT, FORCE) if key in assigned]
+    if len(pair) < 2 or options.units or any(_own_name(found.column) for found in pair):
+        return assigned, []
+    way, force = pair
+    if not counted_negative(table.numbers(way.column), table.numbers(force.column)):
+        return assigned, []
+    note = f"'{way.column}' and '{force.column}' count compression negative: both are turned"
+    turned = {key: replace(assigned[key], factor=-assigned[key].factor) for key in (DISPLACEMENT, FORCE)}
+    return assigned | turned, [note]
 
 
 def _own_name(column: str) -> bool:
@@ -253,12 +289,20 @@ def _check_all_say_their_units(
     silent = [(role, column) for role, column in chosen.values() if not _unit(options, role, column)]
     if silent:
         columns = ", ".join(f"'{column}'" for _, column in silent)
-        units = (f"--unit {_numbered(role)}={si_unit(QUANTITIES[role.quantity][0])}" for role, _ in silent)
+        units = (f"--unit {_numbered(role)}={_likely_unit(table, role, column)}" for role, column in silent)
         one = len(silent) == 1
         raise InputError(
             f"{table.path}: column{'' if one else 's'} {columns} {'does' if one else 'do'} not say "
             f"{'its unit' if one else 'their units'}; say {'it' if one else 'them'}, as in {' '.join(units)}"
         )
+
+
+def _likely_unit(table: Table, role: Role, column: str) -> str:
+    """The SI unit, or where the numbers are large for that, the one that laboratories take."""
+    span = float(np.ptp(table.numbers(column))) if table.is_numeric(column) else 0.0
+    most, other = _LARGE.get(role.quantity, (np.inf, ""))
+    per_row = span / max(len(table) - 1, 1) if role.quantity == "time" else span
+    return other if per_row > most else si_unit(QUANTITIES[role.quantity][0])
 
 
 def _numbered(role: Role) -> str:

@@ -15,6 +15,7 @@ from robot_io.types import FloatArray
 Key = tuple[str, int]  # quantity and number of the joint, 0 where there is none
 TIME, DISPLACEMENT, FORCE = ("time", 0), ("displacement", 0), ("force", 0)
 POSITION = ("position", 0)
+EFFORTS = ("force", "torque")
 _OTHER_SIGN = 0.2  # of its largest, that a force of a press may have on the other side
 _GOES_WITH = 0.3  # correlation of position and force
 

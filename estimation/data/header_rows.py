@@ -15,6 +15,7 @@ NUMBER = {  # by the decimal mark; thousands may be grouped by the other one
     ),
 }
 _ALIKE = 3  # lines in a row that make a table
+_FEWEST = 2  # numbers in such a line
 _COMMENT = "#%/;! \ufeff"
 _LABVIEW = ("X_Value", "Y_Unit_Label", "X_Dimension")
 _BRACKETS = "[](){}<>"
@@ -44,8 +45,8 @@ def find_layout(rows: Sequence[Sequence[str]], decimal: str) -> Layout | None:
     """
     numeric = [_numbers(row, decimal) for row in rows]
     for first in range(1, len(rows)):
-        width = len(_used(rows[first]))
-        if sum(numeric[first]) < 2 or not _goes_on(rows, numeric, first):
+        width = max(len(_used(row)) for row in rows[first : first + _ALIKE])
+        if sum(numeric[first]) < _FEWEST or not _goes_on(rows, decimal, first):
             continue
         header = _row_above(rows, first, width)
         if header is None or sum(numeric[header]) > 0:
@@ -64,14 +65,25 @@ def preamble_words(lines: int) -> tuple[str, ...]:
     return (f"a preamble of {lines} line{'s' if lines > 1 else ''}",) if lines else ()
 
 
-def _goes_on(rows: Sequence[Sequence[str]], numeric: Sequence[list[bool]], first: int) -> bool:
-    """Whether numbers stand in the same columns for some rows, or to the end."""
-    following = [i for i in range(first, min(first + _ALIKE, len(rows))) if any(rows[i])]
-    return all(numeric[i][: len(numeric[first])] == numeric[first] for i in following)
+def _goes_on(rows: Sequence[Sequence[str]], decimal: str, first: int) -> bool:
+    """Whether numbers stand in the same columns for some rows, or to the end; cells may be empty."""
+    kinds: dict[int, bool] = {}
+    for row in rows[first : first + _ALIKE]:
+        if sum(map(bool, row)) > 0 and sum(_numbers(row, decimal)) < _FEWEST:
+            return False
+        for place, cell in enumerate(row):
+            if cell.strip() and kinds.setdefault(place, is_number(cell, decimal)) != is_number(cell, decimal):
+                return False
+    return True
+
+
+def is_number(cell: str, decimal: str) -> bool:
+    """Whether a cell holds a number with this decimal mark."""
+    return bool(NUMBER[decimal].fullmatch(cell.strip()))
 
 
 def _numbers(row: Sequence[str], decimal: str) -> list[bool]:
-    return [bool(NUMBER[decimal].fullmatch(cell.strip())) for cell in _used(row)]
+    return [is_number(cell, decimal) for cell in _used(row)]
 
 
 def _used(row: Sequence[str]) -> Sequence[str]:

@@ -99,8 +99,8 @@ def _clock(columns: Columns, rows: Rows) -> Iterator[str]:
     if not _QUICKEST_S <= step_s <= _SLOWEST_S:
         column, unit = columns.name(("time", 0)), "ms" if step_s > _SLOWEST_S else "s"
         yield (
-            f"column '{column}': samples are {step_s:.3g} s apart; if that is wrong, say the unit of time, "
-            f"such as --unit time={unit}"
+            f"column '{column}': samples are {step_s:.3g} s apart; where one unit is called another, say the "
+            f"right one, such as --unit time={unit}"
         )
 
 

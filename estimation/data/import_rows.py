@@ -89,7 +89,7 @@ def _found_runs(columns: Columns, count: int | None) -> tuple[IntArray, str]:
     number = int(run[-1]) + 1
     if number == 1:
         return run, ""
-    anew = f"the clock begins anew {int(piece[-1])} times: " if piece[-1] else ""
+    anew = "the clock begins anew: " if piece[-1] else ""
     each = "one for each press; " if contact else ""
     return run, f"{anew}cut into {number} runs, {each}if that is wrong, " + (
         "add --runs N" if contact else "name the column that numbers them, --column run=COLUMN"

@@ -121,13 +121,23 @@ class Table:
         """The table with only its first rows."""
         return replace(self, columns=self.columns.slice(0, rows), rows=self.rows[:rows])
 
+    def is_there(self, name: str) -> BoolArray:
+        """In which rows a column holds something, shape (n,)."""
+        column = self._column(name)
+        held = pc.is_valid(column)
+        if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+            held = pc.and_kleene(held, pc.not_equal(pc.utf8_trim_whitespace(column), ""))
+        return np.asarray(pc.fill_null(held, False).to_numpy(zero_copy_only=False), dtype=np.bool_)
+
     def is_numeric(self, name: str) -> bool:
-        """Whether a column holds numbers only, as far as its first rows say."""
+        """Whether a column holds numbers only, as far as the first of its cells that are not empty say."""
+        held = np.flatnonzero(self.is_there(name))[:_LOOKED_AT]
+        first = replace(self, columns=self.columns.select([name]).take(held), rows=self.rows[held])
         try:
-            self.head(_LOOKED_AT).numbers(name)
+            first.numbers(name)
         except InputError:
             return False
-        return True
+        return len(held) > 0
 
     def _column(self, name: str) -> pa.ChunkedArray:
         try:
