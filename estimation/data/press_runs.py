@@ -125,5 +125,5 @@ def _between(force: FloatArray, one: int, two: int) -> int:
     """The middle of the free air between two presses."""
     stretch = force[one:two]
     low = float(stretch.min())
-    free = np.flatnonzero(stretch <= low + _AIR * (min(force[one], force[two]) - low))
+    free = np.flatnonzero(stretch <= low + _AIR * max(min(force[one], force[two]) - low, 0.0))
     return one + int(free[0] + free[-1] + 1) // 2

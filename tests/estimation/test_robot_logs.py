@@ -108,7 +108,7 @@ def episode(tmp_path):
 
 
 def test_an_episode_s_arrays_are_joints(episode):
-    with pytest.raises(InputError, match=r"do not say their units.*--unit position_1=rad"):
+    with pytest.raises(InputError, match=r"do not say their units.*--unit position_1=deg"):
         import_file(episode)
     imported = import_file(episode, ImportOptions(units={"position": "deg", "torque": "Nm"}))
     assert imported.run_labels == {4: "4", 5: "5"}
