@@ -17,49 +17,28 @@ from estimation.data.choose_columns import (
     typed_name,
 )
 from estimation.data.column_guess import guess_columns
+from estimation.data.column_units import (
+    Assigned,
+    assign_unit,
+    check_all_say_their_units,
+    check_units_are_used,
+)
 from estimation.data.compression_sign import counted_negative
 from estimation.data.import_options import ImportOptions
 from estimation.data.mixed_rates import with_one_rate
 from estimation.data.quantities import (
     PHASE,
-    QUANTITIES,
     RUN,
     Role,
     parse_role,
     role_of_option,
-    si_unit,
     unit_in_name,
 )
 from estimation.data.table import Table
-from estimation.data.units import SI, dimension_of, factor_to_si, normalise, scaled_unit
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
-_LARGE = {
-    "time": (0.5, "ms"),
-    "displacement": (0.2, "mm"),
-    "position": (4.0 * np.pi, "deg"),
-}  # a row, or in all
 _FEWEST_A_RUN = 20  # rows on average, where a column of whole numbers looks like that of the runs
-
-
-@dataclass(frozen=True)
-class Assigned:
-    """One quantity's column.
-
-    Attributes:
-        column: its name in the file.
-        dimension: what it measures.
-        unit: of its numbers.
-        factor: turns its numbers into SI.
-        note: what the reader should know, or empty.
-    """
-
-    column: str
-    dimension: str
-    unit: str
-    factor: float
-    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -125,7 +104,7 @@ class Columns:
     def roles(self) -> dict[str, str]:
         """What each column in use holds, and in which unit, by its name."""
         roles = {
-            found.column: f"{_numbered(Role(*key, ''))} in {found.unit.replace('_', '/')}"
+            found.column: f"{Role(*key, '').numbered} in {found.unit.replace('_', '/')}"
             for key, found in self.assigned.items()
         }
         return roles | {name: what for name, what in ((self.run, RUN), (self.phase, PHASE)) if name}
@@ -136,8 +115,7 @@ class Columns:
         if all(_own_name(found.column) for found in self.assigned.values()):
             return ""
         words = [
-            f"{_numbered(Role(*key, ''))} '{found.column}'" + _in(found)
-            for key, found in self.assigned.items()
+            f"{Role(*key, '').numbered} '{found.column}'" + _in(found) for key, found in self.assigned.items()
         ]
         return ", ".join(words + [f"{RUN} '{self.run}'"] * bool(self.run))
 
@@ -169,10 +147,10 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
     notes = [note] if note else []
     notes += _pressed(table, chosen) if not options.columns else []
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
-    _check_all_say_their_units(table, options, chosen)
-    assigned = {key: _assign(table, options, role, name) for key, (role, name) in chosen.items()}
-    _check_units(options, chosen)
-    assigned, turned = _turned(table, options, assigned)
+    check_all_say_their_units(table, options, chosen)
+    assigned = {key: assign_unit(table, options, role, name) for key, (role, name) in chosen.items()}
+    check_units_are_used(options, chosen)
+    assigned, turned = _turned(table, assigned)
     notes += turned
     return Columns(table, assigned, run, _special(table, options, PHASE), tuple(notes))
 
@@ -212,12 +190,10 @@ def _pressed(table: Table, chosen: dict[Key, tuple[Role, str]]) -> Iterator[str]
         )
 
 
-def _turned(
-    table: Table, options: ImportOptions, assigned: dict[Key, Assigned]
-) -> tuple[dict[Key, Assigned], list[str]]:
+def _turned(table: Table, assigned: dict[Key, Assigned]) -> tuple[dict[Key, Assigned], list[str]]:
     """Turn way and force of a machine that counts compression negative; palpate's own names say the sign."""
     pair = [assigned[key] for key in (DISPLACEMENT, FORCE) if key in assigned]
-    if len(pair) < 2 or options.units or any(_own_name(found.column) for found in pair):
+    if len(pair) < 2 or any(found.factor < 0.0 or _own_name(found.column) for found in pair):
         return assigned, []
     way, force = pair
     if not counted_negative(table.numbers(way.column), table.numbers(force.column)):
@@ -251,76 +227,3 @@ def _by_option(table: Table, options: ImportOptions) -> dict[Key, tuple[Role, st
 
 def _special(table: Table, options: ImportOptions, name: str) -> str | None:
     return options.columns.get(name, name if name in table.names else None)
-
-
-def _assign(table: Table, options: ImportOptions, role: Role, column: str) -> Assigned:
-    """Find the unit: the user's word, the column's own name, the user's name for it, in this order."""
-    dimensions = QUANTITIES[role.quantity]
-    said, own, unit = _said_unit(options, role, column), unit_in_name(column), _unit(options, role, column)
-    scale, unit = scaled_unit(unit, own)
-    dimension = dimension_of(unit)
-    if dimension not in dimensions:
-        valid = ", ".join(unit for name in dimensions for unit in SI[name])
-        raise InputError(
-            f"{table.path}: column '{column}': '{unit}' measures no {role.quantity}. Valid: {valid}"
-        )
-    note = ""
-    if not said and own and dimension_of(own) not in dimensions:
-        note = f"column '{column}' is taken as {role.quantity} in {unit}, whatever its name says"
-    if dimension == "current":
-        note = (
-            f"column '{column}' is a current that stands for the torque: 1 A counts as 1 N m; say the torque "
-            f"constant, as in --unit {_numbered(role)}=0.5Nm/A"
-        )
-    factor = scale * factor_to_si(unit, dimension, f"column '{column}'")
-    return Assigned(column, dimension, said if scale != 1.0 else unit, factor, note)
-
-
-def _unit(options: ImportOptions, role: Role, column: str) -> str:
-    """A column's unit; empty where nothing says it."""
-    own = unit_in_name(column)
-    fits = dimension_of(own) in QUANTITIES[role.quantity]
-    return _said_unit(options, role, column) or (own if fits else "") or role.unit
-
-
-def _check_all_say_their_units(
-    table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
-) -> None:
-    silent = [(role, column) for role, column in chosen.values() if not _unit(options, role, column)]
-    if silent:
-        columns = ", ".join(f"'{column}'" for _, column in silent)
-        units = (f"--unit {_numbered(role)}={_likely_unit(table, role, column)}" for role, column in silent)
-        one = len(silent) == 1
-        raise InputError(
-            f"{table.path}: column{'' if one else 's'} {columns} {'does' if one else 'do'} not say "
-            f"{'its unit' if one else 'their units'}; say {'it' if one else 'them'}, as in {' '.join(units)}"
-        )
-
-
-def _likely_unit(table: Table, role: Role, column: str) -> str:
-    """The SI unit, or where the numbers are large for that, the one that laboratories take."""
-    span = float(np.ptp(table.numbers(column))) if table.is_numeric(column) else 0.0
-    most, other = _LARGE.get(role.quantity, (np.inf, ""))
-    per_row = span / max(len(table) - 1, 1) if role.quantity == "time" else span
-    return other if per_row > most else si_unit(QUANTITIES[role.quantity][0])
-
-
-def _numbered(role: Role) -> str:
-    return f"{role.quantity}_{role.joint}" if role.joint else role.quantity
-
-
-def _said_unit(options: ImportOptions, role: Role, column: str) -> str:
-    for name, unit in options.units.items():
-        named = parse_role(name)
-        if name in (column, role.quantity, _numbered(role)) or (named and named.key == role.key):
-            return normalise(unit)
-    return ""
-
-
-def _check_units(options: ImportOptions, chosen: dict[Key, tuple[Role, str]]) -> None:
-    """Refuse a unit for something that is not there: it would be lost without a word."""
-    for name in options.units:
-        used = any(_said_unit(ImportOptions(units={name: "m"}), role, c) for role, c in chosen.values())
-        if not used:
-            there = ", ".join(column for _, column in chosen.values()) or "none"
-            raise InputError(f"--unit {name}: no such quantity or column is in use. In use: {there}")

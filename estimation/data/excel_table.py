@@ -13,10 +13,11 @@ from xml.parsers import expat
 import pyarrow as pa
 from python_calamine import CalamineSheet, CalamineWorkbook
 
+from estimation.data.file_columns import FileColumns
 from estimation.data.header_rows import find_layout, preamble_words
 from estimation.data.quantities import RUN
 from estimation.data.text_dialect import commas_decide
-from estimation.data.text_table import TextTable, most_bytes
+from estimation.data.text_table import most_bytes
 from robot_io.errors import InputError
 
 _LOOKED_AT = 200  # rows of a sheet, among which its table begins
@@ -35,7 +36,7 @@ class _Sheet:
     skipped: int
 
 
-def read_excel_table(path: Path) -> TextTable:
+def read_excel_table(path: Path) -> FileColumns:
     """The table of a workbook (.xlsx, .xlsm, .xls); sheets with the same columns are runs of it.
 
     Raises:
@@ -55,7 +56,7 @@ def read_excel_table(path: Path) -> TextTable:
     if len(alike) > 1 and RUN not in columns:
         columns[RUN] = pa.array([sheet.title for sheet in alike for _ in sheet.rows])
     text = [[cell for cell in row if isinstance(cell, str)] for row in islice(first.rows, _LOOKED_AT)]
-    return TextTable(
+    return FileColumns(
         pa.table(list(columns.values()), names=list(columns)),
         "," if commas_decide(text) else ".",
         _words(first, alike, book.sheet_names),

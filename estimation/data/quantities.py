@@ -48,6 +48,11 @@ class Role:
         """Quantity and joint, which only one column may have."""
         return self.quantity, self.joint
 
+    @property
+    def numbered(self) -> str:
+        """The quantity with the joint's number, as options call it: position_2, force."""
+        return f"{self.quantity}_{self.joint}" if self.joint else self.quantity
+
 
 def parse_role(name: str) -> Role | None:
     """Read a name such as `position_2_rad`, `force_N` or `time`; None if it is no such name."""

@@ -14,7 +14,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_ros2.decoder import DecoderFactory
 
-from estimation.data.text_table import TextTable, most_bytes
+from estimation.data.file_columns import FileColumns
+from estimation.data.text_table import most_bytes
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -37,7 +38,7 @@ _COLUMNS = {"position": "position_{}_rad", "velocity": "velocity_{}_rad_s", "eff
 _NANO = 10**9
 
 
-def read_ros_table(path: Path) -> TextTable:
+def read_ros_table(path: Path) -> FileColumns:
     """Position, velocity and effort of each joint as columns, in the order of the first message.
 
     The type's definition is ours, not the file's. Joints are taken as revolute: a message does not say.
@@ -60,7 +61,9 @@ def read_ros_table(path: Path) -> TextTable:
     order = np.unique(columns["time_s"], return_index=True)[1]
     table = pa.table({name: values[order] for name, values in columns.items()})
     joints = ", ".join(f"{i} '{name}'" for i, name in enumerate(names[:8], 1))
-    return TextTable(table, ".", (f"topic '{topic}' of {len(topics)}", f"joints {joints}, taken as revolute"))
+    return FileColumns(
+        table, ".", (f"topic '{topic}' of {len(topics)}", f"joints {joints}, taken as revolute")
+    )
 
 
 def _messages(path: Path) -> dict[str, list[Any]]:

@@ -1,33 +1,28 @@
 """A file of measurements as named columns: text (also .gz), Excel, Parquet, or NPZ."""
 
 import os
-import zipfile
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet
-from numpy.typing import NDArray
 
-from estimation.data.lerobot_table import flat_table, is_lerobot
+from estimation.data.array_files import read_npz, read_parquet
+from estimation.data.file_columns import FileColumns
 from estimation.data.numbers import fault_of, more_like_it, useless_rows
-from estimation.data.quantities import parse_role
-from estimation.data.text_table import TextTable, most_bytes, number_of, read_text_table
+from estimation.data.text_table import number_of, read_text_table
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _SHOWN = 60  # characters of a value in an error
 _LONGEST_LABEL = 1000  # characters of the name of a run or a phase
 _MOST_NAMES = 20  # that an error lists
-_LEAST_CELL = 4  # bytes of a value, of whatever type
-_BATCH_ROWS = 256
 _LOOKED_AT = 100  # rows that say whether a column holds numbers
 _GROUPED = r"^[+-]?[1-9]\d{0,2}(,\d{3})+\.\d+$"  # a point behind, so that it is no decimal comma
 _GROUPED_BY_POINTS = r"^\s*[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?\s*$"
@@ -168,9 +163,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         )
     try:
         found = read(place)
-        if isinstance(found, TextTable):
-            return replace(table_of(found.columns, place), decimal=found.decimal, words=found.words)
-        return table_of(found, place)
+        return replace(table_of(found.columns, place), decimal=found.decimal, words=found.words)
     except InputError:
         raise
     except Exception as error:  # a broken file can make the libraries raise almost anything
@@ -197,80 +190,16 @@ def table_of(found: pa.Table, place: Path) -> Table:
     return Table(place, columns, np.arange(1, columns.num_rows + 1))
 
 
-def _read_excel(path: Path) -> TextTable:
+def _read_excel(path: Path) -> FileColumns:
     from estimation.data.excel_table import read_excel_table  # noqa: PLC0415, seldom needed
 
     return read_excel_table(path)
 
 
-def _read_ros(path: Path) -> TextTable:
+def _read_ros(path: Path) -> FileColumns:
     from estimation.data.ros_table import read_ros_table  # noqa: PLC0415, seldom needed
 
     return read_ros_table(path)
-
-
-def _read_parquet(path: Path) -> pa.Table | TextTable:
-    with pa.parquet.ParquetFile(path) as file:
-        _check_size(path, _LEAST_CELL * file.metadata.num_rows * file.metadata.num_columns)
-        batches, size = [], 0
-        for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):  # what a row takes is known only then
-            size += batch.nbytes
-            _check_size(path, size)
-            batches.append(batch)
-        table = pa.Table.from_batches(batches, file.schema_arrow)
-    if not is_lerobot(table):
-        return table
-    flat, words = flat_table(table, path)
-    return TextTable(flat, ".", words)
-
-
-def _read_npz(path: Path) -> pa.Table:
-    with zipfile.ZipFile(path) as archive:
-        _check_size(path, sum(entry.file_size for entry in archive.infolist()))
-    arrays = {}
-    with np.load(path, allow_pickle=False) as archive:
-        for name in archive.files:
-            try:
-                array = archive[name]
-            except ValueError as error:
-                reason = "holds objects, which might be code, and is not read; save it as numbers or text"
-                raise InputError(f"{path}: column '{name}' {reason}") from error
-            if array.ndim == 1 or parse_role(name):  # others, such as a sampling rate, are no columns
-                arrays[name] = array
-    return arrow_of(arrays, path)
-
-
-def arrow_of(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
-    """Arrays of numbers or text, by the names of their columns, as Arrow holds them.
-
-    Raises:
-        InputError: they are not all of one length, not one value a row, or not of real numbers or text.
-    """
-    for name, array in arrays.items():
-        if array.ndim != 1:
-            raise InputError(f"{place}: column '{name}' has shape {array.shape}, expected one value a row")
-        if array.dtype.kind == "c":
-            raise InputError(f"{place}: column '{name}' holds complex numbers, expected real ones")
-    lengths = {name: len(array) for name, array in arrays.items()}
-    if len(set(lengths.values())) > 1:
-        listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise InputError(f"{place}: its columns have different lengths: {listed}")
-    columns = {}
-    for name, array in arrays.items():
-        try:
-            columns[name] = pa.array(array)
-        except (pa.ArrowException, TypeError, ValueError, OverflowError) as error:
-            kinds = ", ".join(sorted({type(value).__name__ for value in array.tolist()})[:3])
-            raise InputError(
-                f"{place}: column '{name}' holds values of type {kinds}, expected numbers or text"
-            ) from error
-    return pa.table(columns)
-
-
-def _check_size(path: Path, size: int) -> None:
-    most = most_bytes(path)
-    if size > most:
-        raise InputError(f"{path}: holds more than {most // 2**20} MiB; cut it into pieces")
 
 
 def _remedy(shown: str, *, whole: bool) -> str:
@@ -308,11 +237,11 @@ def _text(value: object) -> str:
     return " ".join(str(value).split())
 
 
-_READERS: tuple[tuple[tuple[str, ...], Callable[[Path], pa.Table | TextTable]], ...] = (
+_READERS: tuple[tuple[tuple[str, ...], Callable[[Path], FileColumns]], ...] = (
     ((".csv", ".tsv", ".txt", ".dat", ".asc", ".lvm", ".log", ".tra"), read_text_table),
     ((".xlsx", ".xlsm", ".xls"), _read_excel),
-    ((".parquet", ".pq"), _read_parquet),
-    ((".npz",), _read_npz),
+    ((".parquet", ".pq"), read_parquet),
+    ((".npz",), read_npz),
     ((".mcap",), _read_ros),
 )
 ENDINGS = tuple(ending for endings, _ in _READERS for ending in endings)

@@ -2,12 +2,12 @@
 
 import gzip
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.csv
 
+from estimation.data.file_columns import FileColumns
 from estimation.data.text_decoding import as_utf8
 from estimation.data.text_dialect import BLANKS, DELIMITERS, Dialect, blanks_as_tabs, find_dialect
 from robot_io.errors import InputError
@@ -18,22 +18,7 @@ _LONGEST_LINE = 2**20 - 1  # bytes; the reader takes blocks of 1 MiB, and the li
 _SHOWN = 60  # characters of a line that is refused
 
 
-@dataclass(frozen=True)
-class TextTable:
-    """The columns of a text file, as text.
-
-    Attributes:
-        columns: by their names.
-        decimal: mark in numbers.
-        words: how it was written, where that is not as in a plain CSV.
-    """
-
-    columns: pa.Table
-    decimal: str
-    words: tuple[str, ...]
-
-
-def read_text_table(path: Path) -> TextTable:
+def read_text_table(path: Path) -> FileColumns:
     """The columns of a text file as text, by the names above its first row of numbers.
 
     Raises:
@@ -50,7 +35,7 @@ def read_text_table(path: Path) -> TextTable:
         rows = blanks_as_tabs(rows)
     words = (*dialect.words, *([f"text in {encoding}"] if encoding else []))
     try:
-        return TextTable(_parse(rows, dialect), dialect.decimal, words)
+        return FileColumns(_parse(rows, dialect), dialect.decimal, words)
     except pa.ArrowInvalid as error:
         problem = _first_bad_row(rows, dialect) or " ".join(str(error).split())[:200]
         raise InputError(f"{path}: {problem}") from error

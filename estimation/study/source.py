@@ -14,13 +14,14 @@ import pyarrow as pa
 from control.loop.tick_record import STREAM_NAME
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData
+from estimation.data.array_files import arrow_of
 from estimation.data.channels import is_session, session_channels
 from estimation.data.import_file import Imported, chosen_texts, import_file, import_table
 from estimation.data.import_files import data_files, import_files
 from estimation.data.import_options import ImportOptions
 from estimation.data.joining import joined_channels
 from estimation.data.quantities import RUN
-from estimation.data.table import arrow_of, table_of
+from estimation.data.table import table_of
 from robot_io.calibration import NO_CALIBRATIONS, parse_calibrations
 from robot_io.errors import InputError
 from robot_io.robot_file import parse_robot_file

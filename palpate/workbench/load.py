@@ -98,7 +98,7 @@ class Drop:
     def build(self) -> None:
         """Put the elements."""
         ui.upload(
-            label="Drop a CSV, Parquet, NPZ or session file here, or choose one",
+            label="Drop a data file or a session here, or choose one",
             auto_upload=True,
             max_files=1,
             max_file_size=MOST_BYTES,

@@ -189,10 +189,10 @@ def test_files_of_a_folder_are_runs_in_the_order_of_their_numbers(tmp_path):
     for data in (folder, data_files(folder), [str(path) for path in data_files(folder)]):
         (channel,) = open_source(data).channels
         np.testing.assert_array_equal(channel.run, imported.channels[0].run)
-    (folder / "other.csv").write_text(
+    (folder / "second.csv").write_text(
         "time_s,position_rad,torque_Nm\n" + "".join(f"{i},1,{i}\n" for i in range(9))
     )
-    with pytest.raises(InputError, match=r"other\.csv: has no channel 'contact'"):
+    with pytest.raises(InputError, match=r"second\.csv: has no channel 'contact'"):
         open_source(folder)
 
 
