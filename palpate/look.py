@@ -10,7 +10,7 @@ from estimation.channel import ChannelData
 from estimation.data.import_file import Imported, import_table
 from estimation.data.import_options import ImportOptions
 from estimation.data.table import Table, read_table
-from estimation.gate import checklist
+from estimation.gate.motion_and_effort import mistaken_units
 from estimation.signals.runwise import sample_time
 from palpate import console
 from palpate.words import count, duration, safe, shown
@@ -45,7 +45,7 @@ def look_at(path: Path, options: ImportOptions) -> Imported:
 
 def doubts(imported: Imported) -> list[str]:
     """What is hardly in the unit that it is said to be, in one sentence for each channel."""
-    checked = ((channel.name, checklist(channel).get("units")) for channel in imported.channels)
+    checked = ((channel.name, mistaken_units(channel)) for channel in imported.channels)
     return [f"{name}: {doubt}" for name, doubt in checked if doubt]
 
 

@@ -28,11 +28,11 @@ def read_text_table(path: Path) -> FileColumns:
     if not content.strip():
         raise InputError(f"{path}: no rows of data")
     dialect = find_dialect(content) or _refused(content, path)
-    rows = content[dialect.start :]
-    if not rows.strip():
+    if not content[dialect.start : dialect.start + _LONGEST_LINE].strip():
         raise InputError(f"{path}: no rows of data")
+    rows = pa.py_buffer(content).slice(dialect.start)  # not copied: it may be large
     if dialect.delimiter == BLANKS:
-        rows = blanks_as_tabs(rows)
+        rows = pa.py_buffer(blanks_as_tabs(content[dialect.start :]))
     words = (*dialect.words, *([f"text in {encoding}"] if encoding else []))
     try:
         return FileColumns(_parse(rows, dialect), dialect.decimal, words)
@@ -92,7 +92,7 @@ class _Collector:
         return "skip"
 
 
-def _parse(rows: bytes, dialect: Dialect, wrong: _Collector | None = None) -> pa.Table:
+def _parse(rows: pa.Buffer, dialect: Dialect, wrong: _Collector | None = None) -> pa.Table:
     names, delimiter = list(dialect.names), "\t" if dialect.delimiter == BLANKS else dialect.delimiter
     return pa.csv.read_csv(
         pa.BufferReader(rows),
@@ -102,7 +102,7 @@ def _parse(rows: bytes, dialect: Dialect, wrong: _Collector | None = None) -> pa
     )
 
 
-def _first_bad_row(rows: bytes, dialect: Dialect) -> str:
+def _first_bad_row(rows: pa.Buffer, dialect: Dialect) -> str:
     """Which row has a wrong number of cells, counted from 1 after the header; empty if none has."""
     wrong = _Collector()
     try:
