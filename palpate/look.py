@@ -38,6 +38,8 @@ def look_at(path: Path, options: ImportOptions) -> Imported:
     out.print(_columns(table, dict(imported.roles)))
     for channel in imported.channels:
         out.print(_runs(channel, imported.run_labels))
+        if phases := _phases(channel):
+            out.print(f"phases: {phases}")
     for note in (*imported.notes, *doubts(imported)):
         out.print(f"[yellow]{safe(note)}[/yellow]")
     return imported
@@ -52,31 +54,36 @@ def doubts(imported: Imported) -> list[str]:
 def _columns(table: Table, roles: dict[str, str]) -> Printed:
     made = console.table("", "column", "holds", "first values")
     for name in table.names[:_MOST_COLUMNS]:
-        values = ", ".join(str(value) for value in table.head(_VALUES).columns.column(name).to_pylist())
+        values = ", ".join(map(_value, table.head(_VALUES).columns.column(name).to_pylist()))
         made.add_row(safe(name), safe(roles.get(name, "")) or "[dim]not used[/dim]", safe(values[:40]))
     return made
 
 
 def _runs(channel: ChannelData, labels: dict[int, str]) -> Printed:
     unit, effort = channel.kind.position_unit, channel.kind.effort_unit
-    numbers = ("samples", "time", f"position [{unit}]", f"effort [{effort}]")
+    numbers = ("samples", "time", f"position {unit}", f"effort {effort}")
     rate = 1.0 / sample_time(channel.time_s, channel.run)
     title = f"{channel.name}: {count(len(channel.runs), 'run')} at {rate:.4g} Hz"
-    made = console.table(title, "run", *numbers, "phases", right=numbers)
+    made = console.table(title, "run", *numbers, right=numbers)
     for run in channel.runs[:_MOST_RUNS]:
         one = channel.select(channel.run == run)
         made.add_row(
             safe(labels.get(int(run), str(run))),
             str(len(one)),
             duration(float(np.ptp(one.time_s))),
-            f"{one.position.min():.3g} to {one.position.max():.3g}",
-            f"{one.effort.min():.3g} to {one.effort.max():.3g}",
-            _phases(one),
+            f"{one.position.min():.2g} to {one.position.max():.2g}",
+            f"{one.effort.min():.2g} to {one.effort.max():.2g}",
         )
     return made
 
 
-def _phases(one: ChannelData) -> str:
-    """The phases in their order of time, each once."""
+def _phases(channel: ChannelData) -> str:
+    """How long each phase took in all runs together, in the order in which they came first."""
     known = {phase.value: phase.name.lower().replace("_", " ") for phase in Phase}
-    return ", ".join(known[number] for number in dict.fromkeys(one.phase.tolist()) if number in known)
+    step_s = sample_time(channel.time_s, channel.run)
+    there = [number for number in dict.fromkeys(channel.phase.tolist()) if number in known]
+    return ", ".join(f"{known[n]} {duration(step_s * np.sum(channel.phase == n))}" for n in there)
+
+
+def _value(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -141,7 +141,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
     """
     chosen = _by_own_name(table, options, _by_option(table, options))
     taken = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
-    chosen |= choose_columns(table, chosen, taken)
+    chosen |= choose_columns(table, chosen, taken, options.units)
     run = _special(table, options, RUN) or _run_by_name(table)
     table, note = _with_one_rate(table, chosen, run)
     notes = [note] if note else []

@@ -21,26 +21,35 @@ _GOES_WITH = 0.3  # correlation of position and force
 
 
 def choose_columns(
-    table: Table, known: Collection[Key], taken: Collection[str]
+    table: Table, known: Collection[Key], taken: Collection[str], said: Collection[str] = ()
 ) -> dict[Key, tuple[Role, str]]:
     """The columns that make a channel, with those that are known already; what makes none is left alone.
+
+    Columns that say no unit are asked about only where nothing else makes a channel.
 
     Args:
         table: the rows.
         known: what palpate's own names and the user's word say.
         taken: columns that are known, and those that must not be used.
+        said: quantities and columns whose unit the user says.
 
     Raises:
         InputError: two columns that a channel needs match equally well.
     """
     free = [one for one in guess_columns(table.names) if one.column not in taken and one.quantity]
+    free = [one for one in free if one.key not in known and table.is_numeric(one.column)]
+    clear = [one for one in free if one.unit or one.key == TIME or _is_said(one, said)]
+    guesses = clear if _wanted({*known, *(one.key for one in clear)}) else free
     found: dict[Key, list[Guess]] = {}
-    for one in free:
-        if one.key not in known and table.is_numeric(one.column):
-            found.setdefault(one.key, []).append(one)
+    for one in guesses:
+        found.setdefault(one.key, []).append(one)
     wanted = [key for key in _wanted({*known, *found}) if key in found]
     chosen = {key: _best(table, key, found[key]) for key in wanted}
     return {key: (Role(*key, guess.unit), guess.column) for key, guess in chosen.items()}
+
+
+def _is_said(guess: Guess, said: Collection[str]) -> bool:
+    return bool({guess.column, guess.quantity, Role(*guess.key, "").numbered} & set(said))
 
 
 def pressed_position(table: Table, chosen: Mapping[Key, tuple[Role, str]]) -> bool:

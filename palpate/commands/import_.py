@@ -34,7 +34,7 @@ def command(
         list[Path],
         typer.Argument(
             help="Measurements: text (.csv ...), .xlsx, .parquet or .npz; several are runs of one.",
-            metavar="FILE...",
+            metavar="FILE",
         ),
     ],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
@@ -44,7 +44,7 @@ def command(
     """Make a session from files of measurements as a laboratory writes them; one row a sample, named columns.
 
     A contact needs time, displacement (positive into the object) and force (positive in compression); a joint
-    needs time, position and torque. Names in common use and units such as [mm] are found, and shown.
+    needs time, position and torque. Names in common use are found with their units, and shown.
 
     Examples: palpate import press.csv --look; palpate import 1.xlsx 2.xlsx -o both.mcap
     """

@@ -175,6 +175,15 @@ def test_a_torque_is_preferred_to_a_current_and_a_column_is_not_used_twice(press
     np.testing.assert_allclose(channel.effort, 2.0 * T)
 
 
+def test_columns_without_units_are_asked_about_only_where_nothing_else_makes_a_channel(press):
+    joint = {"q": np.sin(T), "tau": T}
+    assert contact_of(press(**joint)).name == "contact"
+    with pytest.raises(InputError, match="'q', 'tau' do not say their units"):
+        import_file(press(**joint, **{WAY: None}))
+    said = ImportOptions(units={"position": "rad", "torque": "Nm"})
+    assert [one.name for one in import_file(press(**joint), said).channels] == ["contact", "joint_1"]
+
+
 def test_the_same_in_two_units_is_not_ambiguous(press):
     f = presses()[2]
     channel = contact_of(press(**{"Load [lbf]": f / 4.4482216}))
