@@ -28,12 +28,12 @@ _ROUNDING = 1e-9  # share of the effort below which a gain is one of the last di
 def fitting_rows(data: ChannelData) -> BoolArray:
     """Samples that tell about the model, shape (n,).
 
-    Of a contact: those surely in contact where the phases are known, else those below the surface; of a
-    joint: all.
+    Of a contact: those surely in contact where the surface was found from the data, else those below the
+    surface; of a joint: all.
     """
     if data.kind is not ChannelKind.CONTACT:
         return np.ones(len(data), dtype=np.bool_)
-    if (data.phase >= 0).all():
+    if data.surface is not None and (data.phase >= 0).all():
         return contact_rows(data.effort, data.run, data.phase)
     return data.engaged
 

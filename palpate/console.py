@@ -15,7 +15,7 @@ from rich.console import Console, JustifyMethod
 from rich.markup import escape
 from rich.table import Table
 
-from palpate.words import typed
+from palpate.words import safe, typed
 
 PIPE_WIDTH = 120  # columns when the output is no terminal, so that tables are not squeezed into 80
 
@@ -93,6 +93,15 @@ def next_steps(*commands: tuple[str, str]) -> None:
     for command, purpose in runnable:
         room = " " * (width - len(command))
         console.print(f"  [cyan]{escape(command)}[/cyan]{room}  [dim]{purpose}[/dim]", soft_wrap=True)
+
+
+def say_read(read: str, notes: Iterable[str]) -> None:
+    """Say on stderr what of a data file was taken for what; nothing of a session."""
+    console = stderr()
+    if read:
+        console.print(f"[dim]read: {safe(read)}[/dim]")
+    for note in notes:
+        console.print(f"[yellow]{safe(note)}[/yellow]")
 
 
 def command_group(about: str) -> typer.Typer:

@@ -11,7 +11,7 @@ from estimation.models import MODELS
 from palpate import console
 from palpate.files import existing_data
 from palpate.option_sets import takes
-from palpate.words import as_shell_word, safe, typed
+from palpate.words import as_shell_word, typed
 from robot_io.errors import InputError
 
 if TYPE_CHECKING:
@@ -60,6 +60,10 @@ class ReadOptions:
         bool,
         typer.Option("--fresh-runs", help="Each run met a fresh specimen or spot: none remembers another."),
     ] = False
+    runs: Annotated[
+        int | None,
+        typer.Option(min=1, help="How many presses one recording holds; found by itself.", metavar="N"),
+    ] = None
 
     @property
     def options(self) -> ImportOptions:
@@ -74,6 +78,7 @@ class ReadOptions:
             where=parse_pairs(self.where or (), "--where"),
             context=tuple(self.context or ()),
             fresh=self.fresh_runs,
+            runs=self.runs,
         )
 
 
@@ -84,7 +89,7 @@ class DataArguments(ReadOptions):
     file: Annotated[
         Path,
         typer.Argument(
-            help="Session (.mcap), folder of sessions, or data file (.csv, .csv.gz, .parquet, .npz)."
+            help="Session (.mcap), folder of sessions, or data file (.csv, .xlsx, .parquet, .npz ...)."
         ),
     ]
     effect: Annotated[
@@ -96,7 +101,7 @@ class DataArguments(ReadOptions):
         typer.Option(help="The arm's URDF, for models that need it and data files.", metavar="FILE"),
     ] = None
     tip_frame: Annotated[
-        str | None, typer.Option(help="The tip's frame in that URDF.", show_default="tip")
+        str | None, typer.Option(help="The tip's frame in that URDF.", show_default="tip, or its last link")
     ] = None
 
     def study(self, model: str | None = None, folder: Path | None = None) -> "Study":
@@ -118,15 +123,15 @@ class DataArguments(ReadOptions):
         study = Study(
             self.file, model, arm=arm, effects=self.effect or (), folder=folder, **vars(self.options)
         )
-        for note in study.source.notes:
-            console.stderr().print(f"[yellow]{safe(note)}[/yellow]")
+        console.say_read(study.source.read, study.source.notes)
         return study
 
     def typed(self, **more: str | Path | list[str] | bool | None) -> str:
         """The file with these and all further options as one would type them again; see `retyped`."""
         given = {"effect": self.effect, "urdf": self.urdf, "tip-frame": self.tip_frame}
         given |= {"column": self.column, "unit": self.unit, "where": self.where, "context": self.context}
-        return retyped(self.file, **{**given, "fresh-runs": self.fresh_runs, **more})
+        number = None if self.runs is None else str(self.runs)
+        return retyped(self.file, **{**given, "fresh-runs": self.fresh_runs, "runs": number, **more})
 
 
 takes_data = takes(DataArguments, "file")

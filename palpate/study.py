@@ -21,6 +21,7 @@ from palpate.user_effects import load_user_effects
 from palpate.user_effects.guard import rehearse, watched
 from robot_io.errors import InputError
 from robot_io.files.safe_yaml import read_text
+from robot_io.files.urdf_text import last_link, parse_urdf
 from sim_backend.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -60,14 +61,17 @@ class Study(StudyBase):
     [0, 1, 2]
 
     Args:
-        data: path of a session or data file; a table (pandas, pyarrow, or a dict of arrays); or channels.
+        data: path of a session or data file, or of a folder of them; a list of data files; a table (pandas,
+            pyarrow, or a dict of arrays); or channels.
         model: base model; None for what suits each channel.
-        columns: of a file or table, see `estimation.data.import_options.ImportOptions`; as are the next four.
+        columns: of a file or table, see `estimation.data.import_options.ImportOptions`; as are the next five.
         units: such as {"force": "mN"}.
         where: only rows with this text in a column.
         context: further columns of numbers to keep.
         fresh: each run met an object that was never pressed before.
-        arm: what the channels belong to: an `Arm`, or the path of a URDF with a frame "tip".
+        runs: how many presses a recording of several holds; None to find them.
+        arm: what the channels belong to: an `Arm`, or the path of a URDF; its tip is its link "tip", or the
+            last one.
         effects: of your own, beside palpate's: objects, or "my_effects.py:MyEffect".
         folder: where revisions and the diagnosis are kept; None for the usual place.
         keep: False to keep them in memory only.
@@ -86,6 +90,7 @@ class Study(StudyBase):
         where: Mapping[str, str] | None = None,
         context: Sequence[str] = (),
         fresh: bool = False,
+        runs: int | None = None,
         arm: Arm | Path | str | None = None,
         effects: Sequence[str | Effect] = (),
         folder: Path | str | None = None,
@@ -113,6 +118,7 @@ class Study(StudyBase):
                 where or {},
                 tuple(context) if isinstance(context, list) else context,  # type: ignore[arg-type]
                 fresh,
+                runs,
             ),
             arm=arm_from_urdf(Path(arm)) if isinstance(arm, str | Path) else arm,
             effects=own,
@@ -216,13 +222,28 @@ class Study(StudyBase):
 def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:
     """The arm of a URDF file.
 
+    Args:
+        path: the file.
+        tip_frame: the tip's frame; None for "tip", and where there is no such link for the last one.
+
     Raises:
         InputError: the file is not there, is no URDF, or has no such frame.
     """
-    RigidBody.from_urdf(
-        existing_file(path, "URDF"), tip_frame or TIP_FRAME
-    )  # also where no model asks for it
-    return Arm(read_text(path), tip_frame or TIP_FRAME, str(path))
+    chosen = tip_frame or _last_link(existing_file(path, "URDF"))
+    said = f"{path}: no link is called '{TIP_FRAME}'; its last one, '{chosen}', is taken: see --tip-frame"
+    notes = () if tip_frame is not None or chosen == TIP_FRAME else (said,)
+    RigidBody.from_urdf(existing_file(path, "URDF"), chosen)  # also where no model asks for it
+    return Arm(read_text(path), chosen, str(path), notes=notes)
+
+
+def _last_link(path: Path) -> str:
+    """The link that the tip is at; where the file is no URDF, `RigidBody` says why."""
+    try:
+        robot = parse_urdf(read_text(path))
+    except (OSError, ValueError):
+        return TIP_FRAME
+    links = {link.get("name") for link in robot.findall("link")}
+    return TIP_FRAME if TIP_FRAME in links else last_link(robot) or TIP_FRAME
 
 
 def _path(path: Any, what: str) -> Path:  # noqa: ANN401, whatever a user gives

@@ -1,44 +1,44 @@
 """Decides which column holds which quantity, and in which unit."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimation.data.choose_columns import (
+    DISPLACEMENT,
+    EFFORTS,
+    FORCE,
+    POSITION,
+    TIME,
+    Key,
+    choose_columns,
+    pressed_position,
+    typed_name,
+)
+from estimation.data.column_guess import guess_columns
+from estimation.data.column_units import (
+    Assigned,
+    assign_unit,
+    check_all_say_their_units,
+    check_units_are_used,
+)
+from estimation.data.compression_sign import counted_negative
 from estimation.data.import_options import ImportOptions
+from estimation.data.mixed_rates import with_one_rate
 from estimation.data.quantities import (
     PHASE,
-    QUANTITIES,
     RUN,
     Role,
     parse_role,
     role_of_option,
-    si_unit,
     unit_in_name,
 )
 from estimation.data.table import Table
-from estimation.data.units import SI, dimension_of, factor_to_si, normalise
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
 _FEWEST_A_RUN = 20  # rows on average, where a column of whole numbers looks like that of the runs
-Key = tuple[str, int]  # quantity and number of the joint, 0 where there is none
-
-
-@dataclass(frozen=True)
-class Assigned:
-    """One quantity's column.
-
-    Attributes:
-        column: its name in the file.
-        dimension: what it measures.
-        factor: turns its numbers into SI.
-        note: what the reader should know, or empty.
-    """
-
-    column: str
-    dimension: str
-    factor: float
-    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,14 @@ class Columns:
         assigned: the columns in use.
         run: column with the run of each row, or None.
         phase: column with the phase of each row, or None.
+        said: notes on how they were chosen.
     """
 
     table: Table
     assigned: dict[Key, Assigned]
     run: str | None
     phase: str | None
+    said: tuple[str, ...] = ()
 
     def __contains__(self, key: object) -> bool:
         return key in self.assigned
@@ -83,45 +85,133 @@ class Columns:
     @property
     def like_runs(self) -> str:
         """An unused column of whole numbers, each in one block of rows; empty if there is none, or a run."""
-        return "" if self.run else next(filter(self._numbers_blocks, self.unused), "")
-
-    def _numbers_blocks(self, name: str) -> bool:
-        values = self.table.numbers(name)
-        if np.any(values != np.round(values)):
-            return False
-        blocks = 1 + np.count_nonzero(np.diff(values))
-        return bool(blocks == len(np.unique(values)) and blocks * _FEWEST_A_RUN <= len(values))
+        return (
+            ""
+            if self.run
+            else next((name for name in self.unused if in_blocks(self.table.numbers(name))), "")
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the reader should know about the columns."""
-        notes = [found.note for found in self.assigned.values() if found.note]
+        notes = [*self.said, *(found.note for found in self.assigned.values() if found.note)]
         if self.like_runs:
             looks = f"column '{self.like_runs}' looks like the number of a run"
             notes.append(f"{looks}; if it is one, add --column run={self.like_runs}")
         return tuple(notes)
 
+    @property
+    def roles(self) -> dict[str, str]:
+        """What each column in use holds, and in which unit, by its name."""
+        roles = {
+            found.column: f"{Role(*key, '').numbered} in {found.unit.replace('_', '/')}"
+            for key, found in self.assigned.items()
+        }
+        return roles | {name: what for name, what in ((self.run, RUN), (self.phase, PHASE)) if name}
+
+    @property
+    def matched(self) -> str:
+        """Which column is what, in a few words; empty where all have palpate's own names."""
+        if all(_own_name(found.column) for found in self.assigned.values()):
+            return ""
+        words = [
+            f"{Role(*key, '').numbered} '{found.column}'" + _in(found) for key, found in self.assigned.items()
+        ]
+        return ", ".join(words + [f"{RUN} '{self.run}'"] * bool(self.run))
+
+
+def _in(found: Assigned) -> str:
+    """The unit, where the column's name does not say it."""
+    return "" if unit_in_name(found.column) == found.unit else f" in {found.unit.replace('_', '/')}"
+
+
+def in_blocks(values: FloatArray) -> bool:
+    """Whether whole numbers (n,) are each in one block of rows, as those of runs are."""
+    if np.any(values != np.round(values)):
+        return False
+    blocks = 1 + np.count_nonzero(np.diff(values))
+    return bool(blocks == len(np.unique(values)) and blocks * _FEWEST_A_RUN <= len(values))
+
 
 def assign_columns(table: Table, options: ImportOptions) -> Columns:
-    """Match a table's columns to quantities: by the user's word first, then by name.
+    """Match columns to quantities: by the user's word first, by palpate's own names, then by common ones.
 
     Raises:
         InputError: a column is missing or ambiguous, or a unit is unknown or does not fit.
     """
-    chosen = _by_option(table, options) | {}
+    chosen = _by_own_name(table, options, _by_option(table, options))
+    taken = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
+    chosen |= choose_columns(table, chosen, taken, options.units)
+    run = _special(table, options, RUN) or _run_by_name(table)
+    table, note = _with_one_rate(table, chosen, run)
+    notes = [note] if note else []
+    notes += _pressed(table, chosen) if not options.columns else []
+    chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
+    check_all_say_their_units(table, options, chosen)
+    assigned = {key: assign_unit(table, options, role, name) for key, (role, name) in chosen.items()}
+    check_units_are_used(options, chosen)
+    assigned, turned = _turned(table, assigned)
+    notes += turned
+    return Columns(table, assigned, run, _special(table, options, PHASE), tuple(notes))
+
+
+def _with_one_rate(table: Table, chosen: dict[Key, tuple[Role, str]], run: str | None) -> tuple[Table, str]:
+    if TIME not in chosen:
+        return table, ""
+    efforts = [column for (quantity, _), (_, column) in chosen.items() if quantity in EFFORTS]
+    motions = [column for key, (_, column) in chosen.items() if key != TIME and column not in efforts]
+    return with_one_rate(table, chosen[TIME][1], efforts, motions, run)
+
+
+def _by_own_name(
+    table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
+) -> dict[Key, tuple[Role, str]]:
+    """With the columns whose names say quantity and unit, such as force_N."""
     for name in table.names:
         role = parse_role(name)
-        if role and name not in options.columns.values():
+        if role and _own_name(name) and name not in options.columns.values():
             if role.key in chosen and chosen[role.key][1] not in options.columns.values():
                 raise InputError(
                     f"{table.path}: columns '{chosen[role.key][1]}' and '{name}' both hold {role.quantity}; "
                     f"choose with --column {name}=COLUMN"
                 )
             chosen.setdefault(role.key, (role, name))
-    _check_all_say_their_units(table, options, chosen)
-    assigned = {key: _assign(table, options, role, name) for key, (role, name) in chosen.items()}
-    _check_units(options, chosen)
-    return Columns(table, assigned, _special(table, options, RUN), _special(table, options, PHASE))
+    return chosen
+
+
+def _pressed(table: Table, chosen: dict[Key, tuple[Role, str]]) -> Iterator[str]:
+    """Take the position of a press for the displacement, and say so; that of palpate's own name stays."""
+    if pressed_position(table, chosen) and not _own_name(chosen[POSITION][1]):
+        role, column = chosen.pop(POSITION)
+        chosen[DISPLACEMENT] = Role(*DISPLACEMENT, role.unit), column
+        yield (
+            f"'{column}' and '{chosen[FORCE][1]}' go together as those of a press; if it is a linear axis, "
+            f"add --column position={typed_name(column)}"
+        )
+
+
+def _turned(table: Table, assigned: dict[Key, Assigned]) -> tuple[dict[Key, Assigned], list[str]]:
+    """Turn way and force of a machine that counts compression negative; palpate's own names say the sign."""
+    pair = [assigned[key] for key in (DISPLACEMENT, FORCE) if key in assigned]
+    if len(pair) < 2 or any(found.factor < 0.0 or _own_name(found.column) for found in pair):
+        return assigned, []
+    way, force = pair
+    if not counted_negative(table.numbers(way.column), table.numbers(force.column)):
+        return assigned, []
+    note = f"'{way.column}' and '{force.column}' count compression negative: both are turned"
+    turned = {key: replace(assigned[key], factor=-assigned[key].factor) for key in (DISPLACEMENT, FORCE)}
+    return assigned | turned, [note]
+
+
+def _own_name(column: str) -> bool:
+    role = parse_role(column)
+    return role is not None and bool(role.unit)
+
+
+def _run_by_name(table: Table) -> str | None:
+    """A column such as `trial` or `Cycle` that says the same for one block of rows after the other."""
+    names = (one.column for one in guess_columns(table.names) if one.quantity == RUN and one.column != RUN)
+    return next((name for name in names if table.is_numeric(name) and in_blocks(table.numbers(name))), None)
 
 
 def _by_option(table: Table, options: ImportOptions) -> dict[Key, tuple[Role, str]]:
@@ -137,61 +227,3 @@ def _by_option(table: Table, options: ImportOptions) -> dict[Key, tuple[Role, st
 
 def _special(table: Table, options: ImportOptions, name: str) -> str | None:
     return options.columns.get(name, name if name in table.names else None)
-
-
-def _assign(table: Table, options: ImportOptions, role: Role, column: str) -> Assigned:
-    """Find the unit: the user's word, the column's own name, the user's name for it, in this order."""
-    dimensions = QUANTITIES[role.quantity]
-    said, own, unit = _said_unit(options, role, column), unit_in_name(column), _unit(options, role, column)
-    dimension = dimension_of(unit)
-    if dimension not in dimensions:
-        valid = ", ".join(unit for name in dimensions for unit in SI[name])
-        raise InputError(
-            f"{table.path}: column '{column}': '{unit}' measures no {role.quantity}. Valid: {valid}"
-        )
-    note = ""
-    if not said and own and dimension_of(own) not in dimensions:
-        note = f"column '{column}' is taken as {role.quantity} in {unit}, whatever its name says"
-    return Assigned(column, dimension, factor_to_si(unit, dimension, f"column '{column}'"), note)
-
-
-def _unit(options: ImportOptions, role: Role, column: str) -> str:
-    """A column's unit; empty where nothing says it."""
-    own = unit_in_name(column)
-    fits = dimension_of(own) in QUANTITIES[role.quantity]
-    return _said_unit(options, role, column) or (own if fits else "") or role.unit
-
-
-def _check_all_say_their_units(
-    table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
-) -> None:
-    silent = [(role, column) for role, column in chosen.values() if not _unit(options, role, column)]
-    if silent:
-        columns = ", ".join(f"'{column}'" for _, column in silent)
-        units = (f"--unit {_numbered(role)}={si_unit(QUANTITIES[role.quantity][0])}" for role, _ in silent)
-        one = len(silent) == 1
-        raise InputError(
-            f"{table.path}: column{'' if one else 's'} {columns} {'does' if one else 'do'} not say "
-            f"{'its unit' if one else 'their units'}; say {'it' if one else 'them'}, as in {' '.join(units)}"
-        )
-
-
-def _numbered(role: Role) -> str:
-    return f"{role.quantity}_{role.joint}" if role.joint else role.quantity
-
-
-def _said_unit(options: ImportOptions, role: Role, column: str) -> str:
-    for name, unit in options.units.items():
-        named = parse_role(name)
-        if name in (column, role.quantity, _numbered(role)) or (named and named.key == role.key):
-            return normalise(unit)
-    return ""
-
-
-def _check_units(options: ImportOptions, chosen: dict[Key, tuple[Role, str]]) -> None:
-    """Refuse a unit for something that is not there: it would be lost without a word."""
-    for name in options.units:
-        used = any(_said_unit(ImportOptions(units={name: "m"}), role, c) for role, c in chosen.values())
-        if not used:
-            there = ", ".join(column for _, column in chosen.values()) or "none"
-            raise InputError(f"--unit {name}: no such quantity or column is in use. In use: {there}")

@@ -13,15 +13,22 @@ from robot_io.errors import InputError
 from robot_io.session import Session
 
 _MCAP_MAGIC = b"\x89MCAP"
+_ROS = b"\x04\x00\x00\x00ros2"  # the profile, behind the magic number and the header's length
+_HEAD_BYTES = 25
 
 
 def is_session(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is or should be a session: by its ending, or by its first bytes."""
+    """Whether a file is or should be a session: by its ending, or by its first bytes.
+
+    A recording of ROS 2 is an MCAP file too, but a data file like others.
+    """
     place = Path(path)
-    if place.suffix == ".mcap" or not place.is_file():
+    if not place.is_file():
         return place.suffix == ".mcap"
     with place.open("rb") as file:
-        return file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC
+        head = file.read(_HEAD_BYTES)
+    mcap = head.startswith(_MCAP_MAGIC)
+    return (mcap or place.suffix == ".mcap") and not (mcap and _ROS in head)
 
 
 def session_channels(session: Session, *more: Session, tared: bool = False) -> tuple[ChannelData, ...]:

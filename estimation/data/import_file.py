@@ -2,18 +2,20 @@
 
 import os
 import re
-from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.arm_context import DERIVED, OF_THE_ARM, with_arm
-from estimation.data.assign_columns import Columns, Key, assign_columns
+from estimation.data.assign_columns import Columns, assign_columns
+from estimation.data.choose_columns import Key
 from estimation.data.derivatives import differentiate
 from estimation.data.differenced import is_difference
 from estimation.data.import_options import ImportOptions
-from estimation.data.import_rows import Rows, arrange_rows
+from estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
+from estimation.data.press_phases import press_phases
 from estimation.data.table import Table, read_table
 from estimation.signals.pieces import number_pieces
 from estimation.signals.runwise import sample_time
@@ -37,12 +39,16 @@ class Imported:
         run_labels: what the file calls each run, by its number.
         notes: sentences that the reader should see.
         unused: columns of numbers that could be kept as context.
+        read: what was taken for what, in a few words; empty where all columns have palpate's own names.
+        roles: what each column in use holds, in a few words, by its name.
     """
 
     channels: tuple[ChannelData, ...]
     run_labels: dict[int, str]
     notes: tuple[str, ...]
     unused: tuple[str, ...]
+    read: str = ""
+    roles: Mapping[str, str] = field(default_factory=dict)
 
 
 def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT) -> Imported:
@@ -71,15 +77,20 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     """
     columns = assign_columns(_filter(table, options), options)
     sources = _sources(columns)
-    rows = arrange_rows(columns, fresh=options.fresh)
+    rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)
     _check_context(columns, options.context)
-    notes = [*columns.notes, *_clock(columns, rows)]
+    notes = [*columns.notes, *([rows.note] if rows.note else []), *_clock(columns, rows)]
     channels = [_channel(source, columns, rows, notes) for source in sources]
     signals = _signals(options.context)
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     unused = tuple(n for n in columns.unused if n not in options.context and _name(n) not in _TAKEN)
-    return Imported(with_arm(channels), rows.labels, tuple(notes), unused)
+    return Imported(with_arm(channels), rows.labels, tuple(notes), unused, _read(columns), columns.roles)
+
+
+def _read(columns: Columns) -> str:
+    """What was taken for what, and how the file is written."""
+    return "; ".join(filter(None, [columns.matched, *columns.table.words]))
 
 
 def _clock(columns: Columns, rows: Rows) -> Iterator[str]:
@@ -88,8 +99,8 @@ def _clock(columns: Columns, rows: Rows) -> Iterator[str]:
     if not _QUICKEST_S <= step_s <= _SLOWEST_S:
         column, unit = columns.name(("time", 0)), "ms" if step_s > _SLOWEST_S else "s"
         yield (
-            f"column '{column}': samples are {step_s:.3g} s apart; if that is wrong, say the unit of time, "
-            f"such as --unit time={unit}"
+            f"column '{column}': samples are {step_s:.3g} s apart; where one unit is called another, say the "
+            f"right one, such as --unit time={unit}"
         )
 
 
@@ -208,6 +219,7 @@ def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) ->
             acceleration = given
         before = given
     effort = columns.values(source.effort)[rows.order]
+    unknown, contact = (rows.phase == UNKNOWN_PHASE).all(), source.kind is ChannelKind.CONTACT
     return ChannelData(
         source.name,
         source.kind,
@@ -217,7 +229,7 @@ def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) ->
         acceleration,
         effort,
         rows.run,
-        rows.phase,
+        press_phases(position, velocity, effort, rows.run) if unknown and contact else rows.phase,
     )
 
 

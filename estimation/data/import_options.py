@@ -16,6 +16,7 @@ class ImportOptions:
         where: only rows in which a column has this text, such as {"specimen": "P002"}.
         context: further columns of numbers to keep beside the channels.
         fresh: each run met an object, or a spot of it, that was never pressed before, on whatever clock.
+        runs: how many presses the recording holds; None to find them.
 
     Raises:
         InputError: one of them has another type.
@@ -26,6 +27,7 @@ class ImportOptions:
     where: Mapping[str, str] = field(default_factory=dict)
     context: tuple[str, ...] = ()
     fresh: bool = False
+    runs: int | None = None
 
     def __post_init__(self) -> None:
         for name, example in _PAIRS.items():
@@ -37,6 +39,8 @@ class ImportOptions:
             raise InputError(
                 f"context={self.context!r}: give a list of column names, such as ['temperature']"
             )
+        if not (self.runs is None or (isinstance(self.runs, int) and self.runs > 0)):
+            raise InputError(f"runs={self.runs!r}: give the number of presses, such as 4")
 
 
 _PAIRS = {

@@ -6,6 +6,8 @@ import numpy as np
 
 from control.loop.phases import Phase
 from estimation.data.assign_columns import Columns
+from estimation.data.choose_columns import DISPLACEMENT, FORCE, TIME
+from estimation.data.press_runs import cut_into, cut_presses, restarts
 from estimation.data.table import Table
 from estimation.signals.blocks import since_their_start
 from robot_io.errors import InputError
@@ -26,6 +28,7 @@ class Rows:
         run: shape (n,).
         phase: shape (n,), numbers of `control.loop.phases.Phase`, or -1 where unknown.
         labels: what the file calls each run.
+        note: how the runs were found, if the file does not say them; or empty.
     """
 
     order: IntArray
@@ -33,37 +36,68 @@ class Rows:
     run: IntArray
     phase: IntArray
     labels: dict[int, str]
+    note: str = ""
 
 
-def arrange_rows(columns: Columns, *, fresh: bool = False) -> Rows:
+def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = None) -> Rows:
     """Group the rows by run.
 
     Args:
         columns: of the table.
         fresh: let the clock begin anew in each run, which is how one is told from an earlier one's sequel.
+        count: of presses in the recording, if the user says it.
 
     Raises:
         InputError: no time, times that do not increase in a run, a run too short, an unknown phase.
     """
     table = columns.table
-    if ("time", 0) not in columns:
+    if TIME not in columns:
         raise InputError(
             f"{table.path}: no time; name it time_s or add --column time_s=COLUMN. "
             f"Columns: {table.listed_names}"
         )
-    run, labels = _runs(table, columns.run)
+    if columns.run is None:
+        run, note = _found_runs(columns, count)
+        labels = {number: str(number) for number in np.unique(run).tolist()}
+    else:
+        if count is not None:
+            raise InputError(f"--runs {count}: column '{columns.run}' says the runs already")
+        (run, labels), note = _runs(table, columns.run), ""
     order = np.argsort(run, kind="stable")
-    time_s = columns.values(("time", 0))[order]
-    rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels)
+    time_s = columns.values(TIME)[order]
+    rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels, note)
     _check_times(columns, rows)
     _check_lengths(table, rows)
     return replace(rows, time_s=since_their_start(time_s, rows.run)) if fresh else rows
 
 
-def _runs(table: Table, column: str | None) -> tuple[IntArray, dict[int, str]]:
+def _found_runs(columns: Columns, count: int | None) -> tuple[IntArray, str]:
+    """Number of each row's run where no column says it, and a word on how they were found.
+
+    A clock that begins anew begins a run; a contact's presses are cut apart in free air.
+    """
+    place = columns.table.path
+    contact = DISPLACEMENT in columns and FORCE in columns
+    piece = restarts(columns.values(TIME))
+    if not contact and count is not None:
+        raise InputError(f"{place}: --runs {count}: there is no contact whose presses could be cut apart")
+    run = piece
+    if contact and count is None:
+        run = cut_presses(columns.values(FORCE), columns.values(DISPLACEMENT), piece)
+    elif contact and count is not None and count > 1:
+        run = cut_into(columns.values(FORCE), piece, count, f"{place}: --runs {count}")
+    number = int(run[-1]) + 1
+    if number == 1:
+        return run, ""
+    anew = "the clock begins anew: " if piece[-1] else ""
+    each = "one for each press; " if contact else ""
+    return run, f"{anew}cut into {number} runs, {each}if that is wrong, " + (
+        "add --runs N" if contact else "name the column that numbers them, --column run=COLUMN"
+    )
+
+
+def _runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]:
     """Number of each row's run: the file's own if they are different whole numbers, else as they appear."""
-    if column is None:
-        return np.zeros(len(table), dtype=np.int64), {0: "0"}
     names, index = table.labels(column)
     numbers = list(range(len(names)))
     if all(name.isdecimal() and len(name) <= _LONGEST_NUMBER for name in names):
@@ -92,8 +126,13 @@ def _check_times(columns: Columns, rows: Rows) -> None:
     late = np.flatnonzero((np.diff(rows.time_s) <= 0) & (np.diff(rows.run) == 0))
     if not len(late):
         return
+    if (np.diff(rows.time_s)[np.diff(rows.run) == 0] < 0).all():
+        raise InputError(
+            f"{columns.table.path}: column '{columns.name(TIME)}' runs backwards all along; "
+            "turn the order of the rows round"
+        )
     before, after = (columns.table.rows[rows.order[late[0] + step]] for step in (0, 1))
-    name, in_run = columns.name(("time", 0)), ""
+    name, in_run = columns.name(TIME), ""
     if len(rows.labels) > 1:
         in_run = f" of run '{rows.labels[int(rows.run[late[0]])]}'"
     raise InputError(

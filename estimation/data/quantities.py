@@ -18,13 +18,15 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "velocity": ("length_rate", "angle_rate"),
         "acceleration": ("length_rate_2", "angle_rate_2"),
         "force": ("force",),
-        "torque": ("torque",),
+        "torque": ("torque", "current"),
     }
 )
-"""Dimensions that each quantity may have."""
+"""Dimensions that each quantity may have. A motor's current may stand for its torque."""
 
 _ALSO = {"depth": "displacement", "angle": "position"}
 _NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_ALSO])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
+_BRACKETED = re.compile(r"\s*[\[({<]\s*([^\])}>]*?)\s*[\])}>]\s*$")
+_AFTER = re.compile(r"\s*(?:/|,|\bin\b)\s*([^\s/,]+)\s*$")
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,11 @@ class Role:
     def key(self) -> tuple[str, int]:
         """Quantity and joint, which only one column may have."""
         return self.quantity, self.joint
+
+    @property
+    def numbered(self) -> str:
+        """The quantity with the joint's number, as options call it: position_2, force."""
+        return f"{self.quantity}_{self.joint}" if self.joint else self.quantity
 
 
 def parse_role(name: str) -> Role | None:
@@ -77,14 +84,27 @@ def role_of_option(name: str, option: str) -> Role:
     return role
 
 
-def unit_in_name(name: str) -> str:
-    """The unit that any column's name ends with, normalised; empty if it ends with none that is known."""
-    parts = name.strip().split("_")
+def split_unit(name: str) -> tuple[str, str]:
+    """What any column's name says before its unit, and the unit, normalised; empty if it says none known.
+
+    Units stand in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N".
+    """
+    match = _BRACKETED.search(name) or _AFTER.search(name)
+    if match and dimension_of(unit := normalise(match[1])):
+        return name[: match.start()], unit
+    if match and match.re is _BRACKETED:
+        return name[: match.start()], ""
+    parts = re.split(r"[_ ]", name.strip())
     for count in (2, 1):
         ending = normalise("_".join(parts[-count:]))
         if len(parts) > count and dimension_of(ending):
-            return ending
-    return ""
+            return "_".join(parts[:-count]), ending
+    return name, ""
+
+
+def unit_in_name(name: str) -> str:
+    """The unit that any column's name says, normalised; empty if it says none that is known."""
+    return split_unit(name)[1]
 
 
 def si_unit(dimension: str) -> str:

@@ -1,32 +1,31 @@
-"""A file of measurements as named columns: CSV (also .gz), Parquet, or NPZ."""
+"""A file of measurements as named columns: text (also .gz), Excel, Parquet, or NPZ."""
 
 import os
-import zipfile
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet
-from numpy.typing import NDArray
 
+from estimation.data.array_files import read_npz, read_parquet
+from estimation.data.file_columns import FileColumns
 from estimation.data.numbers import fault_of, more_like_it, useless_rows
-from estimation.data.quantities import parse_role
-from estimation.data.text_table import most_bytes, number_of, read_text_table
+from estimation.data.text_table import number_of, read_text_table
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _SHOWN = 60  # characters of a value in an error
 _LONGEST_LABEL = 1000  # characters of the name of a run or a phase
 _MOST_NAMES = 20  # that an error lists
-_LEAST_CELL = 4  # bytes of a value, of whatever type
-_BATCH_ROWS = 256
+_LOOKED_AT = 100  # rows that say whether a column holds numbers
+_GROUPED = r"^[+-]?[1-9]\d{0,2}(,\d{3})+\.\d+$"  # a point behind, so that it is no decimal comma
+_GROUPED_BY_POINTS = r"^\s*[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?\s*$"
 
 
 @dataclass(frozen=True)
@@ -37,11 +36,15 @@ class Table:
         path: where they come from, for errors.
         columns: as Arrow holds them; those of a text file are text.
         rows: number of each row in the file, counted from 1 after the header, shape (n,).
+        decimal: mark in numbers that are text.
+        words: how the file is written, where that is worth a word.
     """
 
     path: Path
     columns: pa.Table
     rows: IntArray
+    decimal: str = "."
+    words: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -63,7 +66,7 @@ class Table:
         Raises:
             InputError: there is no such column, or a value is missing or no finite number.
         """
-        column = self._column(name)
+        column = _with_points(self._column(name), self.decimal)
         try:
             values = np.asarray(_as_numbers(column).to_numpy(zero_copy_only=False), dtype=np.float64)
         except (pa.ArrowException, TypeError, ValueError):
@@ -107,7 +110,29 @@ class Table:
 
     def select(self, chosen: BoolArray) -> "Table":
         """The table with only these rows, mask of shape (n,)."""
-        return Table(self.path, self.columns.filter(pa.array(chosen)), self.rows[chosen])
+        return replace(self, columns=self.columns.filter(pa.array(chosen)), rows=self.rows[chosen])
+
+    def head(self, rows: int) -> "Table":
+        """The table with only its first rows."""
+        return replace(self, columns=self.columns.slice(0, rows), rows=self.rows[:rows])
+
+    def is_there(self, name: str) -> BoolArray:
+        """In which rows a column holds something, shape (n,)."""
+        column = self._column(name)
+        held = pc.is_valid(column)
+        if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+            held = pc.and_kleene(held, pc.not_equal(pc.utf8_trim_whitespace(column), ""))
+        return np.asarray(pc.fill_null(held, False).to_numpy(zero_copy_only=False), dtype=np.bool_)
+
+    def is_numeric(self, name: str) -> bool:
+        """Whether a column holds numbers only, as far as the first of its cells that are not empty say."""
+        held = np.flatnonzero(self.is_there(name))[:_LOOKED_AT]
+        first = replace(self, columns=self.columns.select([name]).take(held), rows=self.rows[held])
+        try:
+            first.numbers(name)
+        except InputError:
+            return False
+        return len(held) > 0
 
     def _column(self, name: str) -> pa.ChunkedArray:
         try:
@@ -132,12 +157,13 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     ending = Path(place.name.lower().removesuffix(".gz")).suffix
     read = next((reader for endings, reader in _READERS if ending in endings), None)
     if read is None:
-        known = ", ".join(known for endings, _ in _READERS for known in endings)
+        known = ", ".join(ENDINGS)
         raise InputError(
             f"{place}: unknown kind of file. Valid: {known}; a text file may be packed, as .csv.gz"
         )
     try:
-        return table_of(read(place), place)
+        found = read(place)
+        return replace(table_of(found.columns, place), decimal=found.decimal, words=found.words)
     except InputError:
         raise
     except Exception as error:  # a broken file can make the libraries raise almost anything
@@ -164,64 +190,16 @@ def table_of(found: pa.Table, place: Path) -> Table:
     return Table(place, columns, np.arange(1, columns.num_rows + 1))
 
 
-def _read_parquet(path: Path) -> pa.Table:
-    with pa.parquet.ParquetFile(path) as file:
-        _check_size(path, _LEAST_CELL * file.metadata.num_rows * file.metadata.num_columns)
-        batches, size = [], 0
-        for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):  # what a row takes is known only then
-            size += batch.nbytes
-            _check_size(path, size)
-            batches.append(batch)
-        return pa.Table.from_batches(batches, file.schema_arrow)
+def _read_excel(path: Path) -> FileColumns:
+    from estimation.data.excel_table import read_excel_table  # noqa: PLC0415, seldom needed
+
+    return read_excel_table(path)
 
 
-def _read_npz(path: Path) -> pa.Table:
-    with zipfile.ZipFile(path) as archive:
-        _check_size(path, sum(entry.file_size for entry in archive.infolist()))
-    arrays = {}
-    with np.load(path, allow_pickle=False) as archive:
-        for name in archive.files:
-            try:
-                array = archive[name]
-            except ValueError as error:
-                reason = "holds objects, which might be code, and is not read; save it as numbers or text"
-                raise InputError(f"{path}: column '{name}' {reason}") from error
-            if array.ndim == 1 or parse_role(name):  # others, such as a sampling rate, are no columns
-                arrays[name] = array
-    return arrow_of(arrays, path)
+def _read_ros(path: Path) -> FileColumns:
+    from estimation.data.ros_table import read_ros_table  # noqa: PLC0415, seldom needed
 
-
-def arrow_of(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
-    """Arrays of numbers or text, by the names of their columns, as Arrow holds them.
-
-    Raises:
-        InputError: they are not all of one length, not one value a row, or not of real numbers or text.
-    """
-    for name, array in arrays.items():
-        if array.ndim != 1:
-            raise InputError(f"{place}: column '{name}' has shape {array.shape}, expected one value a row")
-        if array.dtype.kind == "c":
-            raise InputError(f"{place}: column '{name}' holds complex numbers, expected real ones")
-    lengths = {name: len(array) for name, array in arrays.items()}
-    if len(set(lengths.values())) > 1:
-        listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise InputError(f"{place}: its columns have different lengths: {listed}")
-    columns = {}
-    for name, array in arrays.items():
-        try:
-            columns[name] = pa.array(array)
-        except (pa.ArrowException, TypeError, ValueError, OverflowError) as error:
-            kinds = ", ".join(sorted({type(value).__name__ for value in array.tolist()})[:3])
-            raise InputError(
-                f"{place}: column '{name}' holds values of type {kinds}, expected numbers or text"
-            ) from error
-    return pa.table(columns)
-
-
-def _check_size(path: Path, size: int) -> None:
-    most = most_bytes(path)
-    if size > most:
-        raise InputError(f"{path}: holds more than {most // 2**20} MiB; cut it into pieces")
+    return read_ros_table(path)
 
 
 def _remedy(shown: str, *, whole: bool) -> str:
@@ -230,6 +208,20 @@ def _remedy(shown: str, *, whole: bool) -> str:
     if whole:
         return "that column holds no numbers at all; name another one with --column"
     return "remove such rows, or choose others with --where"
+
+
+def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
+    """Text of numbers with a decimal point and without marks between thousands; all else as it is."""
+    if not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
+        return column
+    if decimal == ",":
+        grouped = pc.any(pc.match_substring_regex(column, _GROUPED_BY_POINTS)).as_py()
+        plain = pc.replace_substring(column, ".", "") if grouped else column
+        return pc.replace_substring(plain, ",", ".")
+    trimmed = pc.utf8_trim_whitespace(column)
+    if not pc.any(pc.match_substring_regex(trimmed, _GROUPED)).as_py():
+        return column
+    return pc.replace_substring(trimmed, ",", "")
 
 
 def _as_numbers(column: pa.ChunkedArray) -> pa.ChunkedArray:
@@ -245,8 +237,11 @@ def _text(value: object) -> str:
     return " ".join(str(value).split())
 
 
-_READERS: tuple[tuple[tuple[str, ...], Callable[[Path], pa.Table]], ...] = (
-    ((".csv", ".tsv", ".txt"), read_text_table),
-    ((".parquet", ".pq"), _read_parquet),
-    ((".npz",), _read_npz),
+_READERS: tuple[tuple[tuple[str, ...], Callable[[Path], FileColumns]], ...] = (
+    ((".csv", ".tsv", ".txt", ".dat", ".asc", ".lvm", ".log", ".tra"), read_text_table),
+    ((".xlsx", ".xlsm", ".xls"), _read_excel),
+    ((".parquet", ".pq"), read_parquet),
+    ((".npz",), read_npz),
+    ((".mcap",), _read_ros),
 )
+ENDINGS = tuple(ending for endings, _ in _READERS for ending in endings)

@@ -1,4 +1,4 @@
-"""A text file of measurements: separated by commas, semicolons or tabs, packed or not."""
+"""A text file of measurements: whatever delimiter, decimal mark, encoding and preamble, packed or not."""
 
 import gzip
 import math
@@ -7,32 +7,37 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.csv
 
+from estimation.data.file_columns import FileColumns
+from estimation.data.text_decoding import as_utf8
+from estimation.data.text_dialect import BLANKS, DELIMITERS, Dialect, blanks_as_tabs, find_dialect
 from robot_io.errors import InputError
 from robot_io.files.unpacked import most_unpacked
 
 MOST_BYTES = 2**30  # unpacked: ten hours at 1 kHz; more is refused before the memory is full
-_DELIMITERS = (",", ";", "\t")
 _LONGEST_LINE = 2**20 - 1  # bytes; the reader takes blocks of 1 MiB, and the line must end in one
 _SHOWN = 60  # characters of a line that is refused
 
 
-def read_text_table(path: Path) -> pa.Table:
-    """The columns of a text file as text, by the names in its first line.
+def read_text_table(path: Path) -> FileColumns:
+    """The columns of a text file as text, by the names above its first row of numbers.
 
     Raises:
-        InputError: it is too large, is no UTF-8 text, has no header, or a row has too few or too many cells.
+        InputError: it is too large, is no text, has no header, or a row has too few or too many cells.
     """
-    content = _content(path)
-    ends = [place for place in (content.find(b"\n"), content.find(b"\r")) if place >= 0]
-    end = min(ends, default=len(content))
-    names, delimiter = _header(content[:end], path)
-    if not content[end:].strip():
+    content, encoding = as_utf8(_content(path), path)
+    if not content.strip():
         raise InputError(f"{path}: no rows of data")
+    dialect = find_dialect(content) or _refused(content, path)
+    if not content[dialect.start : dialect.start + _LONGEST_LINE].strip():
+        raise InputError(f"{path}: no rows of data")
+    rows = pa.py_buffer(content).slice(dialect.start)  # not copied: it may be large
+    if dialect.delimiter == BLANKS:
+        rows = pa.py_buffer(blanks_as_tabs(content[dialect.start :]))
+    words = (*dialect.words, *([f"text in {encoding}"] if encoding else []))
     try:
-        return _parse(content, names, delimiter)
+        return FileColumns(_parse(rows, dialect), dialect.decimal, words)
     except pa.ArrowInvalid as error:
-        _text_of(content, path)
-        problem = _first_bad_row(content, names, delimiter) or " ".join(str(error).split())[:200]
+        problem = _first_bad_row(rows, dialect) or " ".join(str(error).split())[:200]
         raise InputError(f"{path}: {problem}") from error
 
 
@@ -59,22 +64,21 @@ def _content(path: Path) -> bytes:
     return content
 
 
-def _header(line: bytes, path: Path) -> tuple[list[str], str]:
+def _refused(content: bytes, path: Path) -> Dialect:
+    """Say why no table was found."""
+    line, *rest = content.lstrip().splitlines()
     if len(line) > _LONGEST_LINE:
         raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
-    header = _text_of(line, path)
-    delimiter = max(_DELIMITERS, key=header.count)
-    names = [name.strip().strip('"') for name in header.split(delimiter)]
-    if all(not math.isnan(number_of(name)) for name in names):
+    header = line.decode(errors="replace")
+    if not any(rest):
+        raise InputError(f"{path}: no rows of data")
+    cells = header.split(max(DELIMITERS, key=header.count))
+    if all(not math.isnan(number_of(cell)) for cell in cells):
         raise InputError(f"{path}: the first line holds numbers; put the names of the columns there")
-    return names, delimiter
-
-
-def _text_of(content: bytes, path: Path) -> str:
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is no UTF-8 text; save it as CSV in UTF-8") from None
+    raise InputError(
+        f"{path}: no line with the names of columns is followed by rows of numbers; it begins with "
+        f"{' '.join(header.split())[:_SHOWN]!r}"
+    )
 
 
 class _Collector:
@@ -88,24 +92,25 @@ class _Collector:
         return "skip"
 
 
-def _parse(content: bytes, names: list[str], delimiter: str, wrong: _Collector | None = None) -> pa.Table:
+def _parse(rows: pa.Buffer, dialect: Dialect, wrong: _Collector | None = None) -> pa.Table:
+    names, delimiter = list(dialect.names), "\t" if dialect.delimiter == BLANKS else dialect.delimiter
     return pa.csv.read_csv(
-        pa.BufferReader(content),
-        read_options=pa.csv.ReadOptions(column_names=names, skip_rows=1, use_threads=wrong is None),
+        pa.BufferReader(rows),
+        read_options=pa.csv.ReadOptions(column_names=names, use_threads=wrong is None),
         parse_options=pa.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=wrong),
         convert_options=pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
     )
 
 
-def _first_bad_row(content: bytes, names: list[str], delimiter: str) -> str:
+def _first_bad_row(rows: pa.Buffer, dialect: Dialect) -> str:
     """Which row has a wrong number of cells, counted from 1 after the header; empty if none has."""
     wrong = _Collector()
     try:
-        _parse(content, names, delimiter, wrong)  # in one thread: only then are rows numbered
+        _parse(rows, dialect, wrong)  # in one thread: only then are rows numbered
     except pa.ArrowInvalid as error:
         return "a line is longer than 1 MiB" if "straddl" in str(error) else ""
     if not wrong.rows:
         return ""
     row = wrong.rows[0]
     cells = f"has {row.actual_columns} cells and the header {row.expected_columns}"
-    return f"row {row.number - 1} {cells}: {' '.join(row.text.split())[:_SHOWN]!r}"
+    return f"row {row.number} {cells}: {' '.join(row.text.split())[:_SHOWN]!r}"

@@ -177,6 +177,7 @@ def coarse_copy(frame: Frame) -> ChannelData:
         data.surface,
         data.tare,
         data.recorded,
+        touching=None if data.touching is None else np.asarray(data.touching[frame.rows].all(axis=1)),
         shared=data.shared,
     )
 

@@ -1,11 +1,18 @@
 """A mass on a spring and a damper."""
 
+from dataclasses import replace
+
+import numpy as np
+
 from estimation.base_model import BaseModel, ModelContext
-from estimation.channel import ChannelKind
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effects.contact_offset import ContactOffset
 from estimation.effects.damping import Damping
 from estimation.effects.inertia import Inertia
 from estimation.effects.stiffness import Stiffness
 from estimation.model import Model
+
+_SPRINGY = 0.5  # correlation of force and displacement on the other side, where free air has none
 
 
 class SpringMassDamper(BaseModel):
@@ -14,7 +21,22 @@ class SpringMassDamper(BaseModel):
     name = "spring_mass_damper"
     physics = "A mass is held by a spring and a damper."
     equation = "F = m a + c v + k x"
-    channels = frozenset({ChannelKind.PRISMATIC, ChannelKind.REVOLUTE})
+    channels = frozenset(ChannelKind)
 
     def build(self, context: ModelContext) -> Model:
-        return Model(self.name, (Inertia(), Damping(), Stiffness()))
+        surface = (ContactOffset(),) if context.surface_found else ()
+        return Model(self.name, (Inertia(), Damping(), Stiffness(), *surface))
+
+    def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
+        """Of a contact, let the spring pull as well, where the force beyond the surface says that it does."""
+        if data.kind is ChannelKind.CONTACT and _pulls(data):
+            return replace(data, touching=np.ones(len(data), dtype=np.bool_))
+        return data
+
+
+def _pulls(data: ChannelData) -> bool:
+    out = data.position < 0.0
+    x, force = data.position[out], data.effort[out]
+    if len(x) < 3 or np.ptp(x) == 0.0 or np.ptp(force) == 0.0:
+        return False
+    return bool(np.corrcoef(x, force)[0, 1] > _SPRINGY)

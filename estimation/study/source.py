@@ -14,12 +14,14 @@ import pyarrow as pa
 from control.loop.tick_record import STREAM_NAME
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData
+from estimation.data.array_files import arrow_of
 from estimation.data.channels import is_session, session_channels
 from estimation.data.import_file import Imported, chosen_texts, import_file, import_table
+from estimation.data.import_files import data_files, import_files
 from estimation.data.import_options import ImportOptions
 from estimation.data.joining import joined_channels
 from estimation.data.quantities import RUN
-from estimation.data.table import arrow_of, table_of
+from estimation.data.table import table_of
 from robot_io.calibration import NO_CALIBRATIONS, parse_calibrations
 from robot_io.errors import InputError
 from robot_io.robot_file import parse_robot_file
@@ -39,12 +41,14 @@ class Arm:
         tip_frame: the tip's frame in it.
         origin: where the URDF comes from, for errors.
         gravity_m_s2: shape (3,), fall acceleration in the axes of its base [m/s^2].
+        notes: sentences on it that the reader should see.
     """
 
     urdf: str = ""
     tip_frame: str = ""
     origin: str = "URDF text"
     gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
+    notes: tuple[str, ...] = ()
 
     def context_of(self, channel: ChannelData) -> ModelContext:
         """What a base model may need to know beside a channel."""
@@ -75,6 +79,7 @@ class Source:
         more: further probings by the same arm, that belong to the study.
         unused: columns of numbers that nothing was made of.
         notes: sentences on the data that the reader should see.
+        read: what was taken for what in a data file; empty for a session.
     """
 
     name: str
@@ -85,6 +90,7 @@ class Source:
     unused: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     more: tuple[Session, ...] = ()
+    read: str = ""
 
     @property
     def probed(self) -> bool:
@@ -103,9 +109,9 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
     """Read whatever a user has.
 
     Args:
-        data: path of a session, of a folder of sessions of one arm, or of a data file; a table (pandas,
-            pyarrow, or a dict of arrays (n,)), whose columns are called as those of a file; one channel or
-            several.
+        data: path of a session, of a folder of sessions of one arm, of a data file or of a folder of them,
+            or a list of data files, whose runs belong together; a table (pandas, pyarrow, or a dict of arrays
+            (n,)), whose columns are called as those of a file; one channel or several.
         options: how to read a file or table; none for a session or channels.
         arm: what the channels belong to, where the data does not say or the user knows better.
 
@@ -113,7 +119,7 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
         InputError: it cannot be used.
     """
     source = _read(data, options)
-    return source if arm is None else replace(source, arm=arm)
+    return source if arm is None else replace(source, arm=arm, notes=(*source.notes, *arm.notes))
 
 
 def joined(first: Source, second: Source) -> Source:
@@ -138,35 +144,51 @@ def _read(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
             return _of_file(Path(data), options)
         case ChannelData():
             return Source(IN_MEMORY, (data,))
+        case list() | tuple() if data and all(isinstance(one, str | os.PathLike) for one in data):
+            return _of_import(IN_MEMORY, import_files([Path(one) for one in data], options))
         case list() | tuple() if data and all(isinstance(one, ChannelData) for one in data):
             names = [one.name for one in data]
             if twice := sorted({name for name in names if names.count(name) > 1}):
                 raise InputError(f"{IN_MEMORY}: several channels are called {', '.join(twice)}; rename them")
             return Source(IN_MEMORY, tuple(data))
     imported = import_table(table_of(_arrow(data), Path(IN_MEMORY)), options)
-    return Source(IN_MEMORY, imported.channels, unused=imported.unused, notes=imported.notes)
+    return _of_import(IN_MEMORY, imported)
+
+
+def _of_import(name: str, imported: Imported, path: Path | None = None) -> Source:
+    return Source(
+        name,
+        imported.channels,
+        path=path,
+        unused=imported.unused,
+        notes=imported.notes,
+        read=imported.read,
+    )
 
 
 def _of_folder(folder: Path) -> Source:
     """The probings in a folder, as one measurement."""
     sessions = [Session.open(path) for path in sorted(folder.glob("*.mcap"))]
     if not sessions:
-        raise InputError(f"{folder}: is a folder without a session (.mcap)")
+        raise InputError(f"{folder}: is a folder without a session (.mcap) or a data file")
     first, *more = sessions
     channels = session_channels(first, *more)
     return Source(folder.name, channels, arm_of(first), folder, first, more=tuple(more))
 
 
 def _of_file(path: Path, options: ImportOptions) -> Source:
-    if path.is_dir() and options == NO_OPTIONS:
+    if path.is_dir() and (any(map(is_session, path.glob("*.mcap"))) or not (files := data_files(path))):
+        if options != NO_OPTIONS:
+            raise InputError(f"{path}: is a folder of sessions, whose options are those of their import")
         return _of_folder(path)
+    if path.is_dir():
+        return _of_import(path.name, import_files(files, options), path)
     if not is_session(path):
-        imported: Imported = import_file(path, options)
-        return Source(path.name, imported.channels, path=path, unused=imported.unused, notes=imported.notes)
+        return _of_import(path.name, import_file(path, options), path)
     if options != ImportOptions(where={RUN: runs} if (runs := options.where.get(RUN)) else {}):
         raise InputError(
             f"{path}: is a session, which takes --where run=0,2; "
-            "--column, --unit, --context and --fresh-runs are for data files"
+            "--column, --unit, --context, --runs and --fresh-runs are for data files"
         )
     session = Session.open(path)
     channels = session_channels(session)

@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -10,45 +11,84 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from estimation.data.import_file import Imported, import_file
+from estimation.data.import_file import Imported
+from estimation.data.import_files import import_files
 from estimation.data.session_streams import import_extra, import_streams
 from palpate import console
-from palpate.data_options import ReadOptions
+from palpate.data_options import ReadOptions, retyped
 from palpate.files import existing_file, output_file
+from palpate.look import doubts, look_at
 from palpate.option_sets import takes
-from palpate.words import count, duration, safe, shown, typed
+from palpate.words import count, duration, shown, typed
+from robot_io.errors import InputError
 from robot_io.session import SessionMetadata, write_session
+
+_MOST_NAMES = 5  # of files, that the session keeps
 
 
 @takes(ReadOptions)
 def command(
     options: ReadOptions,
     *,
-    file: Annotated[Path, typer.Argument(help="Measurements: .csv, .csv.gz, .parquet or .npz.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Measurements: text (.csv ...), .xlsx, .parquet or .npz; several are runs of one.",
+            metavar="FILE",
+        ),
+    ],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
+    look: Annotated[bool, typer.Option("--look", help="Show what would be read, and store nothing.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
-    """Make a session from a file of measurements; one row a sample, a header that names the columns.
+    """Make a session from files of measurements as a laboratory writes them; one row a sample, named columns.
 
-    A contact needs time_s, displacement_m (positive into the object) and force_N (positive in compression);
-    a joint needs time_s, position_rad and torque_Nm. Velocity, acceleration, run and phase are optional.
+    A contact needs time, displacement (positive into the object) and force (positive in compression); a joint
+    needs time, position and torque. Names in common use are found with their units, and shown.
+
+    Examples: palpate import press.csv --look; palpate import 1.xlsx 2.xlsx -o both.mcap
     """
-    existing_file(file, "data file")
-    session = output_file(out or Path("sessions") / f"{_stem(file)}.mcap")
-    imported = import_file(file, options.options)
+    for file in files:
+        existing_file(file, "data file")
+    if look:
+        _look(files, options, out, as_json=as_json)
+        return
+    session = output_file(out or Path("sessions") / f"{_stem(files[0])}.mcap")
+    imported = import_files(files, options.options)
+    names = ", ".join(file.name for file in files[:_MOST_NAMES]) + (
+        " ..." if len(files) > _MOST_NAMES else ""
+    )
     metadata = SessionMetadata(
         software_version=version("palpate"),
         created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
         command_line=shlex.join(["palpate", *sys.argv[1:]]),
-        extra={"source": f"imported from {file.name}"} | import_extra(imported),
+        extra={"source": f"imported from {names}"} | import_extra(imported),
     )
     write_session(session, import_streams(imported), metadata)
+    notes = (*imported.notes, *doubts(imported))
+    console.say_read(imported.read, notes)
     if as_json:
-        console.print_json(
-            {"session": str(session), "channels": _facts(imported), "notes": list(imported.notes)}
-        )
+        console.print_json({"session": str(session), "channels": _facts(imported), "notes": list(notes)})
     else:
         _print(imported, session)
+
+
+def _look(files: Sequence[Path], options: ReadOptions, out: Path | None, *, as_json: bool) -> None:
+    if as_json or out is not None:
+        raise InputError("--look only shows, and stores nothing: leave out --json and --out")
+    for file in files:
+        look_at(file, options.options)
+    given = {
+        "column": options.column,
+        "unit": options.unit,
+        "where": options.where,
+        "context": options.context,
+    }
+    runs = None if options.runs is None else str(options.runs)
+    more = " ".join(typed(file) for file in files[:-1])
+    last = retyped(files[-1], **given, **{"fresh-runs": options.fresh_runs, "runs": runs})
+    command = " ".join(filter(None, ["palpate import", more, last]))
+    console.next_steps((command, "store it as a session"))
 
 
 def _stem(file: Path) -> str:
@@ -74,8 +114,6 @@ def _print(imported: Imported, session: Path) -> None:
     for fact in _facts(imported):
         samples, runs = count(fact["samples"], "sample"), count(fact["runs"], "run")
         out.print(f"{fact['channel']} ({fact['kind']}): {samples}, {runs}, {duration(fact['recorded_s'])}")
-    for note in imported.notes:
-        out.print(f"  [yellow]{safe(note)}[/yellow]")
     out.print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
     console.next_steps(
         (f"palpate estimate {typed(session)}", "parameters of a model with their intervals"),

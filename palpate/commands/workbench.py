@@ -71,6 +71,7 @@ def _bench(data: DataArguments, path: Path, options: ImportOptions, model: str |
         where=[f"{name}={text}" for name, text in options.where.items()] or None,
         context=list(options.context) or None,
         fresh_runs=options.fresh,
+        runs=options.runs,
     )
     return Bench(given.study(model), given.typed())
 

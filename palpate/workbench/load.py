@@ -11,10 +11,11 @@ import numpy as np
 from nicegui import events, ui
 
 from estimation.data.channels import is_session
+from estimation.data.column_guess import Guess, guess_columns
 from estimation.data.import_options import ImportOptions
-from estimation.data.quantities import QUANTITIES, RUN, parse_role, si_unit
+from estimation.data.quantities import QUANTITIES, RUN, si_unit
 from estimation.data.table import Table, read_table
-from estimation.data.units import SI, dimension_of, normalise
+from estimation.data.units import SI
 from palpate.files import output_folder, whole_file
 from robot_io.errors import InputError, PalpateError
 
@@ -23,16 +24,6 @@ MOST_BYTES = 500_000_000
 NOTHING = "not used"
 _SELECT = "dense outlined options-dense"
 _SHOWN = 4  # values of a column that are shown
-_ALSO = {
-    "time": {"t", "time", "zeit", "timestamp", "sec", "seconds", "clock"},
-    "displacement": {"x", "z", "d", "depth", "disp", "displacement", "indentation", "deformation", "stroke"},
-    "force": {"f", "fz", "force", "load", "kraft", "forcez"},
-    "torque": {"tau", "torque", "moment"},
-    "position": {"q", "angle", "theta", "pos", "position"},
-    "velocity": {"v", "vel", "dq", "qd", "velocity", "speed"},
-    RUN: {"run", "trial", "cycle", "test", "rep", "repeat", "press"},
-}
-_UNIT = re.compile(r"[\[(/]\s*([^\])]+?)\s*[\])]?\s*$")
 
 
 @dataclass
@@ -47,8 +38,10 @@ class Column:
 
 
 def guess(table: Table) -> list[Column]:
-    """What each column of numbers seems to hold, by its name and the unit in it; the time by its values."""
-    found = [_guess(table, name) for name in table.names if _is_numeric(table, name)]
+    """What each column of numbers seems to hold, as every command guesses it; the time also by its values."""
+    guesses = [one for one in guess_columns(table.names) if table.is_numeric(one.column)]
+    best = {one.key: one for one in sorted(guesses, key=lambda one: one.fit)}
+    found = [_column(table, one if best[one.key] is one else Guess(one.column, "")) for one in guesses]
     if not any(one.quantity == "time" for one in found):
         rising = (one for one in found if not one.quantity and np.all(np.diff(table.numbers(one.name)) > 0.0))
         for one in list(rising)[:1]:
@@ -77,36 +70,16 @@ def units_of(quantity: str) -> list[str]:
     ]
 
 
-def _guess(table: Table, name: str) -> Column:
-    values = ", ".join(f"{value:.4g}" for value in table.numbers(name)[:_SHOWN])
-    role = parse_role(name)
-    if role is not None:
-        quantity = f"{role.quantity}_{role.joint}" if role.joint else role.quantity
-        return Column(name, quantity, role.unit or _usual(quantity), "by its name", values)
-    bracket = _UNIT.search(name)
-    unit = normalise(bracket[1]) if bracket else ""
-    word = re.sub(r"[^a-z]", "", name[: bracket.start() if bracket else None].lower())
-    quantity = next((quantity for quantity, words in _ALSO.items() if word in words), "")
-    if not quantity and dimension_of(unit):
-        fits = [q for q, dimensions in QUANTITIES.items() if dimension_of(unit) in dimensions]
-        quantity = fits[0] if fits else ""
-    allowed = units_of(quantity)
-    known = unit if unit in allowed else ""
-    why = "by its name and unit" if known else "by its name; unit assumed" if quantity else ""
-    return Column(name, quantity, known or _usual(quantity), why, values)
+def _column(table: Table, guessed: Guess) -> Column:
+    quantity = f"{guessed.quantity}_{guessed.joint}" if guessed.joint else guessed.quantity
+    values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(guessed.column))
+    why = guessed.why if guessed.unit or not quantity else f"{guessed.why}; unit assumed"
+    return Column(guessed.column, quantity, guessed.unit or _usual(quantity), why, values)
 
 
 def _usual(quantity: str) -> str:
     dimensions = QUANTITIES.get(re.sub(r"_\d+$", "", quantity), ())
     return si_unit(dimensions[0]) if dimensions else ""
-
-
-def _is_numeric(table: Table, name: str) -> bool:
-    try:
-        table.numbers(name)
-    except InputError:
-        return False
-    return True
 
 
 def _warn(error: PalpateError) -> None:
@@ -125,7 +98,7 @@ class Drop:
     def build(self) -> None:
         """Put the elements."""
         ui.upload(
-            label="Drop a CSV, Parquet, NPZ or session file here, or choose one",
+            label="Drop a data file or a session here, or choose one",
             auto_upload=True,
             max_files=1,
             max_file_size=MOST_BYTES,

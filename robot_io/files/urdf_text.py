@@ -44,6 +44,24 @@ def parse_urdf(text: str) -> Element:
     return robot
 
 
+def last_link(robot: Element) -> str:
+    """The link at the end of the longest chain of joints; of several, that which is named last.
+
+    Args:
+        robot: as `parse_urdf` gives it.
+    """
+    parents = {_linked(joint, "child"): _linked(joint, "parent") for joint in robot.findall("joint")}
+    names = [link.get("name", "") for link in robot.findall("link")]
+    return max(reversed(names), key=lambda name: _depth(name, parents), default="")
+
+
+def _depth(link: str, parents: dict[str, str]) -> int:
+    depth = 0
+    while link in parents:
+        link, depth = parents[link], depth + 1
+    return depth
+
+
 def without_files(robot: Element) -> Element:
     """The same arm without meshes and textures: whoever draws it then opens no file and asks no server."""
     for link in robot.iter("link"):

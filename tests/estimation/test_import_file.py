@@ -62,7 +62,11 @@ def test_contact(contact):
     np.testing.assert_allclose(channel.effort, F)
     np.testing.assert_allclose(channel.velocity, 0.009 * np.cos(9 * T), atol=2e-5)
     np.testing.assert_allclose(channel.acceleration[5:-5], -0.081 * np.sin(9 * T)[5:-5], atol=2e-3)
-    np.testing.assert_array_equal(channel.phase, -1)
+    moving_in = np.cos(9 * T) > 0.0
+    sure = np.abs(np.cos(9 * T)) > 0.2
+    np.testing.assert_array_equal(
+        channel.phase[sure], np.where(moving_in, Phase.LOADING, Phase.UNLOADING)[sure]
+    )
     assert channel.surface is None
 
 
@@ -422,18 +426,19 @@ HEADER = b"time_s,displacement_m,force_N\n"
         ("twice.csv", b"time_s,force_N,force_N\n1,2,3\n", "column 'force_N' is there twice"),
         ("short.csv", TEXT.replace("\n0.03,0.003,3", "\n0.03,0.003"), "header 3: '0.03,0.003'"),
         ("long.csv", TEXT.replace("\n0.03,", "\n0.03,7,"), "row 4 has 4 cells and the header 3"),
-        ("comma.csv", TEXT.replace(",", ";").replace(".", ","), "with a decimal point, not a comma"),
         ("line.csv", TEXT.replace("\n0.03,", "\n1_0,"), "row 4, column 'time_s': '1_0' is no finite number"),
         ("huge.csv", TEXT.replace(",3\n", ",1e300\n"), "row 4, column 'force_N': '1e300' is too large"),
-        ("utf16.csv", TEXT.encode("utf-16"), "is no UTF-8 text; save it as CSV in UTF-8"),
-        ("binary.csv", bytes(range(256)), "is no UTF-8 text"),
+        ("half.csv", TEXT.encode("utf-16")[:-1], "is no text; save it as CSV in UTF-8"),
+        ("binary.csv", bytes(range(256)), "is no text"),
+        ("words.csv", "a letter\n\nDear Sir,\n1,2\n", "no line with the names of columns"),
         ("endless.csv", HEADER + b"1" * 3_000_000 + b"\n", "a line is longer than 1 MiB"),
         ("wide.csv", b"," * 2_000_000 + b"\n1,2\n", "its first line is longer than 1 MiB"),
         ("torn.csv.gz", gzip.compress(HEADER + b"1,2,3\n" * 9, mtime=0)[:25], "cannot be read"),
         ("not.csv.gz", HEADER + b"0,1,2\n", "cannot be read"),
         ("broken.parquet", b"PAR1 nonsense", "cannot be read"),
         ("broken.npz", b"PK nonsense", "cannot be read"),
-        ("data.xlsx", b"PK", "unknown kind of file"),
+        ("data.xlsx", b"PK", "cannot be read"),
+        ("data.pdf", b"%PDF", "unknown kind of file"),
     ],
 )
 def test_broken_files_get_one_line(tmp_path, name, content, message):

@@ -1,0 +1,118 @@
+"""Which columns of other names make channels, where the user did not say."""
+
+import shlex
+from collections.abc import Collection, Iterable, Mapping
+
+import numpy as np
+
+from estimation.data.column_guess import Guess, guess_columns
+from estimation.data.quantities import Role
+from estimation.data.table import Table
+from estimation.data.units import dimension_of, factor_to_si
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+Key = tuple[str, int]  # quantity and number of the joint, 0 where there is none
+TIME, DISPLACEMENT, FORCE = ("time", 0), ("displacement", 0), ("force", 0)
+POSITION = ("position", 0)
+EFFORTS = ("force", "torque")
+_OTHER_SIGN = 0.2  # of its largest, that a force of a press may have on the other side
+_GOES_WITH = 0.3  # correlation of position and force
+
+
+def choose_columns(
+    table: Table, known: Collection[Key], taken: Collection[str], said: Collection[str] = ()
+) -> dict[Key, tuple[Role, str]]:
+    """The columns that make a channel, with those that are known already; what makes none is left alone.
+
+    Columns that say no unit are asked about only where nothing else makes a channel.
+
+    Args:
+        table: the rows.
+        known: what palpate's own names and the user's word say.
+        taken: columns that are known, and those that must not be used.
+        said: quantities and columns whose unit the user says.
+
+    Raises:
+        InputError: two columns that a channel needs match equally well.
+    """
+    free = [one for one in guess_columns(table.names) if one.column not in taken and one.quantity]
+    free = [one for one in free if one.key not in known and table.is_numeric(one.column)]
+    clear = [one for one in free if one.unit or one.key == TIME or _is_said(one, said)]
+    guesses = clear if _wanted({*known, *(one.key for one in clear)}) else free
+    found: dict[Key, list[Guess]] = {}
+    for one in guesses:
+        found.setdefault(one.key, []).append(one)
+    wanted = [key for key in _wanted({*known, *found}) if key in found]
+    chosen = {key: _best(table, key, found[key]) for key in wanted}
+    return {key: (Role(*key, guess.unit), guess.column) for key, guess in chosen.items()}
+
+
+def _is_said(guess: Guess, said: Collection[str]) -> bool:
+    return bool({guess.column, guess.quantity, Role(*guess.key, "").numbered} & set(said))
+
+
+def pressed_position(table: Table, chosen: Mapping[Key, tuple[Role, str]]) -> bool:
+    """Whether the one position [m] and force [N] of a file are rather those of a press than of an axis.
+
+    A press's force has one sign and grows with the position; what moves an axis has both.
+    """
+    if DISPLACEMENT in chosen or not {POSITION, FORCE} <= set(chosen) or ("torque", 0) in chosen:
+        return False
+    if dimension_of(chosen[POSITION][0].unit) != "length":
+        return False
+    position, force = (table.numbers(chosen[key][1]) for key in (POSITION, FORCE))
+    low, high = np.quantile(force, [0.005, 0.995])
+    one_sided = min(abs(low), abs(high)) < _OTHER_SIGN * max(abs(low), abs(high))
+    return bool(one_sided and abs(_likeness(position, force)) > _GOES_WITH)
+
+
+def _wanted(there: Collection[Key]) -> Iterable[Key]:
+    """The keys that make channels of what is there, and their time."""
+    keys: list[Key] = []
+    if DISPLACEMENT in there and FORCE in there:
+        keys += [DISPLACEMENT, FORCE]
+    joints = sorted({joint for quantity, joint in there if quantity == "position"})
+    for joint in joints:
+        for effort in (("torque", joint), ("force", joint)):
+            if effort in there and effort not in keys:
+                keys += [("position", joint), effort]
+                break
+    return [TIME, *keys] if keys else []
+
+
+def _best(table: Table, key: Key, guesses: list[Guess]) -> Guess:
+    """The column whose name fits best."""
+    fit = max(one.fit for one in guesses)
+    first, *equal = (one for one in guesses if one.fit == fit)
+    others = [one for one in equal if not _same(table, first, one)]
+    if others:
+        names = " and ".join(f"'{one.column}'" for one in (first, *others[:3]))
+        quantity = f"{key[0]}_{key[1]}" if key[1] else key[0]
+        raise InputError(
+            f"{table.path}: columns {names} may hold {quantity}; choose with "
+            f"--column {quantity}={typed_name(first.column)}"
+        )
+    return first
+
+
+def _same(table: Table, one: Guess, other: Guess) -> bool:
+    """Whether two columns hold the same, be it in two units."""
+    if not (one.unit and other.unit and dimension_of(one.unit) == dimension_of(other.unit)):
+        return False
+    first, second = (
+        factor_to_si(guess.unit, str(dimension_of(guess.unit)), guess.column) * table.numbers(guess.column)
+        for guess in (one, other)
+    )
+    return bool(np.allclose(first, second, rtol=1e-3, atol=1e-3 * float(np.ptp(first))))
+
+
+def _likeness(one: FloatArray, other: FloatArray) -> float:
+    if np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
+        return 0.0
+    return float(np.corrcoef(one, other)[0, 1])
+
+
+def typed_name(text: str) -> str:
+    """A column's name as one would type it in a shell."""
+    return shlex.quote(text)

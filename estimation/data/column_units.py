@@ -1,0 +1,115 @@
+"""In which unit a column is: by the user's word, or by its name."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.data.choose_columns import Key
+from estimation.data.import_options import ImportOptions
+from estimation.data.quantities import QUANTITIES, Role, parse_role, si_unit, unit_in_name
+from estimation.data.table import Table
+from estimation.data.units import SI, dimension_of, factor_to_si, normalise, scaled_unit
+from robot_io.errors import InputError
+
+_LARGE = {  # a row, or in all: the unit that is likely above
+    "time": (0.5, "ms"),
+    "displacement": (0.2, "mm"),
+    "position": (4.0 * np.pi, "deg"),
+}
+
+
+@dataclass(frozen=True)
+class Assigned:
+    """One quantity's column.
+
+    Attributes:
+        column: its name in the file.
+        dimension: what it measures.
+        unit: of its numbers.
+        factor: turns its numbers into SI.
+        note: what the reader should know, or empty.
+    """
+
+    column: str
+    dimension: str
+    unit: str
+    factor: float
+    note: str = ""
+
+
+def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -> Assigned:
+    """Find the unit: the user's word, the column's own name, the user's name for it, in this order.
+
+    Raises:
+        InputError: the unit does not measure the quantity.
+    """
+    dimensions = QUANTITIES[role.quantity]
+    said, own, unit = _said_unit(options, role, column), unit_in_name(column), _unit(options, role, column)
+    scale, unit = scaled_unit(unit, own)
+    dimension = dimension_of(unit)
+    if dimension not in dimensions:
+        valid = ", ".join(unit for name in dimensions for unit in SI[name])
+        raise InputError(
+            f"{table.path}: column '{column}': '{unit}' measures no {role.quantity}. Valid: {valid}"
+        )
+    note = ""
+    if not said and own and dimension_of(own) not in dimensions:
+        note = f"column '{column}' is taken as {role.quantity} in {unit}, whatever its name says"
+    if dimension == "current":
+        note = (
+            f"column '{column}' is a current that stands for the torque: 1 A counts as 1 N m; say the torque "
+            f"constant, as in --unit {role.numbered}=0.5Nm/A"
+        )
+    factor = scale * factor_to_si(unit, dimension, f"column '{column}'")
+    return Assigned(column, dimension, said if scale != 1.0 else unit, factor, note)
+
+
+def _unit(options: ImportOptions, role: Role, column: str) -> str:
+    """A column's unit; empty where nothing says it."""
+    own = unit_in_name(column)
+    fits = dimension_of(own) in QUANTITIES[role.quantity]
+    return _said_unit(options, role, column) or (own if fits else "") or role.unit
+
+
+def check_all_say_their_units(
+    table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
+) -> None:
+    """Ask for the units that nothing says, with those that are likely.
+
+    Raises:
+        InputError: one is not said.
+    """
+    silent = [(role, column) for role, column in chosen.values() if not _unit(options, role, column)]
+    if silent:
+        columns = ", ".join(f"'{column}'" for _, column in silent)
+        units = (f"--unit {role.numbered}={_likely_unit(table, role, column)}" for role, column in silent)
+        one = len(silent) == 1
+        raise InputError(
+            f"{table.path}: column{'' if one else 's'} {columns} {'does' if one else 'do'} not say "
+            f"{'its unit' if one else 'their units'}; say {'it' if one else 'them'}, as in {' '.join(units)}"
+        )
+
+
+def _likely_unit(table: Table, role: Role, column: str) -> str:
+    """The SI unit, or where the numbers are large for that, the one that laboratories take."""
+    span = float(np.ptp(table.numbers(column))) if table.is_numeric(column) else 0.0
+    most, other = _LARGE.get(role.quantity, (np.inf, ""))
+    per_row = span / max(len(table) - 1, 1) if role.quantity == "time" else span
+    return other if per_row > most else si_unit(QUANTITIES[role.quantity][0])
+
+
+def _said_unit(options: ImportOptions, role: Role, column: str) -> str:
+    for name, unit in options.units.items():
+        named = parse_role(name)
+        if name in (column, role.quantity, role.numbered) or (named and named.key == role.key):
+            return normalise(unit)
+    return ""
+
+
+def check_units_are_used(options: ImportOptions, chosen: dict[Key, tuple[Role, str]]) -> None:
+    """Refuse a unit for something that is not there: it would be lost without a word."""
+    for name in options.units:
+        used = any(_said_unit(ImportOptions(units={name: "m"}), role, c) for role, c in chosen.values())
+        if not used:
+            there = ", ".join(column for _, column in chosen.values()) or "none"
+            raise InputError(f"--unit {name}: no such quantity or column is in use. In use: {there}")

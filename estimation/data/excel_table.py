@@ -1,0 +1,123 @@
+"""An Excel workbook of measurements: the sheets that hold one table, one below the other."""
+
+import re
+import zipfile
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+import pyarrow as pa
+from python_calamine import CalamineSheet, CalamineWorkbook
+
+from estimation.data.file_columns import FileColumns
+from estimation.data.header_rows import find_layout, preamble_words
+from estimation.data.quantities import RUN
+from estimation.data.text_dialect import commas_decide
+from estimation.data.text_table import most_bytes
+from robot_io.errors import InputError
+
+_LOOKED_AT = 200  # rows of a sheet, among which its table begins
+_MOST_CELLS = 30_000_000  # of a sheet, empty ones included: the reader keeps them all
+_CELL = re.compile(r"([A-Z]{1,3})(\d{1,7})")
+_MOST_SHEETS = 200
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """One sheet's table: names, rows below them, and the lines above them."""
+
+    title: str
+    names: tuple[str, ...]
+    rows: list[list[Any]]
+    skipped: int
+
+
+def read_excel_table(path: Path) -> FileColumns:
+    """The table of a workbook (.xlsx, .xlsm, .xls); sheets with the same columns are runs of it.
+
+    Raises:
+        InputError: it is too large, or no sheet holds names of columns above rows of numbers.
+    """
+    if zipfile.is_zipfile(path):
+        _check_sizes(path)
+    book = CalamineWorkbook.from_path(path)
+    sheets = [_table_of(book.get_sheet_by_name(name)) for name in book.sheet_names[:_MOST_SHEETS]]
+    found = [sheet for sheet in sheets if sheet is not None]
+    if not found:
+        raise InputError(f"{path}: no sheet has names of columns above rows of numbers")
+    first = max(found, key=lambda sheet: len(sheet.rows))
+    alike = [sheet for sheet in found if sheet.names == first.names]
+    rows = [row for sheet in alike for row in sheet.rows]
+    columns = {name: _column(rows, place) for place, name in enumerate(first.names)}
+    if len(alike) > 1 and RUN not in columns:
+        columns[RUN] = pa.array([sheet.title for sheet in alike for _ in sheet.rows])
+    text = [[cell for cell in row if isinstance(cell, str)] for row in islice(first.rows, _LOOKED_AT)]
+    return FileColumns(
+        pa.table(list(columns.values()), names=list(columns)),
+        "," if commas_decide(text) else ".",
+        _words(first, alike, book.sheet_names),
+    )
+
+
+def _words(first: _Sheet, alike: Sequence[_Sheet], names: Sequence[str]) -> tuple[str, ...]:
+    titles = ", ".join(f"'{sheet.title}'" for sheet in alike[:5]) + (" ..." if len(alike) > 5 else "")
+    words = [f"sheet{'s' if len(alike) > 1 else ''} {titles} of {len(names)}"]
+    return (*words, *preamble_words(first.skipped))
+
+
+def _check_sizes(path: Path) -> None:
+    """Refuse what takes much memory: long sheets, and few cells that are far apart."""
+    with zipfile.ZipFile(path) as archive:
+        if sum(entry.file_size for entry in archive.infolist()) > most_bytes(path):
+            raise InputError(f"{path}: holds more than {most_bytes(path) // 2**20} MiB; cut it into pieces")
+        for entry in archive.infolist():  # any of them may be a sheet
+            rows, columns = _extent(archive.read(entry))
+            if rows * columns > _MOST_CELLS:
+                raise InputError(f"{path}: a sheet of {rows} rows, {columns} columns; cut it into pieces")
+
+
+def _extent(sheet: bytes) -> tuple[int, int]:
+    """The last row and column that a sheet's XML names; 0 of what is none."""
+    last = [0, 0]
+
+    def begin(name: str, attributes: dict[str, str]) -> None:
+        place = _CELL.fullmatch(attributes.get("r", "")) if name.rpartition(":")[2] == "c" else None
+        if place:
+            column = 0
+            for letter in place[1]:
+                column = 26 * column + ord(letter) - ord("A") + 1
+            last[:] = max(last[0], int(place[2])), max(last[1], column)
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = begin
+    with suppress(expat.ExpatError):
+        parser.Parse(sheet, True)
+    return last[0], last[1]
+
+
+def _table_of(sheet: CalamineSheet) -> _Sheet | None:
+    rows: list[list[Any]] = sheet.to_python(skip_empty_area=True)
+    head = [[_text(cell) for cell in row] for row in rows[:_LOOKED_AT]]
+    decimal = "," if commas_decide(head) else "."
+    layout = find_layout(head, decimal)
+    if layout is None:
+        return None
+    width = len(layout.names)
+    body = [row[:width] for row in rows[layout.first :] if any(cell != "" for cell in row[:width])]
+    return _Sheet(sheet.name, layout.names, body, sum(any(row) for row in head[: layout.header]))
+
+
+def _column(rows: Sequence[Sequence[Any]], place: int) -> pa.Array:
+    cells = [row[place] for row in rows]
+    if all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells):
+        return pa.array([float(cell) for cell in cells])
+    return pa.array([_text(cell) for cell in cells])
+
+
+def _text(cell: object) -> str:
+    """A cell as it would stand in a CSV."""
+    return repr(cell) if isinstance(cell, float) else str(cell)

@@ -1,0 +1,80 @@
+"""Several data files as one measurement: each is a run, or several."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from estimation.channel import ChannelData
+from estimation.data.import_file import Imported, import_table
+from estimation.data.import_options import ImportOptions
+from estimation.data.joining import joined_channels
+from estimation.data.table import ENDINGS, read_table
+from robot_io.errors import InputError
+
+_MOST_FILES = 2000
+
+
+def data_files(folder: Path) -> list[Path]:
+    """The data files in a folder, by name as people count: run2 before run10.
+
+    Raises:
+        InputError: there are very many.
+    """
+    found = [path for path in folder.iterdir() if path.name.lower().removesuffix(".gz").endswith(ENDINGS)]
+    if len(found) > _MOST_FILES:
+        raise InputError(f"{folder}: {len(found)} data files, at most {_MOST_FILES}; join some of them")
+    return sorted((path for path in found if path.is_file()), key=_counted)
+
+
+def import_files(paths: Sequence[Path], options: ImportOptions) -> Imported:
+    """Read files one by one, each as `import_file` does, and put their runs one after the other.
+
+    Args:
+        paths: at least one.
+        options: how to read each of them.
+
+    Raises:
+        InputError: one cannot be used, or lacks a channel that the first one has.
+    """
+    parts = [import_table(read_table(path), options) for path in paths]
+    if len(parts) == 1:
+        return parts[0]
+    channels = tuple(_joined(first.name, paths, parts) for first in parts[0].channels)
+    labels = [label for path, part in zip(paths, parts, strict=True) for label in _labels(path, part)]
+    unused = tuple(name for name in parts[0].unused if all(name in part.unused for part in parts))
+    return Imported(channels, dict(enumerate(labels)), _notes(paths, parts), unused, _read(parts), {})
+
+
+def _counted(path: Path) -> list[tuple[int, str]]:
+    """A key by which numbers within names are sorted as numbers."""
+    words = "".join(char if char.isdecimal() else f" {char} " for char in path.name.lower()).split()
+    return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
+
+
+def _joined(name: str, paths: Sequence[Path], parts: Sequence[Imported]) -> ChannelData:
+    found: list[ChannelData] = []
+    for path, part in zip(paths, parts, strict=True):
+        there = {one.name: one for one in part.channels}
+        if name not in there or (found and there[name].kind is not found[0].kind):
+            raise InputError(f"{path}: has no channel '{name}' such as {paths[0]} has")
+        found.append(there[name])
+    return joined_channels(found)
+
+
+def _labels(path: Path, part: Imported) -> Iterable[str]:
+    """What a file's runs are called: as the file, and as they are called in it where there are several."""
+    labels = part.run_labels.values()
+    return [path.name] if len(labels) == 1 else [f"{path.name} {label}" for label in labels]
+
+
+def _notes(paths: Sequence[Path], parts: Sequence[Imported]) -> tuple[str, ...]:
+    """Each note once, with the first file that it is of."""
+    said: dict[str, str] = {}
+    for path, part in zip(paths, parts, strict=True):
+        for note in part.notes:
+            said.setdefault(note, path.name)
+    return tuple(f"{name}: {note}" for note, name in said.items())
+
+
+def _read(parts: Sequence[Imported]) -> str:
+    ways = list(dict.fromkeys(part.read for part in parts if part.read))
+    return f"{len(parts)} files; {ways[0]}" + (" (others differ)" if len(ways) > 1 else "") if ways else ""

@@ -1,0 +1,89 @@
+"""A look at a data file before anything is stored: how it is written, what is taken for what, the runs."""
+
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table as Printed
+
+from control.loop.phases import Phase
+from estimation.channel import ChannelData
+from estimation.data.import_file import Imported, import_table
+from estimation.data.import_options import ImportOptions
+from estimation.data.table import Table, read_table
+from estimation.gate.motion_and_effort import mistaken_units
+from estimation.signals.runwise import sample_time
+from palpate import console
+from palpate.words import count, duration, safe, shown
+from robot_io.errors import InputError
+
+_VALUES = 3  # of a column that are shown
+_MOST_COLUMNS = 60
+_MOST_RUNS = 30
+
+
+def look_at(path: Path, options: ImportOptions) -> Imported:
+    """Print what is in a file, and return it as it would be imported.
+
+    Raises:
+        InputError: it cannot be read; its columns are shown before where they could be.
+    """
+    table, out = read_table(path), console.stdout()
+    ways = "; ".join(table.words)
+    out.print(f"[bold]{shown(path)}[/bold]: {count(len(table), 'row')}{'; ' + safe(ways) if ways else ''}")
+    try:
+        imported = import_table(table, options)
+    except InputError:
+        out.print(_columns(table, {}))
+        raise
+    out.print(_columns(table, dict(imported.roles)))
+    for channel in imported.channels:
+        out.print(_runs(channel, imported.run_labels))
+        if phases := _phases(channel):
+            out.print(f"phases: {phases}")
+    for note in (*imported.notes, *doubts(imported)):
+        out.print(f"[yellow]{safe(note)}[/yellow]")
+    return imported
+
+
+def doubts(imported: Imported) -> list[str]:
+    """What is hardly in the unit that it is said to be, in one sentence for each channel."""
+    checked = ((channel.name, mistaken_units(channel)) for channel in imported.channels)
+    return [f"{name}: {doubt}" for name, doubt in checked if doubt]
+
+
+def _columns(table: Table, roles: dict[str, str]) -> Printed:
+    made = console.table("", "column", "holds", "first values")
+    for name in table.names[:_MOST_COLUMNS]:
+        values = ", ".join(map(_value, table.head(_VALUES).columns.column(name).to_pylist()))
+        made.add_row(safe(name), safe(roles.get(name, "")) or "[dim]not used[/dim]", safe(values[:40]))
+    return made
+
+
+def _runs(channel: ChannelData, labels: dict[int, str]) -> Printed:
+    unit, effort = channel.kind.position_unit, channel.kind.effort_unit
+    numbers = ("samples", "time", f"position {unit}", f"effort {effort}")
+    rate = 1.0 / sample_time(channel.time_s, channel.run)
+    title = f"{channel.name}: {count(len(channel.runs), 'run')} at {rate:.4g} Hz"
+    made = console.table(title, "run", *numbers, right=numbers)
+    for run in channel.runs[:_MOST_RUNS]:
+        one = channel.select(channel.run == run)
+        made.add_row(
+            safe(labels.get(int(run), str(run))),
+            str(len(one)),
+            duration(float(np.ptp(one.time_s))),
+            f"{one.position.min():.2g} to {one.position.max():.2g}",
+            f"{one.effort.min():.2g} to {one.effort.max():.2g}",
+        )
+    return made
+
+
+def _phases(channel: ChannelData) -> str:
+    """How long each phase took in all runs together, in the order in which they came first."""
+    known = {phase.value: phase.name.lower().replace("_", " ") for phase in Phase}
+    step_s = sample_time(channel.time_s, channel.run)
+    there = [number for number in dict.fromkeys(channel.phase.tolist()) if number in known]
+    return ", ".join(f"{known[n]} {duration(step_s * np.sum(channel.phase == n))}" for n in there)
+
+
+def _value(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,188 @@
+"""Files as machines and people write them, of presses whose truth is known: 800 N/m and 4 N s/m."""
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import openpyxl
+from scipy.ndimage import gaussian_filter1d
+
+STIFFNESS, DAMPING, CUBIC = 800.0, 4.0, 4e7
+SPEEDS_M_S = (4e-3, 8e-3, 16e-3, 12e-3)
+_DEPTH_M, _AWAY_M, _RATE_HZ, _NOISE_N = 4e-3, 1e-3, 250, 0.01
+
+
+@cache
+def presses(speeds=SPEEDS_M_S, cubic=0.0):
+    """Time [s], displacement [m] and force [N] of presses one after the other, each with a hold."""
+    parts = []
+    for speed in speeds:
+        way = np.linspace(-_AWAY_M, _DEPTH_M, int((_DEPTH_M + _AWAY_M) / speed * _RATE_HZ), endpoint=False)
+        rest = int(0.2 * _RATE_HZ)
+        parts += [np.full(rest, -_AWAY_M), way, np.full(2 * rest, _DEPTH_M), way[::-1]]
+    x = gaussian_filter1d(np.concatenate([*parts, np.full(50, -_AWAY_M)]), 3.0)
+    t = np.arange(len(x)) / _RATE_HZ
+    force = STIFFNESS * x + DAMPING * np.gradient(x, t) + cubic * x**3
+    noise = np.random.default_rng(len(x)).normal(0.0, _NOISE_N, len(x))
+    return t, x, np.where(x > 0.0, force, 0.0).clip(0.0) + noise
+
+
+def lines(columns, delimiter=",", form="{:.5f}"):
+    return "".join(
+        delimiter.join(form.format(value) for value in row) + "\r\n" for row in zip(*columns, strict=True)
+    )
+
+
+def comma(text):
+    return text.replace(".", ",")
+
+
+def si_prefixed(t, x, f):
+    return t, 1e3 * x, f
+
+
+def plain(folder):
+    """A spreadsheet's CSV with units in brackets, and a byte order mark."""
+    path = folder / "press.csv"
+    path.write_text("Time [s],Displacement [mm],Force (N)\n" + lines(si_prefixed(*presses())), "utf-8-sig")
+    return path
+
+
+def instron(folder):
+    """Bluehill: a preamble in quotes, names, then units, all cells in quotes."""
+    text = '"Test type","Compression"\n"Operator","A, B"\n"Specimen label","7"\n\n'
+    text += '"Time","Compressive extension","Compressive load"\n"(s)","(mm)","(N)"\n'
+    rows = zip(*si_prefixed(*presses()), strict=True)
+    path = folder / "Specimen_RawData_1.csv"
+    path.write_text(text + "".join(",".join(f'"{value:.5f}"' for value in row) + "\n" for row in rows))
+    return path
+
+
+def zwick(folder):
+    """testXpert in German: cp1252, semicolons, decimal commas, units below the names."""
+    text = "Prüfprotokoll;;\nPrüfer;Müller;\nPrüftemperatur;23,5;°C\n\n"
+    text += "Prüfzeit;Standardweg;Standardkraft\ns;mm;N\n" + comma(lines(si_prefixed(*presses()), ";"))
+    path = folder / "Schaum 12.TRA"
+    path.write_bytes(text.encode("cp1252"))
+    return path
+
+
+def texture_analyser(folder):
+    """Exponent of a TA.XT: grams, the force first, units below the names."""
+    t, x, f = presses()
+    path = folder / "gel.txt"
+    path.write_text("Force\tDistance\tTime\n(g)\t(mm)\t(sec)\n" + lines((f / 9.80665e-3, 1e3 * x, t), "\t"))
+    return path
+
+
+def mark_10(folder):
+    """IntelliMESUR: readings are numbered; pounds and inches."""
+    t, x, f = presses()
+    text = "Serial Number:,3456789\nDate:,2024-05-02\n\nReading,Load [lbF],Travel [in],Time [s]\n"
+    columns = (np.arange(len(t)) + 1.0, f / 4.4482216, x / 0.0254, t)
+    path = folder / "mark.csv"
+    path.write_text(text + lines(columns, form="{:.7g}"))
+    return path
+
+
+def servo_hydraulic(folder):
+    """MTS and TestResources: words around the names, time in ms, blanks at the ends of lines."""
+    t, x, f = presses()
+    text = "MTS793|MPT|ENU|1|2|.|/|:|1|0|0|A\n\nData Acquisition: Timed\t\t\tTime:\t12.5\tSec\n"
+    text += "Running Time (msec)\tAxial Displacement (mm)\tAxial Force (mN)\t\n"
+    path = folder / "specimen.dat"
+    path.write_text(text + lines((1e3 * t, 1e3 * x, 1e3 * f), "\t").replace("\r\n", "\t\r\n"))
+    return path
+
+
+def labview(folder):
+    """A LabVIEW measurement file with a decimal comma; units stand far above the names."""
+    text = "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\n"
+    text += (
+        "***End_of_Header***\t\n\t\nChannels\t2\t\t\nSamples\t999\t999\t\nDate\t2024/05/02\t2024/05/02\t\n"
+    )
+    text += "Y_Unit_Label\tNewton\tMillimeters\t\nX_Dimension\tTime\tTime\t\nX0\t0,0E+0\t0,0E+0\t\n"
+    text += "Delta_X\t0,004\t0,004\t\n***End_of_Header***\t\t\t\nX_Value\tLoad Cell\tStroke\tComment\n"
+    t, x, f = presses()
+    path = folder / "press.lvm"
+    path.write_text(text + comma(lines((t, f, 1e3 * x), "\t", "{:.6f}")))
+    return path
+
+
+def unicode_tabs(folder):
+    """Excel's "Unicode text": UTF-16 with tabs."""
+    text = "Zeit / s\tWeg / mm\tKraft / N\r\n" + comma(lines(si_prefixed(*presses()), "\t"))
+    path = folder / "unicode.txt"
+    path.write_bytes(text.encode("utf-16"))
+    return path
+
+
+def excel(folder):
+    """A workbook with an overview and one sheet for each specimen."""
+    book = openpyxl.Workbook()
+    book.active.append(["Overview", "mean stiffness", 801.2])
+    for number, speed in enumerate(SPEEDS_M_S, 1):
+        sheet = book.create_sheet(f"Probe {number}")
+        for row in (["Specimen", number], [], ["Time", "Extension", "Load"], ["s", "mm", "N"]):
+            sheet.append(row)
+        for row in zip(*si_prefixed(*presses((speed,))), strict=True):
+            sheet.append([float(value) for value in row])
+    book.save(folder / "series.xlsx")
+    return folder / "series.xlsx"
+
+
+def one_file_a_run(folder):
+    """A folder with one file for each speed; the material stiffens."""
+    place = folder / "runs"
+    place.mkdir()
+    for number, speed in enumerate(SPEEDS_M_S, 9):
+        t, x, f = presses((speed,), CUBIC)
+        text = "t (s);x (mm);F (N)\n" + lines((t, 1e3 * x, f), ";")
+        (place / f"run{number}.csv").write_text(text)
+    return place
+
+
+def savetxt(folder):
+    """numpy's own: a comment for a header, blanks between cells; the clock misses samples and is uneven."""
+    t, x, f = presses()
+    rng = np.random.default_rng(3)
+    kept = rng.random(len(t)) > 0.05
+    columns = np.column_stack([t, 1e6 * x, f])[kept]
+    path = folder / "bench.asc"
+    np.savetxt(path, columns, header="time [s]  depth[um] load [N]", fmt="%11.6f")
+    return path
+
+
+def joint_log(folder):
+    """A motor's log: milliseconds, degrees, mA; 0.02 N m s^2 and 0.1 N m s for 1 N m an ampere."""
+    t = np.arange(0.0, 12.0, 0.004)
+    angle = 0.8 * np.sin(2.0 * t) + 0.4 * np.sin(5.1 * t) + 0.1 * np.sin(13.0 * t)
+    rate = 1.6 * np.cos(2.0 * t) + 2.04 * np.cos(5.1 * t) + 1.3 * np.cos(13.0 * t)
+    acceleration = -3.2 * np.sin(2.0 * t) - 10.404 * np.sin(5.1 * t) - 16.9 * np.sin(13.0 * t)
+    current = 0.02 * acceleration + 0.1 * rate + np.random.default_rng(5).normal(0.0, 0.005, len(t))
+    columns = (1e3 * t, np.degrees(angle), 1e3 * current, np.full(len(t), 24.1))
+    path = folder / "axis.csv"
+    path.write_text("timestamp_ms,joint_1_angle_deg,Motor Current 1 [mA],Bus voltage [V]\n" + lines(columns))
+    return path
+
+
+PRESSED = {"stiffness.k": (STIFFNESS, 0.005), "damping.c": (DAMPING, 0.05)}
+STIFFENING = {"stiffness.k": (STIFFNESS, 0.05), "cubic_stiffness.k3": (CUBIC, 0.05)}
+MOVED = {"inertia.m": (0.02, 0.03), "viscous_friction.d": (0.1, 0.03)}
+Laboratory = Callable[[Path], Path]
+LABORATORIES: dict[Laboratory, tuple[str, dict[str, tuple[float, float]]]] = {
+    plain: ("adequate", PRESSED),
+    instron: ("adequate", PRESSED),
+    zwick: ("adequate", PRESSED),
+    texture_analyser: ("adequate", PRESSED),
+    mark_10: ("adequate", PRESSED),
+    servo_hydraulic: ("adequate", PRESSED),
+    labview: ("adequate", PRESSED),
+    unicode_tabs: ("adequate", PRESSED),
+    excel: ("adequate", PRESSED),
+    one_file_a_run: ("missing", STIFFENING),
+    savetxt: ("adequate", PRESSED),
+    joint_log: ("adequate", MOVED),
+}
+"""Each with the verdict on its channel, and parameters with the share by which they may be off."""

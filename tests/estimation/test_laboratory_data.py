@@ -1,0 +1,270 @@
+"""How a file is taken: what is noticed and named, cut into runs, given phases, or asked about in one line."""
+
+import re
+
+import numpy as np
+import openpyxl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from control.loop.phases import Phase
+from estimation.data import excel_table
+from estimation.data.import_file import import_file
+from estimation.data.import_files import data_files, import_files
+from estimation.data.import_options import ImportOptions
+from estimation.data.table import read_table
+from estimation.data.text_decoding import as_utf8
+from estimation.study.source import open_source
+from robot_io.errors import InputError
+from tests.estimation.laboratories import excel, one_file_a_run, presses, zwick
+
+TIME, WAY, LOAD = "Time [s]", "Travel [mm]", "Load [N]"
+
+
+@pytest.fixture
+def press(tmp_path):
+    """Writes presses with changed or added columns of numbers or text; None removes one."""
+
+    def write(**changed):
+        t, x, f = presses()
+        columns = {TIME: t, WAY: 1e3 * x, LOAD: f} | changed
+        columns = {name: np.asarray(values) for name, values in columns.items() if values is not None}
+        rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+        text = ",".join(columns) + "\n" + "".join(",".join(map(str, row)) + "\n" for row in rows)
+        path = tmp_path / "press.csv"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def some(values, every, start=0):
+    """A column with a value in every so many rows, and empty cells between."""
+    return ["" if (row - start) % every else value for row, value in enumerate(values.tolist())]
+
+
+def contact_of(path, **options):
+    (channel,) = import_file(path, ImportOptions(**options)).channels
+    return channel
+
+
+def test_presses_of_one_file_are_runs_with_phases(press):
+    imported = import_file(press())
+    (channel,) = imported.channels
+    assert "cut into 4 runs, one for each press" in imported.notes[0]
+    assert len(channel.runs) == 4
+    for run in channel.runs:
+        one = channel.of_runs([run])
+        assert one.position[0] < 0.0 > one.position[-1]
+        order = [Phase(number) for number in dict.fromkeys(one.phase.tolist())]
+        assert order == [
+            Phase.FREE_AIR,
+            Phase.APPROACH,
+            Phase.LOADING,
+            Phase.HOLD,
+            Phase.UNLOADING,
+            Phase.RETRACT,
+        ]
+        held = one.phase == Phase.HOLD
+        assert one.position[held].min() > 0.0039
+        assert np.ptp(one.time_s[held]) == pytest.approx(0.4, abs=0.1)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_runs_are_as_many_as_the_user_says(press, count):
+    assert len(contact_of(press(), runs=count).runs) == count
+
+
+def test_small_presses_are_found_beside_large_ones(press):
+    t, x, f = presses()
+    small = np.arange(len(t)) > 0.6 * len(t)
+    channel = contact_of(
+        press(**{WAY: np.where(small & (x > 0.0), 0.2, 1.0) * 1e3 * x, LOAD: f * (1 - 0.8 * small)})
+    )
+    assert len(channel.runs) == 4
+
+
+def test_more_runs_than_presses_are_refused(press):
+    with pytest.raises(InputError, match=r"--runs 5000: \d+ presses can be told apart at most"):
+        contact_of(press(), runs=5000)
+
+
+@pytest.mark.parametrize(
+    ("changed", "note"),
+    [
+        ({LOAD: -presses()[2], WAY: -1e3 * presses()[1]}, "count compression negative: both are turned"),
+        (
+            {WAY: None, "Position [mm]": 1e3 * presses()[1]},
+            "go together as those of a press; if it is",
+        ),
+        ({TIME: 1e3 * presses()[0]}, "samples are 4 s apart; .* --unit time=ms"),
+        (
+            {WAY: some(1e3 * presses()[1], 4)},
+            "'Travel .mm.' has a value in 25 % of the rows: the rows that",
+        ),
+        (
+            {WAY: some(1e3 * presses()[1], 2), LOAD: some(presses()[2], 2, 1)},
+            "all others are read between their samples at the times of 'Load",
+        ),
+        ({"Cycle": np.repeat([1, 2], len(presses()[0]) // 2)}, ""),
+    ],
+)
+def test_what_is_unusual_is_named_and_read(press, changed, note):
+    imported = import_file(press(**changed))
+    (channel,) = imported.channels
+    assert channel.name == "contact"
+    pressed = channel.position > 1e-3
+    assert channel.effort[pressed].mean() / channel.position[pressed].mean() == pytest.approx(800.0, rel=0.02)
+    if note:
+        assert any(re.search(note, said) for said in imported.notes), imported.notes
+    else:
+        assert len(channel.runs) == 2
+
+
+T = presses()[0]
+RATE = {WAY: None, LOAD: None, "Angle [deg]": np.sin(T)}
+
+
+@pytest.mark.parametrize(
+    ("changed", "options", "words"),
+    [
+        ({"Force": T, "Force [N]": T}, {}, "columns 'Load [N]' and 'Force [N]' may hold force"),
+        ({LOAD: None, "A [N]": T, "B [N]": -T}, {}, "columns 'A [N]' and 'B [N]' may hold force"),
+        ({LOAD: None, "A [N]": T, "B [N]": -T}, {}, "choose with --column force='A [N]'"),
+        ({TIME: T[::-1]}, {}, "column 'Time [s]' runs backwards all along; turn the order of the rows"),
+        (
+            {WAY: None, "Travel": 1e3 * presses()[1]},
+            {},
+            "'Travel' does not say its unit; say it, as in --unit displ",
+        ),
+        ({WAY: None, "Travel": 1e3 * presses()[1]}, {}, "--unit displacement=mm"),
+        ({LOAD: None, "Load [kPa]": T}, {}, "does not say its unit"),
+        ({LOAD: None, "Load setpoint [N]": T}, {}, "no channel can be made of"),
+        ({LOAD: None, "Stress [MPa]": T}, {}, "no channel can be made of"),
+        ({TIME: None, "n": np.arange(len(T))}, {}, "no time; name it time_s or add --column time_s=COLUMN"),
+        ({"run": np.zeros(len(T), int)}, {"runs": 2}, "--runs 2: column 'run' says the runs already"),
+        ({"Current [mA]": T} | RATE, {"runs": 2}, "--runs 2: there is no contact"),
+        ({}, {"units": {"force": "3 parsec"}}, "measures no force"),
+    ],
+)
+def test_what_cannot_be_told_is_asked_in_one_line(press, changed, options, words):
+    with pytest.raises(InputError) as caught:
+        import_file(press(**changed), ImportOptions(**options))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("units", "factor"),
+    [({}, 1.0), ({"torque": "0.5Nm/A"}, 0.5), ({"torque": "-2 Nm/A"}, -2.0), ({"Current [mA]": "A"}, 1000.0)],
+)
+def test_a_current_stands_for_a_torque_until_its_constant_is_said(press, units, factor):
+    current = np.cos(3.0 * T)
+    imported = import_file(press(**RATE, **{"Current [mA]": 1e3 * current}), ImportOptions(units=units))
+    (channel,) = imported.channels
+    np.testing.assert_allclose(channel.effort, factor * current)
+    np.testing.assert_allclose(channel.position, np.radians(np.sin(T)))
+    unknown = "torque" not in units
+    assert any("1 A counts as 1 N m" in note for note in imported.notes) is unknown
+
+
+def test_a_torque_is_preferred_to_a_current_and_a_column_is_not_used_twice(press):
+    columns = {"Current [mA]": T, "Torque [Nm]": 2.0 * T, "Torque setpoint [Nm]": T}
+    (channel,) = import_file(press(**RATE, **columns)).channels
+    np.testing.assert_allclose(channel.effort, 2.0 * T)
+
+
+def test_columns_without_units_are_asked_about_only_where_nothing_else_makes_a_channel(press):
+    joint = {"q": np.sin(T), "tau": T}
+    assert contact_of(press(**joint)).name == "contact"
+    with pytest.raises(InputError, match="'q', 'tau' do not say their units"):
+        import_file(press(**joint, **{WAY: None}))
+    said = ImportOptions(units={"position": "rad", "torque": "Nm"})
+    assert [one.name for one in import_file(press(**joint), said).channels] == ["contact", "joint_1"]
+
+
+def test_the_same_in_two_units_is_not_ambiguous(press):
+    f = presses()[2]
+    channel = contact_of(press(**{"Load [lbf]": f / 4.4482216}))
+    np.testing.assert_allclose(channel.effort, f)
+
+
+def test_files_of_a_folder_are_runs_in_the_order_of_their_numbers(tmp_path):
+    folder = one_file_a_run(tmp_path)
+    assert [path.name for path in data_files(folder)] == ["run9.csv", "run10.csv", "run11.csv", "run12.csv"]
+    imported = import_files(data_files(folder), ImportOptions())
+    assert list(imported.run_labels.values()) == ["run9.csv", "run10.csv", "run11.csv", "run12.csv"]
+    for data in (folder, data_files(folder), [str(path) for path in data_files(folder)]):
+        (channel,) = open_source(data).channels
+        np.testing.assert_array_equal(channel.run, imported.channels[0].run)
+    (folder / "second.csv").write_text(
+        "time_s,position_rad,torque_Nm\n" + "".join(f"{i},1,{i}\n" for i in range(9))
+    )
+    with pytest.raises(InputError, match=r"second\.csv: has no channel 'contact'"):
+        open_source(folder)
+
+
+def test_sheets_with_the_same_columns_are_runs(tmp_path):
+    imported = import_file(excel(tmp_path))
+    assert list(imported.run_labels.values()) == ["Probe 1", "Probe 2", "Probe 3", "Probe 4"]
+    assert "sheets 'Probe 1', 'Probe 2', 'Probe 3', 'Probe 4' of 5" in imported.read
+
+
+def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "far.xlsx"
+    book = openpyxl.Workbook()
+    book.active["A1"], book.active["XFD1048576"] = 1, 2
+    book.save(path)
+    with pytest.raises(InputError, match="a sheet of 1048576 rows, 16384 columns; cut it into pieces"):
+        read_table(path)
+    monkeypatch.setattr(excel_table, "most_bytes", lambda path: 100)
+    with pytest.raises(InputError, match="holds more than 0 MiB; cut it into pieces"):
+        read_table(path)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
+def test_text_is_the_same_in_every_encoding(tmp_path, encoding):
+    text = "Zeit [s];Weg [µm];Prüfkraft [N]\r\n1,5;2;3\r\n"
+    assert as_utf8(text.encode(encoding), tmp_path)[0].decode() == text
+
+
+@given(st.binary(max_size=300))
+def test_bytes_at_random_get_one_line(tmp_path_factory, content):
+    path = tmp_path_factory.mktemp("any") / "any.lvm"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        import_file(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("cells", "delimiter", "values"),
+    [
+        (("1,5", "2,25", "-0,125"), ";", (1.5, 2.25, -0.125)),
+        (("1.234,5", "999,5", "12.345.678,25"), ";", (1234.5, 999.5, 12345678.25)),
+        (("1,234.5", "999.5", "12,345,678.25"), "\t", (1234.5, 999.5, 12345678.25)),
+        (('"1,234.5"', "999.5", "0.25"), ",", (1234.5, 999.5, 0.25)),
+        (("1,234", "2,345", "3,456"), ";", (1.234, 2.345, 3.456)),
+        (("1.234", "2.345", "3.456"), ";", (1.234, 2.345, 3.456)),
+        (("1,5E-3", "2E+2", " 7 "), "\t", (1.5e-3, 200.0, 7.0)),
+        ((".5", "-.25", "3."), "|", (0.5, -0.25, 3.0)),
+    ],
+)
+def test_numbers_are_read_as_they_are_written(tmp_path, cells, delimiter, values):
+    path = tmp_path / "numbers.txt"
+    lines = ["n [s]" + delimiter + "Kraft [N]", *(f"{i}{delimiter}{cell}" for i, cell in enumerate(cells))]
+    path.write_text("\n".join(lines))
+    assert read_table(path).numbers("Kraft [N]").tolist() == list(values)
+
+
+def test_how_a_file_is_written_is_said(tmp_path):
+    read = import_file(zwick(tmp_path)).read
+    for words in (
+        "displacement 'Standardweg [mm]'",
+        "semicolons",
+        "decimal commas",
+        "preamble of 3 lines",
+        "cp1252",
+    ):
+        assert words in read
