@@ -20,8 +20,8 @@ class AsymmetricFriction(AdditiveEffect):
     signals = ("velocity", "direction")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (
-        Parameter("forward", "{effort}", 0.0, 10000.0, (0.001, 50.0)),
-        Parameter("backward", "{effort}", 0.0, 10000.0, (0.001, 50.0)),
+        Parameter("forward", "{effort}", 0.0, 1e6, (0.001, 50.0)),
+        Parameter("backward", "{effort}", 0.0, 1e6, (0.001, 50.0)),
         Parameter("viscous_forward", "{effort} s/{position}", -10000.0, 10000.0, (0.001, 50.0)),
         Parameter("viscous_backward", "{effort} s/{position}", -10000.0, 10000.0, (0.001, 50.0)),
     )

@@ -22,7 +22,7 @@ class CoulombFriction(AdditiveEffect):
     signature = "effort jumps where the velocity changes sign, by the same amount at any speed and position"
     signals = ("direction",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    gains = (Parameter("force", "{effort}", 0.0, 10000.0, (0.001, 50.0)),)
+    gains = (Parameter("force", "{effort}", 0.0, 1e6, (0.001, 50.0)),)
     inner = (Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),)
     confused_with: ClassVar[dict[str, str]] = {
         "position_dependent_friction": "move over a wide range",

@@ -23,7 +23,7 @@ class PreslidingFriction(AdditiveEffect):
     signature = "after a reversal effort turns over a path, not at a speed; at rest it keeps its value"
     signals: ClassVar[tuple[str, ...]] = ("direction", "past motion")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 10000.0, (0.001, 50.0)),)
+    gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e6, (0.001, 50.0)),)
     inner = (Parameter("presliding", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),)
     confused_with: ClassVar[dict[str, str]] = {
         "coulomb_friction": "stop and creep back and forth: a path, not a speed, counts",

@@ -19,7 +19,7 @@ class QuadraticDamping(AdditiveEffect):
     signature = "the gap between in and out grows faster than in proportion to speed"
     signals = ("velocity",)
     channels = frozenset({ChannelKind.CONTACT})
-    gains = (Parameter("c2", "{effort} s^2/{position}^2", -1000000.0, 1000000.0, (1.0, 10000.0)),)
+    gains = (Parameter("c2", "{effort} s^2/{position}^2", -1e12, 1e12, (1.0, 10000.0)),)
     confused_with: ClassVar[dict[str, str]] = {
         "damping": "probe at three speeds: twice the speed gives four times the force",
         "dry_friction": "probe at three speeds: friction does not depend on speed",

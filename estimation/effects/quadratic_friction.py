@@ -19,7 +19,7 @@ class QuadraticFriction(AdditiveEffect):
     signature = "effort rises faster than in proportion to speed"
     signals = ("velocity",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    gains = (Parameter("d2", "{effort} s^2/{position}^2", -100000.0, 100000.0, (0.0001, 50.0)),)
+    gains = (Parameter("d2", "{effort} s^2/{position}^2", -1e12, 1e12, (0.0001, 50.0)),)
     confused_with: ClassVar[dict[str, str]] = {
         "viscous_friction": "move at three speeds",
         "stribeck_friction": "move very slowly and very fast",
