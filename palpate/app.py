@@ -19,7 +19,7 @@ from robot_io.errors import InputError
 
 ORDER = (
     *("demo", "probe", "estimate", "inspect", "compare", "diagnose", "resolve", "add", "remove", "revisions"),
-    *("workbench", "report", "export", "reveal"),
+    *("effects", "workbench", "report", "export", "reveal"),
     *("import", "info", "study", "teleop", "calibrate", "doctor"),
 )
 

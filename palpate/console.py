@@ -90,9 +90,10 @@ def next_steps(*commands: tuple[str, str]) -> None:
     console.print("\n[bold]Next[/bold]")
     runnable = [(as_typed(command), purpose) for command, purpose in commands]
     width = max(len(command) for command, _ in runnable)
+    fits = all(width + len(purpose) + 4 <= console.width for _, purpose in runnable)
     for command, purpose in runnable:
-        room = " " * (width - len(command))
-        console.print(f"  [cyan]{escape(command)}[/cyan]{room}  [dim]{purpose}[/dim]", soft_wrap=True)
+        between = f"\n{' ' * 6}" if console.is_terminal and not fits else " " * (width - len(command) + 2)
+        console.print(f"  [cyan]{escape(command)}[/cyan]{between}[dim]{purpose}[/dim]", soft_wrap=True)
 
 
 def command_group(about: str) -> typer.Typer:

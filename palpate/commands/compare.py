@@ -103,6 +103,7 @@ def as_data(comparison: Comparison) -> dict[str, Any]:
         "parameters": {name: parameter.value for name, parameter in comparison.parameters.items()},
         "parts": {by: list(map(vars, parts)) for by, parts in comparison.parts.items()},
         "words": list(comparison.words),
+        "patterns": list(map(vars, comparison.patterns)),
         "not_judged": comparison.not_judged,
     }
 
@@ -149,7 +150,14 @@ def _after(  # noqa: PLR0917, what was typed
     elif model is None and data.urdf is None:
         steps += _other_models(data, study, results, channel)
     missing = f"palpate diagnose {data.typed(channel=channel, model=model)}"
-    return [*steps, (missing, "which effect is missing")]
+    return [*steps, (missing, "which effect is missing"), *_suggested(results)]
+
+
+def _suggested(results: Sequence[ChannelResult]) -> Steps:
+    """The effect that the plainest pattern suggests."""
+    compared = (one.shown for one in results if one.shown is not None)
+    names = [name for one in compared for pattern in one.patterns for name in pattern.effects[:1]]
+    return [(f"palpate effects {name}", "what that is") for name in names[:1]]
 
 
 def _other_models(

@@ -30,6 +30,7 @@ class _Look:
     dash: str = "solid"
     width: float = 1.3
     named: bool = True  # in the legend
+    shown: bool = True  # at first; others when their name in the legend is clicked
 
 
 def figure(channel: ChannelView | StudyView) -> go.Figure:
@@ -68,7 +69,7 @@ def time_figure(channel: ChannelView) -> go.Figure:
 
 
 def state_figure(channel: ChannelView) -> go.Figure:
-    """Measured effort and the last model over position and over velocity."""
+    """Measured effort and each model over position and over velocity; those between are in the legend."""
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.03)
     _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
     _draw_state(made, channel, (1, 2), channel.velocity, channel.axes.velocity, named=False)
@@ -190,15 +191,13 @@ def _draw_state(
         rows = [rows for run, rows in runs.items() if not word or channel.speeds.get(run) == word]
         look = _Look(f"measured, {word}" if word else "measured", color, width=2.4, named=named)
         _draw(made, run_curves(x, channel.effort, rows), place, unit, look)
-    if channel.stages:
-        last, plain = channel.stages[-1], len(colors) == 1
-        look = _Look(
-            last.name,
-            palette.MODEL if plain else palette.BASE,
-            "solid" if plain else "4px,2px",
-            named=named,
+    for stage in channel.stages:
+        look = replace(
+            _look_of(channel, stage), named=named, shown=any(stage is one for one in channel.shown_stages)
         )
-        _draw(made, run_curves(x, last.predicted, list(runs.values())), place, unit, look)
+        if len(colors) > 1:  # measured curves have the colours of speeds
+            look = replace(look, dash="4px,2px" if stage is channel.stages[-1] else "1px,2px")
+        _draw(made, run_curves(x, stage.predicted, list(runs.values())), place, unit, look)
     _title(made, place, title, channel.axes.effort)
 
 
@@ -212,6 +211,7 @@ def _draw(made: go.Figure, curves: Sequence[Curve], place: Place, unit: str, loo
         mode="lines",
         legendgroup=look.name,
         showlegend=look.named,
+        visible=True if look.shown else "legendonly",
         line={"color": look.color, "width": look.width, "dash": look.dash},
         hovertemplate=f"%{{x:.4g}}: %{{y:.4g}} {unit}",
     )
