@@ -49,7 +49,6 @@ app = typer.Typer(
     cls=CommandGroup,
     rich_markup_mode="rich",
     invoke_without_command=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

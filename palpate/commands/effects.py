@@ -8,6 +8,7 @@ import typer
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
 from palpate import console
+from palpate.completion import effect_names
 from palpate.data_options import JsonOption
 from palpate.example import Example
 from palpate.files import existing_data
@@ -15,11 +16,6 @@ from palpate.render.vocabulary import as_data, effect_view, kind_of, library, pr
 from palpate.words import typed
 from robot_io.errors import InputError
 from sim_backend.imperfection import IMPERFECTIONS
-
-
-def effect_names() -> list[str]:
-    """Names for a shell to complete."""
-    return list(EFFECTS)
 
 
 def command(

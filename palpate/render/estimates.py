@@ -31,6 +31,7 @@ FEW_STEPS = 20.0  # of an encoder, that are worth a sentence
 POOR = 4.0  # times the noise: right models stay below 2.6, also on objects of 1e5 N/m or 200 N s/m
 _WIDE, _NARROW = 104, 80  # columns of a terminal for all columns of the table, and for the errors
 _MOST_ABREAST = 3  # parameters that stand side by side
+_FEW_ABREAST = 2  # in a narrow terminal
 _GRADES = {
     Identifiability.GOOD: "[green]good[/green]",
     Identifiability.WEAK: "[yellow]weak[/yellow]",
@@ -76,8 +77,8 @@ def estimate_table(found: ChannelEstimates, truth: Truth, width: int) -> Table:
     """
     runs, samples = len(found.channel.runs), int(np.count_nonzero(found.rows))
     title = f"{found.channel.name}: {found.model.name}, {count(runs, 'run')}, {count(samples, 'sample')}"
-    if len(shown_parameters(found.estimates[0])) > _MOST_ABREAST:
-        return _one_row_a_parameter(found, title)
+    if len(shown_parameters(found.estimates[0])) > (_MOST_ABREAST if width >= _NARROW else _FEW_ABREAST):
+        return _one_row_a_parameter(found, title, width)
     return _one_row_an_estimator(found, truth, width, title)
 
 
@@ -111,8 +112,10 @@ def _one_row_an_estimator(found: ChannelEstimates, truth: Truth, width: int, tit
     return made
 
 
-def _one_row_a_parameter(found: ChannelEstimates, title: str) -> Table:
+def _one_row_a_parameter(found: ChannelEstimates, title: str, width: int) -> Table:
     """For models with many parameters, each estimator's below those of the one before."""
+    if width < _NARROW:
+        return _one_line_a_parameter(found, title)
     made = table(title, "estimator", "parameter", "value", "unit", "determined", right=("value",))
     unit = found.channel.kind.effort_unit
     for estimate in found.estimates:
@@ -123,6 +126,16 @@ def _one_row_a_parameter(found: ChannelEstimates, title: str) -> Table:
         rmse, condition, used = _quality(estimate)
         made.add_row("", "[dim]rmse[/dim]", f"[dim]{rmse}[/dim]", f"[dim]{unit}[/dim]")
         made.add_row("", "[dim]cond., used[/dim]", f"[dim]{condition}, {used}[/dim]", end_section=True)
+    return made
+
+
+def _one_line_a_parameter(found: ChannelEstimates, title: str) -> Table:
+    """For narrow terminals, each estimator above its parameters."""
+    made = table(title, "estimator", "value", "unit", right=("value",))
+    for estimate in found.estimates:
+        made.add_row(f"[bold]{estimate.estimator}[/bold]", _GRADES[estimate.identifiability])
+        for p in shown_parameters(estimate):
+            made.add_row(f"  {short_name(p.name)}", with_interval(p), p.unit)
     return made
 
 
