@@ -17,6 +17,7 @@ from rich.table import Table
 
 from palpate.words import typed
 
+_UNBOUNDED = 10_000  # columns: wider than any table
 PIPE_WIDTH = 120  # columns when the output is no terminal, so that tables are not squeezed into 80
 
 
@@ -68,6 +69,12 @@ def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
         justify: JustifyMethod = "right" if column in aligned else "left"
         made.add_column(column, justify=justify, no_wrap=column in aligned, overflow="fold")
     return made
+
+
+def natural_width(made: Table) -> int:
+    """Columns of a terminal that a table takes if nothing in it is folded."""
+    wide = Console(width=_UNBOUNDED)
+    return made.__rich_measure__(wide, wide.options).maximum
 
 
 def as_typed(command: str) -> str:

@@ -15,7 +15,7 @@ from estimation.rounding import in_steps, steps_spanned
 from estimation.statistics.misfit import Misfit, misfit
 from estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
 from estimation.surface import FEWEST_STEPS
-from palpate.console import table
+from palpate.console import natural_width, table
 from palpate.render.build import channel_view, stage_view
 from palpate.render.view import ChannelView, VerdictView
 from palpate.truth import SURFACE
@@ -31,7 +31,6 @@ FEW_STEPS = 20.0  # of an encoder, that are worth a sentence
 POOR = 4.0  # times the noise: right models stay below 2.6, also on objects of 1e5 N/m or 200 N s/m
 _WIDE, _NARROW = 104, 80  # columns of a terminal for all columns of the table, and for the errors
 _MOST_ABREAST = 3  # parameters that stand side by side
-_FEW_ABREAST = 2  # in a narrow terminal
 _GRADES = {
     Identifiability.GOOD: "[green]good[/green]",
     Identifiability.WEAK: "[yellow]weak[/yellow]",
@@ -77,9 +76,13 @@ def estimate_table(found: ChannelEstimates, truth: Truth, width: int) -> Table:
     """
     runs, samples = len(found.channel.runs), int(np.count_nonzero(found.rows))
     title = f"{found.channel.name}: {found.model.name}, {count(runs, 'run')}, {count(samples, 'sample')}"
-    if len(shown_parameters(found.estimates[0])) > (_MOST_ABREAST if width >= _NARROW else _FEW_ABREAST):
-        return _one_row_a_parameter(found, title, width)
-    return _one_row_an_estimator(found, truth, width, title)
+    if len(shown_parameters(found.estimates[0])) > _MOST_ABREAST:
+        roomy = [_one_row_a_parameter(found, title)]
+    else:
+        widths = (width, min(width, _NARROW - 1))
+        roomy = [_one_row_an_estimator(found, truth, each, title) for each in widths]
+    narrow = _one_line_a_parameter(found, truth, title)
+    return next((each for each in roomy if natural_width(each) <= width), narrow)
 
 
 def _one_row_an_estimator(found: ChannelEstimates, truth: Truth, width: int, title: str) -> Table:
@@ -112,10 +115,8 @@ def _one_row_an_estimator(found: ChannelEstimates, truth: Truth, width: int, tit
     return made
 
 
-def _one_row_a_parameter(found: ChannelEstimates, title: str, width: int) -> Table:
+def _one_row_a_parameter(found: ChannelEstimates, title: str) -> Table:
     """For models with many parameters, each estimator's below those of the one before."""
-    if width < _NARROW:
-        return _one_line_a_parameter(found, title)
     made = table(title, "estimator", "parameter", "value", "unit", "determined", right=("value",))
     unit = found.channel.kind.effort_unit
     for estimate in found.estimates:
@@ -129,13 +130,15 @@ def _one_row_a_parameter(found: ChannelEstimates, title: str, width: int) -> Tab
     return made
 
 
-def _one_line_a_parameter(found: ChannelEstimates, title: str) -> Table:
+def _one_line_a_parameter(found: ChannelEstimates, truth: Truth, title: str) -> Table:
     """For narrow terminals, each estimator above its parameters."""
-    made = table(title, "estimator", "value", "unit", right=("value",))
+    known = {p.name for p in shown_parameters(found.estimates[0]) if p.name in truth}
+    made = table(title, "estimator", "value", "unit", *["truth"] * bool(known), right=("value", "truth"))
     for estimate in found.estimates:
         made.add_row(f"[bold]{estimate.estimator}[/bold]", _GRADES[estimate.identifiability])
         for p in shown_parameters(estimate):
-            made.add_row(f"  {short_name(p.name)}", with_interval(p), p.unit)
+            true = [f"{truth[p.name]:g}"] if p.name in known else []
+            made.add_row(f"  {safe(short_name(p.name))}", with_interval(p), safe(p.unit), *true)
     return made
 
 
