@@ -24,7 +24,9 @@ _BRIGHT = 0.98  # share of the cells of a map within its colours; the others are
 
 
 @dataclass(frozen=True)
-class _Look:
+class Look:
+    """How a curve is drawn, and what the legend calls it."""
+
     name: str
     color: str
     dash: str = "solid"
@@ -153,14 +155,14 @@ def _draw_fall(made: go.Figure, channel: ChannelView, row: int, col: int) -> Non
 def _draw_time(made: go.Figure, channel: ChannelView, place: Place) -> None:
     """Measured effort, what was wanted, and the first and the last model."""
     unit, runs = channel.axes.effort_unit, list(rows_by_run(channel.run).values())
-    curves = [(channel.effort, _Look("measured", palette.MEASURED, width=2.4))]
+    curves = [(channel.effort, Look("measured", palette.MEASURED, width=2.4))]
     if channel.wanted is not None:
-        curves.append((channel.wanted[1], _Look(channel.wanted[0], palette.TRUTH, "2px,2px")))
+        curves.append((channel.wanted[1], Look(channel.wanted[0], palette.TRUTH, "2px,2px")))
     curves += [(stage.predicted, _look_of(channel, stage)) for stage in channel.shown_stages]
     for values, look in curves:
-        _draw(made, run_curves(channel.time_s, values, runs), place, unit, look)
+        draw_curves(made, run_curves(channel.time_s, values, runs), place, unit, look)
     _shade(made, channel, place)
-    _title(made, place, "" if channel.stages else _TIME, channel.axes.effort)
+    title_axes(made, place, "" if channel.stages else _TIME, channel.axes.effort)
 
 
 def _draw_rest(made: go.Figure, channel: ChannelView, place: Place) -> None:
@@ -169,16 +171,16 @@ def _draw_rest(made: go.Figure, channel: ChannelView, place: Place) -> None:
     for stage in channel.shown_stages:
         look = replace(_look_of(channel, stage), named=False)
         left = np.where(channel.judged, stage.residual, np.nan)
-        _draw(made, run_curves(channel.time_s, left, runs), place, unit, look)
+        draw_curves(made, run_curves(channel.time_s, left, runs), place, unit, look)
     _shade(made, channel, place)
     for level in (-2 * channel.floor, 2 * channel.floor):
         line = {"color": palette.FLOOR, "width": 1, "dash": "dot"}
         made.add_hline(y=level, line=line, row=place[0], col=place[1])
-    _title(made, place, _TIME, f"measured − model [{unit}]")
+    title_axes(made, place, _TIME, f"measured − model [{unit}]")
 
 
-def _look_of(channel: ChannelView, stage: StageView) -> _Look:
-    return _Look(stage.name, palette.MODEL if stage is channel.stages[-1] else palette.BASE)
+def _look_of(channel: ChannelView, stage: StageView) -> Look:
+    return Look(stage.name, palette.MODEL if stage is channel.stages[-1] else palette.BASE)
 
 
 def _draw_state(
@@ -189,19 +191,19 @@ def _draw_state(
     colors = palette.speed_colors(words) if 1 < len(words) <= len(palette.SPEEDS) else {"": palette.MEASURED}
     for word, color in colors.items():
         rows = [rows for run, rows in runs.items() if not word or channel.speeds.get(run) == word]
-        look = _Look(f"measured, {word}" if word else "measured", color, width=2.4, named=named)
-        _draw(made, run_curves(x, channel.effort, rows), place, unit, look)
+        look = Look(f"measured, {word}" if word else "measured", color, width=2.4, named=named)
+        draw_curves(made, run_curves(x, channel.effort, rows), place, unit, look)
     for stage in channel.stages:
         look = replace(
             _look_of(channel, stage), named=named, shown=any(stage is one for one in channel.shown_stages)
         )
         if len(colors) > 1:  # measured curves have the colours of speeds
             look = replace(look, dash="4px,2px" if stage is channel.stages[-1] else "1px,2px")
-        _draw(made, run_curves(x, stage.predicted, list(runs.values())), place, unit, look)
-    _title(made, place, title, channel.axes.effort)
+        draw_curves(made, run_curves(x, stage.predicted, list(runs.values())), place, unit, look)
+    title_axes(made, place, title, channel.axes.effort)
 
 
-def _draw(made: go.Figure, curves: Sequence[Curve], place: Place, unit: str, look: _Look) -> None:
+def draw_curves(made: go.Figure, curves: Sequence[Curve], place: Place, unit: str, look: Look) -> None:
     """Curves of one look, as one trace with gaps."""
     x, y = joined(curves)
     trace = go.Scatter(
@@ -229,7 +231,8 @@ def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
         made.add_vrect(x0=edges[first], x1=edges[past], **look)
 
 
-def _title(made: go.Figure, place: Place, x: str, y: str) -> None:
+def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
+    """Name both axes of a subplot."""
     made.update_xaxes(title_text=x, row=place[0], col=place[1])
     made.update_yaxes(title_text=y, row=place[0], col=place[1])
 
