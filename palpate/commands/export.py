@@ -1,4 +1,4 @@
-"""`palpate export`: the improved model as a simulated world."""
+"""`palpate export`: the improved model as a simulated world, or a stream as a table."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,10 +8,12 @@ import typer
 from estimation.study.revisions import own_effects
 from palpate import console
 from palpate.data_options import DataArguments, FolderOption, JsonOption, takes_data
-from palpate.derived import folder_to_read
+from palpate.derived import derived_folder, folder_to_read
 from palpate.export import Export
-from palpate.files import output_file
-from palpate.words import safe, shown, typed
+from palpate.export.table import check_ending, table_of, write_table
+from palpate.files import existing_data, output_file
+from palpate.words import count, safe, shown, typed
+from robot_io.errors import InputError
 
 SCENARIO = "scenario.yaml"
 
@@ -24,9 +26,18 @@ def command(
         list[int] | None,
         typer.Option(help="Take these revisions; default: each channel's newest of this data.", metavar="N"),
     ] = None,
+    stream: Annotated[
+        str | None,
+        typer.Option(
+            help="Write this stream or channel as a table instead, such as tick, events or contact."
+        ),
+    ] = None,
     folder: FolderOption = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Scenario file to write.", metavar="FILE.yaml")
+        Path | None,
+        typer.Option(
+            "--out", "-o", help="Scenario (.yaml) or table (.csv, .parquet) to write.", metavar="FILE"
+        ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")] = False,
     as_json: JsonOption = False,
@@ -34,7 +45,17 @@ def command(
     """Write the fitted models of object and joints as a scenario, so that they can be probed in simulation.
 
     Where the simulator cannot do what was fitted, that is said, and the rest is written.
+
+    With --stream, what was recorded, as CSV or Parquet: a stream of a session, its events, or a channel as
+    palpate import takes it.
+
+    Examples: palpate export stiff.mcap; palpate export stiff.mcap --stream tick -o ticks.parquet
     """
+    if stream is not None:
+        if revision:
+            raise InputError("--revision: is of a model; leave it out, or --stream")
+        _export_table(data, stream, out, force=force, as_json=as_json)
+        return
     place = folder_to_read(data.file, folder)
     study = data.study(None, place)
     path = output_file(out or place / SCENARIO, force=force or out is None, keep=[data.file])
@@ -50,6 +71,23 @@ def command(
         return
     numbers, own = [str(each.number) for each in kept], own_effects(kept)
     _print(data.typed(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own]), path, export)
+
+
+def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bool, as_json: bool) -> None:
+    """Write a stream or channel, by default into the folder of what is derived."""
+    existing_data(data.file)
+    path = out or derived_folder(data.file) / f"{name}.csv"
+    check_ending(path)
+    table = table_of(data.file, data.options, name)
+    write_table(table, output_file(path, force=force or out is None, keep=[data.file]))
+    if as_json:
+        columns = table.column_names
+        console.print_json({"file": str(data.file), "stream": name, "table": str(path), "columns": columns})
+        return
+    said = f"{count(table.num_rows, 'row')}, {count(table.num_columns, 'column')}"
+    console.stdout().print(f"table  [bold]{shown(path)}[/bold]: {said}", soft_wrap=True)
+    if "displacement_m" in table.column_names or any("torque_Nm" in one for one in table.column_names):
+        console.next_steps((f"palpate import {typed(path)}", "read it again as a measurement"))
 
 
 def _print(again: str, path: Path, export: Export) -> None:
