@@ -18,7 +18,19 @@ from palpate.failures import OneLineGroup
 from robot_io.errors import InputError
 
 ORDER = (
-    *("demo", "probe", "estimate", "inspect", "compare", "diagnose", "resolve", "add", "remove", "revisions"),
+    *(
+        "demo",
+        "probe",
+        "replay",
+        "estimate",
+        "inspect",
+        "compare",
+        "diagnose",
+        "resolve",
+        "add",
+        "remove",
+        "revisions",
+    ),
     *("effects", "workbench", "report", "export", "reveal"),
     *("import", "info", "study", "teleop", "calibrate", "doctor"),
 )
