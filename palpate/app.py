@@ -32,7 +32,7 @@ ORDER = (
         "revisions",
     ),
     *("effects", "workbench", "report", "export", "reveal"),
-    *("import", "info", "study", "teleop", "calibrate", "doctor"),
+    *("import", "merge", "info", "study", "teleop", "calibrate", "doctor"),
 )
 
 _WITHOUT_VALUE = re.compile(r"--[a-z-]+=")  # an option with nothing after its sign
