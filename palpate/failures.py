@@ -10,6 +10,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from palpate.answer import Answer
 from palpate.made_folders import remove_empty_folders
 from palpate.preflight import library_remedy
 from robot_io.errors import DeviceError, InputError, PalpateError
@@ -29,7 +30,7 @@ class OneLineGroup(TyperGroup):
     def main(self, *args: Any, **extra: Any) -> Any:  # noqa: ANN401
         """Run the command and leave with its exit code; see `TyperGroup.main`."""
         given = extra.get("args", args[0] if args else None)
-        as_json = "--json" in (sys.argv[1:] if given is None else given)
+        as_json, Answer.was_printed = "--json" in (sys.argv[1:] if given is None else given), False
         try:
             code = super().main(*args, **(extra | {"standalone_mode": False}))
             sys.stdout.flush()
@@ -87,10 +88,11 @@ def _disk_is_full(error: BaseException | None) -> bool:
 def report(text: str, code: int, *, as_json: bool = False) -> int:
     """Print `text` as one line on stderr, with nothing that a terminal would obey, and return `code`.
 
-    With `as_json` also as one line on stdout, `{"error": ..., "exit_code": ...}`, where JSON is read.
+    With `as_json` also as one line on stdout, `{"error": ..., "exit_code": ...}`, where JSON is read; but not
+    after a result, which says itself how it ended.
     """
     line = one_line(text)
-    if as_json:
+    if as_json and not Answer.was_printed:
         print(json.dumps({"error": line, "exit_code": code}))
     print("palpate: " + line, file=sys.stderr)
     return code

@@ -10,12 +10,14 @@ from palpate import console
 from palpate.data_options import DataArguments, FolderOption, JsonOption, takes_data
 from palpate.derived import derived_folder, folder_to_read
 from palpate.export import Export
+from palpate.export.layout import ENDINGS, Program, layout_of
 from palpate.export.table import check_ending, table_of, write_table
-from palpate.files import existing_data, output_file
+from palpate.files import existing_data, open_session, output_file, write_text
 from palpate.words import count, safe, shown, typed
 from robot_io.errors import InputError
 
 SCENARIO = "scenario.yaml"
+PROGRAMS = {Program.FOXGLOVE: "Foxglove", Program.PLOTJUGGLER: "PlotJuggler"}
 
 
 @takes_data
@@ -31,6 +33,10 @@ def command(
         typer.Option(
             help="Write this stream or channel as a table instead, such as tick, events or contact."
         ),
+    ] = None,
+    layout: Annotated[
+        Program | None,
+        typer.Option(help="Write a layout instead, in which this program shows the session itself."),
     ] = None,
     folder: FolderOption = None,
     out: Annotated[
@@ -51,9 +57,17 @@ def command(
 
     Examples: palpate export stiff.mcap; palpate export stiff.mcap --stream tick -o ticks.parquet
     """
+    given = [
+        name
+        for name, value in (("--stream", stream), ("--layout", layout), ("--revision", revision))
+        if value
+    ]
+    if len(given) > 1:
+        raise InputError(f"{' and '.join(given)}: one file is written; name one of them")
+    if layout is not None:
+        _export_layout(data.file, layout, out, force=force, as_json=as_json)
+        return
     if stream is not None:
-        if revision:
-            raise InputError("--revision: is of a model; leave it out, or --stream")
         _export_table(data, stream, out, force=force, as_json=as_json)
         return
     place = folder_to_read(data.file, folder)
@@ -88,6 +102,20 @@ def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bo
     console.stdout().print(f"table  [bold]{shown(path)}[/bold]: {said}", soft_wrap=True)
     if "displacement_m" in table.column_names or any("torque_Nm" in one for one in table.column_names):
         console.next_steps((f"palpate import {typed(path)}", "read it again as a measurement"))
+
+
+def _export_layout(file: Path, program: Program, out: Path | None, *, force: bool, as_json: bool) -> None:
+    """Write a layout, by default into the folder of what is derived."""
+    session = open_session(file)
+    path = out or derived_folder(file) / f"{program}{ENDINGS[program]}"
+    text = layout_of(session, program)
+    write_text(output_file(path, force=force or out is None, keep=[file]), text)
+    if as_json:
+        console.print_json({"file": str(file), "layout": str(path), "program": str(program)})
+        return
+    console.stdout().print(f"layout  [bold]{shown(path)}[/bold]", soft_wrap=True)
+    said = f"open {shown(file)} in {PROGRAMS[program]}, and then this layout"
+    console.stderr().print(said, soft_wrap=True)
 
 
 def _print(again: str, path: Path, export: Export) -> None:
