@@ -100,10 +100,13 @@ def _words(found: Sides) -> Iterator[str]:
         yield f"B's model describes A to {b_of_a:.1f} % (B to {own_b:.1f} %)."
     yield from _of_parameters(found)
     for letter, side in zip(LETTERS, (found.first, found.second), strict=True):
-        for what, one in (("itself", side.autocorrelation), ("the velocity", side.cross_correlation)):
+        for what, one in (
+            ("is not white: of its autocorrelation,", side.autocorrelation),
+            ("goes with the velocity: of their cross-correlation,", side.cross_correlation),
+        ):
             if one.outside > _CHANCE:
                 share = f"{_PERCENT * one.outside:.0f} % of the lags are outside the 99 % band"
-                yield f"What {letter}'s model leaves goes with {what}: {share}."
+                yield f"What {letter}'s model leaves {what} {share}."
 
 
 def _of_parameters(found: Sides) -> Iterator[str]:
@@ -127,7 +130,8 @@ def difference_text(one: ParameterDifference) -> str:
         return "–"
     if not np.isfinite(one.half):
         return f"{one.value:+.4g}"
-    return f"{significant(one.value, one.half)} ± {significant(one.half, one.half)}"
+    value = significant(one.value, one.half)
+    return f"{value if float(value) else value.lstrip('-')} ± {significant(one.half, one.half)}"
 
 
 def print_pair(console: Console, view: PairView) -> None:

@@ -27,7 +27,7 @@ def run_process(*arguments, **options) -> "subprocess.CompletedProcess[str]":
 
 
 def assert_refused(result, *words: str, code: int = 2) -> None:
-    """One clear line on stderr that holds the words, the exit code, and on stdout nothing but that as JSON."""
+    """One clear line on stderr that holds the words, the exit code, and on stdout at most that as JSON."""
     status = result.exit_code if isinstance(result, Result) else result.returncode
     assert status == code, result.stderr
     lines = result.stderr.splitlines()
