@@ -15,7 +15,7 @@ from robot_io.errors import InputError
 from robot_io.types import Command, FloatArray, IntArray, Measurement
 
 SPEED_RAD_S, ACCELERATION_RAD_S2 = 0.5, 2.0  # of the way to where the references begin
-_SETTLE_S = 0.3
+_SETTLE_S = 0.3  # standing there, and at the end
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ class ReplayTask:
         while self._tick < len(known.time_s) - 1 and known.time_s[self._tick + 1] <= since_s:
             self._tick += 1
         phase, run = Phase(int(known.phase[self._tick])), int(known.run[self._tick])
-        done = since_s >= known.duration_s
+        done = since_s >= known.duration_s + _SETTLE_S
         motion = self._motion(since_s)
         return self._output(
             measurement, motion, dt_s, Phase.IDLE if done else phase, NO_RUN if done else run, done=done

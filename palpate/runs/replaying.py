@@ -8,7 +8,7 @@ import numpy as np
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import gains_of
 from control.loop.result import LoopResult
-from control.loop.task import TaskOutput
+from control.loop.task import NO_RUN, TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates
 from control.probing.replay import References, ReplayTask
 from palpate.runs.probing import NOBODY, Watcher, run_guarded
@@ -19,6 +19,7 @@ from robot_io.session import Session
 from robot_io.types import Measurement
 
 REPLAY_OF = "replay_of"  # key of the session that was repeated, in the session's metadata
+_STILL_RAD_S = 1e-3  # slower references stand
 _FARTHEST_M = 0.005  # that the tip may be elsewhere, with this arm in the recorded postures
 
 
@@ -31,18 +32,21 @@ class ReplayJob(ArmJob):
 
 
 def references_of(session: Session) -> References:
-    """What the arm of a session was to do, up to where it was stopped if it was.
+    """What the arm of a session was to do, up to where it last stood between runs: there it can be let go.
 
     Raises:
-        InputError: it is no probing, or the arm had no references.
+        InputError: it is no probing, or holds no whole run.
     """
     if STREAM_NAME not in session.stream_names:
         raise InputError(f"{session.path}: no arm made it, so there is no motion to repeat")
     ticks = session.samples(STREAM_NAME)
-    aimed = np.isfinite(ticks.vector("reference_position_rad")).all(axis=1)
-    count = len(aimed) if aimed.all() else int(np.argmin(aimed))
-    if count < 2:
-        raise InputError(f"{session.path}: the arm was not told to move")
+    speed_rad_s = np.abs(ticks.vector("reference_velocity_rad_s")).max(axis=1)
+    aimed = np.isfinite(ticks.vector("reference_position_rad")).all(axis=1) & np.isfinite(speed_rad_s)
+    told = len(aimed) if aimed.all() else int(np.argmin(aimed))  # nothing is aimed at once it was stopped
+    stands = (ticks["run"][:told] == NO_RUN) & (speed_rad_s[:told] < _STILL_RAD_S)
+    count = int(np.flatnonzero(stands)[-1]) + 1 if stands.any() else 0
+    if not (ticks["run"][:count] != NO_RUN).any():
+        raise InputError(f"{session.path}: holds no whole run, after which the arm stood; nothing to repeat")
     first = slice(0, count)
     return References(
         ticks["time_s"][first] - ticks["time_s"][0],

@@ -14,7 +14,7 @@ from palpate.runs import replaying
 from palpate.runs.robots import find_robot
 from palpate.study import Study
 from robot_io.errors import InputError
-from robot_io.session import Session
+from robot_io.session import Session, write_session
 from tests.palpate.cli import assert_refused, next_commands, run
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
@@ -90,6 +90,29 @@ def test_what_cannot_be_repeated_is_refused(probed, tmp_path, options, words):
 def test_an_imported_session_has_no_motion_of_an_arm(hardening, tmp_path):
     assert run("import", hardening, "-o", tmp_path / "x.mcap").exit_code == 0
     assert_refused(run("replay", tmp_path / "x.mcap", "-o", tmp_path / "t.mcap"), "no arm made it")
+
+
+def cut(recorded, path, share):
+    """The first part of a session, as if its program had been killed."""
+    session = Session.open(recorded)
+    ticks = session.samples("tick")
+    part = ticks.select(np.arange(int(share * len(ticks))))
+    return write_session(path, [(part.stream, {name: part[name] for name in part})], session.metadata)
+
+
+def test_a_session_that_was_cut_off_is_repeated_to_where_the_arm_last_stood(probed, tmp_path):
+    whole = replaying.references_of(Session.open(probed[0]))
+    part = replaying.references_of(Session.open(cut(probed[0], tmp_path / "part.mcap", 0.7)))
+    for one in (whole, part):
+        assert one.run[-1] == -1
+        assert np.abs(one.velocity_rad_s[-1]).max() < 1e-3
+    assert set(part.run) < set(whole.run)
+    assert 0 in part.run
+
+
+def test_without_a_whole_run_nothing_is_repeated(probed, tmp_path):
+    short = cut(probed[0], tmp_path / "short.mcap", 0.1)
+    assert_refused(run("replay", short, "-o", tmp_path / "t.mcap"), "no whole run")
 
 
 def references(**changes):
