@@ -4,10 +4,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from estimation.channel import ChannelKind
-from estimation.effect import Effect, SensorEffect
-from estimation.effects import EFFECTS
-from estimation.effects.run_variation import RunVariation
+from palpate.render.vocabulary import GROUPS, library
 from sim_backend.imperfection import (
     IMPERFECTIONS,
     ContactImperfection,
@@ -16,30 +13,19 @@ from sim_backend.imperfection import (
 )
 
 DOCUMENT = Path(__file__).parent / "effects.md"
-GROUPS = ("Contact", "Joints", "Contact and joints", "Sensor and drive readings", "From run to run")
 
 
-def library() -> Iterator[str]:
+def effects() -> Iterator[str]:
     """One table of effects for each group."""
     for group in GROUPS:
         yield f"### {group}\n"
         yield "| effect | equation | what one sees | confused with |"
         yield "|---|---|---|---|"
-        for name, effect in sorted(EFFECTS.items()):
-            if _group(effect) == group:
-                rivals = ", ".join(sorted(effect.confused_with)) or "-"
-                yield f"| {name} | `{_cell(effect.equation)}` | {_cell(effect.signature)} | {rivals} |"
+        for one in library():
+            if one.group == group:
+                rivals = ", ".join(sorted(one.confused_with)) or "-"
+                yield f"| {one.name} | `{_cell(one.equation)}` | {_cell(one.signature)} | {rivals} |"
         yield ""
-
-
-def _group(effect: type[Effect]) -> str:
-    if issubclass(effect, RunVariation):
-        return "From run to run"
-    if issubclass(effect, SensorEffect) or effect.name in {"bias", "drift"}:
-        return "Sensor and drive readings"
-    if ChannelKind.CONTACT not in effect.channels:
-        return "Joints"
-    return "Contact" if effect.channels == {ChannelKind.CONTACT} else "Contact and joints"
 
 
 def hidden() -> Iterator[str]:
@@ -66,7 +52,7 @@ def _cell(text: str) -> str:
 
 def renewed(text: str) -> str:
     """The document with its tables made anew, each between its two markers."""
-    for name, lines in (("library", library()), ("hidden", hidden())):
+    for name, lines in (("library", effects()), ("hidden", hidden())):
         made = f"<!-- {name} -->\n\n" + "\n".join(lines).strip() + f"\n\n<!-- end of {name} -->"
         pattern = rf"<!-- {name} -->.*?<!-- end of {name} -->"
         text = re.sub(pattern, lambda _, made=made: made, text, count=1, flags=re.DOTALL)  # type: ignore[misc]

@@ -18,9 +18,21 @@ from palpate.failures import OneLineGroup
 from robot_io.errors import InputError
 
 ORDER = (
-    *("demo", "probe", "estimate", "inspect", "compare", "diagnose", "resolve", "add", "remove", "revisions"),
-    *("workbench", "report", "export", "reveal"),
-    *("import", "info", "study", "teleop", "calibrate", "doctor"),
+    *(
+        "demo",
+        "probe",
+        "replay",
+        "estimate",
+        "inspect",
+        "compare",
+        "diagnose",
+        "resolve",
+        "add",
+        "remove",
+        "revisions",
+    ),
+    *("effects", "workbench", "report", "export", "reveal"),
+    *("import", "merge", "info", "study", "teleop", "calibrate", "doctor"),
 )
 
 _WITHOUT_VALUE = re.compile(r"--[a-z-]+=")  # an option with nothing after its sign
@@ -49,7 +61,6 @@ app = typer.Typer(
     cls=CommandGroup,
     rich_markup_mode="rich",
     invoke_without_command=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

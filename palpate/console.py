@@ -15,8 +15,10 @@ from rich.console import Console, JustifyMethod
 from rich.markup import escape
 from rich.table import Table
 
+from palpate.answer import Answer
 from palpate.words import safe, typed
 
+_UNBOUNDED = 10_000  # columns: wider than any table
 PIPE_WIDTH = 120  # columns when the output is no terminal, so that tables are not squeezed into 80
 
 
@@ -39,6 +41,7 @@ def _console(*, stderr: bool) -> Console:
 
 def print_json(data: Any) -> None:  # noqa: ANN401
     """Print `data` as strict JSON on stdout; arrays become lists, NaN and infinity become null."""
+    Answer.was_printed = True
     readable = "utf" in (sys.stdout.encoding or "").lower()
     text = json.dumps(plain(data), indent=2, ensure_ascii=not readable, allow_nan=False)
     # what stands for itself in JSON may still be an order to a terminal
@@ -70,6 +73,12 @@ def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
     return made
 
 
+def natural_width(made: Table) -> int:
+    """Columns of a terminal that a table takes if nothing in it is folded."""
+    wide = Console(width=_UNBOUNDED)
+    return made.__rich_measure__(wide, wide.options).maximum
+
+
 def as_typed(command: str) -> str:
     """A command as it can be typed here: with its folder, where the shell would not find it otherwise."""
     program, _, rest = command.partition(" ")
@@ -90,9 +99,10 @@ def next_steps(*commands: tuple[str, str]) -> None:
     console.print("\n[bold]Next[/bold]")
     runnable = [(as_typed(command), purpose) for command, purpose in commands]
     width = max(len(command) for command, _ in runnable)
+    fits = all(width + len(purpose) + 4 <= console.width for _, purpose in runnable)
     for command, purpose in runnable:
-        room = " " * (width - len(command))
-        console.print(f"  [cyan]{escape(command)}[/cyan]{room}  [dim]{purpose}[/dim]", soft_wrap=True)
+        between = f"\n{' ' * 6}" if console.is_terminal and not fits else " " * (width - len(command) + 2)
+        console.print(f"  [cyan]{escape(command)}[/cyan]{between}[dim]{purpose}[/dim]", soft_wrap=True)
 
 
 def say_read(read: str, notes: Iterable[str]) -> None:

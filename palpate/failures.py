@@ -1,6 +1,7 @@
-"""The one place where a failure becomes one line on stderr and an exit code."""
+"""The one place where a failure becomes one line on stderr and an exit code; with `--json`, JSON as well."""
 
 import errno
+import json
 import os
 import sys
 import traceback
@@ -9,6 +10,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from palpate.answer import Answer
 from palpate.made_folders import remove_empty_folders
 from palpate.preflight import library_remedy
 from robot_io.errors import DeviceError, InputError, PalpateError
@@ -27,13 +29,15 @@ class OneLineGroup(TyperGroup):
 
     def main(self, *args: Any, **extra: Any) -> Any:  # noqa: ANN401
         """Run the command and leave with its exit code; see `TyperGroup.main`."""
+        given = extra.get("args", args[0] if args else None)
+        as_json, Answer.was_printed = "--json" in (sys.argv[1:] if given is None else given), False
         try:
             code = super().main(*args, **(extra | {"standalone_mode": False}))
             sys.stdout.flush()
         except typer.Abort:
-            sys.exit(report("interrupted", INTERRUPTED))
+            sys.exit(report("interrupted", INTERRUPTED, as_json=as_json))
         except Exception as error:
-            sys.exit(report_error(error))
+            sys.exit(report_error(error, as_json=as_json))
         finally:
             remove_empty_folders()
         if code == INTERRUPTED:
@@ -41,15 +45,15 @@ class OneLineGroup(TyperGroup):
         sys.exit(code if isinstance(code, int) else 0)
 
 
-def report_error(error: Exception) -> int:
-    """Print one line for `error` and return the exit code that goes with it."""
+def report_error(error: Exception, *, as_json: bool = False) -> int:
+    """Print one line for `error` and return the exit code that goes with it; see `report`."""
     if os.environ.get(DEBUG_VARIABLE):
         traceback.print_exception(error)
     if isinstance(error, BrokenPipeError):
         return _give_up_output()
     if isinstance(error, OSError) and error.filename is None and error.errno in _NO_ROOM:
         _give_up_output()
-    return report(*_in_words(error))
+    return report(*_in_words(error), as_json=as_json)
 
 
 def _in_words(error: Exception) -> tuple[str, int]:
@@ -81,9 +85,16 @@ def _disk_is_full(error: BaseException | None) -> bool:
     return isinstance(error, OSError) and error.errno in _NO_ROOM
 
 
-def report(text: str, code: int) -> int:
-    """Print `text` as one line on stderr, with nothing that a terminal would obey, and return `code`."""
-    print("palpate: " + one_line(text), file=sys.stderr)
+def report(text: str, code: int, *, as_json: bool = False) -> int:
+    """Print `text` as one line on stderr, with nothing that a terminal would obey, and return `code`.
+
+    With `as_json` also as one line on stdout, `{"error": ..., "exit_code": ...}`, where JSON is read; but not
+    after a result, which says itself how it ended.
+    """
+    line = one_line(text)
+    if as_json and not Answer.was_printed:
+        print(json.dumps({"error": line, "exit_code": code}))
+    print("palpate: " + line, file=sys.stderr)
     return code
 
 

@@ -11,7 +11,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from palpate.made_folders import make_folder
-from robot_io.errors import InputError
+from palpate.words import typed
+from robot_io.errors import InputError, SessionError
 from robot_io.files.whole_file import whole_file as written_whole
 from robot_io.session import Session
 
@@ -44,7 +45,16 @@ def existing_data(path: Path) -> Path:
 
 def open_session(path: Path) -> Session:
     """Read a session file; `InputError` if it is not there or is no session."""
-    return Session.open(existing_file(path, "session"))
+    try:
+        return Session.open(existing_file(path, "session"))
+    except SessionError as error:
+        if path.suffix == ".mcap":
+            raise
+        data = typed(path)
+        raise InputError(
+            f"{error}. If it holds measurements: palpate import {data} makes a session of it, and palpate "
+            f"compare {data} reads it as it is"
+        ) from error
 
 
 def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] = ()) -> Path:

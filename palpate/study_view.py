@@ -27,7 +27,7 @@ def result_view(result: ChannelResult) -> ChannelView:
     compared = result.shown
     return channel_view(
         result.channel.data,
-        list(map(_stage, result.stages)),
+        [_stage(stage, result.stages[: place + 1]) for place, stage in enumerate(result.stages)],
         result.noise_floor or float("nan"),
         parts=compared.parts if compared is not None else None,
         words=compared.words[1:] if compared is not None else (),
@@ -37,9 +37,10 @@ def result_view(result: ChannelResult) -> ChannelView:
     )
 
 
-def _stage(stage: Stage) -> StageView:
+def _stage(stage: Stage, so_far: Sequence[Stage]) -> StageView:
     one = stage.fitted
     label = f"+ {stage.added}" if stage.added else one.model.name
+    name = " + ".join([one.model.name, *(before.added for before in so_far if before.added)])
     return stage_view(
         one.model,
         one.parameters,
@@ -47,6 +48,7 @@ def _stage(stage: Stage) -> StageView:
         one.residual,
         rmse=one.rmse,
         label=label,
+        name=name,
         number=stage.number,
     )
 

@@ -1,9 +1,10 @@
 """One study of one measurement."""
 
 from estimation.study.channels import StudyChannel
-from estimation.study.comparison import Comparison, Comparisons, Part
+from estimation.study.comparison import Comparison, Comparisons
 from estimation.study.engine import Fitted
 from estimation.study.estimates import ChannelEstimates
+from estimation.study.part import Part
 from estimation.study.results import Change, ChannelResult, Stage, StudyDiagnosis
 from estimation.study.revisions import Revision, Revisions
 from estimation.study.source import Arm, Source

@@ -7,6 +7,8 @@ import numpy as np
 
 from estimation.estimate import ParameterEstimate
 from estimation.study.engine import Fitted
+from estimation.study.part import Part
+from estimation.study.patterns import Pattern, patterns
 from estimation.study.shown import Shown, Table
 from estimation.study.split import splits
 from robot_io.errors import InputError, UnknownNameError
@@ -14,27 +16,6 @@ from robot_io.types import BoolArray, FloatArray
 
 AT_FLOOR = 1.1  # times the noise floor, below which an error passes for noise
 _MOST_SPLITS = 3  # that are put into words
-
-
-@dataclass(frozen=True)
-class Part:
-    """The error in one part of the data.
-
-    Attributes:
-        label: such as "moving in" or "0.01 to 0.05 m/s".
-        samples: how many.
-        rmse: root mean square of the residual.
-        mean: mean of the residual; positive where the measurement is above the model.
-        energy: share of the whole squared error.
-        excess: rmse over the noise floor.
-    """
-
-    label: str
-    samples: int
-    rmse: float
-    mean: float
-    energy: float
-    excess: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,7 +29,8 @@ class Comparison(Shown):
         fitted: the model; what it leaves is on runs that the fit has not seen.
         noise_floor: of the channel, whatever the model: see `Study.noise_floor`.
         parts: by way of splitting (phase, run, direction, speed, depth or position, effort, load).
-        words: how far off the model is, and where first, in sentences.
+        words: how far off the model is, where first, and what that suggests, in sentences.
+        patterns: what the parts of the error have in common; empty where it is noise.
     """
 
     channel: str
@@ -58,6 +40,7 @@ class Comparison(Shown):
     noise_floor: float
     parts: Mapping[str, tuple[Part, ...]]
     words: tuple[str, ...]
+    patterns: tuple[Pattern, ...] = ()
 
     @property
     def rmse(self) -> float:
@@ -152,8 +135,11 @@ def compare(fitted: Fitted, model: str, noise_floor: float) -> Comparison:
     """
     data, unit = fitted.data, fitted.data.kind.effort_unit
     parts = _parts(fitted, noise_floor)
-    words = _words(fitted.rmse, noise_floor, parts, unit)
-    return Comparison(data.name, unit, model, fitted, noise_floor, parts, words)
+    known = [effect.name for effect in fitted.model.effects]
+    is_noise = fitted.rmse < AT_FLOOR * noise_floor
+    found = () if is_noise else patterns(parts, fitted.rmse, data.kind, known)
+    words = (*_words(fitted.rmse, noise_floor, parts, unit), *(one.sentence for one in found))
+    return Comparison(data.name, unit, model, fitted, noise_floor, parts, words, found)
 
 
 def _parts(fitted: Fitted, floor: float) -> dict[str, tuple[Part, ...]]:

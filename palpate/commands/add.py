@@ -10,6 +10,7 @@ import typer
 from estimation.study import Change, ChannelResult
 from estimation.study.channels import ALL_CHANNELS
 from palpate import console
+from palpate.completion import effect_names
 from palpate.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
 from palpate.derived import folder_to_fill
 from palpate.doctor.viewer import rerun_step
@@ -24,7 +25,10 @@ from palpate.words import safe
 def command(
     data: DataArguments,
     *,
-    effects: Annotated[list[str], typer.Argument(help="Effects to add, in order.", metavar="EFFECT...")],
+    effects: Annotated[
+        list[str],
+        typer.Argument(help="Effects to add, in order.", metavar="EFFECT...", autocompletion=effect_names),
+    ],
     start: Annotated[
         int | None,
         typer.Option("--from", help="Continue at this revision, not at the newest.", metavar="REVISION"),

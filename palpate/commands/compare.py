@@ -20,13 +20,16 @@ from palpate.data_options import (
     takes_data,
 )
 from palpate.derived import folder_to_fill, folder_to_read
-from palpate.files import output_folder
+from palpate.files import output_folder, spare_files
 from palpate.outcome import NAMES, write_outcome
 from palpate.outcome import as_json as json_text
-from palpate.render.terminal import print_comparison
+from palpate.render.sides import print_pair
+from palpate.render.terminal import print_comparison, print_files
+from palpate.side_by_side import NAMES as SIDES
+from palpate.side_by_side import Pair, write_pair
 from palpate.study import Study
 from palpate.study_view import view_of
-from palpate.words import safe, shown
+from palpate.words import safe, shown, typed
 from robot_io.errors import InputError
 
 RESULT = "comparison.json"
@@ -38,7 +41,14 @@ Steps = list[tuple[str, str]]
 def command(
     data: DataArguments,
     *,
+    other: Annotated[
+        Path | None,
+        typer.Argument(help="Another one, to put beside it: a twin, before and after, two specimens."),
+    ] = None,
     model: ModelOption = None,
+    other_model: Annotated[
+        str | None, typer.Option(help="Base model of the other; without another, two models of FILE.")
+    ] = None,
     channel: Annotated[str | None, typer.Option(help="Only this channel, such as contact.")] = None,
     revision: Annotated[
         list[int] | None,
@@ -55,7 +65,20 @@ def command(
 
     The base model, whatever was added; --revision shows that. All errors are on runs that the fit has not
     seen; the noise floor is what a complete model would leave.
+
+    With OTHER, two measurements side by side: how far each follows the other and each model describes the
+    other (fit in %), how parameters differ, and what each model leaves.
+
+    Examples: palpate compare a.mcap; palpate compare before.csv after.csv --out there; palpate compare a.mcap
+    --model kelvin_voigt --other-model hunt_crossley
     """
+    if other is not None or other_model is not None:
+        if revision or folder is not None:
+            raise InputError("--revision and --folder are for one file: side by side stand base models")
+        _side_by_side(
+            data, Pair(data, other, (model, other_model), channel), out, as_json=as_json, force=force
+        )
+        return
     study = data.study(model, folder_to_read(data.file, folder))
     if revision and (
         given := [name for name, value in (("--model", model), ("--channel", channel)) if value]
@@ -91,6 +114,34 @@ def command(
         console.next_steps(*first, zoom)
 
 
+def _side_by_side(data: DataArguments, pair: Pair, out: Path | None, *, as_json: bool, force: bool) -> None:
+    """Print two sides, and write them where that was asked."""
+    if out is not None:
+        spare_files(out, SIDES, force=force, keep=pair.files)
+    same = pair.files[0] == pair.files[1]
+    first, second = pair.sides[0].first, pair.sides[0].second
+    models = f" --model {first.channel.model.name} --other-model {second.channel.model.name}" if same else ""
+    beside = "" if same else f" {typed(pair.files[1])}"
+    options = data.typed().removeprefix(typed(data.file))
+    again = f"palpate compare {typed(data.file)}{beside}{models}{options}"
+    view = pair.view([again])
+    if as_json:
+        console.print_json(pair.as_data())
+    else:
+        print_pair(console.stdout(), view)
+    if out is not None:
+        with console.stderr().status("report and recording"):
+            written = write_pair(out, pair, view)
+        if not as_json:
+            print_files(console.stdout(), written)
+    if not as_json:
+        steps = [] if out is not None else [(f"{again} --out FOLDER", "curves, residuals, and a recording")]
+        each = [
+            (f"palpate compare {typed(file)}", "where that model fails") for file in dict.fromkeys(pair.files)
+        ]
+        console.next_steps(*steps, *each)
+
+
 def as_data(comparison: Comparison) -> dict[str, Any]:
     """The comparison as plain data; the keys are stable."""
     return {
@@ -103,6 +154,7 @@ def as_data(comparison: Comparison) -> dict[str, Any]:
         "parameters": {name: parameter.value for name, parameter in comparison.parameters.items()},
         "parts": {by: list(map(vars, parts)) for by, parts in comparison.parts.items()},
         "words": list(comparison.words),
+        "patterns": list(map(vars, comparison.patterns)),
         "not_judged": comparison.not_judged,
     }
 
@@ -149,7 +201,14 @@ def _after(  # noqa: PLR0917, what was typed
     elif model is None and data.urdf is None:
         steps += _other_models(data, study, results, channel)
     missing = f"palpate diagnose {data.typed(channel=channel, model=model)}"
-    return [*steps, (missing, "which effect is missing")]
+    return [*steps, (missing, "which effect is missing"), *_suggested(results)]
+
+
+def _suggested(results: Sequence[ChannelResult]) -> Steps:
+    """The effect that the plainest pattern suggests."""
+    compared = (one.shown for one in results if one.shown is not None)
+    names = [name for one in compared for pattern in one.patterns for name in pattern.effects[:1]]
+    return [(f"palpate effects {name}", "what that is") for name in names[:1]]
 
 
 def _other_models(

@@ -1,6 +1,6 @@
 """`palpate diagnose`: is anything missing in the model, and which physical effect is it?"""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -30,6 +30,7 @@ from palpate.words import as_shell_word
 from palpate.words import typed as path_typed
 
 PLAN = "next-experiment.yaml"
+EXIT_CODES = {Verdict.MISSING: 10, Verdict.UNEXPLAINED: 11, Verdict.INSUFFICIENT: 12}  # 1 to 3 are failures
 MOST_ASKED = 3  # unused columns that are pointed out
 Steps = Iterator[tuple[str, str]]  # commands, and what each is for
 
@@ -44,6 +45,13 @@ def command(
     ] = None,
     apply: Annotated[
         bool, typer.Option("--apply", help="Add what is missing, and keep each step as a revision.")
+    ] = False,
+    exit_code: Annotated[
+        bool,
+        typer.Option(
+            "--exit-code",
+            help="End with 10 if missing, else 11 if unexplained, else 12 if insufficient, else 0.",
+        ),
     ] = False,
     as_json: JsonOption = False,
     out: Annotated[
@@ -90,6 +98,13 @@ def command(
         console.next_steps(
             *_next(data, study, diagnosis, {"model": model, "channel": channel}, out, apply, plan)
         )
+    if exit_code:
+        raise typer.Exit(exit_code_of([one.verdict for one in diagnosis.channels]))
+
+
+def exit_code_of(verdicts: Iterable[Verdict]) -> int:
+    """What the program ends with: the code of what says most, 0 where all is adequate."""
+    return min((EXIT_CODES[one] for one in verdicts if one in EXIT_CODES), default=0)
 
 
 def _say_what_is_not_there(study: Study) -> None:

@@ -1,4 +1,4 @@
-"""`palpate export`: the improved model as a simulated world."""
+"""`palpate export`: the improved model as a simulated world, or a stream as a table."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,12 +8,16 @@ import typer
 from estimation.study.revisions import own_effects
 from palpate import console
 from palpate.data_options import DataArguments, FolderOption, JsonOption, takes_data
-from palpate.derived import folder_to_read
+from palpate.derived import derived_folder, folder_to_read
 from palpate.export import Export
-from palpate.files import output_file
-from palpate.words import safe, shown, typed
+from palpate.export.layout import ENDINGS, Program, layout_of
+from palpate.export.table import check_ending, table_of, write_table
+from palpate.files import existing_data, open_session, output_file, write_text
+from palpate.words import count, safe, shown, typed
+from robot_io.errors import InputError
 
 SCENARIO = "scenario.yaml"
+PROGRAMS = {Program.FOXGLOVE: "Foxglove", Program.PLOTJUGGLER: "PlotJuggler"}
 
 
 @takes_data
@@ -24,9 +28,22 @@ def command(
         list[int] | None,
         typer.Option(help="Take these revisions; default: each channel's newest of this data.", metavar="N"),
     ] = None,
+    stream: Annotated[
+        str | None,
+        typer.Option(
+            help="Write this stream or channel as a table instead, such as tick, events or contact."
+        ),
+    ] = None,
+    layout: Annotated[
+        Program | None,
+        typer.Option(help="Write a layout instead, in which this program shows the session itself."),
+    ] = None,
     folder: FolderOption = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Scenario file to write.", metavar="FILE.yaml")
+        Path | None,
+        typer.Option(
+            "--out", "-o", help="Scenario (.yaml) or table (.csv, .parquet) to write.", metavar="FILE"
+        ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")] = False,
     as_json: JsonOption = False,
@@ -34,7 +51,25 @@ def command(
     """Write the fitted models of object and joints as a scenario, so that they can be probed in simulation.
 
     Where the simulator cannot do what was fitted, that is said, and the rest is written.
+
+    With --stream, what was recorded, as CSV or Parquet: a stream of a session, its events, or a channel as
+    palpate import takes it.
+
+    Examples: palpate export stiff.mcap; palpate export stiff.mcap --stream tick -o ticks.parquet
     """
+    given = [
+        name
+        for name, value in (("--stream", stream), ("--layout", layout), ("--revision", revision))
+        if value
+    ]
+    if len(given) > 1:
+        raise InputError(f"{' and '.join(given)}: one file is written; name one of them")
+    if layout is not None:
+        _export_layout(data.file, layout, out, force=force, as_json=as_json)
+        return
+    if stream is not None:
+        _export_table(data, stream, out, force=force, as_json=as_json)
+        return
     place = folder_to_read(data.file, folder)
     study = data.study(None, place)
     path = output_file(out or place / SCENARIO, force=force or out is None, keep=[data.file])
@@ -50,6 +85,37 @@ def command(
         return
     numbers, own = [str(each.number) for each in kept], own_effects(kept)
     _print(data.typed(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own]), path, export)
+
+
+def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bool, as_json: bool) -> None:
+    """Write a stream or channel, by default into the folder of what is derived."""
+    existing_data(data.file)
+    path = out or derived_folder(data.file) / f"{name}.csv"
+    check_ending(path)
+    table = table_of(data.file, data.options, name)
+    write_table(table, output_file(path, force=force or out is None, keep=[data.file]))
+    if as_json:
+        columns = table.column_names
+        console.print_json({"file": str(data.file), "stream": name, "table": str(path), "columns": columns})
+        return
+    said = f"{count(table.num_rows, 'row')}, {count(table.num_columns, 'column')}"
+    console.stdout().print(f"table  [bold]{shown(path)}[/bold]: {said}", soft_wrap=True)
+    if "displacement_m" in table.column_names or any("torque_Nm" in one for one in table.column_names):
+        console.next_steps((f"palpate import {typed(path)}", "read it again as a measurement"))
+
+
+def _export_layout(file: Path, program: Program, out: Path | None, *, force: bool, as_json: bool) -> None:
+    """Write a layout, by default into the folder of what is derived."""
+    session = open_session(file)
+    path = out or derived_folder(file) / f"{program}{ENDINGS[program]}"
+    text = layout_of(session, program)
+    write_text(output_file(path, force=force or out is None, keep=[file]), text)
+    if as_json:
+        console.print_json({"file": str(file), "layout": str(path), "program": str(program)})
+        return
+    console.stdout().print(f"layout  [bold]{shown(path)}[/bold]", soft_wrap=True)
+    said = f"open {shown(file)} in {PROGRAMS[program]}, and then this layout"
+    console.stderr().print(said, soft_wrap=True)
 
 
 def _print(again: str, path: Path, export: Export) -> None:

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from palpate import console
+from palpate.completion import effect_names
 from palpate.data_options import DataArguments, FolderOption, JsonOption, ModelOption, takes_data
 from palpate.derived import folder_to_read
 from palpate.render.terminal import print_stages
@@ -15,7 +16,9 @@ from palpate.study_view import result_view
 def command(
     data: DataArguments,
     *,
-    effect_name: Annotated[str, typer.Argument(help="Effect to take out.", metavar="EFFECT")],
+    effect_name: Annotated[
+        str, typer.Argument(help="Effect to take out.", metavar="EFFECT", autocompletion=effect_names)
+    ],
     model: ModelOption = None,
     channel: Annotated[str | None, typer.Option(help="Where, such as joint_2.")] = None,
     folder: FolderOption = None,

@@ -7,7 +7,7 @@ import typer
 
 from palpate import console
 from palpate.files import open_session
-from palpate.runs.hiding import open_answer
+from palpate.runs.hiding import open_answer, was_sealed
 from palpate.words import shown, significant
 from sim_backend.imperfection import Imperfection
 from sim_backend.secret import Answer
@@ -18,11 +18,16 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")] = False,
 ) -> None:
     """Open the sealed answer beside a session: which effects were hidden, where, and how strong."""
-    answer = open_answer(open_session(session))
+    found = open_session(session)
+    answer = open_answer(found) if was_sealed(found) else Answer((), None, found.metadata.created_utc)
     if as_json:
         console.print_json(describe(session, answer))
-    else:
+    elif answer.hidden:
         _print(session, answer)
+    else:
+        said = f"nothing is sealed beside {shown(session)}: nothing was hidden with palpate probe --hidden"
+        console.stdout().print(said, soft_wrap=True)
+        console.next_steps(("palpate probe --hidden random -o secret.mcap", "hide something"))
 
 
 def describe(session: Path, answer: Answer) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from estimation.diagnosis.result import ParameterValue
 from estimation.effect import AdditiveEffect, MemoryEffect, MotionEffect, SensorEffect
 from estimation.estimate import ParameterEstimate
 from estimation.model import Model
-from estimation.study.comparison import Part
+from estimation.study.part import Part
 from palpate.render import sentences
 from palpate.render.view import (
     Axes,
@@ -96,12 +96,14 @@ def stage_view(
     *,
     rmse: float,
     label: str,
+    name: str = "",
     number: int | None = None,
 ) -> StageView:
-    """One stage of a model from its fit; see `StageView`."""
+    """One stage of a model from its fit; see `StageView`. A base model's name is its label."""
     return StageView(
         number=number,
         label=label,
+        name=name or label,
         rmse=rmse,
         predicted=predicted,
         residual=residual,

@@ -15,7 +15,7 @@ from estimation.rounding import in_steps, steps_spanned
 from estimation.statistics.misfit import Misfit, misfit
 from estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
 from estimation.surface import FEWEST_STEPS
-from palpate.console import table
+from palpate.console import natural_width, table
 from palpate.render.build import channel_view, stage_view
 from palpate.render.view import ChannelView, VerdictView
 from palpate.truth import SURFACE
@@ -77,8 +77,12 @@ def estimate_table(found: ChannelEstimates, truth: Truth, width: int) -> Table:
     runs, samples = len(found.channel.runs), int(np.count_nonzero(found.rows))
     title = f"{found.channel.name}: {found.model.name}, {count(runs, 'run')}, {count(samples, 'sample')}"
     if len(shown_parameters(found.estimates[0])) > _MOST_ABREAST:
-        return _one_row_a_parameter(found, title)
-    return _one_row_an_estimator(found, truth, width, title)
+        roomy = [_one_row_a_parameter(found, title)]
+    else:
+        widths = (width, min(width, _NARROW - 1))
+        roomy = [_one_row_an_estimator(found, truth, each, title) for each in widths]
+    narrow = _one_line_a_parameter(found, truth, title)
+    return next((each for each in roomy if natural_width(each) <= width), narrow)
 
 
 def _one_row_an_estimator(found: ChannelEstimates, truth: Truth, width: int, title: str) -> Table:
@@ -123,6 +127,18 @@ def _one_row_a_parameter(found: ChannelEstimates, title: str) -> Table:
         rmse, condition, used = _quality(estimate)
         made.add_row("", "[dim]rmse[/dim]", f"[dim]{rmse}[/dim]", f"[dim]{unit}[/dim]")
         made.add_row("", "[dim]cond., used[/dim]", f"[dim]{condition}, {used}[/dim]", end_section=True)
+    return made
+
+
+def _one_line_a_parameter(found: ChannelEstimates, truth: Truth, title: str) -> Table:
+    """For narrow terminals, each estimator above its parameters."""
+    known = {p.name for p in shown_parameters(found.estimates[0]) if p.name in truth}
+    made = table(title, "estimator", "value", "unit", *["truth"] * bool(known), right=("value", "truth"))
+    for estimate in found.estimates:
+        made.add_row(f"[bold]{estimate.estimator}[/bold]", _GRADES[estimate.identifiability])
+        for p in shown_parameters(estimate):
+            true = [f"{truth[p.name]:g}"] if p.name in known else []
+            made.add_row(f"  {safe(short_name(p.name))}", with_interval(p), safe(p.unit), *true)
     return made
 
 

@@ -24,12 +24,15 @@ _BRIGHT = 0.98  # share of the cells of a map within its colours; the others are
 
 
 @dataclass(frozen=True)
-class _Look:
+class Look:
+    """How a curve is drawn, and what the legend calls it."""
+
     name: str
     color: str
     dash: str = "solid"
     width: float = 1.3
     named: bool = True  # in the legend
+    shown: bool = True  # at first; others when their name in the legend is clicked
 
 
 def figure(channel: ChannelView | StudyView) -> go.Figure:
@@ -68,7 +71,7 @@ def time_figure(channel: ChannelView) -> go.Figure:
 
 
 def state_figure(channel: ChannelView) -> go.Figure:
-    """Measured effort and the last model over position and over velocity."""
+    """Measured effort and each model over position and over velocity; those between are in the legend."""
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.03)
     _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
     _draw_state(made, channel, (1, 2), channel.velocity, channel.axes.velocity, named=False)
@@ -152,14 +155,14 @@ def _draw_fall(made: go.Figure, channel: ChannelView, row: int, col: int) -> Non
 def _draw_time(made: go.Figure, channel: ChannelView, place: Place) -> None:
     """Measured effort, what was wanted, and the first and the last model."""
     unit, runs = channel.axes.effort_unit, list(rows_by_run(channel.run).values())
-    curves = [(channel.effort, _Look("measured", palette.MEASURED, width=2.4))]
+    curves = [(channel.effort, Look("measured", palette.MEASURED, width=2.4))]
     if channel.wanted is not None:
-        curves.append((channel.wanted[1], _Look(channel.wanted[0], palette.TRUTH, "2px,2px")))
+        curves.append((channel.wanted[1], Look(channel.wanted[0], palette.TRUTH, "2px,2px")))
     curves += [(stage.predicted, _look_of(channel, stage)) for stage in channel.shown_stages]
     for values, look in curves:
-        _draw(made, run_curves(channel.time_s, values, runs), place, unit, look)
+        draw_curves(made, run_curves(channel.time_s, values, runs), place, unit, look)
     _shade(made, channel, place)
-    _title(made, place, "" if channel.stages else _TIME, channel.axes.effort)
+    title_axes(made, place, "" if channel.stages else _TIME, channel.axes.effort)
 
 
 def _draw_rest(made: go.Figure, channel: ChannelView, place: Place) -> None:
@@ -168,16 +171,16 @@ def _draw_rest(made: go.Figure, channel: ChannelView, place: Place) -> None:
     for stage in channel.shown_stages:
         look = replace(_look_of(channel, stage), named=False)
         left = np.where(channel.judged, stage.residual, np.nan)
-        _draw(made, run_curves(channel.time_s, left, runs), place, unit, look)
+        draw_curves(made, run_curves(channel.time_s, left, runs), place, unit, look)
     _shade(made, channel, place)
     for level in (-2 * channel.floor, 2 * channel.floor):
         line = {"color": palette.FLOOR, "width": 1, "dash": "dot"}
         made.add_hline(y=level, line=line, row=place[0], col=place[1])
-    _title(made, place, _TIME, f"measured − model [{unit}]")
+    title_axes(made, place, _TIME, f"measured − model [{unit}]")
 
 
-def _look_of(channel: ChannelView, stage: StageView) -> _Look:
-    return _Look(stage.name, palette.MODEL if stage is channel.stages[-1] else palette.BASE)
+def _look_of(channel: ChannelView, stage: StageView) -> Look:
+    return Look(stage.name, palette.MODEL if stage is channel.stages[-1] else palette.BASE)
 
 
 def _draw_state(
@@ -188,21 +191,19 @@ def _draw_state(
     colors = palette.speed_colors(words) if 1 < len(words) <= len(palette.SPEEDS) else {"": palette.MEASURED}
     for word, color in colors.items():
         rows = [rows for run, rows in runs.items() if not word or channel.speeds.get(run) == word]
-        look = _Look(f"measured, {word}" if word else "measured", color, width=2.4, named=named)
-        _draw(made, run_curves(x, channel.effort, rows), place, unit, look)
-    if channel.stages:
-        last, plain = channel.stages[-1], len(colors) == 1
-        look = _Look(
-            last.name,
-            palette.MODEL if plain else palette.BASE,
-            "solid" if plain else "4px,2px",
-            named=named,
+        look = Look(f"measured, {word}" if word else "measured", color, width=2.4, named=named)
+        draw_curves(made, run_curves(x, channel.effort, rows), place, unit, look)
+    for stage in channel.stages:
+        look = replace(
+            _look_of(channel, stage), named=named, shown=any(stage is one for one in channel.shown_stages)
         )
-        _draw(made, run_curves(x, last.predicted, list(runs.values())), place, unit, look)
-    _title(made, place, title, channel.axes.effort)
+        if len(colors) > 1:  # measured curves have the colours of speeds
+            look = replace(look, dash="4px,2px" if stage is channel.stages[-1] else "1px,2px")
+        draw_curves(made, run_curves(x, stage.predicted, list(runs.values())), place, unit, look)
+    title_axes(made, place, title, channel.axes.effort)
 
 
-def _draw(made: go.Figure, curves: Sequence[Curve], place: Place, unit: str, look: _Look) -> None:
+def draw_curves(made: go.Figure, curves: Sequence[Curve], place: Place, unit: str, look: Look) -> None:
     """Curves of one look, as one trace with gaps."""
     x, y = joined(curves)
     trace = go.Scatter(
@@ -212,6 +213,7 @@ def _draw(made: go.Figure, curves: Sequence[Curve], place: Place, unit: str, loo
         mode="lines",
         legendgroup=look.name,
         showlegend=look.named,
+        visible=True if look.shown else "legendonly",
         line={"color": look.color, "width": look.width, "dash": look.dash},
         hovertemplate=f"%{{x:.4g}}: %{{y:.4g}} {unit}",
     )
@@ -229,7 +231,8 @@ def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
         made.add_vrect(x0=edges[first], x1=edges[past], **look)
 
 
-def _title(made: go.Figure, place: Place, x: str, y: str) -> None:
+def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
+    """Name both axes of a subplot."""
     made.update_xaxes(title_text=x, row=place[0], col=place[1])
     made.update_yaxes(title_text=y, row=place[0], col=place[1])
 

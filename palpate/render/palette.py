@@ -5,6 +5,7 @@ from control.loop.phases import Phase
 MEASURED = "#3f86c8"
 BASE = "#8d99a6"  # revision 0, and what was commanded
 MODEL = "#de7a26"
+OTHER = "#9a6fc4"  # the second of two measurements
 FLOOR = "#2f9e73"
 TRUTH = "#d1495b"
 BAND = "#48806a"

@@ -54,10 +54,11 @@ def _plots(channel: ChannelView) -> dict[str, Markup]:
     }
     wanted = dict.fromkeys(curves, bool(channel.stages)) | {"fall": bool(channel.fall)}
     wanted["time"] |= channel.wanted is not None
-    return {name: _html(draw(channel)) if wanted[name] else Markup() for name, draw in curves.items()}
+    return {name: as_html(draw(channel)) if wanted[name] else Markup() for name, draw in curves.items()}
 
 
-def _html(figure: go.Figure) -> Markup:
+def as_html(figure: go.Figure) -> Markup:
+    """A figure for a page that has plotly's program."""
     return Markup(figure.to_html(full_html=False, include_plotlyjs=False, config=figures.PLOT_CONFIG))  # noqa: S704, ours
 
 

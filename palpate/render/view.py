@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.diagnosis.result import Accepted, NextExperiment, Ranked
 from estimation.effect import Effect
-from estimation.study.comparison import Part
+from estimation.study.part import Part
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 NOISE = 1.1  # times the noise floor, below which an error passes for noise
@@ -54,7 +54,8 @@ class StageView:
 
     Attributes:
         number: of the revision that it is kept as; None where it is not kept.
-        label: the base model's name, or "+ " with the effect that was added, or "− " with one removed.
+        label: the base model's name, or "+ " with the effect that was added.
+        name: the whole model, such as "kelvin_voigt + cubic_stiffness".
         rmse: error in held-out runs, in the effort's unit.
         predicted: effort that it expects, shape (n,).
         residual: measured less predicted from the other runs, shape (n,); NaN where it is not judged.
@@ -65,17 +66,13 @@ class StageView:
 
     number: int | None
     label: str
+    name: str
     rmse: float
     predicted: FloatArray
     residual: FloatArray
     parameters: tuple[ParameterView, ...]
     effects: tuple[Effect, ...]
     equation: str
-
-    @property
-    def name(self) -> str:
-        """The stage beside its curve: "with damping" for "+ damping"."""
-        return self.label.replace("+ ", "with ", 1).replace("− ", "without ", 1)
 
 
 @dataclass(frozen=True)

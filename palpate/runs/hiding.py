@@ -59,6 +59,11 @@ def seal_hidden(
     return seal(session, Answer(scenario.hidden, scenario.seed if drawn else None, *_mark(metadata)))
 
 
+def was_sealed(session: Session) -> bool:
+    """Whether something was hidden in a session, or an answer lies beside it."""
+    return SEAL in session.metadata.extra or sealed_path(session.path).exists()
+
+
 def open_answer(session: Session) -> Answer:
     """What was hidden in a session.
 

@@ -1,6 +1,6 @@
 """Puts a probing run together: robot, clock, guard, task, loop, session log, online estimation."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import KW_ONLY, dataclass, field
 from functools import partial
@@ -13,7 +13,7 @@ from control.loop.loop import run_loop
 from control.loop.phases import Phase
 from control.loop.realtime import realtime
 from control.loop.result import LoopResult, Outcome
-from control.loop.task import TaskOutput
+from control.loop.task import Task, TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
@@ -24,12 +24,13 @@ from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator
 from palpate.runs.session import ArmJob, arm_session, checked_body, released
 from palpate.words import count
-from robot_io.calibration import load_calibrations
+from robot_io.calibration import Calibrations, load_calibrations
 from robot_io.errors import InputError, PalpateError
 from robot_io.guard import Guard
 from robot_io.types import Measurement
 
 PLAN = "plan"  # key of the plan's text in the session's metadata
+Observer = Callable[[Measurement, TaskOutput], Estimates]
 MOST_TICKS = 10_000_000  # of up to 400 bytes: a session of more than 4 GiB is not read
 
 
@@ -107,20 +108,45 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     calibrations = load_calibrations(robot_file, emulated=job.wired)
     estimated = (lambda: online.estimates) if online else None
     task = ProbingTask.from_robot_file(robot_file, job.plan, calibrations, estimated=estimated)
+    plan = yaml.safe_dump(job.plan.model_dump(mode="json"), sort_keys=False)
+    result, sealed = run_guarded(job, task, calibrations, {PLAN: plan, **job.extra}, observe, watcher)
+    touched = Phase.LOADING in phases or bool(result.observer_error)  # who sees nothing more says nothing
+    return ProbingOutcome(job.session, result, task.failures, sealed, touched)
+
+
+def run_guarded(  # noqa: PLR0917, what a run is made of
+    job: ArmJob,
+    task: Task,
+    calibrations: Calibrations,
+    extra: Mapping[str, str],
+    observe: Observer,
+    watcher: Watcher = NOBODY,
+) -> tuple[LoopResult, Path | None]:
+    """Run a task on the arm of a job under its guard, and write the session; returns the sealed answer too.
+
+    Args:
+        job: arm, world and session.
+        task: what the arm does.
+        calibrations: that are applied.
+        extra: further texts for the session's metadata.
+        observe: sees every tick, and estimates along.
+        watcher: is told when the arm is ready.
+
+    Raises:
+        InputError: they do not fit each other; nothing has moved, and no session is left.
+    """
+    robot_file, rate_hz = job.robot_file, job.robot_file.control_rate_hz
     body = checked_body(robot_file, calibrations)  # the guard has a model of its own of the arm's weight
     guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
-    plan = yaml.safe_dump(job.plan.model_dump(mode="json"), sort_keys=False)
     with ExitStack() as stack:
-        arm = stack.enter_context(arm_session(job, calibrations, {PLAN: plan, **job.extra}))
+        arm = stack.enter_context(arm_session(job, calibrations, extra))
         if not job.simulated:
             stack.enter_context(realtime())
         watcher.started()
-        # An InputError from here: the plan does not suit where the arm stands, and nothing has moved.
+        # An InputError from here: the task does not suit where the arm stands, and nothing has moved.
         loop = partial(run_loop, rate_hz=rate_hz, observer=observe, stop=arm.unlogged)
         result = loop(arm.robot, guard, task, arm.clock, arm.log)
-        result = released(arm.robot, result)
-    touched = Phase.LOADING in phases or bool(result.observer_error)  # who sees nothing more says nothing
-    return ProbingOutcome(job.session, result, task.failures, arm.sealed, touched)
+        return released(arm.robot, result), arm.sealed
 
 
 def online_estimators() -> list[str]:

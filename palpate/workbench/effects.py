@@ -2,18 +2,15 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import replace
 from html import escape
 from typing import Any
 
-import numpy as np
 from nicegui import events, ui
 from nicegui.element import Element
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Effect
-from estimation.effects import EFFECTS
-from estimation.model import Model
+from estimation.channel import ChannelKind
+from estimation.effect import Effect
+from palpate.example import Example
 from palpate.render import palette
 from palpate.workbench import words
 from palpate.workbench.ahead import Ahead
@@ -21,9 +18,7 @@ from palpate.workbench.bench import TELLING, Bench, Evidence, evidence_of, group
 from palpate.workbench.picture import picture
 from robot_io.errors import PalpateError
 
-_TIME_S, _PICTURE_S = 0.01, 2.0  # step and length of the motion of a picture
 _PAUSE_S = 0.1  # between looks whether another model was chosen
-_SHARE = 0.35  # of the plain effort, that the effect is drawn with
 Tick = Callable[[str], Awaitable[None]]
 Row = dict[str, Any]  # of the list, as effects.js has it
 _APART: Row = {"alike": False, "together": ""}
@@ -216,44 +211,9 @@ def _no_mark(why: str) -> str:
 
 def _drawn(effect: Effect, kind: ChannelKind) -> str:
     """What an effect looks like on a plain motion: effort over position, without it and with it."""
-    data, model = plain(kind)
-    base = {name: _PLAIN.get(name, 0.0) for name in (*model.gains, *model.inner)}
-    if effect.name in {one.name for one in model.effects} or not effect.applies_to(data):
+    example = Example.plain(effect, kind)
+    if example is None:
         return ""
-    after = model.with_effect(effect).predict(data, sized(data, model, base, effect))
-    step = slice(None, None, 2)
-    return picture(data.position[step], [(data.effort[step], palette.BASE), (after[step], palette.MODEL)])
-
-
-_PLAIN = {"stiffness.k": 500.0, "damping.c": 4.0, "inertia.m": 0.02, "viscous_friction.d": 0.3}
-
-
-def plain(kind: ChannelKind) -> tuple[ChannelData, Model]:
-    """A plain motion, two presses or swings, and a plain model of it."""
-    t = np.arange(0.0, _PICTURE_S, _TIME_S)
-    rate = 4.0 * np.pi / _PICTURE_S
-    x, v, a = np.sin(rate * t), rate * np.cos(rate * t), -(rate**2) * np.sin(rate * t)
-    names = ("inertia", "viscous_friction")
-    if kind is ChannelKind.CONTACT:
-        turn = rate * t
-        x, v, a = 0.0035 - 0.004 * np.cos(turn), 0.004 * rate * np.sin(turn), 0.004 * rate**2 * np.cos(turn)
-        names = ("stiffness", "damping")
-    still, run = np.zeros(len(t)), np.zeros(len(t), dtype=np.int64)
-    model = Model("plain", tuple(EFFECTS[name]() for name in names))
-    context = {} if kind is ChannelKind.CONTACT else {"load": np.cos(rate * t)}
-    data = ChannelData("plain", kind, t, x, v, a, still, run, run - 1, context)
-    values = {name: _PLAIN.get(name, 0.0) for name in (*model.gains, *model.inner)}
-    return replace(data, effort=model.predict(data, values)), model
-
-
-def sized(data: ChannelData, model: Model, base: Mapping[str, float], effect: Effect) -> dict[str, float]:
-    """Parameters of a model with one effect more, of a size that is well seen beside the data's effort."""
-    starts = effect.starts(data)
-    inner = dict(starts[len(starts) // 2])
-    values = {**base, **{f"{effect.name}.{name}": value for name, value in inner.items()}}
-    if isinstance(effect, AdditiveEffect):
-        for column, gain in zip(effect.columns(data, inner).T, effect.gains, strict=True):
-            length = float(np.sqrt(np.mean(column**2)))
-            wanted = _SHARE * float(np.sqrt(np.mean(data.effort**2))) / length if length > 0.0 else 0.0
-            values[f"{effect.name}.{gain.name}"] = wanted
-    return values
+    step, data = slice(None, None, 2), example.data
+    curves = [(data.effort[step], palette.BASE), (example.effort()[step], palette.MODEL)]
+    return picture(data.position[step], curves)

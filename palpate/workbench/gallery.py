@@ -2,22 +2,20 @@
 
 import asyncio
 import math
-from dataclasses import replace
 
 import numpy as np
 from nicegui import events, ui
 
 from estimation.effect import Effect, Parameter
+from palpate.example import Example
 from palpate.render import palette
 from palpate.render.build import axes_of
 from palpate.workbench.bench import Bench
 from palpate.workbench.curves import Motion, axis, curve, layout_of, near, picked
-from palpate.workbench.effects import sized
 from palpate.workbench.plot import Figure, Plot, Restyle
 from robot_io.errors import PalpateError
-from robot_io.types import FloatArray
 
-_RUNS, _POINTS = 3, 600  # of the user's motion that are simulated; samples drawn
+_POINTS = 600  # samples drawn
 _STEPS = 100.0  # of a slider
 _DECADES = 1.0  # to either side of where a gain's slider begins
 
@@ -55,28 +53,18 @@ class _Simulated:
     """An effect added to the fitted base model, on a few runs of the user's motion."""
 
     def __init__(self, bench: Bench, effect: Effect) -> None:
-        base = bench.study.fit(bench.channel)
-        there = base.data.runs
-        few = there[np.unique(np.linspace(0, len(there) - 1, _RUNS).astype(int))]
-        moved = base.data.of_runs(few)
-        self.effect = effect
-        self.data = replace(moved, effort=base.model.predict(moved, base.values))
-        self._model = base.model.with_effect(effect)
-        self._motion = Motion.of(self.data)
-        self.values = sized(self.data, base.model, dict(base.values), effect)
+        self.example = Example.beside(bench.study.fit(bench.channel), effect)
+        self._motion = Motion.of(self.example.data)
         rows = np.flatnonzero(near(self._motion))
         rows = rows[:: max(len(rows) // _POINTS, 1)]
-        self._rows = np.insert(rows, np.flatnonzero(np.diff(self.data.run[rows])) + 1, -1)
-
-    def effort(self) -> FloatArray:
-        return self._model.predict(self.data, self.values)
+        self._rows = np.insert(rows, np.flatnonzero(np.diff(self.example.data.run[rows])) + 1, -1)
 
     def figure(self) -> Figure:
-        axes, traces = axes_of(self.data.kind), []
+        axes, traces = axes_of(self.example.data.kind), []
         for x, place in ((self._motion.time_s, "x"), (self._motion.position, "x2")):
             for name, y, color in (
-                ("base model", self.data.effort, palette.BASE),
-                ("with it", self.effort(), palette.MODEL),
+                ("base model", self.example.data.effort, palette.BASE),
+                ("with it", self.example.effort(), palette.MODEL),
             ):
                 drawn = picked(x, self._rows), picked(y, self._rows)
                 traces.append(
@@ -91,18 +79,19 @@ class _Simulated:
         return {"data": traces, "layout": layout, "config": {"displayModeBar": False}}
 
     def update(self) -> Restyle:
-        return {"y": [picked(self.effort(), self._rows)] * 2}, [1, 3]
+        return {"y": [picked(self.example.effort(), self._rows)] * 2}, [1, 3]
 
 
 def _slider(parameter: Parameter, simulated: _Simulated, plot: Plot) -> None:
     """A slider over what is met in practice: by ratio where that spans decades."""
-    name = f"{simulated.effect.name}.{parameter.name}"
-    start = simulated.values[name]
-    is_gain = parameter in simulated.effect.gains
+    example = simulated.example
+    name = f"{example.effect.name}.{parameter.name}"
+    start = example.values[name]
+    is_gain = parameter in example.effect.gains
     low, high = (start / 10**_DECADES, start * 10**_DECADES) if is_gain and start > 0 else parameter.typical
     by_ratio = low > 0.0 and high / low > 20.0
     unit = parameter.unit.format(
-        effort=simulated.data.kind.effort_unit, position=simulated.data.kind.position_unit
+        effort=example.data.kind.effort_unit, position=example.data.kind.position_unit
     )
 
     def value(step: float) -> float:
@@ -110,8 +99,8 @@ def _slider(parameter: Parameter, simulated: _Simulated, plot: Plot) -> None:
         return float(low * (high / low) ** share) if by_ratio else low + share * (high - low)
 
     def moved(event: events.GenericEventArguments) -> None:
-        simulated.values[name] = value(float(event.args))
-        said.set_text(f"{parameter.name} = {simulated.values[name]:.3g} {unit}")
+        example.values[name] = value(float(event.args))
+        said.set_text(f"{parameter.name} = {example.values[name]:.3g} {unit}")
         plot.restyle(simulated.update())
 
     share = (

@@ -1,5 +1,6 @@
 """Runs the command line in this process, and as a user starts it."""
 
+import json
 import shlex
 import subprocess
 import sys
@@ -26,12 +27,13 @@ def run_process(*arguments, **options) -> "subprocess.CompletedProcess[str]":
 
 
 def assert_refused(result, *words: str, code: int = 2) -> None:
-    """One clear line on stderr that holds the words, nothing on stdout, and the exit code."""
+    """One clear line on stderr that holds the words, the exit code, and on stdout at most that as JSON."""
     status = result.exit_code if isinstance(result, Result) else result.returncode
     assert status == code, result.stderr
-    assert result.stdout == ""
     lines = result.stderr.splitlines()
     assert len(lines) == 1, result.stderr
+    if result.stdout:  # with --json
+        assert json.loads(result.stdout) == {"error": lines[0].removeprefix("palpate: "), "exit_code": code}
     assert lines[0].startswith("palpate: ")
     for word in words:
         assert word in lines[0]

@@ -14,7 +14,7 @@ from tests.palpate.cli import ROOT, assert_refused, run, run_process
 
 COMMANDS = (
     *("demo", "probe", "estimate", "inspect", "compare", "diagnose", "add", "revisions", "export", "reveal"),
-    *("import", "info", "study", "doctor"),
+    *("import", "info", "study", "doctor", "effects", "replay", "merge"),
 )
 
 

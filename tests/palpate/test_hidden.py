@@ -18,7 +18,7 @@ from sim_backend.hidden import draw_hidden, noise_scale
 from sim_backend.imperfection import IMPERFECTIONS, describe_imperfection, parse_imperfection
 from sim_backend.secret import Answer, seal, sealed_path, unseal
 from tests.mock_robot import write_mock_files
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import assert_refused, next_commands, run
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
 BIAS = [{"effect": "bias", "channel": "contact", "bias": 0.5}]
@@ -121,7 +121,16 @@ def test_the_name_of_an_effect_does_not_stay_in_the_session(tmp_path, monkeypatc
 def test_a_session_with_nothing_hidden_has_no_sealed_answer(probed):
     assert not sealed_path(probed[0]).exists()
     assert probed[1]["sealed"] is None
-    assert_refused(run("reveal", probed[0]), "sealed answer", "no such file")
+    told = run("reveal", probed[0])
+    assert told.exit_code == 0
+    assert "nothing is sealed beside" in told.stdout
+    assert ["probe", "--hidden", "random", "-o", "secret.mcap"] in next_commands(told)
+    assert json.loads(run("reveal", probed[0], "--json").stdout)["hidden"] == []
+
+
+def test_an_answer_that_was_taken_away_is_missed(mystery, tmp_path):
+    (tmp_path / "a.mcap").write_bytes(mystery.read_bytes())
+    assert_refused(run("reveal", tmp_path / "a.mcap"), "sealed answer", "a.mcap.sealed: no such file")
 
 
 def test_an_answer_to_another_session_is_refused(probed, tmp_path):

@@ -73,6 +73,10 @@ def test_what_is_no_session_is_refused(tmp_path, content):
     assert_refused(run("info", path), "other.mcap")
 
 
+def test_of_a_data_file_it_is_said_how_to_import_it(hardening):
+    assert_refused(run("info", hardening), f"palpate import {hardening}", f"palpate compare {hardening}")
+
+
 def test_a_directory_is_refused(tmp_path):
     assert_refused(run("info", tmp_path), "is a directory")
 

@@ -173,7 +173,7 @@ class TestFigures:
 
     def test_curves_over_time_are_measured_first_and_last_model_with_what_they_leave(self, result):
         shown = figures.time_figure(result_view(result))
-        names = ["measured", *("kelvin_voigt", "with cubic_stiffness") * 2]
+        names = ["measured", *("kelvin_voigt", "kelvin_voigt + cubic_stiffness") * 2]
         assert [trace.name for trace in shown.data] == names
         assert np.nanmax(shown.data[0].y) == pytest.approx(result.channel.data.effort.max(), rel=1e-6)
         assert shown.layout.yaxis.title.text == "contact force [N]"
@@ -194,6 +194,16 @@ class TestFigures:
         traces = [trace for trace in figures.state_figure(view).data if trace.name.startswith("measured, ")]
         assert [trace.name for trace in traces[: len(words)]] == [f"measured, {word}" for word in words]
         assert len({trace.line.color for trace in traces}) == len(words) > 1
+
+    def test_force_over_displacement_shows_each_model_by_its_whole_name(self, hardening):
+        study = Study(hardening, keep=False)
+        grown = study.result(study.channel(), ["dry_friction", "cubic_stiffness"])
+        traces = [one for one in figures.state_figure(result_view(grown)).data if one.xaxis == "x"]
+        shown = {one.name: one.visible for one in traces if not one.name.startswith("measured")}
+        names = ["kelvin_voigt", "kelvin_voigt + dry_friction"]
+        names.append(f"{names[1]} + cubic_stiffness")
+        assert shown == dict(zip(names, (True, "legendonly", True), strict=True))
+        assert "Force over displacement" in document(StudyView("f", (result_view(grown),)))
 
     def test_both_maps_share_one_scale(self, result):
         first, last = figures.map_figure(result_view(result)).data

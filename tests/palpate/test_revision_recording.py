@@ -6,6 +6,7 @@ from rerun.chunk import RrdReader
 
 from palpate.render.recording.chart import HEIGHT, WIDTH, Chart, ticks
 from palpate.render.recording.revisions import record_rerun
+from palpate.render.recording.stream import REVISION, TIME, shown_on
 from palpate.render.view import StudyView
 from palpate.study import Study
 from palpate.study_view import result_view
@@ -102,3 +103,8 @@ def test_every_sample_is_there_over_time_with_both_models_and_what_they_leave(re
     np.testing.assert_allclose(effort[:, 2], result.stages[-1].fitted.predicted)
     left = np.array([row for _, row in rows_of(chunks, "/contact/time/residual", "Scalars:scalars")])
     np.testing.assert_allclose(left[:, 1], result.stages[-1].fitted.residual)
+
+
+@pytest.mark.parametrize(("timeline", "play"), [(REVISION, "following"), (TIME, "paused")])
+def test_a_recording_of_revisions_opens_at_the_last_one(timeline, play):
+    assert shown_on(timeline=timeline).time_panel.play_state == play  # what is followed is the end

@@ -1,13 +1,17 @@
 """Tables in narrow terminals."""
 
 import io
+import sys
 
 import pytest
 from rich.console import Console
 
 from estimation.study import Revision
 from palpate import console
-from palpate.render.terminal import print_revisions
+from palpate.render.estimates import estimate_table
+from palpate.render.terminal import print_comparison, print_diagnosis, print_revisions
+from palpate.study import Study
+from palpate.study_view import view_of
 from palpate.words import safe
 
 
@@ -65,6 +69,34 @@ def test_the_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
         words
     )
     assert ("2026-01-02" in words) == (width >= 100)
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+@pytest.mark.parametrize("model", ["kelvin_voigt", "hunt_crossley"])
+def test_the_table_of_estimates_breaks_no_word(hardening, model, width):
+    (found,) = Study(hardening, model, keep=False).estimate()
+    shown = printed(estimate_table(found, {}, width), width)
+    assert {"preemptive_ransac", "robust", "±"} <= set(shown.split())
+    assert all(len(line) <= width for line in shown.splitlines())
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_comparison_and_diagnosis_fit_the_terminal(few_effects, hardening, width):
+    study, out = Study(hardening, keep=False), io.StringIO()
+    terminal = Console(file=out, width=width)
+    print_comparison(terminal, view_of(study))
+    study.diagnose()
+    print_diagnosis(terminal, view_of(study))
+    assert all(len(line.rstrip()) <= width for line in out.getvalue().splitlines())
+    assert {"cubic_stiffness", "depth", "rmse", "parameter"} <= set(out.getvalue().split())
+
+
+def test_next_steps_are_told_below_the_command_where_a_line_is_too_short(monkeypatch, capsys):
+    for wide, lines in ((True, 3), (False, 4)):
+        made = Console(width=120 if wide else 40, force_terminal=True, no_color=True, file=sys.stdout)
+        monkeypatch.setattr(console, "_console", lambda made=made, **_: made)
+        console.next_steps(("palpate compare file.mcap", "where the model fails first"))
+        assert len(capsys.readouterr().out.splitlines()) == lines
 
 
 @pytest.mark.parametrize("width", [60, 120])

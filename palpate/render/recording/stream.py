@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import rerun as rr
@@ -75,6 +76,8 @@ def plot(
 
 
 def shown_on(*contents: rrb.Container | rrb.View, timeline: str) -> rrb.Blueprint:
-    """A blueprint of tabs, without the panels that a reader does not need."""
-    panel = rrb.TimePanel(state="collapsed", timeline=timeline, play_state="paused")
+    """A blueprint of tabs, without the panels that a reader does not need; of revisions, at the last one."""
+    # what follows stands at the end
+    play: Literal["following", "paused"] = "following" if timeline == REVISION else "paused"
+    panel = rrb.TimePanel(state="collapsed", timeline=timeline, play_state=play)
     return rrb.Blueprint(rrb.Tabs(*contents), panel, collapse_panels=True)

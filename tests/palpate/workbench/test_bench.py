@@ -11,12 +11,12 @@ from estimation.data.table import read_table
 from estimation.effects import EFFECTS
 from estimation.gate import checklist
 from estimation.study.source import joined, open_source
+from palpate.example import plain, sized
 from palpate.study import Study
 from palpate.workbench import words
 from palpate.workbench.ahead import Ahead
 from palpate.workbench.bench import Bench, evidence_of, groups
 from palpate.workbench.curves import MOST_POINTS, Motion, picked, time_figure
-from palpate.workbench.effects import plain, sized
 from palpate.workbench.load import guess, options_of, units_of
 from palpate.workbench.riddle import Score
 from robot_io.errors import InputError

@@ -1,0 +1,140 @@
+"""Moves an arm once more as it was moved before: along recorded references, tick by tick."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from control.arm.rigid_body import RigidBody
+from control.laws.computed_torque import ComputedTorque
+from control.laws.gains import Gains
+from control.loop.phases import Phase
+from control.loop.task import NO_RUN, TaskEvent, TaskOutput, aimed_output
+from control.paths.trajectory import JointMotion, JointMove
+from robot_io.errors import InputError
+from robot_io.types import Command, FloatArray, IntArray, Measurement
+
+SPEED_RAD_S, ACCELERATION_RAD_S2 = 0.5, 2.0  # of the way to where the references begin
+_SETTLE_S = 0.3  # standing there, and at the end
+
+
+@dataclass(frozen=True, eq=False)
+class References:
+    """What an arm of j joints was to do, over n ticks.
+
+    Attributes:
+        time_s: from 0 on, increasing, shape (n,) [s].
+        position_rad: shape (n, j) [rad].
+        velocity_rad_s: shape (n, j) [rad/s].
+        run: number of the run, or `NO_RUN`, shape (n,).
+        phase: numbers of `Phase`, shape (n,).
+        press_direction_world: unit vectors into the object, shape (n, 3).
+
+    Raises:
+        InputError: times do not increase, a number is not finite, or a phase is unknown.
+    """
+
+    time_s: FloatArray
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    run: IntArray
+    phase: IntArray
+    press_direction_world: FloatArray
+
+    def __post_init__(self) -> None:
+        if len(self.time_s) < 2 or not (np.diff(self.time_s) > 0.0).all():
+            raise InputError("references: their times do not increase")
+        for name in ("position_rad", "velocity_rad_s", "press_direction_world"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise InputError(f"references: {name} has a value that is not finite")
+        if not np.isin(self.phase, [int(phase) for phase in Phase]).all():
+            raise InputError("references: a phase is unknown")
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last [s]."""
+        return float(self.time_s[-1])
+
+    @property
+    def joint_count(self) -> int:
+        """Joints of the arm that they are of."""
+        return int(self.position_rad.shape[1])
+
+
+class ReplayTask:
+    """Moves to where the references begin, follows them, and stays; see `control.loop.task.Task`.
+
+    Joints are followed by computed torque, which takes the measured force for a load. No force is controlled:
+    on a stiffer object it grows as far as the guard lets it.
+
+    Args:
+        body: the arm.
+        gains: of its controllers.
+        references: of an arm with as many joints.
+
+    Raises:
+        InputError: the references are of another arm.
+    """
+
+    def __init__(self, body: RigidBody, gains: Gains, references: References) -> None:
+        if references.joint_count != body.joint_count:
+            raise InputError(f"references of {references.joint_count} joints, the arm has {body.joint_count}")
+        self._body, self._references = body, references
+        self._torque = ComputedTorque(body, gains.tracking)
+        self._feedforward = gains.contact.force_feedforward
+        self._acceleration_rad_s2 = np.gradient(references.velocity_rad_s, references.time_s, axis=0)
+        self._time_s = 0.0
+
+    def start(self, measurement: Measurement) -> None:
+        """See `Task.start`."""
+        self._torque.reset()
+        begin_rad = self._references.position_rad[0]
+        here_rad = measurement.joint_position_rad.copy()
+        self._there = JointMove(here_rad, begin_rad, SPEED_RAD_S, ACCELERATION_RAD_S2)
+        self._time_s, self._tick = 0.0, 0
+
+    def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        """See `Task.step`."""
+        self._time_s += dt_s
+        since_s = self._time_s - self._there.duration_s - _SETTLE_S
+        if since_s < 0.0:
+            return self._output(measurement, self._there.at(self._time_s), dt_s, Phase.MOVE, NO_RUN)
+        known = self._references
+        while self._tick < len(known.time_s) - 1 and known.time_s[self._tick + 1] <= since_s:
+            self._tick += 1
+        phase, run = Phase(int(known.phase[self._tick])), int(known.run[self._tick])
+        done = since_s >= known.duration_s + _SETTLE_S
+        motion = self._motion(since_s)
+        return self._output(
+            measurement, motion, dt_s, Phase.IDLE if done else phase, NO_RUN if done else run, done=done
+        )
+
+    def _motion(self, since_s: float) -> JointMotion:
+        """References at a time, straight between two ticks; at rest after the last."""
+        known, tick = self._references, self._tick
+        if tick == len(known.time_s) - 1:
+            still = np.zeros(known.joint_count)
+            return JointMotion(known.position_rad[-1], still, still)
+        share = (since_s - known.time_s[tick]) / (known.time_s[tick + 1] - known.time_s[tick])
+        tracks = known.position_rad, known.velocity_rad_s, self._acceleration_rad_s2
+        return JointMotion(*((1.0 - share) * track[tick] + share * track[tick + 1] for track in tracks))
+
+    def _output(
+        self,
+        measurement: Measurement,
+        motion: JointMotion,
+        dt_s: float,
+        phase: Phase,
+        run: int,
+        *,
+        done: bool = False,
+    ) -> TaskOutput:
+        tip = self._body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
+        direction = self._references.press_direction_world[self._tick]
+        force_n = measurement.force_n if math.isfinite(measurement.force_n) else 0.0
+        lever_m = direction.dot(tip.jacobian_world[:3])
+        torque_nm = self._torque.step(measurement, motion, lever_m * (force_n * self._feedforward), dt_s)
+        events = (TaskEvent("replayed", "the recorded motion was repeated"),) if done else ()
+        return aimed_output(
+            Command(torque_nm), motion, tip, direction, phase, run=run, done=done, events=events
+        )

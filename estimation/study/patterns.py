@@ -1,0 +1,127 @@
+"""What the pattern of an error suggests: effects of the vocabulary that leave such an error."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel import ChannelKind
+from estimation.effects import EFFECTS
+from estimation.study.part import Part
+
+_TOLD = 0.5  # share of the error that the parts' means must make, to be called a pattern
+_TURNS = 0.3  # the same where the error only changes sign
+_GROWS = 2.0  # error in the last part over that in the first
+_ONE_SIGN = 0.7  # of the error, that is its mean where it has one sign
+_OTHER = 1.2  # times as much must go with the effort as with the position, on which it depends
+_MOST = 2  # patterns that are said
+_NAMED = 4  # effects that are named with each
+
+_SUSPECTS: Mapping[str, tuple[str, ...]] = {
+    "turns": (
+        *("coulomb_friction", "dry_friction", "backlash", "hysteresis", "stress_relaxation"),
+        *("asymmetric_friction", "presliding_friction", "bouc_wen_hysteresis"),
+    ),
+    "fast": (
+        *("quadratic_damping", "viscous_friction", "quadratic_friction", "lag", "delay"),
+        *("power_law_relaxation", "damping", "inertia", "armature"),
+    ),
+    "slow": ("stribeck_friction", "presliding_friction", "backlash", "dry_friction", "deadband"),
+    "depth": ("cubic_stiffness", "power_law_stiffness", "layered_stiffness", "contact_offset"),
+    "position": ("torque_ripple", "gravity_tilt", "payload", "joint_spring", "position_dependent_friction"),
+    "phase": ("stress_relaxation", "power_law_relaxation", "drift", "viscous_friction"),
+    "run": ("run_offset", "run_gain", "drift", "plastic_set"),
+    "effort": ("torque_gain", "saturation", "deadband", "tool_compliance", "load_dependent_friction"),
+    "load": ("load_dependent_friction", "torque_gain", "payload", "joint_elasticity"),
+    "recorded": ("recorded_dependence",),
+    "sign": ("bias", "contact_offset", "gravity_tilt", "weight", "drift"),
+}
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """How an error is spread, and what leaves such an error.
+
+    Attributes:
+        by: way of splitting in which it shows.
+        words: such as "changes sign with the direction of motion".
+        effects: that leave such an error, likely ones first; not those in the model.
+        share: of the error, that goes with the pattern.
+    """
+
+    by: str
+    words: str
+    effects: tuple[str, ...]
+    share: float
+
+    @property
+    def sentence(self) -> str:
+        """The pattern and its effects, as a hint and no verdict."""
+        if not self.effects:
+            return f"The error {self.words}."
+        names = list(self.effects)
+        some = " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+        return f"The error {self.words}, as with {some}."
+
+
+def patterns(
+    parts: Mapping[str, Sequence[Part]], rmse: float, kind: ChannelKind, known: Collection[str]
+) -> tuple[Pattern, ...]:
+    """What the parts of an error have in common, the plainest first; empty where nothing stands out.
+
+    Args:
+        parts: the error by way of splitting, see `estimation.study.comparison`.
+        rmse: the whole error, in the unit of the effort.
+        kind: of the channel.
+        known: effects that the model has.
+    """
+    means = {by: _share_of_means(own, rmse) for by, own in parts.items()}
+    place = max(means.get("depth", 0.0), means.get("position", 0.0))
+    found = [
+        Pattern(by, words, _suited(suspects, kind, known), share)
+        for by, own in parts.items()
+        if by != "effort" or means[by] > _OTHER * place
+        for words, suspects, share in _of_split(by, own, means[by])
+    ]
+    if (one_sided := _share_of_mean(parts, rmse)) > _ONE_SIGN:
+        found.append(Pattern("all", "has one sign throughout", _suited("sign", kind, known), one_sided))
+    return tuple(sorted(found, key=lambda one: -one.share)[:_MOST])
+
+
+def _of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[str, str, float]]:
+    """Words, key of suspects and strength of the pattern that one way of splitting shows, if any."""
+    match by:
+        case "direction":
+            moving = [part.mean for part in parts if part.label.startswith("moving")]
+            if len(moving) == 2 and moving[0] * moving[1] < 0.0 and share > _TURNS:
+                yield "changes sign with the direction of motion", "turns", share
+        case "speed":
+            growth = parts[-1].rmse / parts[0].rmse if parts[0].rmse > 0.0 else np.inf
+            if not 1.0 / _GROWS < growth < _GROWS:
+                end, key = ("high", "fast") if growth >= _GROWS else ("low", "slow")
+                yield f"is largest at {end} speed", key, _TURNS
+        case "run" if share > _TOLD:
+            yield "differs from run to run", by, share
+        case _ if share > _TOLD:
+            known = by in {"depth", "position", "phase", "effort", "load"}
+            yield f"goes with {'the ' if known else ''}{by}", by if known else "recorded", share
+
+
+def _share_of_means(parts: Sequence[Part], rmse: float) -> float:
+    """Root mean square of the parts' means about their mean, over the whole error: the correlation ratio."""
+    weights = np.array([part.samples for part in parts], dtype=np.float64)
+    means = np.array([part.mean for part in parts])
+    spread = np.average((means - np.average(means, weights=weights)) ** 2, weights=weights)
+    return float(np.sqrt(spread) / rmse) if rmse > 0.0 else 0.0
+
+
+def _share_of_mean(parts: Mapping[str, Sequence[Part]], rmse: float) -> float:
+    """The mean of the whole over the whole error; 0 where it was not split."""
+    widest = max(parts.values(), key=lambda own: sum(part.samples for part in own), default=())
+    whole = sum(part.samples * part.mean for part in widest)
+    return abs(whole) / (rmse * sum(part.samples for part in widest)) if widest and rmse > 0.0 else 0.0
+
+
+def _suited(key: str, kind: ChannelKind, known: Collection[str]) -> tuple[str, ...]:
+    suited = (name for name in _SUSPECTS[key] if kind in EFFECTS[name].channels and name not in known)
+    return tuple(suited)[:_NAMED]

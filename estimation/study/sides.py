@@ -1,0 +1,237 @@
+"""Two measurements side by side, or two models of one: how far each describes the other, what differs."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.estimate import ParameterEstimate
+from estimation.statistics.correlation import Correlation, autocorrelation, cross_correlation
+from estimation.statistics.fit_percent import fit_percent
+from estimation.study.channels import StudyChannel
+from estimation.study.comparison import Comparison
+from estimation.study.fits import Fits
+from estimation.study.shown import Shown, Table
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+_SIGMAS_95 = 1.96
+_LONGEST, _FEWEST, _MOST = 0.1, 25, 400  # lags: share of the median run, and samples
+_ALIKE = 0.9  # share of the longer run that the shorter one must last, to be put over it
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One of two.
+
+    Attributes:
+        name: by which it is told from the other.
+        channel: with its base model.
+        compared: the model beside the measurement; None where it cannot be judged.
+        reason: why it cannot.
+    """
+
+    name: str
+    channel: StudyChannel
+    compared: Comparison | None
+    reason: str = ""
+
+    @property
+    def data(self) -> ChannelData:
+        """The measurement, with the signals that were derived for the model."""
+        return self.channel.measured if self.compared is None else self.compared.fitted.data
+
+    @property
+    def model(self) -> str:
+        """The model's name, with the effects that were added."""
+        return self.channel.model.name if self.compared is None else self.compared.model
+
+    @property
+    def parameters(self) -> Mapping[str, ParameterEstimate]:
+        """By "effect.parameter"; none where nothing was fitted."""
+        return {} if self.compared is None else self.compared.parameters
+
+    @property
+    def residual(self) -> FloatArray:
+        """Measured less predicted from other runs, shape (n,); NaN where it is not judged."""
+        return np.full(len(self.data), np.nan) if self.compared is None else self.compared.fitted.residual
+
+    @cached_property
+    def lags(self) -> int:
+        """Largest lag of its correlations, in samples."""
+        length = float(np.median([np.count_nonzero(self.data.run == run) for run in self.data.runs]))
+        return int(np.clip(_LONGEST * length, _FEWEST, _MOST))
+
+    @cached_property
+    def autocorrelation(self) -> Correlation:
+        """Of what the model leaves."""
+        return autocorrelation(self.residual, self.data.run, self.lags)
+
+    @cached_property
+    def cross_correlation(self) -> Correlation:
+        """Of what the model leaves with the velocity."""
+        return cross_correlation(self.residual, self.data.velocity, self.data.run, self.lags)
+
+    def fit_of(self, other: "Side") -> float:
+        """How far this side's model describes the other's measurement; its own in held-out runs [%]."""
+        if self.compared is None or other.compared is None:
+            return float("nan")
+        data, judged = other.data, other.compared.fitted.judged
+        if other is self:
+            return fit_percent(data.effort[judged], (data.effort - self.residual)[judged])
+        try:
+            predicted = self.compared.fitted.model.predict(data, self.compared.fitted.values)
+        except (InputError, KeyError):  # the other lacks a signal that this model needs
+            return float("nan")
+        return fit_percent(data.effort[judged], predicted[judged])
+
+
+@dataclass(frozen=True)
+class ParameterDifference:
+    """One parameter on both sides.
+
+    Attributes:
+        name: "effect.parameter".
+        unit: SI.
+        first: None where that side's model has none.
+        second: likewise.
+        is_same_data: whether both come from one measurement: then their errors are no more independent.
+    """
+
+    name: str
+    unit: str
+    first: ParameterEstimate | None
+    second: ParameterEstimate | None
+    is_same_data: bool = False
+
+    @property
+    def value(self) -> float:
+        """Second less first; NaN where one is missing."""
+        if self.first is None or self.second is None:
+            return float("nan")
+        return self.second.value - self.first.value
+
+    @property
+    def half(self) -> float:
+        """Half of the difference's 95 % interval, from independent errors; NaN where it is not known."""
+        if self.first is None or self.second is None or self.is_same_data:
+            return float("nan")
+        return _SIGMAS_95 * float(np.hypot(self.first.std_err, self.second.std_err))
+
+    @property
+    def differs(self) -> bool | None:
+        """Whether the interval leaves zero out; None where there is none."""
+        return bool(abs(self.value) > self.half) if np.isfinite(self.half) else None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sides(Shown):
+    """One channel on both sides."""
+
+    first: Side
+    second: Side
+
+    @property
+    def channel(self) -> str:
+        """Its name."""
+        return self.first.channel.name
+
+    @property
+    def is_same_data(self) -> bool:
+        """Whether both are of one measurement, and only the models are two."""
+        return self.first.channel.sha256 == self.second.channel.sha256
+
+    @cached_property
+    def differences(self) -> tuple[ParameterDifference, ...]:
+        """All parameters of either model."""
+        first, second = self.first.parameters, self.second.parameters
+        return tuple(
+            ParameterDifference(
+                name,
+                (first.get(name) or second[name]).unit,
+                first.get(name),
+                second.get(name),
+                self.is_same_data,
+            )
+            for name in dict.fromkeys([*first, *second])
+        )
+
+    @cached_property
+    def overlay(self) -> FloatArray | None:
+        """The second's effort at the times of the first, run by run from each run's begin, shape (n,).
+
+        NaN beyond its end; None where runs are not as many or not as long: they are no repetition.
+        """
+        a, b = self.first.data, self.second.data
+        if self.is_same_data or len(a.runs) != len(b.runs):
+            return None
+        found = np.full(len(a), np.nan)
+        for one, other in zip(a.runs, b.runs, strict=True):
+            rows, there = a.run == one, b.run == other
+            t, u = a.time_s[rows] - a.time_s[rows][0], b.time_s[there] - b.time_s[there][0]
+            if min(t[-1], u[-1]) < _ALIKE * max(t[-1], u[-1]):
+                return None
+            found[rows] = np.interp(t, u, b.effort[there], right=np.nan)
+        return found
+
+    @property
+    def followed(self) -> float:
+        """How far the second's effort follows the first's over time [%]; NaN where it is no repetition."""
+        return float("nan") if self.overlay is None else fit_percent(self.first.data.effort, self.overlay)
+
+    @cached_property
+    def fits(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Fit [%] of each model (row) to each measurement (column)."""
+        pair = (self.first, self.second)
+        first, second = ((one.fit_of(pair[0]), one.fit_of(pair[1])) for one in pair)
+        return first, second
+
+    def _table(self) -> Table:
+        rows = [
+            (
+                d.name,
+                *(f"{one.value:.5g}" if one else "" for one in (d.first, d.second)),
+                f"{d.value:.3g}",
+                f"{d.half:.2g}",
+            )
+            for d in self.differences
+        ]
+        names = (self.first.name, self.second.name)
+        return Table(
+            f"{self.channel}: {names[1]} beside {names[0]}", ("parameter", *names, "difference", "+-"), rows
+        )
+
+
+def side_by_side(first: Fits, second: Fits, names: tuple[str, str]) -> tuple[Sides, ...]:
+    """The channels that two studies share, with their base models.
+
+    Args:
+        first: what is compared with.
+        second: what is compared.
+        names: by which they are told apart.
+
+    Raises:
+        InputError: they share no channel.
+    """
+    found = tuple(_shared(first, second, names))
+    if not found:
+        there = [", ".join(one.name for one in study.channels) for study in (first, second)]
+        raise InputError(f"{names[0]} and {names[1]} share no channel: {there[0]}; {there[1]}")
+    return found
+
+
+def _shared(first: Fits, second: Fits, names: tuple[str, str]) -> Iterator[Sides]:
+    others = {one.name: one for one in second.channels}
+    for one in first.channels:
+        other = others.get(one.name)
+        if other is not None and other.kind is one.kind:
+            yield Sides(_side(names[0], first, one), _side(names[1], second, other))
+
+
+def _side(name: str, study: Fits, channel: StudyChannel) -> Side:
+    try:
+        return Side(name, channel, study.comparison(channel))
+    except InputError as error:
+        return Side(name, channel, None, str(error))

@@ -1,0 +1,91 @@
+"""`palpate effects`: the effects that palpate knows, in words, as equations, and drawn."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from estimation.effect import Effect
+from estimation.effects import EFFECTS
+from palpate import console
+from palpate.completion import effect_names
+from palpate.data_options import JsonOption
+from palpate.example import Example
+from palpate.files import existing_data
+from palpate.render.vocabulary import as_data, effect_view, kind_of, library, print_effect, print_library
+from palpate.words import typed
+from robot_io.errors import InputError
+from sim_backend.imperfection import IMPERFECTIONS
+
+
+def command(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            help="Only this one, drawn and in full.", metavar="[NAME]", autocompletion=effect_names
+        ),
+    ] = None,
+    on: Annotated[
+        Path | None,
+        typer.Option(
+            help="Session or data file on whose motion it is drawn, beside the fitted model.", metavar="FILE"
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """List the effects that a model may be missing; of one, equation, what one sees, and a drawing.
+
+    Examples: palpate effects; palpate effects backlash; palpate effects cubic_stiffness --on press.csv
+    """
+    if name is None:
+        if on is not None:
+            raise InputError(f"--on {on}: name the effect that is to be drawn on it")
+        _list(as_json=as_json)
+        return
+    effect = EFFECTS[name]()
+    view, out = effect_view(effect), console.stdout()
+    if as_json:
+        console.print_json(as_data(view))
+        return
+    example = Example.plain(effect, kind_of(effect)) if on is None else _on(effect, on)
+    print_effect(out, view, example)
+    steps = [(f"palpate effects {name} --on FILE", "drawn on a motion of yours")] if on is None else []
+    if name in IMPERFECTIONS:
+        steps.append(
+            (f"palpate probe --hidden {name} -o {name}.mcap", "hide it in a simulated world, and find it")
+        )
+    file = "FILE" if on is None else typed(on)
+    steps.append((f"palpate add {file} {name}", "add it to the model of a measurement"))
+    console.next_steps(*steps)
+
+
+def _list(*, as_json: bool) -> None:
+    views = library()
+    if as_json:
+        console.print_json({"effects": list(map(as_data, views))})
+        return
+    print_library(console.stdout(), views)
+    console.next_steps(
+        ("palpate effects NAME", "one of them in full, and drawn"),
+        ("palpate diagnose FILE", "which of them a measurement shows"),
+    )
+
+
+def _on(effect: Effect, file: Path) -> Example:
+    """The effect in the first channel of a file that it can be in.
+
+    Raises:
+        InputError: there is none, or it cannot be judged.
+    """
+    from palpate.study import Study  # noqa: PLC0415, takes a second
+
+    study = Study(existing_data(file), keep=False)
+    for one in study.channels:
+        if effect.name in {part.name for part in one.model.effects} or one.kind not in effect.channels:
+            continue
+        fitted = study.fit(one)
+        suited = effect.suited_to(fitted.data)
+        if suited.applies_to(fitted.data):
+            return Example.beside(fitted, suited)
+    there = ", ".join(f"{one.name} ({one.model.name})" for one in study.channels)
+    raise InputError(f"{file}: {effect.name} can be added to none of its channels: {there}")

@@ -1,0 +1,54 @@
+"""`palpate merge`: several sessions as one."""
+
+import shlex
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate import console
+from palpate.data_options import JsonOption
+from palpate.files import open_session, output_file
+from palpate.merging import merged_events, merged_metadata, merged_streams
+from palpate.words import count, shown, typed
+from robot_io.errors import InputError
+from robot_io.session import write_session
+
+
+def command(
+    sessions: Annotated[list[Path], typer.Argument(help="Sessions of one arm, or imported ones, in order.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Session file to write.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Make one session of several: their runs go on, so that they are judged as one measurement.
+
+    Example: palpate merge monday.mcap tuesday.mcap -o both.mcap
+    """
+    if len(sessions) < 2:
+        raise InputError(f"{sessions[0]}: is one session; name two or more")
+    if twice := [str(path) for n, path in enumerate(sessions) if path.resolve() in _resolved(sessions[:n])]:
+        raise InputError(f"{twice[0]}: is named twice; its runs would count as repetitions")
+    file = output_file(out, keep=sessions)
+    found = [open_session(path) for path in sessions]
+    streams = merged_streams(found)
+    metadata = merged_metadata(found, shlex.join(["palpate", *sys.argv[1:]]), version("palpate"))
+    write_session(file, streams, metadata, merged_events(found))
+    samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
+    if as_json:
+        console.print_json(
+            {"session": str(file), "merged": [str(path) for path in sessions], "samples": samples}
+        )
+        return
+    for name, number in samples.items():
+        console.stdout().print(f"{name}: {count(number, 'sample')} of {count(len(sessions), 'session')}")
+    console.stdout().print(f"written: [bold]{shown(file)}[/bold]", soft_wrap=True)
+    console.next_steps(
+        (f"palpate info {typed(file)}", "what is in the file"),
+        (f"palpate diagnose {typed(file)}", "which physical effect is missing"),
+    )
+
+
+def _resolved(paths: list[Path]) -> list[Path]:
+    return [path.resolve() for path in paths]

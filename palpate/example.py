@@ -1,0 +1,95 @@
+"""What an effect looks like: a model without it and with it, on a plain motion or on the user's own."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Effect
+from estimation.effects import EFFECTS
+from estimation.model import Model
+from estimation.study.engine import Fitted
+from robot_io.types import FloatArray
+
+_TIME_S, _PLAIN_S = 0.01, 2.0  # step and length of the plain motion
+_SHARE = 0.35  # of the effort without it, that an effect is drawn with
+_RUNS = 3  # of the user's motion that are simulated
+_PLAIN = {"stiffness.k": 500.0, "damping.c": 4.0, "inertia.m": 0.02, "viscous_friction.d": 0.3}
+
+
+@dataclass
+class Example:
+    """A model with an effect beside the same model without it.
+
+    Attributes:
+        effect: that is shown.
+        data: the motion; its effort (n,) is that without the effect.
+        model: with the effect.
+        values: of all its parameters by "effect.parameter", of a size that is well seen; they may be changed.
+    """
+
+    effect: Effect
+    data: ChannelData
+    model: Model
+    values: dict[str, float]
+
+    @classmethod
+    def plain(cls, effect: Effect, kind: ChannelKind) -> "Example | None":
+        """The effect on two plain presses or swings; None where it needs more than those.
+
+        Beside a spring and damper, or a mass with viscous friction; if it is one of these, beside the other.
+        """
+        data, model = plain(kind)
+        values = {name: _PLAIN.get(name, 0.0) for name in (*model.gains, *model.inner)}
+        if not effect.applies_to(data):
+            return None
+        if effect.name in {one.name for one in model.effects}:
+            without = model.without(effect.name).predict(data, values)
+            return cls(effect, replace(data, effort=without), model, values)
+        return cls(effect, data, model.with_effect(effect), sized(data, model, values, effect))
+
+    @classmethod
+    def beside(cls, fitted: Fitted, effect: Effect) -> "Example":
+        """The effect added to a fitted model, on a few runs of its motion."""
+        there = fitted.data.runs
+        few = there[np.unique(np.linspace(0, len(there) - 1, _RUNS).astype(int))]
+        moved = fitted.data.of_runs(few)
+        data = replace(moved, effort=fitted.model.predict(moved, fitted.values))
+        values = sized(data, fitted.model, dict(fitted.values), effect)
+        return cls(effect, data, fitted.model.with_effect(effect), values)
+
+    def effort(self) -> FloatArray:
+        """Effort with the effect, shape (n,)."""
+        return self.model.predict(self.data, self.values)
+
+
+def plain(kind: ChannelKind) -> tuple[ChannelData, Model]:
+    """A plain motion, two presses or swings, and a plain model of it."""
+    t = np.arange(0.0, _PLAIN_S, _TIME_S)
+    rate = 4.0 * np.pi / _PLAIN_S
+    x, v, a = np.sin(rate * t), rate * np.cos(rate * t), -(rate**2) * np.sin(rate * t)
+    names = ("inertia", "viscous_friction")
+    if kind is ChannelKind.CONTACT:
+        turn = rate * t
+        x, v, a = 0.0035 - 0.004 * np.cos(turn), 0.004 * rate * np.sin(turn), 0.004 * rate**2 * np.cos(turn)
+        names = ("stiffness", "damping")
+    still, run = np.zeros(len(t)), np.zeros(len(t), dtype=np.int64)
+    model = Model("plain", tuple(EFFECTS[name]() for name in names))
+    context = {} if kind is ChannelKind.CONTACT else {"load": np.cos(rate * t)}
+    data = ChannelData("plain", kind, t, x, v, a, still, run, run - 1, context)
+    values = {name: _PLAIN.get(name, 0.0) for name in (*model.gains, *model.inner)}
+    return replace(data, effort=model.predict(data, values)), model
+
+
+def sized(data: ChannelData, model: Model, base: Mapping[str, float], effect: Effect) -> dict[str, float]:
+    """Parameters of a model with one effect more, of a size that is well seen beside the data's effort."""
+    starts = effect.starts(data)
+    inner = dict(starts[len(starts) // 2])
+    values = {**base, **{f"{effect.name}.{name}": value for name, value in inner.items()}}
+    if isinstance(effect, AdditiveEffect):
+        for column, gain in zip(effect.columns(data, inner).T, effect.gains, strict=True):
+            length = float(np.sqrt(np.mean(column**2)))
+            wanted = _SHARE * float(np.sqrt(np.mean(data.effort**2))) / length if length > 0.0 else 0.0
+            values[f"{effect.name}.{gain.name}"] = wanted
+    return values

@@ -1,0 +1,115 @@
+"""A stream of a session, or a channel of any data, as a table that other programs read: CSV or Parquet."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from control.loop.phases import Phase
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.channels import is_session
+from estimation.data.import_options import ImportOptions
+from estimation.study.source import open_source
+from palpate.files import whole_file
+from robot_io.errors import InputError
+from robot_io.session import Samples, Session
+
+EVENTS = "events"
+_CHANNEL = re.compile(r"contact(_\d+)?|joint_\d+")
+ENDINGS = (".csv", ".parquet")
+_NAMES = {
+    ChannelKind.CONTACT: ("displacement_m", "velocity_m_s", "acceleration_m_s2", "force_N"),
+    ChannelKind.REVOLUTE: ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "torque_Nm"),
+    ChannelKind.PRISMATIC: ("position_m", "velocity_m_s", "acceleration_m_s2", "force_N"),
+}
+
+
+def table_of(path: Path, options: ImportOptions, name: str) -> pa.Table:
+    """A stream of a session, its events, or a channel of any data, as a table.
+
+    Args:
+        path: session, folder of sessions, or data file.
+        options: how to read a data file.
+        name: of the stream or channel, or `EVENTS`.
+
+    Raises:
+        InputError: there is none of this name, or the data cannot be used.
+    """
+    session = Session.open(path) if path.is_file() and is_session(path) else None
+    streams = [] if session is None else [EVENTS, *session.stream_names]
+    if session is not None and name in streams and not _CHANNEL.fullmatch(name):
+        return events_table(session) if name == EVENTS else stream_table(session.samples(name))
+    if session is not None and not _CHANNEL.fullmatch(name):
+        raise InputError(f"{path}: has no stream or channel '{name}'. Its streams: {', '.join(streams)}")
+    channels = {one.name: one for one in open_source(path, options).channels}
+    if name not in channels:
+        there = ", ".join([*streams, *(one for one in channels if one not in streams)])
+        raise InputError(f"{path}: has no stream or channel '{name}'. There are: {there}")
+    return channel_table(channels[name])
+
+
+def stream_table(samples: Samples) -> pa.Table:
+    """Every column of a stream; a wide one as several, numbered from 1. Units are kept with the fields."""
+    fields, arrays = list[pa.Field](), list[pa.Array]()
+    for column in samples.stream.columns:
+        values, about = samples.vector(column.name), {"unit": column.unit, "doc": column.doc}
+        for number in range(values.shape[1]):
+            name = column.name if column.width == 1 else f"{column.name}_{number + 1}"
+            arrays.append(pa.array(np.ascontiguousarray(values[:, number])))
+            fields.append(pa.field(name, arrays[-1].type, metadata=about))
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+
+
+def channel_table(channel: ChannelData) -> pa.Table:
+    """A channel with the names and units that `palpate import` takes."""
+    motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
+    columns = {"time_s": channel.time_s, "run": channel.run}
+    columns |= dict(zip(_NAMES[channel.kind], motion, strict=True))
+    columns |= {name: channel.context[name] for name in sorted(channel.recorded)}
+    table = pa.table({name: pa.array(values) for name, values in columns.items()})
+    known = {int(phase): phase.name.lower() for phase in Phase}
+    if np.isin(channel.phase, list(known)).all():
+        table = table.append_column("phase", pa.array([known[phase] for phase in channel.phase.tolist()]))
+    return table.filter(pa.array(channel.run >= 0))
+
+
+def events_table(session: Session) -> pa.Table:
+    """What happened, one row an event; its data as JSON."""
+    events = session.events
+    return pa.table(
+        {
+            "time_s": pa.array([event.time_s for event in events], pa.float64()),
+            "kind": pa.array([event.kind for event in events], pa.string()),
+            "text": pa.array([event.text for event in events], pa.string()),
+            "data": pa.array([json.dumps(event.data) for event in events], pa.string()),
+        }
+    )
+
+
+def write_table(table: pa.Table, path: Path) -> None:
+    """Write a table as its ending says; the file appears whole or not at all.
+
+    Raises:
+        InputError: another ending, or it cannot be written.
+    """
+    check_ending(path)
+    with whole_file(path) as unfinished:
+        if path.suffix == ENDINGS[1]:
+            pa.parquet.write_table(table, unfinished)
+        else:
+            options = pa.csv.WriteOptions(quoting_style="needed", quoting_header="needed")
+            pa.csv.write_csv(table, unfinished, options)
+
+
+def check_ending(path: Path) -> None:
+    """Refuse a file of another kind.
+
+    Raises:
+        InputError: it is neither CSV nor Parquet by its ending.
+    """
+    if path.suffix not in ENDINGS:
+        raise InputError(f"output {path}: a table is written as {' or '.join(ENDINGS)}")

@@ -1,0 +1,100 @@
+"""Several sessions as one: their runs go on, one session after the other."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control.loop.task import NO_RUN
+from control.loop.tick_record import STREAM_NAME
+from estimation.data.session_streams import RUN_LABELS
+from estimation.data.tick_channels import joined
+from palpate.runs.hiding import SEAL
+from palpate.runs.session import SOURCE
+from robot_io.errors import InputError
+from robot_io.session import Event, Samples, Session, SessionMetadata, Stream
+
+RUN = "run"
+Merged = tuple[Stream, Mapping[str, NDArray[np.generic]]]
+
+
+def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
+    """Each stream that all sessions have, one session's samples after the other's.
+
+    Clocks stay as they are: where one goes on through all sessions, the object remembers what was before.
+
+    Raises:
+        InputError: they are not of one arm, or not of the same streams.
+    """
+    _check(sessions)
+    merged = list[Merged]()
+    for name in sessions[0].stream_names:
+        parts = [session.samples(name) for session in sessions]
+        whole = joined(parts) if name == STREAM_NAME else _appended(parts)
+        merged.append((whole.stream, {column: whole[column] for column in whole}))
+    return merged
+
+
+def merged_events(sessions: Sequence[Session]) -> list[Event]:
+    """What happened, session by session."""
+    return [event for session in sessions for event in session.events]
+
+
+def merged_metadata(sessions: Sequence[Session], command_line: str, software_version: str) -> SessionMetadata:
+    """What is said of the first, as far as it is true of all.
+
+    Args:
+        sessions: in order.
+        command_line: how the program was started.
+        software_version: of palpate.
+    """
+    first, files = sessions[0].metadata, ", ".join(session.path.name for session in sessions)
+    every = [session.metadata for session in sessions]
+    shared = {
+        key: text for key, text in first.extra.items() if all(one.extra.get(key) == text for one in every)
+    }
+    for key in (SEAL, RUN_LABELS):  # of one session, or of the numbers that its runs had
+        shared.pop(key, None)
+    return replace(
+        first,
+        scenario=first.scenario if all(one.scenario == first.scenario for one in every) else "",
+        seed=first.seed if all(one.seed == first.seed for one in every) else None,
+        command_line=command_line,
+        software_version=software_version,
+        extra=shared | {SOURCE: f"merged from {files}"},
+    )
+
+
+def _check(sessions: Sequence[Session]) -> None:
+    first = sessions[0]
+    for one in sessions[1:]:
+        if one.metadata.urdf != first.metadata.urdf:
+            raise InputError(f"{one.path}: was made by another arm than {first.path} (their URDFs differ)")
+        if set(one.stream_names) != set(first.stream_names):
+            there = [", ".join(each.stream_names) or "none" for each in (one, first)]
+            raise InputError(f"{one.path}: has streams {there[0]}, and {first.path} has {there[1]}")
+        for name in first.stream_names:
+            _check_columns(one, first, name)
+
+
+def _check_columns(one: Session, first: Session, name: str) -> None:
+    forms = [{(c.name, c.width, c.unit) for c in each.samples(name).stream.columns} for each in (one, first)]
+    if forms[0] != forms[1]:
+        differing = ", ".join(sorted({column for column, *_ in forms[0] ^ forms[1]}))
+        raise InputError(f"{one.path}: stream '{name}' has other columns than in {first.path}: {differing}")
+
+
+def _appended(parts: Sequence[Samples]) -> Samples:
+    """Samples of a stream, the numbers of the runs going on."""
+    columns: dict[str, list[NDArray[np.generic]]] = {name: [] for name in parts[0]}
+    first = 0
+    for part in parts:
+        for name in part:
+            values = part[name]
+            if name == RUN:
+                values = np.where(values == NO_RUN, NO_RUN, values + first).astype(values.dtype)
+            columns[name].append(values)
+        if RUN in part and len(part):
+            first = max(first, int(columns[RUN][-1].max()) + 1)
+    return Samples(parts[0].stream, {name: np.concatenate(arrays) for name, arrays in columns.items()})

@@ -1,0 +1,213 @@
+"""Two measurements or models side by side, as every medium shows them, and in a terminal."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from estimation.statistics.correlation import Correlation
+from estimation.study.sides import ParameterDifference, Side, Sides
+from palpate.console import table
+from palpate.render.terminal import safe_text
+from palpate.render.view import ChannelView
+from palpate.words import safe, significant
+
+LETTERS = ("A", "B")
+_CHANCE = 0.05  # of the lags outside a 99 % band; what is above is no chance
+_PERCENT = 100.0
+
+
+@dataclass(frozen=True)
+class SidesView:
+    """One channel on both sides.
+
+    Attributes:
+        channel: its name.
+        names: of the two sides.
+        views: both, with measurement and model.
+        found: what was compared.
+        words: what comes of it, in sentences.
+    """
+
+    channel: str
+    names: tuple[str, str]
+    views: tuple[ChannelView, ChannelView]
+    found: Sides
+    words: tuple[str, ...]
+
+    @property
+    def pair(self) -> tuple[Side, Side]:
+        """Both sides."""
+        return self.found.first, self.found.second
+
+    @property
+    def fit_columns(self) -> tuple[str, ...]:
+        """To which measurements fits are stated."""
+        return ("fit [%]",) if self.found.is_same_data else ("to A [%]", "to B [%]")
+
+    @property
+    def fit_rows(self) -> list[tuple[str, tuple[float, ...]]]:
+        """What describes, and its fit to each of these measurements [%]."""
+        models = [f"{letter}'s model" for letter in LETTERS]
+        (a_of_a, a_of_b), (b_of_a, b_of_b) = self.found.fits
+        if self.found.is_same_data:
+            return [(models[0], (a_of_a,)), (models[1], (b_of_b,))]
+        rows: list[tuple[str, tuple[float, ...]]] = [
+            (models[0], (a_of_a, a_of_b)),
+            (models[1], (b_of_a, b_of_b)),
+        ]
+        if np.isfinite(self.found.followed):
+            rows.append(("B as measured", (self.found.followed, _PERCENT)))
+        return rows
+
+
+@dataclass(frozen=True)
+class PairView:
+    """All channels that two files share, and the commands that lead here."""
+
+    names: tuple[str, str]
+    channels: tuple[SidesView, ...]
+    commands: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """Both names."""
+        return f"{self.names[0]} and {self.names[1]}"
+
+
+def sides_view(found: Sides, views: tuple[ChannelView, ChannelView]) -> SidesView:
+    """The view of what was compared in one channel."""
+    names = (found.first.name, found.second.name)
+    return SidesView(found.channel, names, views, found, tuple(_words(found)))
+
+
+def _words(found: Sides) -> Iterator[str]:
+    for letter, side in zip(LETTERS, (found.first, found.second), strict=True):
+        if side.compared is None:
+            yield f"{letter} has no model: {side.reason}."
+    if np.isfinite(found.followed):
+        yield f"B follows A to {found.followed:.1f} % over time, run by run."
+    (own_a, a_of_b), (b_of_a, own_b) = found.fits
+    if found.is_same_data:
+        yield f"A's model describes the measurement to {own_a:.1f} %, B's to {own_b:.1f} %."
+    elif np.isfinite(a_of_b) or np.isfinite(b_of_a):
+        yield f"A's model describes B to {a_of_b:.1f} % (A to {own_a:.1f} %)."
+        yield f"B's model describes A to {b_of_a:.1f} % (B to {own_b:.1f} %)."
+    yield from _of_parameters(found)
+    for letter, side in zip(LETTERS, (found.first, found.second), strict=True):
+        for what, one in (
+            ("is not white: of its autocorrelation,", side.autocorrelation),
+            ("goes with the velocity: of their cross-correlation,", side.cross_correlation),
+        ):
+            if one.outside > _CHANCE:
+                share = f"{_PERCENT * one.outside:.0f} % of the lags are outside the 99 % band"
+                yield f"What {letter}'s model leaves {what} {share}."
+
+
+def _of_parameters(found: Sides) -> Iterator[str]:
+    told = [one for one in found.differences if one.differs is not None]
+    for one in told:
+        if one.differs:
+            yield f"{one.name} differs: {difference_text(one)} {one.unit}{_relative(one)}."
+    if told and not any(one.differs for one in told):
+        yield "No parameter differs by more than its 95 % interval."
+
+
+def _relative(one: ParameterDifference) -> str:
+    if one.first is None or not one.first.value:
+        return ""
+    return f" ({_PERCENT * one.value / abs(one.first.value):+.2g} %)"
+
+
+def difference_text(one: ParameterDifference) -> str:
+    """A difference with half of its 95 % interval, or as much of it as is known."""
+    if not np.isfinite(one.value):
+        return "–"
+    if not np.isfinite(one.half):
+        return f"{one.value:+.4g}"
+    value = significant(one.value, one.half)
+    return f"{value if float(value) else value.lstrip('-')} ± {significant(one.half, one.half)}"
+
+
+def print_pair(console: Console, view: PairView) -> None:
+    """Which is A and B, then of each channel sentences, fits and parameters."""
+    for letter, name in zip(LETTERS, view.names, strict=True):
+        console.print(f"[bold]{letter}[/bold]  {safe(name)}", soft_wrap=True)
+    for one in view.channels:
+        models = " and ".join(dict.fromkeys(side.model for side in one.pair))
+        console.print(f"\n[bold]{safe(one.channel)}[/bold]: {safe(models)}")
+        for sentence in one.words:
+            console.print(Padding(Text(safe_text(sentence)), (0, 0, 0, 2)))
+        console.print(_fit_table(one))
+        if one.found.differences:
+            console.print(_difference_table(one.found.differences))
+
+
+def _fit_table(view: SidesView) -> Table:
+    columns = [safe(name) for name in view.fit_columns]
+    made = table("", "fit of", *columns, right=columns)
+    for what, fits in view.fit_rows:
+        made.add_row(what, *map(percent_text, fits))
+    return made
+
+
+def _difference_table(differences: Sequence[ParameterDifference]) -> Table:
+    right = ("A", "B", "B − A")
+    made = table("", "parameter", *right, "unit", right=right)
+    for one in differences:
+        values = (significant(each.value, each.std_err) if each else "–" for each in (one.first, one.second))
+        color = "yellow" if one.differs else "default"
+        cells = (*values, f"[{color}]{difference_text(one)}[/]")
+        effect, _, name = one.name.rpartition(".")
+        made.add_row(f"[dim]{safe(effect)}.[/dim]{safe(name)}", *cells, safe(one.unit))
+    return made
+
+
+def percent_text(fit: float) -> str:
+    """A fit, or that there is none."""
+    return "–" if np.isnan(fit) else f"{fit:.1f}"
+
+
+def as_data(found: Sides) -> dict[str, Any]:
+    """One channel as plain data; the keys are stable."""
+    pair = (found.first, found.second)
+    return {
+        "channel": found.channel,
+        "effort_unit": found.first.channel.effort_unit,
+        "models": [side.model for side in pair],
+        "reasons": [side.reason for side in pair],
+        "same_data": found.is_same_data,
+        "fit_percent": {"models": found.fits, "measured": found.followed},
+        "rmse": [None if side.compared is None else side.compared.rmse for side in pair],
+        "parameters": [_difference_data(one) for one in found.differences],
+        "residuals": [
+            {"autocorrelation": _correlation(a), "cross_correlation": _correlation(b), "step_s": step_s(side)}
+            for side, a, b in ((side, side.autocorrelation, side.cross_correlation) for side in pair)
+        ],
+    }
+
+
+def step_s(side: Side) -> float:
+    """Median time from sample to sample of a side [s]: the unit of its lags."""
+    same_run = np.diff(side.data.run) == 0
+    steps = np.diff(side.data.time_s)[same_run]
+    return float(np.median(steps)) if len(steps) else float("nan")
+
+
+def _difference_data(one: ParameterDifference) -> dict[str, Any]:
+    sides = [
+        None if each is None else {"value": each.value, "std_err": each.std_err}
+        for each in (one.first, one.second)
+    ]
+    interval = [one.value - one.half, one.value + one.half]
+    difference = {"value": one.value, "interval": interval, "differs": one.differs}
+    return {"name": one.name, "unit": one.unit, "sides": sides, "difference": difference}
+
+
+def _correlation(one: Correlation) -> dict[str, Any]:
+    return {"lag": one.lag, "value": one.value, "band_99": one.band, "outside": one.outside}

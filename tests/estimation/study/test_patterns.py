@@ -1,0 +1,104 @@
+"""What the pattern of an error suggests: the effect that was left out is among what is named."""
+
+import numpy as np
+import pytest
+
+from estimation.channel import ChannelKind
+from estimation.effects import EFFECTS
+from estimation.study import Part, Study
+from estimation.study.patterns import _SUSPECTS, patterns
+from tests.palpate.presses import press_rows
+
+SPEEDS = (0.02, 0.04, 0.08, 0.03)
+
+
+def part(label, mean, rmse=None, samples=100):
+    size = abs(mean) if rmse is None else rmse
+    return Part(label, samples, size, mean, 0.0, size)
+
+
+def presses(law):
+    rng = np.random.default_rng(3)
+    rows = np.vstack([press_rows(run, speed, law, rng) for run, speed in enumerate(SPEEDS)])
+    names = ("time_s", "displacement_m", "force_N", "run")
+    return dict(zip(names, rows.T, strict=True))
+
+
+def swings(extra):
+    run, t = np.repeat(np.arange(3), 1000), np.tile(np.arange(1000) * 0.005, 3)
+    w = 3.0 + 0.7 * run
+    q, v, a = np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)
+    noise = np.random.default_rng(0).normal(0, 0.01, len(t))
+    torque = 0.2 * a + 2.0 * np.sin(q) + extra(q, v) + noise
+    return {"time_s": t, "run": run, "position_rad": q, "torque_Nm": torque}
+
+
+@pytest.mark.parametrize(
+    ("data", "model", "by", "effect"),
+    [
+        (presses(lambda x, v: 400 * x + 6 * v + 2e6 * x**3), "kelvin_voigt", "depth", "cubic_stiffness"),
+        (
+            presses(lambda x, v: 400 * x + 6 * v + 0.3 * np.tanh(v / 0.0005)),
+            "kelvin_voigt",
+            "direction",
+            "dry_friction",
+        ),
+        (
+            presses(lambda x, v: 400 * x + 6 * v + 200 * v * np.abs(v)),
+            "kelvin_voigt",
+            "speed",
+            "quadratic_damping",
+        ),
+        (swings(lambda q, v: 0.3 * np.tanh(v / 0.01)), "pendulum", "direction", "coulomb_friction"),
+        (swings(lambda q, v: 0.3 + 0 * q), "pendulum", "all", "bias"),
+    ],
+)
+def test_what_was_left_out_is_named(data, model, by, effect):
+    compared = Study(data, model).compare().channels[0]
+    named = {one.by: one.effects for one in compared.patterns}
+    assert effect in named[by]
+    assert any(effect in sentence for sentence in compared.words)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [presses(lambda x, v: 400 * x + 6 * v), swings(lambda q, v: 0.2 * v)],
+    ids=["press", "swing"],
+)
+def test_noise_suggests_nothing(data):
+    model = "kelvin_voigt" if "force_N" in data else "pendulum"
+    assert Study(data, model).compare().channels[0].patterns == ()
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        ({"direction": (part("moving in", 1.0), part("moving out", -1.0))}, "changes sign"),
+        ({"direction": (part("moving in", 0.1, 1.0), part("moving out", -0.1, 1.0))}, None),
+        ({"run": (part("run 0", 1.0), part("run 1", -1.0))}, "differs from run to run"),
+        ({"speed": (part("slow", 0.0, 2.0), part("fast", 0.0, 0.5))}, "is largest at low speed"),
+        ({"speed": (part("slow", 0.0, 0.5), part("fast", 0.0, 2.0))}, "is largest at high speed"),
+        ({"temperature": (part("20", 1.0), part("30", -1.0))}, "goes with temperature"),
+        ({"depth": (part("a", 1.0), part("b", -1.0)), "effort": (part("a", 1.0), part("b", -1.0))}, "depth"),
+        ({"depth": (part("a", 1.0), part("b", 1.0))}, "has one sign throughout"),
+        ({}, None),
+    ],
+)
+def test_a_pattern_is_what_most_of_the_error_goes_with(parts, words):
+    found = patterns(parts, 1.0, ChannelKind.CONTACT, ())
+    assert [words in one.words for one in found] == ([True] if words else [])
+
+
+def test_what_the_model_has_is_not_suggested():
+    turning = {"direction": (part("moving in", 1.0), part("moving out", -1.0))}
+    (found,) = patterns(turning, 1.0, ChannelKind.CONTACT, ("dry_friction",))
+    assert "dry_friction" not in found.effects
+    assert {"coulomb_friction", "backlash"}.isdisjoint(found.effects)  # they are of joints
+
+
+@pytest.mark.parametrize("kind", list(ChannelKind))
+def test_every_suspect_is_in_the_vocabulary(kind):
+    names = {name for names in _SUSPECTS.values() for name in names}
+    assert names <= set(EFFECTS)
+    for key in ("turns", "fast", "effort"):
+        assert any(kind in EFFECTS[name].channels for name in _SUSPECTS[key])

@@ -1,0 +1,85 @@
+"""Fit in percent and residual analysis beside definitions, statsmodels and known signals."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from statsmodels.tsa.stattools import acf, ccf
+
+from estimation.statistics.correlation import SIGMAS_99, autocorrelation, cross_correlation
+from estimation.statistics.fit_percent import fit_percent
+
+N, LAGS = 4000, 30
+ONE_RUN = np.zeros(N, dtype=int)
+
+
+def noise(seed, n=N):
+    return np.random.default_rng(seed).normal(size=n)
+
+
+@pytest.mark.parametrize(
+    ("modelled", "percent"),
+    [(lambda y: y, 100.0), (lambda y: 0 * y + y.mean(), 0.0), (lambda y: 2 * y.mean() - y, -100.0)],
+)
+def test_the_fit_is_100_for_the_truth_and_0_for_the_mean(modelled, percent):
+    y = 3.0 + noise(0)
+    assert fit_percent(y, modelled(y)) == pytest.approx(percent)
+    assert fit_percent(np.append(y, np.nan), np.append(modelled(y), 1.0)) == pytest.approx(percent)
+
+
+def test_of_a_constant_or_of_nothing_there_is_no_fit():
+    assert np.isnan(fit_percent(np.ones(9), np.ones(9)))
+    assert np.isnan(fit_percent(np.full(9, np.nan), np.ones(9)))
+
+
+@pytest.mark.parametrize("coefficient", [0.0, 0.5, -0.7])
+def test_autocorrelation_is_that_of_statsmodels(coefficient):
+    x = lfilter([1.0], [1.0, -coefficient], noise(1))
+    ours = autocorrelation(x, ONE_RUN, LAGS)
+    np.testing.assert_allclose(ours.value, acf(x, adjusted=True, nlags=LAGS), atol=1e-12)
+    np.testing.assert_allclose(ours.value[:4], coefficient ** np.arange(4), atol=0.06)
+
+
+def test_gaps_are_left_out_as_statsmodels_leaves_them_out():
+    x = lfilter([1.0], [1.0, -0.5], noise(2))
+    x[::7] = np.nan
+    theirs = acf(x, adjusted=True, nlags=LAGS, missing="conservative")
+    np.testing.assert_allclose(autocorrelation(x, ONE_RUN, LAGS).value, theirs, atol=0.03)
+
+
+def test_cross_correlation_is_that_of_statsmodels_at_lags_of_either_sign():
+    u, e = noise(3), noise(4)
+    e[5:] += 0.5 * u[:-5]  # what is left follows the motion five samples later
+    ours = cross_correlation(e, u, ONE_RUN, LAGS)
+    assert ours.lag[np.nanargmax(np.abs(ours.value))] == 5
+    np.testing.assert_allclose(ours.value[LAGS:], ccf(e, u, adjusted=True)[: LAGS + 1], atol=1e-12)
+    back = ccf(u, e, adjusted=True)[: LAGS + 1]
+    np.testing.assert_allclose(ours.value[LAGS::-1], back, atol=1e-12)
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.8])
+def test_99_percent_of_independent_signals_are_within_the_band(colour):
+    outside = []
+    for seed in range(40):
+        u, e = (lfilter([1.0], [1.0, -colour], noise(2 * seed + k)) for k in (100, 101))
+        outside.append(cross_correlation(e, u, ONE_RUN, LAGS).outside)
+        if not colour:
+            outside.append(autocorrelation(e, ONE_RUN, LAGS).outside)
+    assert np.mean(outside) == pytest.approx(0.01, abs=0.008)
+
+
+def test_runs_are_never_joined():
+    run = np.repeat([0, 1], N // 2)
+    x = np.where(run == 0, noise(5), 0.0)
+    x[N // 2] = 100.0
+    x -= x.mean()
+    alone = autocorrelation(x, run, 3).value
+    assert abs(alone[1]) < 0.02
+    short = autocorrelation(np.arange(5.0), np.arange(5), 3)
+    assert np.isnan(short.value[1:]).all()
+    assert np.isnan(short.outside) or short.outside == 0.0
+
+
+def test_the_band_is_2_58_over_the_root_of_the_pairs():
+    band = autocorrelation(noise(6), ONE_RUN, 10).band
+    assert band[10] == pytest.approx(2.5758 / np.sqrt(N - 10), rel=1e-4)
+    assert pytest.approx(2.5758, rel=1e-4) == SIGMAS_99

@@ -1,0 +1,107 @@
+"""What people expect of a command line: completion, JSON of errors, exit codes, widths, no colours."""
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+
+import pytest
+
+from estimation.diagnosis import Verdict
+from estimation.effects import EFFECTS
+from palpate.commands.diagnose import exit_code_of
+from tests.palpate.cli import ROOT, run, run_process
+
+PACKAGES = ("robot_io", "control", "estimation", "calibration", "sim_backend", "palpate")
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("palpate dia", {"diagnose"}),
+        ("palpate diagnose --exit", {"--exit-code"}),
+        ("palpate calibrate enc", {"encoder"}),
+        ("palpate effects cubic", {"cubic_stiffness"}),
+        ("palpate add x.csv stri", {"stribeck_friction"}),
+        ("palpate remove x.csv ", set(EFFECTS)),
+    ],
+)
+def test_a_shell_completes_commands_options_and_effects(typed, offered):
+    asked = {"_PALPATE_COMPLETE": "complete_bash", "COMP_WORDS": typed}
+    asked["COMP_CWORD"] = str(len(typed.split(" ")) - 1)
+    code = "import sys; sys.argv = ['palpate']; from palpate.main import main; main()"
+    result = run_program(code, asked)
+    assert set(result.stdout.split()) == offered, result.stderr
+
+
+def run_program(code, environment):
+    env = os.environ | environment
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=env)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("info", "none.mcap"), "none.mcap: no such file"),
+        (("compare", "none\x1b[2J\n.csv"), "no such file"),
+        (("diagnose", "none.csv", "--colour"), "No such option: --colour"),
+        (("estimat",), "estimat"),
+    ],
+)
+def test_with_json_an_error_is_one_line_of_json_too(arguments, words):
+    plain, result = run(*arguments), run(*arguments, "--json")
+    assert plain.stdout == ""
+    (line,) = result.stdout.splitlines()
+    told = json.loads(line)
+    assert words in told["error"]
+    assert told["exit_code"] == result.exit_code == 2
+    assert line.isprintable()
+    assert result.stderr == f"palpate: {told['error']}\n"
+
+
+def test_after_a_result_an_error_is_no_second_one(tmp_path, log_in_process):
+    deep, plan = tmp_path / "deep.yaml", tmp_path / "plan.yaml"
+    deep.write_text("object: {surface_height_m: -0.5}\n")
+    plan.write_text("speeds_m_s: [0.15]\nsearch_depth_m: 0.05\n")
+    asked = ("--scenario", deep, "--experiment", plan, "-o", tmp_path / "x.mcap", "--json")
+    result = run("probe", *asked)
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["failed_runs"]
+    assert result.stderr.startswith("palpate: ")
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "code"),
+    [
+        (("adequate",), 0),
+        (("adequate", "missing"), 10),
+        (("insufficient", "unexplained"), 11),
+        (("adequate", "insufficient"), 12),
+        (("unexplained", "missing", "insufficient"), 10),
+    ],
+)
+def test_the_exit_code_of_a_diagnosis_is_that_of_its_worst_verdict(verdicts, code):
+    assert exit_code_of([Verdict(one) for one in verdicts]) == code
+
+
+def test_the_exit_code_tells_the_verdict_only_where_that_was_asked(few_effects, hardening):
+    assert run("diagnose", hardening, "--json").exit_code == 0
+    asked = run("diagnose", hardening, "--json", "--exit-code")
+    assert json.loads(asked.stdout)["channels"][0]["verdict"] == "missing"
+    assert asked.exit_code == 10
+
+
+@pytest.mark.parametrize("command", [("effects", "lag"), ("doctor", "--help"), ("info", "none.mcap")])
+def test_no_color_is_heeded(command):
+    environment = os.environ | {"NO_COLOR": "1", "FORCE_COLOR": "1"}
+    told = run_process(*command, env=environment)
+    colours = [f"\x1b[{first}{second}" for first in "349" for second in "01234567"]
+    assert not [one for one in colours if one in told.stdout + told.stderr]
+
+
+def test_every_package_says_that_it_is_typed():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+    assert settings["package-data"]["*"] == ["py.typed"]
+    assert [name for name in PACKAGES if not (ROOT / name / "py.typed").is_file()] == []

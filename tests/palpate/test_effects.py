@@ -1,0 +1,92 @@
+"""`palpate effects`: the vocabulary in words, as equations, and drawn."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from docs.make_effects import DOCUMENT, renewed
+from estimation.effects import EFFECTS
+from palpate.example import Example
+from palpate.render.characters import drawing
+from palpate.render.vocabulary import effect_view, kind_of, library, print_effect, print_library
+from tests.palpate.cli import assert_refused, next_commands, run
+
+BLANK = "⠀"
+
+
+def test_all_effects_are_listed_with_what_one_sees():
+    told = run("effects").stdout
+    listed = json.loads(run("effects", "--json").stdout)["effects"]
+    assert {one["name"] for one in listed} == set(EFFECTS)
+    assert all(one["name"] in told for one in listed)
+    assert listed[0].keys() >= {"equation", "signature", "confused_with", "parameters", "physics", "source"}
+
+
+def test_one_effect_is_told_in_full_and_drawn():
+    result = run("effects", "backlash")
+    effect = EFFECTS["backlash"]()
+    told = " ".join(result.stdout.split())
+    for words in (effect.equation, effect.physics, effect.signature, *effect.confused_with):
+        assert words in told
+    assert "with backlash" in result.stdout
+    assert ["probe", "--hidden", "backlash", "-o", "backlash.mcap"] in next_commands(result)
+
+
+def test_on_the_own_motion_it_is_drawn_beside_the_fitted_model(hardening):
+    told = run("effects", "stress_relaxation", "--on", hardening)
+    assert told.exit_code == 0, told.stderr
+    assert "contact force" in told.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("cubic_stifness",), ("no effect", "cubic_stiffness")),
+        (("backlash", "--on", "HARDENING"), ("backlash", "contact")),
+        (("--on", "HARDENING"), ("name the effect",)),
+        (("bias", "--on", "none.csv"), ("none.csv", "no such file")),
+    ],
+)
+def test_what_cannot_be_shown_is_refused(arguments, words, hardening):
+    assert_refused(run("effects", *(hardening if one == "HARDENING" else one for one in arguments)), *words)
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_lists_and_drawings_fit_the_terminal_and_break_no_name(width):
+    out = io.StringIO()
+    console = Console(file=out, width=width, no_color=True)
+    print_library(console, library())
+    for name in ("backlash", "cubic_stiffness", "rigid_body"):
+        effect = EFFECTS[name]()
+        print_effect(console, effect_view(effect), Example.plain(effect, kind_of(effect)))
+    assert max(map(len, out.getvalue().splitlines())) <= width
+    assert set(EFFECTS) <= set(out.getvalue().split())
+
+
+@pytest.mark.parametrize("name", ["stiffness", "cubic_stiffness", "coulomb_friction", "lag"])
+def test_an_example_differs_from_the_model_without_it(name):
+    effect = EFFECTS[name]()
+    example = Example.plain(effect, kind_of(effect))
+    assert np.ptp(example.effort() - example.data.effort) > 0.1 * np.ptp(example.data.effort)
+
+
+def test_what_needs_an_arm_has_no_plain_example():
+    effect = EFFECTS["rigid_body"]()
+    assert Example.plain(effect, kind_of(effect)) is None
+
+
+def test_a_curve_is_drawn_where_it_is():
+    x = np.linspace(0.0, 1.0, 5)
+    lines = [line.plain for line in drawing((x, x, "red"), (x, 1.0 - x, "blue"), 4, 4)]
+    assert [line[number] > BLANK for number, line in enumerate(lines)] == [True] * 4
+    assert [line[3 - number] for number, line in enumerate(lines)] == ["·"] * 4
+    flat = [line.plain for line in drawing((x, x, "red"), (x, np.zeros(5), "blue"), 4, 2)]
+    assert all(char > BLANK for char in flat[-1])
+
+
+def test_the_document_has_the_same_tables():
+    text = DOCUMENT.read_text(encoding="utf-8")
+    assert renewed(text) == text

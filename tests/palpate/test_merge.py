@@ -1,0 +1,112 @@
+"""`palpate merge`: several sessions as one measurement."""
+
+import json
+
+import numpy as np
+import pytest
+
+from palpate.study import Study
+from robot_io.session import Column, Session, SessionMetadata, Stream, write_session
+from tests.palpate import synthetic
+from tests.palpate.cli import assert_refused, run
+from tests.palpate.presses import write_presses
+from tests.palpate.sessions import EVENTS, synthetic_session
+
+
+@pytest.fixture(scope="module")
+def probings(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("probings")
+    return [synthetic_session(folder / f"{name}.mcap", seed=seed) for name, seed in (("a", 1), ("b", 2))]
+
+
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory):
+    folder, files = tmp_path_factory.mktemp("imported"), []
+    for seed in (1, 2):
+        data = write_presses(folder / f"{seed}.csv", cubic=0, seed=seed)
+        files.append(folder / f"{seed}.mcap")
+        assert run("import", data, "-o", files[-1]).exit_code == 0
+    return files
+
+
+def merged(files, path):
+    result = run("merge", *files, "-o", path, "--json")
+    assert result.exit_code == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+def test_runs_go_on_and_nothing_is_lost(probings, tmp_path):
+    told = merged(probings, tmp_path / "both.mcap")
+    both, ticks = Session.open(tmp_path / "both.mcap"), synthetic.ticks()
+    count = len(ticks["time_s"])
+    assert told["samples"] == {"tick": 2 * count}
+    tick = both.samples("tick")
+    np.testing.assert_array_equal(np.unique(tick["run"]), np.arange(6))
+    np.testing.assert_array_equal(tick["force_n"], np.tile(ticks["force_n"], 2))
+    assert [event.text for event in both.events] == [event.text for event in EVENTS] * 2
+
+
+def test_a_merged_session_is_what_the_folder_of_sessions_is(probings, tmp_path):
+    merged(probings, tmp_path / "both.mcap")
+    one, other = (
+        {each.name: each for each in Study(path, "kelvin_voigt", keep=False).channels}
+        for path in (tmp_path / "both.mcap", probings[0].parent)
+    )
+    assert {name: each.sha256 for name, each in one.items()} == {
+        name: each.sha256 for name, each in other.items()
+    }
+
+
+def test_imported_sessions_are_merged_too(imported, tmp_path):
+    merged(imported, tmp_path / "both.mcap")
+    study = Study(tmp_path / "both.mcap", keep=False)
+    assert study.channel().data.runs.tolist() == list(range(8))
+    assert study.fit("contact").parameters["stiffness.k"].value == pytest.approx(400.0, rel=0.01)
+
+
+def test_what_is_said_of_it_is_true_of_all(probings, tmp_path):
+    merged(probings, tmp_path / "both.mcap")
+    metadata = Session.open(tmp_path / "both.mcap").metadata
+    assert metadata.seed is None
+    assert metadata.urdf == synthetic.urdf()
+    assert metadata.extra["source"] == "merged from a.mcap, b.mcap"
+
+
+def test_the_mark_of_a_sealed_answer_belongs_to_its_own_session(tmp_path):
+    files = [synthetic_session(tmp_path / f"{n}.mcap", extra={"seal": "5" * 32}) for n in (1, 2)]
+    merged(files, tmp_path / "both.mcap")
+    assert "seal" not in Session.open(tmp_path / "both.mcap").metadata.extra
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (("A",), ("one session", "two or more")),
+        (("A", "A"), ("named twice",)),
+        (("A", "ARM"), ("another arm",)),
+        (("A", "IMPORTED"), ("another arm",)),
+        (("PLAIN", "WIDER"), ("stream 'extra' has other columns", "width")),
+        (("PLAIN", "IMPORTED"), ("has streams contact",)),
+        (("A", "none.mcap"), ("no such file",)),
+    ],
+)
+def test_what_does_not_belong_together_is_refused(names, words, probings, imported, tmp_path):
+    def session(name, **columns):
+        stream = Stream("extra", tuple(Column(one, "1", width) for one, width in columns.items()))
+        arrays = {
+            one: np.zeros((3, width)) if width > 1 else np.arange(3.0) for one, width in columns.items()
+        }
+        return write_session(tmp_path / name, [(stream, arrays)], SessionMetadata())
+
+    files = {"A": probings[0], "IMPORTED": imported[0], "none.mcap": tmp_path / "none.mcap"}
+    files["ARM"] = synthetic_session(tmp_path / "arm.mcap", urdf="<robot name='r'/>")
+    files["PLAIN"] = session("plain.mcap", time_s=1, width=1)
+    files["WIDER"] = session("wider.mcap", time_s=1, width=2)
+    assert_refused(run("merge", *(files[name] for name in names), "-o", tmp_path / "out.mcap"), *words)
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_what_is_read_or_there_is_not_replaced(probings, tmp_path):
+    assert_refused(run("merge", *probings, "-o", probings[0]), "is what is read")
+    (tmp_path / "x.mcap").write_text("precious")
+    assert_refused(run("merge", *probings, "-o", tmp_path / "x.mcap"), "exists already")

@@ -1,0 +1,148 @@
+"""`palpate replay`: the motion of a session once more, in simulation or with an arm."""
+
+import json
+
+import numpy as np
+import pytest
+
+from control.arm.rigid_body import RigidBody
+from control.laws.gains import Gains
+from control.loop.phases import Phase
+from control.probing.replay import References, ReplayTask
+from estimation.study.sides import side_by_side
+from palpate.runs import replaying
+from palpate.runs.robots import find_robot
+from palpate.study import Study
+from robot_io.errors import InputError
+from robot_io.session import Session, write_session
+from tests.palpate.cli import assert_refused, next_commands, run
+
+pytestmark = pytest.mark.usefixtures("log_in_process")
+
+
+def replayed(recorded, path, *options):
+    result = run("replay", recorded, "-o", path, *options)
+    assert result.exit_code == 0, result.stderr
+    return result, Study(path, keep=False)
+
+
+def contact_of(first, second):
+    found = side_by_side(first, second, ("a", "b"))
+    return next(one for one in found if one.channel == "contact")
+
+
+def test_in_the_same_world_the_motion_and_the_force_come_again(probed, tmp_path):
+    result, twin = replayed(probed[0], tmp_path / "twin.mcap", "--seed", 6)
+    assert ["compare", str(probed[0]), str(tmp_path / "twin.mcap")] in next_commands(result)
+    found = contact_of(Study(probed[0], keep=False), twin)
+    assert found.followed > 95.0
+    assert not any(one.differs for one in found.differences if one.name.startswith("stiffness"))
+    ticks = [Session.open(path).samples("tick") for path in (probed[0], tmp_path / "twin.mcap")]
+    last = [one["tip_position_world_m"][one["run"] == 2] for one in ticks]
+    np.testing.assert_allclose(last[1][0], last[0][0], atol=1e-3)
+    np.testing.assert_allclose(last[1].min(axis=0), last[0].min(axis=0), atol=1e-3)
+    assert "default.mcap" in Session.open(tmp_path / "twin.mcap").metadata.extra["replay_of"]
+
+
+def test_in_another_world_the_other_object_shows(probed, tmp_path):
+    world = tmp_path / "softer.yaml"
+    world.write_text("object: {law: {name: kelvin_voigt, stiffness_n_m: 300, damping_n_s_m: 20}}\n")
+    _, twin = replayed(probed[0], tmp_path / "twin.mcap", "--scenario", world)
+    found = {one.name: one for one in contact_of(Study(probed[0], keep=False), twin).differences}
+    assert found["stiffness.k"].second.value == pytest.approx(300.0, rel=0.01)
+    assert found["stiffness.k"].value == pytest.approx(-200.0, rel=0.02)
+    assert found["stiffness.k"].differs
+
+
+def test_json_names_the_session_and_how_it_ended(probed, tmp_path):
+    told = json.loads(replayed(probed[0], tmp_path / "t.mcap", "--json")[0].stdout)
+    assert told == {
+        "session": str(tmp_path / "t.mcap"),
+        "replay_of": str(probed[0]),
+        "outcome": "finished",
+        "cause": "",
+        "sealed": None,
+    }
+
+
+def test_a_real_arm_gets_no_power_without_a_question(probed, tmp_path, monkeypatch):
+    monkeypatch.setattr(replaying, "_check_arm", lambda *_: None)  # as if this arm had made the session
+    result = run("replay", probed[0], "--robot", "robots/dynamixel_3dof.yaml", "-o", tmp_path / "t.mcap")
+    assert_refused(result, "a real arm would get power", "--yes")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--robot", "leader"), ("another arm", "--robot")),
+        (("-o", "SESSION"), ("is what is read",)),
+        (("--scenario", "none.yaml"), ("none.yaml",)),
+    ],
+)
+def test_what_cannot_be_repeated_is_refused(probed, tmp_path, options, words):
+    given = [probed[0] if one == "SESSION" else one for one in options]
+    out = [] if "-o" in options else ["-o", tmp_path / "t.mcap"]
+    assert_refused(run("replay", probed[0], *given, *out), *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_imported_session_has_no_motion_of_an_arm(hardening, tmp_path):
+    assert run("import", hardening, "-o", tmp_path / "x.mcap").exit_code == 0
+    assert_refused(run("replay", tmp_path / "x.mcap", "-o", tmp_path / "t.mcap"), "no arm made it")
+
+
+def cut(recorded, path, share):
+    """The first part of a session, as if its program had been killed."""
+    session = Session.open(recorded)
+    ticks = session.samples("tick")
+    part = ticks.select(np.arange(int(share * len(ticks))))
+    return write_session(path, [(part.stream, {name: part[name] for name in part})], session.metadata)
+
+
+def test_a_session_that_was_cut_off_is_repeated_to_where_the_arm_last_stood(probed, tmp_path):
+    whole = replaying.references_of(Session.open(probed[0]))
+    part = replaying.references_of(Session.open(cut(probed[0], tmp_path / "part.mcap", 0.7)))
+    for one in (whole, part):
+        assert one.run[-1] == -1
+        assert np.abs(one.velocity_rad_s[-1]).max() < 1e-3
+    assert set(part.run) < set(whole.run)
+    assert 0 in part.run
+
+
+def test_without_a_whole_run_nothing_is_repeated(probed, tmp_path):
+    short = cut(probed[0], tmp_path / "short.mcap", 0.1)
+    assert_refused(run("replay", short, "-o", tmp_path / "t.mcap"), "no whole run")
+
+
+def references(**changes):
+    n = 5
+    known = {
+        "time_s": np.arange(n) * 0.1,
+        "position_rad": np.zeros((n, 3)),
+        "velocity_rad_s": np.zeros((n, 3)),
+        "run": np.zeros(n, dtype=int),
+        "phase": np.full(n, int(Phase.APPROACH)),
+        "press_direction_world": np.tile([0.0, 0.0, -1.0], (n, 1)),
+    }
+    return References(**known | changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"time_s": np.zeros(5)}, "times do not increase"),
+        ({"position_rad": np.full((5, 3), np.nan)}, "position_rad"),
+        ({"phase": np.full(5, 99)}, "phase"),
+    ],
+)
+def test_references_that_cannot_be_followed_are_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        references(**changes)
+
+
+def test_references_of_another_arm_are_refused():
+    robot = find_robot("follower")
+    body = RigidBody.from_urdf(robot.urdf_path, robot.tip_frame)
+    with pytest.raises(InputError, match="2 joints, the arm has 3"):
+        ReplayTask(body, Gains(), references(position_rad=np.zeros((5, 2)), velocity_rad_s=np.zeros((5, 2))))

@@ -1,0 +1,157 @@
+"""`palpate compare A B`: two measurements, or two models of one, side by side."""
+
+import json
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from estimation.study.sides import ParameterDifference, side_by_side
+from palpate.study import Study
+from tests.palpate.cli import assert_refused, next_commands, run
+from tests.palpate.presses import write_presses
+
+
+def law(stiffness):
+    return lambda x, v: stiffness * x + 6.0 * v
+
+
+@pytest.fixture(scope="module")
+def soft(tmp_path_factory):
+    return write_presses(tmp_path_factory.mktemp("soft") / "soft.csv", force_of=law(400.0), seed=1)
+
+
+@pytest.fixture(scope="module")
+def stiff(tmp_path_factory):
+    return write_presses(tmp_path_factory.mktemp("stiff") / "stiff.csv", force_of=law(440.0), seed=2)
+
+
+@pytest.fixture(scope="module")
+def again(tmp_path_factory):
+    return write_presses(tmp_path_factory.mktemp("again") / "again.csv", force_of=law(400.0), seed=3)
+
+
+def sides(one, other, **models):
+    studies = Study(one, models.get("first"), keep=False), Study(other, models.get("second"), keep=False)
+    return side_by_side(*studies, ("a", "b"))[0]
+
+
+def test_the_parameter_that_differs_is_found_with_its_interval(soft, stiff):
+    found = {one.name: one for one in sides(soft, stiff).differences}
+    assert found["stiffness.k"].value == pytest.approx(40.0, abs=found["stiffness.k"].half)
+    assert found["stiffness.k"].differs
+    assert not found["damping.c"].differs
+
+
+def test_a_repetition_shows_no_difference_and_follows_as_far_as_noise_lets_it(soft, again):
+    found = sides(soft, again)
+    assert not any(one.differs for one in found.differences)
+    assert found.followed == pytest.approx(
+        100 * (1 - 0.02 * np.sqrt(2) / found.first.data.effort.std()), abs=0.1
+    )
+    (own, of_other), (other_of, other_own) = found.fits
+    assert own == pytest.approx(other_own, abs=0.3)
+    assert of_other == pytest.approx(own, abs=0.3)
+    assert other_of == pytest.approx(own, abs=0.3)
+
+
+def test_the_model_of_another_object_fits_worse(soft, stiff):
+    (own, of_other), (other_of, other_own) = sides(soft, stiff).fits
+    assert min(own, other_own) > 98.0
+    assert max(of_other, other_of) < 90.0
+    # the truth: B's force is 40 x above A's model
+    data = sides(soft, stiff).second.data
+    left = np.where(data.position > 0, 40.0 * data.position, 0.0)
+    expected = 100 * (1 - np.linalg.norm(left) / np.linalg.norm(data.effort - data.effort.mean()))
+    assert of_other == pytest.approx(expected, abs=0.5)
+
+
+def test_what_a_complete_model_leaves_is_white_and_what_a_wrong_one_leaves_is_not(soft, hardening):
+    found = sides(soft, hardening)
+    assert found.first.autocorrelation.outside < 0.1
+    assert found.second.autocorrelation.outside > 0.5
+
+
+def test_two_models_of_one_measurement_have_no_interval_of_a_difference(hardening):
+    found = sides(hardening, hardening, first="kelvin_voigt", second="hunt_crossley")
+    assert found.is_same_data
+    assert np.isnan(found.followed)
+    assert all(one.differs is None for one in found.differences)
+    assert found.fits[1][1] > found.fits[0][0]
+
+
+def test_other_times_are_no_repetition(soft, tmp_path):
+    quick = write_presses(tmp_path / "quick.csv", speeds_m_s=(0.05, 0.06, 0.09, 0.07), force_of=law(400.0))
+    assert sides(soft, quick).overlay is None
+    three = write_presses(tmp_path / "three.csv", speeds_m_s=(0.02, 0.04, 0.08), force_of=law(400.0))
+    assert sides(soft, three).overlay is None
+    assert sides(soft, three).fits[0][1] > 97.0
+
+
+def test_one_run_has_no_model_and_is_laid_over_all_the_same(tmp_path):
+    files = [
+        write_presses(tmp_path / f"{n}.csv", speeds_m_s=(0.02,), force_of=law(400.0), seed=n) for n in (1, 2)
+    ]
+    found = sides(*files)
+    assert "single run" in found.first.reason
+    assert found.differences == ()
+    assert found.followed > 95.0
+    told = run("compare", *files, "--out", tmp_path / "there")
+    assert told.exit_code == 0, told.stderr
+    assert "A has no model" in told.stdout
+
+
+def test_the_command_tells_and_writes_the_same(soft, stiff, tmp_path):
+    result = run("compare", soft, stiff, "--out", tmp_path)
+    assert result.exit_code == 0, result.stderr
+    told = " ".join(result.stdout.split())
+    assert "stiffness.k differs: 39.9" in told
+    kept = json.loads((tmp_path / "comparison.json").read_text())
+    assert kept == json.loads(run("compare", soft, stiff, "--json").stdout)
+    (channel,) = kept["channels"]
+    difference = next(one for one in channel["parameters"] if one["name"] == "stiffness.k")["difference"]
+    assert difference["interval"][0] < 40.0 < difference["interval"][1]
+    assert difference["differs"] is True
+    report = (tmp_path / "report.html").read_text()
+    assert "soft.csv and stiff.csv" in report
+    assert all(title in report for title in ("Force over displacement", "Autocorrelation", "B as measured"))
+    entities = {chunk.entity_path for chunk in RrdReader(tmp_path / "sides.rrd").stream().to_chunks()}
+    assert {"/contact/effort/A", "/contact/effort/B", "/contact/residual/B"} <= entities
+
+
+def test_the_command_that_leads_there_can_be_typed_again(hardening):
+    result = run("compare", hardening, "--other-model", "hunt_crossley")
+    words = next_commands(result)[0]
+    assert words[-2:] == ["--out", "FOLDER"]
+    assert run(*words[:-2]).stdout == result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("SOFT", "SOFT"), ("the same measurement", "--other-model")),
+        (("SOFT", "none.csv"), ("none.csv: no such file",)),
+        (("SOFT", "STIFF", "--revision", 0), ("--revision", "one file")),
+        (("SOFT", "STIFF", "--channel", "joint_1"), ("joint_1", "Both have: contact")),
+        (("SOFT", "--other-model", "magic"), ("magic", "kelvin_voigt")),
+        (("SOFT", "SWING"), ("share no channel", "contact", "joint")),
+    ],
+)
+def test_what_cannot_be_put_side_by_side_is_refused(arguments, words, soft, stiff, tmp_path):
+    swing, t = tmp_path / "swing.csv", np.arange(0, 8, 0.02)
+    rows = np.column_stack([t, np.sin(3 * t), np.cos(t)])
+    np.savetxt(swing, rows, delimiter=",", header="time_s,position_rad,torque_Nm", comments="")
+    files = {"SOFT": soft, "STIFF": stiff, "SWING": swing}
+    assert_refused(run("compare", *(files.get(one, one) for one in arguments)), *words)
+
+
+def test_a_file_that_is_there_is_not_replaced(soft, stiff, tmp_path):
+    (tmp_path / "report.html").write_text("precious")
+    assert_refused(run("compare", soft, stiff, "--out", tmp_path), "report.html: exists already")
+    assert [one.name for one in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_a_parameter_that_one_side_lacks_has_no_difference():
+    one = ParameterDifference("bias.offset", "N", None, None)
+    assert np.isnan(one.value)
+    assert one.differs is None
