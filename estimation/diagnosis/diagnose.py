@@ -111,7 +111,10 @@ def diagnose_channel(
         return insufficient(data, reason)
     tried = search_of(data, model, good, effects, rng, progress)
     is_complete = _Completeness(tried)
-    found = tried.start if is_exact(tried.start) else vary(tried, search(tried, is_complete))
+    found = tried.start if is_exact(tried.start) else search(tried, is_complete)
+    varied = vary(tried, found)
+    if is_complete.objection(varied) is None:  # else what is left may be what made the runs differ
+        found = varied
     end = _established(tried, found, is_complete)
     objection = is_complete.objection(end)
     complete = is_complete(end) and objection is None
