@@ -108,16 +108,8 @@ def test_an_arm_of_ones_own_is_probed_by_the_same_code_in_real_time(tmp_path, mo
     patient = robot.read_text().replace("_age_s: 0.005", "_age_s: 1.0")  # a busy machine is no failure
     robot.write_text(patient)
     options = (
-        "--robot",
-        robot,
-        "--drivers",
-        "tests.mock_robot",
-        "--speed-mm-s",
-        50,
-        "--hold-s",
-        0.1,
-        "--json",
-        "--yes",
+        *("--robot", robot, "--drivers", "tests.mock_robot"),
+        *("--speed-mm-s", 50, "--hold-s", 0.1, "--json", "--yes"),
     )
     result = run("probe", "-o", path, *options)
     assert result.exit_code == 0, result.stderr
