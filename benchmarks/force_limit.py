@@ -34,15 +34,8 @@ STIFF = ((4000.0, 7100.0, 10_000.0), (0.05, 0.02, 0.01))
 DAMPING_N_S_M = (0.0, 20.0, 100.0, 200.0)
 LATE_S = 0.020
 HEADER = (
-    "arm",
-    "k [N/m]",
-    "c [N s/m]",
-    "mm/s",
-    "peak [N]",
-    "late [N]",
-    "hold [N]",
-    "lost",
-    "tracking [mrad]",
+    *("arm", "k [N/m]", "c [N s/m]", "mm/s", "peak [N]"),
+    *("late [N]", "hold [N]", "lost", "tracking [mrad]"),
 )
 
 

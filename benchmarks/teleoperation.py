@@ -38,15 +38,8 @@ GOAL = 0.05
 WIDTH = 140  # of the tables
 COLOURS = dict(zip(NAMES, ("#d55e00", "#cc79a7", "#e69f00", "#0072b2", "#009e73"), strict=True))
 HEADER = (
-    "coupling",
-    "felt [N]",
-    "+-",
-    "real [N]",
-    "error",
-    "follower [N]",
-    "free air [N]",
-    "given back, mJ",
-    "",
+    *("coupling", "felt [N]", "+-", "real [N]", "error", "follower [N]"),
+    *("free air [N]", "given back, mJ", ""),
 )
 Results = dict[tuple[str, str, LinkFaults], Felt]
 Ratios = dict[tuple[str, LinkFaults], np.ndarray]

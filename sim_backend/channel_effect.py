@@ -52,7 +52,7 @@ class JointFriction(FrictionEffect):
     Args:
         index: of the joint, from 0.
         resistance_nm: gives the largest one [N m] from the speed without sign [rad/s] and the drive's torque
-            without sign [N m].
+            along the motion [N m], negative where the drive holds back.
     """
 
     def __init__(self, index: int, resistance_nm: Callable[[float, float], float]) -> None:
@@ -61,5 +61,7 @@ class JointFriction(FrictionEffect):
 
     def friction_nm(self, state: JointState, limit_nm: Sequence[float]) -> Sequence[float]:
         i, changed = self._index, list(limit_nm)
-        changed[i] += self._resistance_nm(abs(state.velocity_rad_s[i]), abs(state.drive_torque_nm[i]))
+        velocity_rad_s, drive_nm = state.velocity_rad_s[i], state.drive_torque_nm[i]
+        along_nm = abs(drive_nm) if drive_nm * velocity_rad_s >= 0.0 else -abs(drive_nm)
+        changed[i] += self._resistance_nm(abs(velocity_rad_s), along_nm)
         return changed

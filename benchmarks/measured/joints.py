@@ -14,7 +14,7 @@ from estimation.data.import_file import import_file
 from estimation.model import Model
 from estimation.models import MODELS
 
-from .read import channel, rows, table
+from .read import channel, runs, signals, table
 
 TX40_JOINTS = 6
 _STILL_FROM_S = 7.7  # TX40: the arm does not move any more
@@ -57,16 +57,9 @@ def cogging_motion(folder: Path, run: int, band_hz: float) -> ChannelData:
 
 def tool(folder: Path, name: str) -> ChannelData:
     """Torque at the driven disc less what the jaw carries; that is the load [N m]."""
-    runs: dict[str, list[dict[str, str]]] = {}
-    for row in rows(folder / "runs.csv.gz"):
-        if row["tool"] == name:
-            runs.setdefault(row["run"], []).append(row)
     parts, loads = [], []
-    for number, of_run in enumerate(runs.values()):
-        t, q, torque, jaw = (
-            np.array([float(row[key]) for row in of_run])
-            for key in ("time_s", "position_rad", "torque_Nm", "jaw_torque_Nm")
-        )
+    for number, of_run in enumerate(runs(folder, tool=name).values()):
+        t, q, torque, jaw = signals(of_run, "time_s", "position_rad", "torque_Nm", "jaw_torque_Nm")
         v, a = (savgol_filter(q, 7, 2, deriv=order, delta=0.01) for order in (1, 2))
         load = _JAW_RATIO * jaw
         parts.append([signal[50:-50] for signal in (t + 100.0 * number, q, v, a, torque - load)])

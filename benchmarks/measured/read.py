@@ -35,6 +35,26 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def runs(folder: Path, key: str = "run", **only: str) -> dict[str, list[dict[str, str]]]:
+    """Rows of a set's runs.csv.gz, by run or by another column; `only` those with this in a column."""
+    found: dict[str, list[dict[str, str]]] = {}
+    for row in rows(folder / "runs.csv.gz"):
+        if all(row[name] == value for name, value in only.items()):
+            found.setdefault(row[key], []).append(row)
+    return found
+
+
+def signals(run: list[dict[str, str]], *keys: str) -> list[np.ndarray]:
+    """Columns of these rows as numbers."""
+    return [np.array([float(row[key]) for row in run]) for key in keys]
+
+
+def part(t: np.ndarray, x: np.ndarray, effort: np.ndarray) -> list[np.ndarray]:
+    """One run for `channel`, with derivatives by difference."""
+    v = np.gradient(x, t)
+    return [t, x, v, np.gradient(v, t), effort]
+
+
 def emps(folder: Path) -> ChannelData:
     """The linear drive in the band of its authors: 100 Hz for the motion, then all below 40 Hz.
 
@@ -55,17 +75,12 @@ def emps(folder: Path) -> ChannelData:
 
 def pendulum(folder: Path) -> ChannelData:
     """The servo with a pendulum; the effort is the voltage [V]. Saturated, standing, free ones left out."""
-    runs: dict[int, list[dict[str, str]]] = {}
-    for row in rows(folder / "runs.csv.gz"):
-        runs.setdefault(int(row["run"]), []).append(row)
-    return channel(ChannelKind.REVOLUTE, [_swing(number, run) for number, run in runs.items()])
+    return channel(ChannelKind.REVOLUTE, [_swing(int(number), run) for number, run in runs(folder).items()])
 
 
 def _swing(number: int, run: list[dict[str, str]]) -> list[np.ndarray]:
-    t, q, duty, on, supply = (
-        np.array([float(row[key]) for row in run])
-        for key in ("time_s", "position_rad", "load_register", "torque_enabled", "input_voltage_V")
-    )
+    keys = ("time_s", "position_rad", "load_register", "torque_enabled", "input_voltage_V")
+    t, q, duty, on, supply = signals(run, *keys)
     volts = np.where(duty > 32767, duty - 65536, duty) / 885.0 * supply
     even = np.arange(t[0], t[-1], _PENDULUM_STEP_S)
     q, volts, on = (np.interp(even, t, signal) for signal in (q, volts, on))
@@ -110,17 +125,11 @@ def load_cells(folder: Path) -> list[ChannelData]:
 
 def indentation(folder: Path) -> ChannelData:
     """The soft specimen P002, ramp, hold and release, one run a recording."""
-    recordings: dict[str, list[dict[str, str]]] = {}
-    for row in rows(folder / "runs.csv.gz"):
-        recordings.setdefault(row["specimen"], []).append(row)
+    recordings = runs(folder, "specimen")
     parts = []
     for number in (9, 10, 11, 12, 13):
-        run = recordings[f"230515-P002-{number}"]
-        t, x, force = (
-            np.array([float(row[key]) for row in run]) for key in ("time_s", "displacement_m", "force_N")
-        )
-        v = np.gradient(x, t)
-        parts.append([t + 200.0 * number, x, v, np.gradient(v, t), force - force[:3].mean()])
+        t, x, force = signals(recordings[f"230515-P002-{number}"], "time_s", "displacement_m", "force_N")
+        parts.append([t + 200.0 * number, *part(t, x, force - force[:3].mean())[1:]])
     return channel(ChannelKind.CONTACT, parts, "contact")
 
 
@@ -151,6 +160,5 @@ def servo(folder: Path, log: str, motor: int) -> ChannelData:
     for start, stop in pairwise(edges):
         kept = np.arange(count)[start:stop][home[start:stop]]
         if len(kept) > 10:
-            v = np.gradient(x[kept], t[kept])
-            parts.append([t[kept], x[kept], v, np.gradient(v, t[kept]), y[kept] - np.nanmean(y[home])])
+            parts.append(part(t[kept], x[kept], y[kept] - np.nanmean(y[home])))
     return channel(ChannelKind.REVOLUTE, parts)

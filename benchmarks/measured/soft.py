@@ -2,11 +2,9 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from estimation.channel import ChannelData, ChannelKind
 
-from .read import channel, rows
+from .read import channel, part, runs, signals
 
 MUSCLES = ("relaxed", "calcium_pCa4.4", "relaxed_mava_set", "calcium_pCa4.4_mava_set")
 
@@ -19,35 +17,18 @@ def afm_cell(folder: Path) -> ChannelData:
 
     The README's errors count only every fourth sample of the later hold, so they weigh the approach more.
     """
-    runs: dict[str, list[dict[str, str]]] = {}
-    for row in rows(folder / "runs.csv.gz"):
-        runs.setdefault(row["run"], []).append(row)
     parts = []
-    for number, run in enumerate(runs.values()):
+    for number, run in enumerate(runs(folder).values()):
         kept = [row for row in run if row["phase"] in ("approach", "hold")]
-        t, x, force = _signals(kept, "piezo_m")
-        parts.append(_part(t + 100.0 * number, x, force))
+        t, x, force = signals(kept, "time_s", "piezo_m", "force_N")
+        parts.append(part(t + 100.0 * number, x, force))
     return channel(ChannelKind.CONTACT, parts, "contact")
 
 
 def muscle(folder: Path, condition: str) -> ChannelData:
     """Ramps of 0.1, 1, 10 and 100 s to one stretch under one condition; one run each."""
-    runs: dict[str, list[dict[str, str]]] = {}
-    for row in rows(folder / "runs.csv.gz"):
-        if row["condition"] == condition:
-            runs.setdefault(row["run"], []).append(row)
     parts = []
-    for number, run in enumerate(runs.values()):
-        t, x, force = _signals(run)
-        parts.append(_part(t + 1000.0 * number, x, force))
+    for number, run in enumerate(runs(folder, condition=condition).values()):
+        t, x, force = signals(run, "time_s", "displacement_m", "force_N")
+        parts.append(part(t + 1000.0 * number, x, force))
     return channel(ChannelKind.CONTACT, parts, "contact")
-
-
-def _signals(run: list[dict[str, str]], position: str = "displacement_m") -> list[np.ndarray]:
-    keys = ("time_s", position, "force_N")
-    return [np.array([float(row[key]) for row in run]) for key in keys]
-
-
-def _part(t: np.ndarray, x: np.ndarray, force: np.ndarray) -> list[np.ndarray]:
-    v = np.gradient(x, t)
-    return [t, x, v, np.gradient(v, t), force]

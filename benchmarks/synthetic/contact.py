@@ -9,16 +9,8 @@ import numpy as np
 from synthetic.motion import RATE_HZ, Motion
 
 OBJECT = (
-    "hunt_crossley",
-    "cubic_stiffness",
-    "layered_stiffness",
-    "stress_relaxation",
-    "quadratic_damping",
-    "adhesion",
-    "plastic_set",
-    "dry_friction",
-    "contact_offset",
-    "tool_compliance",
+    *("hunt_crossley", "cubic_stiffness", "layered_stiffness", "stress_relaxation", "quadratic_damping"),
+    *("adhesion", "plastic_set", "dry_friction", "contact_offset", "tool_compliance"),
 )
 
 

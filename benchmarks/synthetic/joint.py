@@ -9,17 +9,9 @@ import numpy as np
 from synthetic.motion import RATE_HZ, Motion
 
 JOINT = (
-    "coulomb_friction",
-    "stribeck_friction",
-    "asymmetric_friction",
-    "load_dependent_friction",
-    "quadratic_friction",
-    "gravity_tilt",
-    "torque_ripple",
-    "joint_spring",
-    "backlash",
-    "joint_elasticity",
-    "cubic_stiffness",
+    *("coulomb_friction", "stribeck_friction", "asymmetric_friction", "load_dependent_friction"),
+    *("quadratic_friction", "gravity_tilt", "torque_ripple", "joint_spring"),
+    *("backlash", "joint_elasticity", "cubic_stiffness"),
 )
 INERTIA, GRAVITY, VISCOUS = 0.05, 2.0, 0.15  # kg m^2, N m, N m s/rad
 

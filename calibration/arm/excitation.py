@@ -6,7 +6,7 @@ J. Swevers et al., Optimal robot excitation and identification, IEEE Trans. Robo
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,18 +49,30 @@ class FourierPath:
 
     def at(self, time_s: float) -> JointMotion:
         """Motion `time_s` [s] after the start; at rest before and after."""
-        angle = self._rate * time_s + self._phase
-        sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
-        wave, speed, acceleration = sine.sum(axis=1), cosine @ self._rate, -(sine @ self._rate**2)
-        sign = (
-            1.0 if time_s <= 0.5 * self.duration_s else -1.0
-        )  # the second half fades as the first, backwards
-        since_s = time_s if sign > 0.0 else self.duration_s - time_s
+        return self._faded(self._rate * time_s + self._phase, *self._fade(time_s))
+
+    def along(self, times_s: FloatArray) -> JointMotion:
+        """The motion at many times (m,) [s] at once; its parts have shape (m, n)."""
+        fade, rate, spin = np.array([self._fade(time_s) for time_s in times_s.tolist()]).T[..., None]
+        return self._faded(times_s[:, None, None] * self._rate + self._phase, fade, rate, spin)
+
+    def _fade(self, time_s: float) -> tuple[float, float, float]:
+        """The share of the full motion and its derivatives; the second half fades as the first, backwards."""
+        is_first = time_s <= 0.5 * self.duration_s
+        since_s = time_s if is_first else self.duration_s - time_s
         fade, rate, spin = quintic(since_s, _FADE_SHARE * self.duration_s)
+        return fade, rate if is_first else -rate, spin
+
+    def _faded(
+        self, angle: FloatArray, fade: float | FloatArray, rate: float | FloatArray, spin: float | FloatArray
+    ) -> JointMotion:
+        """The motion at these angles of the harmonics (..., n, harmonics) [rad]."""
+        sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
+        wave, speed, acceleration = sine.sum(axis=-1), cosine @ self._rate, -(sine @ self._rate**2)
         return JointMotion(
             self.centre_rad + fade * wave,
-            fade * speed + sign * rate * wave,
-            fade * acceleration + 2.0 * sign * rate * speed + spin * wave,
+            fade * speed + rate * wave,
+            fade * acceleration + 2.0 * rate * speed + spin * wave,
         )
 
 
@@ -109,10 +121,10 @@ def choose_path(
             rng.uniform(-math.pi, math.pi, (body.joint_count, HARMONICS)),
         )
         for path in _shrinking(centre, shape, settings, (low, high), speed):
-            motions = [path.at(time_s) for time_s in times]
-            clear = is_clear(body, (motion.position_rad for motion in motions), floor_m)
-            if clear and overloaded_joint(body, motions, limits) is None:
-                score = _information(bodies, motions)
+            motion = path.along(times)
+            each = (JointMotion(*row) for row in zip(*motion, strict=True))
+            if is_clear(body, motion.position_rad, floor_m) and overloaded_joint(body, each, limits) is None:
+                score = _information(bodies, motion)
                 best = (score, path) if best is None or score > best[0] else best
                 break
     if best is None:
@@ -147,18 +159,16 @@ def _shrinking(
     period_s = settings.period_s
     times = np.linspace(0.0, settings.duration_s, 10 * _LOOKS)
     unit = FourierPath(np.zeros(len(centre)), amplitude, phase, period_s, settings.duration_s)
-    motions = [unit.at(time_s) for time_s in times]
-    reach = np.abs([motion.position_rad for motion in motions]).max(axis=0)
-    rate = np.abs([motion.velocity_rad_s for motion in motions]).max(axis=0)
+    motion = unit.along(times)
+    reach, rate = np.abs(motion.position_rad).max(axis=0), np.abs(motion.velocity_rad_s).max(axis=0)
     room = np.minimum(np.minimum(high - centre, centre - low), settings.amplitude_rad)
     scale = np.minimum(room / reach, speed / rate)
     for share in _SHRINKING:
         yield FourierPath(centre, share * scale[:, None] * amplitude, phase, period_s, settings.duration_s)
 
 
-def _information(bodies: GravityBodies, motions: Sequence[JointMotion]) -> float:
-    q, v, a = (np.array(part) for part in zip(*motions, strict=True))
-    columns = design(bodies, q, v, a)
+def _information(bodies: GravityBodies, motion: JointMotion) -> float:
+    columns = design(bodies, *motion)
     norms = np.linalg.norm(columns, axis=0)
     sign, size = np.linalg.slogdet(columns[:, norms > 0].T @ columns[:, norms > 0])
     return float(size) if sign > 0 else -math.inf

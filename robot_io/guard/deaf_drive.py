@@ -41,19 +41,8 @@ class _Drive:
     """One drive: what was sent to it of late, and what it usually shows."""
 
     __slots__ = (
-        "before_nm",
-        "clear_nm",
-        "count",
-        "floor_nm",
-        "high_nm",
-        "jump_nm",
-        "jumps",
-        "large_nm",
-        "low_nm",
-        "measured_nm",
-        "obeyed_at_s",
-        "sent_nm",
-        "usually_off_nm",
+        *("before_nm", "clear_nm", "count", "floor_nm", "high_nm", "jump_nm", "jumps"),
+        *("large_nm", "low_nm", "measured_nm", "obeyed_at_s", "sent_nm", "usually_off_nm"),
     )
 
     def __init__(self, limit_nm: float) -> None:

@@ -31,21 +31,17 @@ class _Joint:
     """One joint since its reading last changed."""
 
     __slots__ = (
-        "before_rad",
-        "followed_rad",
-        "followed_s",
-        "force_n",
-        "least_rad",
-        "marks",
-        "position_rad",
-        "reference_rad",
-        "samples",
-        "since_s",
-        "step_rad",
-        "still_s",
-        "suspect",
-        "torque_nm",
-        "unknown_rad",
+        *(
+            "before_rad",
+            "followed_rad",
+            "followed_s",
+            "force_n",
+            "least_rad",
+            "marks",
+            "position_rad",
+            "reference_rad",
+        ),
+        *("samples", "since_s", "step_rad", "still_s", "suspect", "torque_nm", "unknown_rad"),
     )
 
     def __init__(self, tracking_rad: float, still_s: float) -> None:

@@ -38,10 +38,9 @@ def measured(
 ):
     """What drives would show along the path, from another model of the arm's weight than the fit uses."""
     times = np.arange(0.0, duration or path.duration_s, 1e-3)
-    motions = [path.at(time_s) for time_s in times]
-    q, v, a = (np.array(part) for part in zip(*motions, strict=True))
+    q, v, a = path.along(times)
     body = RigidBody.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame, gravity_base_m_s2(pitch, 0.0))
-    true = np.array([body.inverse_dynamics(*rows) for rows in zip(q, v, a, strict=True)])
+    true = body.inverse_dynamics_along(q, v, a)
     true = true + coulomb * np.sign(v) + viscous * v
     shown = (true - offset) / gain
     return ArmMotion(times, q, v, a, shown + rng.normal(0, noise, shown.shape), shown)
@@ -119,6 +118,11 @@ class TestPath:
         for time_s in (0.0, path.duration_s):
             np.testing.assert_allclose(path.at(time_s).velocity_rad_s, 0.0, atol=1e-9)
             np.testing.assert_allclose(path.at(time_s).position_rad, path.centre_rad)
+
+    def test_is_the_same_at_many_times_at_once(self, path):
+        times = np.linspace(-1.0, path.duration_s + 1.0, 300)
+        each = [path.at(time_s) for time_s in times]
+        np.testing.assert_allclose(path.along(times), np.swapaxes(each, 0, 1), atol=1e-12)
 
     def test_equal_seeds_choose_the_same(self, path):
         assert np.array_equal(chosen().at(7.0).position_rad, path.at(7.0).position_rad)

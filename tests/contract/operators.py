@@ -1,5 +1,6 @@
 """A bench for each operator device: something that moves it, presses its button and takes it away."""
 
+import atexit
 import ctypes
 import os
 import pty
@@ -7,7 +8,9 @@ import select
 import shutil
 import struct
 import subprocess
+import tempfile
 import time
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -134,17 +137,27 @@ class Keyboard(Bench):
             os.close(self.master)
 
 
+@cache
+def _compiled_stand_in():
+    folder = Path(tempfile.mkdtemp(prefix="palpate-touch-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    source = Path(__file__).parent / "openhaptics_stand_in.c"
+    command = ["gcc", "-shared", "-fPIC", "-O1", "-pthread", "-o", folder / "libHD.so", source]
+    subprocess.run(command, check=True)
+    return folder / "libHD.so"
+
+
 class Touch(Bench):
     name = "touch"
     clock_type = MonotonicClock
     oldest_s = 60.0
 
     def settings(self):
-        source, library = Path(__file__).parent / "openhaptics_stand_in.c", self.folder / "libHD.so"
         if shutil.which("gcc") is None:
             pytest.skip("no gcc to compile the stand-in for OpenHaptics")
+        library = self.folder / "libHD.so"  # each test a copy of its own: the stand-in keeps a state
         if not library.exists():
-            subprocess.run(["gcc", "-shared", "-fPIC", "-O1", "-pthread", "-o", library, source], check=True)
+            shutil.copy(_compiled_stand_in(), library)
         self.library = ctypes.CDLL(str(library))
         return {"library": str(library), "watchdog_s": 60.0, "oldest_s": 60.0}  # for machines under load
 

@@ -74,11 +74,13 @@ class Plant:
         self.force_history = [0.0]
 
     def contact_force_n(self) -> float:
-        tip = self.body.tip_motion(self.position_rad, self.velocity_rad_s)
-        depth_m = self.surface_height_m - tip.position_world_m[2]
+        model, data = self.body._model, self.body._data
+        pin.forwardKinematics(model, data, self.position_rad)
+        depth_m = self.surface_height_m - pin.updateFramePlacement(model, data, self.body._tip).translation[2]
         if depth_m <= 0.0:
             return 0.0
-        return max(self.stiffness_n_m * depth_m - self.damping_n_s_m * tip.velocity_world_m_s[2], 0.0)
+        rising_m_s = self.body.tip_jacobian(self.position_rad)[2] @ self.velocity_rad_s
+        return max(self.stiffness_n_m * depth_m - self.damping_n_s_m * rising_m_s, 0.0)
 
     def measure(self) -> Measurement:
         self.force_history.append(self.contact_force_n())
@@ -98,11 +100,10 @@ class Plant:
     def advance(self, torque_nm: np.ndarray, duration_s: float) -> None:
         self.torque_nm = np.clip(torque_nm, -TORQUE_LIMIT_NM, TORQUE_LIMIT_NM)
         for _ in range(round(duration_s / SUBSTEP_S)):
-            force_n = self.contact_force_n()
-            push = self.body.tip_jacobian(self.position_rad)[:3].T @ (-force_n * DOWN)
-            acceleration = forward_dynamics(
-                self.body, self.position_rad, self.velocity_rad_s, self.torque_nm + push
-            )
+            torque_nm = self.torque_nm
+            if force_n := self.contact_force_n():
+                torque_nm = torque_nm + self.body.tip_jacobian(self.position_rad)[:3].T @ (-force_n * DOWN)
+            acceleration = forward_dynamics(self.body, self.position_rad, self.velocity_rad_s, torque_nm)
             self.velocity_rad_s = self.velocity_rad_s + acceleration * SUBSTEP_S
             self.position_rad = self.position_rad + self.velocity_rad_s * SUBSTEP_S
         self.time_s += duration_s

@@ -85,10 +85,7 @@ def test_the_shortest_time_counts_every_run():
 @pytest.mark.parametrize(
     ("plan", "message"),
     [
-        (
-            {"force_limit_n": 100.0},
-            r"force_limit_n 100 N: the guard of 'follower' trips at 60 N .*at most 54.5 N",
-        ),
+        ({"force_limit_n": 100.0}, r"force_limit_n 100 N: .*'follower' trips at 60 N .*at most 54.5 N"),
         ({"force_limit_n": 58.0}, "at most 54.5 N"),  # it would trip on the first overshoot
         ({"joint_speed_rad_s": 7.0}, r"joint_speed_rad_s 7: .* trips at 6 rad/s .*at most 5.45 rad/s"),
     ],

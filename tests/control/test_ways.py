@@ -155,7 +155,7 @@ def test_swings_that_make_no_sense_are_refused(key, value):
 
 def plan_of(targets, clearance_m, **more) -> ProbingPlan:
     return ProbingPlan(
-        speeds_m_s=(0.05,),
+        speeds_m_s=(0.1,),
         retract_m=clearance_m,
         approach_clearance_m=clearance_m,
         targets_world_m=tuple((x_m, 0.0, z_m) for x_m, z_m in targets),

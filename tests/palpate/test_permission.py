@@ -10,6 +10,8 @@ from robot_io.errors import InputError
 from tests.mock_robot import MockTorque, write_mock_files
 from tests.palpate.cli import ROOT, assert_refused, run
 
+pytestmark = pytest.mark.usefixtures("log_in_process")
+
 SERVOS = ROOT / "robots" / "dynamixel_3dof.yaml"
 
 
@@ -111,8 +113,8 @@ def test_the_pose_of_a_real_arm_is_not_read_without_anybody(tmp_path, monkeypatc
 
 def test_a_simulated_arm_and_an_emulated_one_ask_nobody(tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.commands.probe.ask_for_power", pytest.fail)
-    short = ("--speed-mm-s", 100, "--hold-s", 0.05, "--online", "none")
-    for name, arm in (("a", ()), ("b", ("--robot", SERVOS, "--wire"))):
+    short = ("--speed-mm-s", 150, "--hold-s", 0.05, "--online", "none")
+    for name, arm in (("a", ()), ("b", ("--robot", ROOT / "robots" / "odrive_3dof.yaml", "--wire"))):
         result = run("probe", *arm, "-o", tmp_path / f"{name}.mcap", *short)
         assert result.exit_code == 0, result.stderr
 

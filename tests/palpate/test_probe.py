@@ -108,16 +108,8 @@ def test_an_arm_of_ones_own_is_probed_by_the_same_code_in_real_time(tmp_path, mo
     patient = robot.read_text().replace("_age_s: 0.005", "_age_s: 1.0")  # a busy machine is no failure
     robot.write_text(patient)
     options = (
-        "--robot",
-        robot,
-        "--drivers",
-        "tests.mock_robot",
-        "--speed-mm-s",
-        50,
-        "--hold-s",
-        0.1,
-        "--json",
-        "--yes",
+        *("--robot", robot, "--drivers", "tests.mock_robot"),
+        *("--speed-mm-s", 50, "--hold-s", 0.1, "--json", "--yes"),
     )
     result = run("probe", "-o", path, *options)
     assert result.exit_code == 0, result.stderr
@@ -130,7 +122,7 @@ def test_an_arm_of_ones_own_is_probed_by_the_same_code_in_real_time(tmp_path, mo
     assert_refused(run("probe", "-o", tmp_path / "x.mcap", "--drivers", "no.such"), "--drivers", "no.such")
 
 
-def test_an_object_that_is_not_there_is_said_in_words(tmp_path):
+def test_an_object_that_is_not_there_is_said_in_words(tmp_path, log_in_process):
     deep = tmp_path / "deep.yaml"
     deep.write_text("object: {surface_height_m: -0.5}\n")
     plan = tmp_path / "short.yaml"
@@ -215,7 +207,9 @@ def test_ctrl_c_brings_the_arm_to_rest_and_keeps_the_session(tmp_path):
 
 
 @pytest.mark.parametrize(("phase", "touched"), [(Phase.APPROACH, False), (Phase.HOLD, True)])
-def test_whether_the_object_was_met_is_known_of_a_run_that_was_stopped(tmp_path, phase, touched):
+def test_whether_the_object_was_met_is_known_of_a_run_that_was_stopped(
+    tmp_path, log_in_process, phase, touched
+):
     class Stopper(Watcher):
         def tick(self, measurement, output):
             if output.phase is phase:
@@ -260,7 +254,7 @@ def test_the_largest_seed_is_read_back():
     assert parse_scenario(scenario.to_yaml(), "session").seed == MOST_SEED
 
 
-def test_a_demo_that_touches_nothing_says_so(tmp_path):
+def test_a_demo_that_touches_nothing_says_so(tmp_path, log_in_process):
     (tmp_path / "deep.yaml").write_text("object: {surface_height_m: -0.5}\n")
     result = run("demo", "-o", tmp_path / "x.mcap", "--scenario", tmp_path / "deep.yaml")
     assert result.exit_code == 1

@@ -19,7 +19,7 @@ from sim_backend.secret import sealed_path
 from tests.palpate.cli import ROOT, assert_refused, run
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
-SHORT = ("--speed-mm-s", "150,90", "--hold-s", 0.1)
+SHORT = ("--speed-mm-s", 150, "--hold-s", 0.1, "--online", "none")
 SHARES = {  # of stiffness and damping: what each arm's steps at the tip leave uncertain
     "odrive_3dof": (0.002, 0.005),
     "cubemars_3dof": (0.003, 0.005),

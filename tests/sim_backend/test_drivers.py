@@ -172,17 +172,9 @@ def changed_robot_file(tmp_path, old, new):
     ("old", "new", "words"),
     [
         ("scenario: default", "scenario: defaul", "no scenario 'defaul'"),
-        (
-            "scenario: default",
-            "scenery: default",
-            "buses.world.scenery: is not known; did you mean 'scenario'",
-        ),
+        ("scenario: default", "scenery: default", "buses.world.scenery: .*did you mean 'scenario'"),
         ("scenario: default", "scenario: {seed: -1}", "seed: "),
-        (
-            "{driver: sim_force, bus: world}",
-            "{driver: sim_force, noise: 1, bus: world}",
-            "force.noise: is not",
-        ),
+        ("{driver: sim_force, bus", "{driver: sim_force, noise: 1, bus", "force.noise: is not"),
         ("{driver: sim_force, bus: world}", "{driver: sim_force}", "bus whose driver is 'pybullet'"),
     ],
 )

@@ -79,9 +79,8 @@ def test_the_whole_vocabulary_is_there():
 
 @pytest.mark.parametrize("name", ALL)
 class TestEveryEffect:
-    def test_is_a_file_of_its_name_and_says_what_it_is(self, name):
+    def test_says_what_its_parameters_are(self, name):
         kind = IMPERFECTIONS[name]
-        assert kind.__module__ == f"sim_backend.imperfections.{name}"
         source = inspect.getsource(kind)
         for parameter in kind.parameters():
             said = re.search(rf"(?:# (.*)\n)?    {parameter.name}: .*?(?:# (.*))?\n", source)
@@ -171,18 +170,12 @@ def test_a_scenario_says_in_public_nothing_of_what_it_hides():
 @pytest.mark.parametrize(
     ("hidden", "words"),
     [
-        (
-            "[{effect: coulomb_frictoin, joint: 2, coulomb_nm: 0.3}]",
-            "did you mean 'coulomb_friction'. Valid: ad",
-        ),
+        ("[{effect: coulomb_frictoin, joint: 2, coulomb_nm: 0.3}]", "mean 'coulomb_friction'. Valid: ad"),
         ("[{effect: coulomb_friction, coulomb_nm: 0.3}]", "joint: is missing"),
         ("[{effect: coulomb_friction, joint: 0, coulomb_nm: 0.3}]", "joint: .*greater than or equal to 1"),
         ("[{effect: coulomb_friction, joint: 1.5, coulomb_nm: 0.3}]", "joint: "),
         ("[{effect: coulomb_friction, joint: 1, torque: 0.3}]", "torque: is not known.*coulomb_nm, joint"),
-        (
-            "[{effect: coulomb_friction, joint: 1, coulomb_nm: -1}]",
-            "coulomb_nm: .*greater than or equal to 0",
-        ),
+        ("[{effect: coulomb_friction, joint: 1, coulomb_nm: -1}]", "coulomb_nm: .*than or equal to 0"),
         ("[{effect: stress_relaxation, stiffness_n_m: 5, time_s: 0}]", "time_s: "),
         ("[{effect: bias, channel: force, bias: 1}]", "channel: .*contact"),
         ("[{effect: bias, channel: joint_0, bias: 1}]", "channel: "),

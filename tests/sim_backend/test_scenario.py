@@ -63,10 +63,7 @@ def test_a_scenario_file_is_found_beside_the_robot_file(tmp_path):
     ("text", "words"),
     [
         ("object: {law: {name: kelvin_voight}}", "did you mean 'kelvin_voigt'. Valid: engine, hunt_cr"),
-        (
-            "seed: 1\nobject:\n  law: {name: kelvin_voigt, stiffness_n_m: -1, damping_n_s_m: 0}",
-            "line 3, object",
-        ),
+        ("seed: 1\nobject:\n law: {name: kelvin_voigt, stiffness_n_m: -1, damping_n_s_m: 0}", "line 3, obj"),
         ("object: {law: {name: kelvin_voigt, damping_n_s_m: 0}}", "stiffness_n_m: is missing"),
         ("object: {law: {stiffness_n_m: 3}}", "Valid names: engine, hunt_crossley, kelvin_voigt"),
         ("sensors:\n  forse: {}", "line 2, sensors.forse: is not known; did you mean 'force'"),

@@ -20,7 +20,7 @@ from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
 from robot_io.types import Command, Status
 from sim_backend.emulators import FaultKind
-from sim_backend.imperfections.coulomb_friction import CoulombFriction
+from sim_backend.imperfections.friction import CoulombFriction
 from tests.log_in_process import LogInProcess
 from tests.wire.parts import ROOT
 

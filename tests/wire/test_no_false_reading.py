@@ -1,5 +1,7 @@
 """Bytes are lost and flipped at random places: no wrong number is served as OK, by any driver."""
 
+from bisect import bisect_left
+
 import numpy as np
 import pytest
 
@@ -40,9 +42,12 @@ class Course:
         value, at_s = measurement.joint_position_rad, measurement.encoder_at_s
         if self._bus == "load_cell":
             value, at_s = [measurement.force_n], measurement.force_at_s
-        columns = np.transpose(self._values)
+        later = bisect_left(self._times_s, at_s)
+        near = slice(max(later - 2, 0), later + 2)
+        columns = np.transpose(self._values[near])
         return max(
-            abs(one - np.interp(at_s, self._times_s, true)) for one, true in zip(value, columns, strict=True)
+            abs(one - np.interp(at_s, self._times_s[near], true))
+            for one, true in zip(value, columns, strict=True)
         )
 
 

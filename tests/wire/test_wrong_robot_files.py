@@ -18,12 +18,7 @@ from tests.wire.parts import CUBEMARS, LINES, ODRIVE
         (ODRIVE, 'firmware: "0.6"', 'firmware: "0.7"', "firmware"),
         (ODRIVE, 'firmware: "0.6"', 'firmware: "0.5"', "torque_constant_nm_a"),
         (ODRIVE, "      - {node_id: 2, gear_ratio: 9, max_torque_nm: 2.2}\n", "", "one per joint"),
-        (
-            ODRIVE,
-            "driver: odrive_encoder, bus: motors",
-            "driver: odrive_encoder, bus: load_cell",
-            "odrive_bus",
-        ),
+        (ODRIVE, "odrive_encoder, bus: motors", "odrive_encoder, bus: load_cell", "odrive_bus"),
         (ODRIVE, *(LINES[0], LINES[1].replace("?P<value>", "?P<force>")), "value"),
         (ODRIVE, *(LINES[0], LINES[1].replace(r"(?P<unit>\w+)", "((a+)+)")), "for ever"),
         (CUBEMARS, "model: AK60-6", "model: AK60-7", "AK60-6"),

@@ -102,6 +102,7 @@ def test_a_case_that_raises_has_a_result_that_says_so_and_is_not_tried_again(tmp
     assert run_cases([case], store).finished_before == 1
 
 
-def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path):
+def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path, monkeypatch):
+    monkeypatch.setattr("palpate.sweep.runner._JOIN_S", 0.3)
     with pytest.raises(InputError, match="does not answer"):
         run_cases([BASE], ResultStore(tmp_path), Cluster("tcp://127.0.0.1:9"))

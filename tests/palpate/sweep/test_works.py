@@ -91,7 +91,7 @@ def test_the_peak_is_that_of_the_dashpot_where_it_alone_is_beyond_the_limit():
 
 def test_hidden_effects_are_found_by_the_diagnosis(few_effects):
     hidden = [{"effect": "cubic_stiffness", "cubic_n_m3": 2e6}]
-    plan = {"speeds_m_s": [0.12, 0.09, 0.06], "hold_s": 0.0}
+    plan = {"speeds_m_s": [0.12, 0.08], "hold_s": 0.0}
     rows = probing.diagnosed(PARAMETERS | {"hidden": hidden, "plan": plan}, 1)
     contact = next(row for row in rows if row["channel"] == "contact")
     assert contact["verdict"] == "missing"

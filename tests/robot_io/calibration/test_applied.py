@@ -84,11 +84,7 @@ def test_a_robot_file_is_never_built_without_what_it_names(tmp_path):
     ("kind", "change", "words"),
     [
         ("force", {"robot": "other"}, ("'other'", "this is")),
-        (
-            "force",
-            {"device": {"driver": "loadstar", "capacity_n": 100.0}},
-            ("driver", "loadstar", "mock_force"),
-        ),
+        ("force", {"device": {"driver": "loadstar", "capacity_n": 100.0}}, ("loadstar", "mock_force")),
         ("force", {"reading_unit": "count"}, ("count",)),
         ("torque", {"urdf_sha256": "1" * 64}, ("another URDF", "palpate calibrate torque")),
     ],

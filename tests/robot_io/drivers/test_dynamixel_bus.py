@@ -256,7 +256,7 @@ def test_answers_that_are_constantly_late_are_as_old_as_their_requests(active, l
     servo._look = lambda: None
     active.befall(kind="delay", delay_s=late_ms * 1e-3)
     asked_at_s, seen = [], 0
-    for tick in range(200):
+    for tick in range(120):
         servo.memory.put(table.PRESENT_POSITION, tick)  # the position says when it was measured
         asked_at_s.append(active.clock.now_s() + TICK_S)
         try:
@@ -267,7 +267,7 @@ def test_answers_that_are_constantly_late_are_as_old_as_their_requests(active, l
         assert sample.sampled_at_s == pytest.approx(asked_at_s[measured], abs=1e-4)
         assert asked_at_s[tick] - sample.sampled_at_s > late_ms * 1e-3 - TICK_S
         seen += 1
-    assert seen > (100 if late_ms < 4.0 else 5)
+    assert seen > (60 if late_ms < 4.0 else 3)
 
 
 def test_a_doubled_answer_does_no_harm(active):

@@ -97,8 +97,7 @@ WEAR = {
 }
 
 
-@pytest.mark.parametrize("every", [1, 4], ids=["", "every fourth tick"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "every"), [(0, 1), (1, 4), (2, 1)])  # ticks from sample to sample
 @pytest.mark.parametrize("wear", WEAR)
 def test_a_drive_that_shows_its_torque_badly_is_not_accused(wear, seed, every):
     drive = Sound(seed, **WEAR[wear])

@@ -132,17 +132,20 @@ COURSES = {
 @pytest.mark.parametrize("damage", ["lost", "flipped counter"])
 @pytest.mark.parametrize("course", COURSES)
 def test_a_damaged_byte_costs_samples_and_gives_no_wrong_one(course, damage):
-    """Two of its bytes and the next counter once were a sample, such as 65 N without a touch."""
-    values = COURSES[course](np.arange(130)).astype(int).tolist()
+    """Two of its bytes and the next counter once were a sample, such as 65 N without a touch.
+
+    Fifteen samples in turn are struck, and first counters are fifteen apart: every counter is struck once.
+    """
+    values = COURSES[course](np.arange(110)).astype(int).tolist()
     for first_counter in range(0, 256, 15):
         data = samples(values, first_counter)
-        for place in range(60, 160, 1 if damage == "lost" else 3):
+        for place in range(60, 105, 1 if damage == "lost" else 3):
             wrong = b"" if damage == "lost" else bytes((data[place] ^ 0x04,))
             stream = LorenzStream(1.0)
             found = stream.feed(data[:place] + wrong + data[place + 1 :])
             assert is_part_of(found, values), (first_counter, place)
             if course in ("still", "noise"):  # elsewhere the counter cannot always be told from the value
-                assert len(found) > 80
+                assert len(found) > 60
                 assert stream.rejected >= 1
 
 

@@ -90,7 +90,8 @@ def test_what_a_device_says_of_itself_before_its_first_reading_is_no_damage(line
 
 
 CAPACITY_N = 100.0
-FORCES_N = [40.0 + 45.0 * math.sin(k / 60.0) for k in range(300)]  # through zero; at most 0.75 N in a reading
+# Through zero; at most 0.75 N in a reading.
+FORCES_N = [40.0 + 45.0 * math.sin(k / 60.0) for k in range(200, 300)]
 
 
 def lorenz_frames():
