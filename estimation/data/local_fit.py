@@ -6,6 +6,7 @@ in general.
 
 from dataclasses import dataclass
 from functools import lru_cache
+from math import factorial
 
 import numpy as np
 
@@ -38,6 +39,16 @@ def local_fit(time_s: FloatArray, position: FloatArray, centres: IntArray, half:
         step_s = float(np.mean(steps)) if len(steps) else 1.0
         return _even_fit(step_s, position, centres, starts, width)
     return _uneven_fit(time_s, position, centres, starts, width)
+
+
+def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: int) -> FloatArray:
+    """Derivative (n,) of a signal (n,) of one piece from such fits around all samples; see `local_fit`."""
+    width, steps = 2 * half + 1, np.diff(time_s)
+    if len(signal) < width or np.ptp(steps) > _EVEN * steps.max():
+        return local_fit(time_s, signal, np.arange(len(signal)), half).fitted[:, order]
+    by_place = _at_each_place(width)[:, order] * factorial(order) / float(np.mean(steps)) ** order
+    middle = np.correlate(signal, by_place[half])
+    return np.concatenate([by_place[:half] @ signal[:width], middle, by_place[half + 1 :] @ signal[-width:]])
 
 
 def _even_fit(

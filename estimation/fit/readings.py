@@ -19,7 +19,7 @@ from estimation.data.derivatives import (
     position_error,
     rounding_variance,
 )
-from estimation.data.local_fit import local_fit
+from estimation.data.local_fit import local_derivative
 from estimation.signals.blocks import blocks
 from estimation.signals.moved import moved
 from estimation.signals.remembered import remembered
@@ -167,8 +167,7 @@ def derived(data: ChannelData, signal: FloatArray, window: int, order: int) -> F
     """Derivative (n,) of a signal (n,) by the window that derived the channel's own."""
     found = np.empty(len(signal))
     for rows in blocks(data.run):
-        time_s, values = data.time_s[rows], signal[rows]
-        found[rows] = local_fit(time_s, values, np.arange(len(values)), window).fitted[:, order]
+        found[rows] = local_derivative(data.time_s[rows], signal[rows], window, order)
     return found
 
 

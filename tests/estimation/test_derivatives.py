@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
 from estimation.data.derivatives import centre_slope, differentiate
-from estimation.data.local_fit import local_fit
+from estimation.data.local_fit import local_derivative, local_fit
 from estimation.signals.pieces import number_pieces
 
 ONE_PIECE = lambda t: np.zeros(len(t), dtype=np.int64)  # noqa: E731
@@ -182,3 +182,15 @@ def test_much_that_is_smooth_does_not_choose_the_window_of_what_is_not():
     narrow, kept = missed(sharp)
     assert narrow < wide
     assert kept < 0.8 * cut
+
+
+@pytest.mark.parametrize("half", [2, 7, 40])
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("count", [60, 300])
+def test_one_derivative_is_that_of_the_fits_around_all_samples(half, order, count):
+    rng = np.random.default_rng(count)
+    signal = np.cumsum(rng.standard_normal(count))
+    for time_s in (0.002 * np.arange(count), np.cumsum(rng.uniform(0.001, 0.003, count))):
+        whole = local_fit(time_s, signal, np.arange(count), half).fitted[:, order]
+        alone = local_derivative(time_s, signal, half, order)
+        np.testing.assert_allclose(alone, whole, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
