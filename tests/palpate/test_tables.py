@@ -6,9 +6,12 @@ import sys
 import pytest
 from rich.console import Console
 
+from estimation.estimate import ParameterEstimate
 from estimation.study import Revision
+from estimation.study.sides import ParameterDifference
 from palpate import console
 from palpate.render.estimates import estimate_table
+from palpate.render.sides import difference_table
 from palpate.render.terminal import print_comparison, print_diagnosis, print_revisions
 from palpate.study import Study
 from palpate.study_view import view_of
@@ -78,6 +81,15 @@ def test_the_table_of_estimates_breaks_no_word(hardening, model, width):
     shown = printed(estimate_table(found, {}, width), width)
     assert {"preemptive_ransac", "robust", "±"} <= set(shown.split())
     assert all(len(line) <= width for line in shown.splitlines())
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_the_table_of_differing_parameters_breaks_no_word(width):
+    name, interval = "contact_offset.offset", (0.0, 0.0)
+    sides = [ParameterEstimate(name, "m", value, 2.3e-5, interval) for value in (-0.000329, -0.000364)]
+    shown = printed(difference_table([ParameterDifference(name, "m", *sides)], width), width)
+    assert {name, "-0.000329", "-0.000364", "-0.000035", "±", "m"} <= set(shown.split())
+    assert all(len(line.rstrip()) <= width for line in shown.splitlines())
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
