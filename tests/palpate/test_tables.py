@@ -15,7 +15,7 @@ from palpate.render.sides import difference_table
 from palpate.render.terminal import print_comparison, print_diagnosis, print_revisions
 from palpate.study import Study
 from palpate.study_view import view_of
-from palpate.words import safe
+from palpate.words import count, safe
 
 
 def printed(what, width):
@@ -121,3 +121,10 @@ def test_a_revision_that_was_edited_by_hand_is_shown_and_not_obeyed(text, width)
     shown = listed([kept], width)
     assert shown.replace("\n", "").isprintable()
     assert shown.count(safe(text).replace("\\[", "[").replace("\\\\", "\\")) == (5 if width > 100 else 4)
+
+
+@pytest.mark.parametrize(
+    ("number", "words"), [(0, "0 rows"), (1, "1 row"), (999, "999 rows"), (18550, "18,550 rows")]
+)
+def test_a_number_stands_with_its_noun_and_in_thousands(number, words):
+    assert count(number, "row") == words
