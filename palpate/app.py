@@ -3,8 +3,10 @@
 import ast
 import importlib
 import importlib.util
+import inspect
 import pkgutil
 import re
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -93,8 +95,17 @@ def load_command(name: str) -> Any:  # noqa: ANN401, typer's own command
     if hasattr(module, "group"):
         return get_command(module.group)
     single = typer.Typer(rich_markup_mode="rich", add_completion=False)
-    single.command(name=name, context_settings={"help_option_names": ["-h", "--help"]})(module.command)
+    about = _in_paragraphs(module.command)
+    single.command(name=name, help=about, context_settings={"help_option_names": ["-h", "--help"]})(
+        module.command
+    )
     return get_command(single)
+
+
+def _in_paragraphs(command: Callable[..., None]) -> str:
+    """What a command says of itself, each paragraph in one line: the terminal breaks it where it ends."""
+    paragraphs = (inspect.getdoc(command) or "").split("\n\n")
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
 
 
 def _refuse_empty(arguments: list[str]) -> None:

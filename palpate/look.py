@@ -33,7 +33,7 @@ def look_at(path: Path, options: ImportOptions) -> Imported:
     try:
         imported = import_table(table, options)
     except InputError:
-        out.print(_columns(table, {}))
+        out.print(_columns(table))
         raise
     out.print(_columns(table, dict(imported.roles)))
     for channel in imported.channels:
@@ -51,11 +51,14 @@ def doubts(imported: Imported) -> list[str]:
     return [f"{name}: {doubt}" for name, doubt in checked if doubt]
 
 
-def _columns(table: Table, roles: dict[str, str]) -> Printed:
-    made = console.table("", "column", "holds", "first values")
+def _columns(table: Table, roles: dict[str, str] | None = None) -> Printed:
+    """The columns, with what each holds where that is known."""
+    holds = () if roles is None else ("holds",)
+    made = console.table("", "column", *holds, "first values")
     for name in table.names[:_MOST_COLUMNS]:
         values = ", ".join(map(_value, table.head(_VALUES).columns.column(name).to_pylist()))
-        made.add_row(safe(name), safe(roles.get(name, "")) or "[dim]not used[/dim]", safe(values[:40]))
+        role = () if roles is None else (safe(roles.get(name, "")) or "[dim]not used[/dim]",)
+        made.add_row(safe(name), *role, safe(values[:40]))
     return made
 
 

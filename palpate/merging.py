@@ -70,12 +70,19 @@ def _check(sessions: Sequence[Session]) -> None:
     first = sessions[0]
     for one in sessions[1:]:
         if one.metadata.urdf != first.metadata.urdf:
-            raise InputError(f"{one.path}: was made by another arm than {first.path} (their URDFs differ)")
+            raise InputError(f"{one.path}: {_other_arm(one, first)}")
         if set(one.stream_names) != set(first.stream_names):
             there = [", ".join(each.stream_names) or "none" for each in (one, first)]
             raise InputError(f"{one.path}: has streams {there[0]}, and {first.path} has {there[1]}")
         for name in first.stream_names:
             _check_columns(one, first, name)
+
+
+def _other_arm(one: Session, first: Session) -> str:
+    if not one.metadata.urdf or not first.metadata.urdf:
+        with_arm, without = ("", " not") if first.metadata.urdf else (" not", "")
+        return f"was{without} made by an arm, and {first.path} was{with_arm}; merge like with like"
+    return f"was made by another arm than {first.path} (their URDFs differ)"
 
 
 def _check_columns(one: Session, first: Session, name: str) -> None:

@@ -33,8 +33,13 @@ def result_view(result: ChannelResult) -> ChannelView:
         words=compared.words[1:] if compared is not None else (),
         diagnosis=result.diagnosis,
         not_judged=compared.not_judged if compared is not None else "",
-        notes=(result.reason,) if result.reason else (),
+        notes=(result.reason,) if result.reason and not _is_said(result) else (),
     )
+
+
+def _is_said(result: ChannelResult) -> bool:
+    """Whether the diagnosis gives the reason why nothing was compared already."""
+    return result.diagnosis is not None and result.diagnosis.reason in result.reason
 
 
 def _stage(stage: Stage, so_far: Sequence[Stage]) -> StageView:

@@ -22,8 +22,8 @@ def safe(text: str) -> str:
 
 
 def count(number: int, one: str, many: str = "") -> str:
-    """A number with its noun, such as "1 run" and "3 runs"."""
-    return f"{number} {one if number == 1 else many or one + 's'}"
+    """A number with its noun, such as "1 run" and "3,000 runs"."""
+    return f"{number:,} {one if number == 1 else many or one + 's'}"
 
 
 def duration(seconds: float) -> str:

@@ -1,7 +1,7 @@
 """Which columns of other names make channels, where the user did not say."""
 
 import shlex
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -34,10 +34,13 @@ def choose_columns(
         said: quantities and columns whose unit the user says.
 
     Raises:
-        InputError: two columns that a channel needs match equally well.
+        InputError: two columns that a channel needs match equally well, or one of them is spoilt by a cell.
     """
-    free = [one for one in guess_columns(table.names) if one.column not in taken and one.quantity]
-    free = [one for one in free if one.key not in known and table.is_numeric(one.column)]
+    named = [one for one in guess_columns(table.names) if one.column not in taken and one.quantity]
+    named = [one for one in named if one.key not in known]
+    free = [one for one in named if table.is_numeric(one.column)]
+    if not _wanted({*known, *(one.key for one in free)}):
+        _refuse_spoilt(table, known, named)
     clear = [one for one in free if one.unit or one.key == TIME or _is_said(one, said)]
     guesses = clear if _wanted({*known, *(one.key for one in clear)}) else free
     found: dict[Key, list[Guess]] = {}
@@ -46,6 +49,18 @@ def choose_columns(
     wanted = [key for key in _wanted({*known, *found}) if key in found]
     chosen = {key: _best(table, key, found[key]) for key in wanted}
     return {key: (Role(*key, guess.unit), guess.column) for key, guess in chosen.items()}
+
+
+def _refuse_spoilt(table: Table, known: Collection[Key], named: Collection[Guess]) -> None:
+    """Name the cell that is no number, where a channel could be made but for such cells.
+
+    Raises:
+        InputError: there is one.
+    """
+    wanted = _wanted({*known, *(one.key for one in named)})
+    for one in named:
+        if one.key in wanted:
+            table.numbers(one.column)
 
 
 def _is_said(guess: Guess, said: Collection[str]) -> bool:
@@ -67,7 +82,7 @@ def pressed_position(table: Table, chosen: Mapping[Key, tuple[Role, str]]) -> bo
     return bool(one_sided and abs(_likeness(position, force)) > _GOES_WITH)
 
 
-def _wanted(there: Collection[Key]) -> Iterable[Key]:
+def _wanted(there: Collection[Key]) -> list[Key]:
     """The keys that make channels of what is there, and their time."""
     keys: list[Key] = []
     if DISPLACEMENT in there and FORCE in there:

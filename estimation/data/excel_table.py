@@ -24,6 +24,7 @@ _LOOKED_AT = 200  # rows of a sheet, among which its table begins
 _MOST_CELLS = 30_000_000  # of a sheet, empty ones included: the reader keeps them all
 _CELL = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 _MOST_SHEETS = 200
+_BEGINNINGS = (b"PK", bytes.fromhex("D0CF11E0A1B11AE1"))  # of .xlsx, a ZIP archive, and of .xls, [MS-CFB] 2.2
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ def read_excel_table(path: Path) -> FileColumns:
     Raises:
         InputError: it is too large, or no sheet holds names of columns above rows of numbers.
     """
+    _check_is_workbook(path)
     if zipfile.is_zipfile(path):
         _check_sizes(path)
     book = CalamineWorkbook.from_path(path)
@@ -67,6 +69,13 @@ def _words(first: _Sheet, alike: Sequence[_Sheet], names: Sequence[str]) -> tupl
     titles = ", ".join(f"'{sheet.title}'" for sheet in alike[:5]) + (" ..." if len(alike) > 5 else "")
     words = [f"sheet{'s' if len(alike) > 1 else ''} {titles} of {len(names)}"]
     return (*words, *preamble_words(first.skipped))
+
+
+def _check_is_workbook(path: Path) -> None:
+    """Refuse what only has a workbook's name: machines write text that is called .xls."""
+    with path.open("rb") as file:
+        if not file.read(8).startswith(_BEGINNINGS):
+            raise InputError(f"{path}: is no Excel workbook; if it is text, let its name end in .csv")
 
 
 def _check_sizes(path: Path) -> None:

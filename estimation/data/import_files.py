@@ -33,8 +33,11 @@ def import_files(paths: Sequence[Path], options: ImportOptions) -> Imported:
         options: how to read each of them.
 
     Raises:
-        InputError: one cannot be used, or lacks a channel that the first one has.
+        InputError: one is named twice, cannot be used, or lacks a channel that the first one has.
     """
+    places = [path.resolve() for path in paths]
+    if twice := [path for number, path in enumerate(paths) if places[number] in places[:number]]:
+        raise InputError(f"{twice[0]}: is named twice; its runs would count as repetitions")
     parts = [import_table(read_table(path), options) for path in paths]
     if len(parts) == 1:
         return parts[0]

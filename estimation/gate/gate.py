@@ -111,7 +111,7 @@ def _runs(data: ChannelData) -> str | None:
         presses = _presses(data)
         if presses > 1:
             return f"{SINGLE_RUN} with {presses} presses; number them in a column `run` of the data file"
-        return f"{SINGLE_RUN}, so nothing can be held out to judge by; probe at least three times"
+        return f"{SINGLE_RUN}, so nothing can be held out to judge by; record at least three runs"
     ranges = [np.ptp(part) for part in np.array_split(data.position, 5)]
     if min(ranges) < _COVERED * np.ptp(data.position):
         return f"{SINGLE_RUN} that goes through its motion once; record at least three runs"

@@ -10,6 +10,7 @@ from estimation.channel import ChannelKind
 from estimation.data.import_options import ImportOptions
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.effect import Effect
+from estimation.gate import refuse, usable
 from estimation.study import engine
 from estimation.study.channels import StudyChannel, model_to_estimate, suited_names, unapplicable
 from estimation.study.estimates import ALL, ChannelEstimates, choose_estimators, estimate_with, only_runs
@@ -103,6 +104,10 @@ class Study(Fits):
                 self._keep(one, [entry.effect for entry in answer.accepted], None)
         names = "+".join(dict.fromkeys(one.model.name for one in chosen))
         return StudyDiagnosis(file=self._file, model=names, channels=answers)
+
+    def refusal(self, channel: StudyChannel) -> str:
+        """Why a channel cannot be judged; empty where it can."""
+        return refuse(channel.data.select(usable(channel.data)), channel.model) or ""
 
     def noise_floor(self, channel: StudyChannel | str) -> float:
         """The error that a complete model would leave: one number for a channel, in the unit of the effort.

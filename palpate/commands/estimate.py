@@ -61,6 +61,8 @@ def _print(data: DataArguments, study: Study, found: Sequence[ChannelEstimates],
     for remark in calibration_remark(session):
         out.print(f"  {safe(remark)}")
     steps = [(f"palpate compare {data.typed(model=model)}", "how far off the model is, and where")]
+    if all(study.refusal(study.channel(each.channel.name)) for each in found):
+        steps = [(f"palpate diagnose {data.typed(model=model)}", "why this data cannot judge a model")]
     if session is not None:
         steps.append((f"palpate inspect {typed(data.file)}", "see it in Rerun"))
     console.next_steps(*steps)

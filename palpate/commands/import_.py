@@ -11,12 +11,13 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from estimation.data.channels import is_session
 from estimation.data.import_file import Imported
 from estimation.data.import_files import import_files
 from estimation.data.session_streams import import_extra, import_streams
 from palpate import console
 from palpate.data_options import ReadOptions, retyped
-from palpate.files import existing_file, output_file
+from palpate.files import existing_file, open_session, output_file
 from palpate.look import doubts, look_at
 from palpate.option_sets import takes
 from palpate.words import count, duration, shown, typed
@@ -49,7 +50,7 @@ def command(
     Examples: palpate import press.csv --look; palpate import 1.xlsx 2.xlsx -o both.mcap
     """
     for file in files:
-        existing_file(file, "data file")
+        _check_is_data(file)
     if look:
         _look(files, options, out, as_json=as_json)
         return
@@ -71,6 +72,17 @@ def command(
         console.print_json({"session": str(session), "channels": _facts(imported), "notes": list(notes)})
     else:
         _print(imported, session)
+
+
+def _check_is_data(file: Path) -> None:
+    """Refuse what is not there, and what needs no import.
+
+    Raises:
+        InputError: it is no file, or a session.
+    """
+    if is_session(existing_file(file, "data file")):
+        open_session(file)  # says what is wrong with what is only called one
+        raise InputError(f"{file}: is a session already; all commands take it as it is")
 
 
 def _look(files: Sequence[Path], options: ReadOptions, out: Path | None, *, as_json: bool) -> None:

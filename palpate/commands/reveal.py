@@ -5,10 +5,11 @@ from typing import Annotated, Any
 
 import typer
 
+from estimation.effects import EFFECTS
 from palpate import console
 from palpate.files import open_session
 from palpate.runs.hiding import open_answer, was_sealed
-from palpate.words import shown, significant
+from palpate.words import shown, significant, typed
 from sim_backend.imperfection import Imperfection
 from sim_backend.secret import Answer
 
@@ -56,3 +57,6 @@ def _print(session: Path, answer: Answer) -> None:
         physics = (entry.__doc__ or "").partition("\n")[0]
         table.add_row(f"[bold]{entry.name}[/bold]", ", ".join(entry.channels), "\n".join(values), physics)
     console.stdout().print(table)
+    known = [entry.name for entry in answer.hidden if entry.name in EFFECTS]
+    diagnosed = (f"palpate diagnose {typed(session)}", "whether that is found")
+    console.next_steps(*((f"palpate effects {name}", "what that is") for name in known[:1]), diagnosed)

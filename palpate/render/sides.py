@@ -12,7 +12,7 @@ from rich.text import Text
 
 from estimation.statistics.correlation import Correlation
 from estimation.study.sides import ParameterDifference, Side, Sides
-from palpate.console import table
+from palpate.console import natural_width, table
 from palpate.render.terminal import safe_text
 from palpate.render.view import ChannelView
 from palpate.words import safe, significant
@@ -145,7 +145,7 @@ def print_pair(console: Console, view: PairView) -> None:
             console.print(Padding(Text(safe_text(sentence)), (0, 0, 0, 2)))
         console.print(_fit_table(one))
         if one.found.differences:
-            console.print(_difference_table(one.found.differences))
+            console.print(difference_table(one.found.differences, console.width))
 
 
 def _fit_table(view: SidesView) -> Table:
@@ -156,13 +156,24 @@ def _fit_table(view: SidesView) -> Table:
     return made
 
 
-def _difference_table(differences: Sequence[ParameterDifference]) -> Table:
-    right = ("A", "B", "B − A")
+def difference_table(differences: Sequence[ParameterDifference], width: int) -> Table:
+    """Each parameter on both sides, and by how much it differs; below each other where columns are few."""
+    names = ("A", "B", "B − A")
+    beside = _table_of_differences(differences, names)
+    return beside if natural_width(beside) <= width else _table_of_differences(differences, names, "\n")
+
+
+def _table_of_differences(
+    differences: Sequence[ParameterDifference], names: tuple[str, ...], between: str = ""
+) -> Table:
+    """One row a parameter; with something `between`, its numbers are in one cell."""
+    right = (between.join(names),) if between else names
     made = table("", "parameter", *right, "unit", right=right)
     for one in differences:
         values = (significant(each.value, each.std_err) if each else "–" for each in (one.first, one.second))
         color = "yellow" if one.differs else "default"
-        cells = (*values, f"[{color}]{difference_text(one)}[/]")
+        numbers = (*values, f"[{color}]{difference_text(one)}[/]")
+        cells = (between.join(numbers),) if between else numbers
         effect, _, name = one.name.rpartition(".")
         made.add_row(f"[dim]{safe(effect)}.[/dim]{safe(name)}", *cells, safe(one.unit))
     return made

@@ -10,7 +10,6 @@ from estimation.channel import ChannelKind
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.candidates import candidates
 from estimation.effect import Effect, Parameter
-from estimation.gate import refuse, usable
 from estimation.study import Fitted, Revision, StudyChannel
 from estimation.study.source import joined, open_source
 from palpate.study import Study
@@ -99,7 +98,7 @@ class Bench:
 
     def refusal(self, channel: StudyChannel) -> str:
         """Why a channel cannot be judged; empty where it can."""
-        return refuse(channel.data.select(usable(channel.data)), channel.model) or ""
+        return self.study.refusal(channel)
 
     def effects(self) -> tuple[Effect, ...]:
         """The library for this channel: what can be added to its base model."""

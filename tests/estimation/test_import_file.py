@@ -368,6 +368,9 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({"time_s": np.zeros(50), "run": ["one"] + ["two"] * 49}, {}, "of run 'two'"),
         ({"force_N": None}, {}, "a contact needs time_s, displacement_m, force_N"),
         ({"force_N": None}, {}, "--column force_N=COLUMN"),
+        ({"force_N": None, "F [N]": forces(at_7="NaN")}, {}, "row 8, column 'F [N]': 'NaN' is no finite"),
+        ({"force_N": None, "F [N]": [""] * 50}, {}, "row 1, column 'F [N]': '' is no finite"),
+        ({"force_N": None, "F [N]": [1e300] * 50}, {}, "row 1, column 'F [N]': '1e+300' is too large"),
         ({"time_s": None}, {}, "no time; name it time_s"),
         ({}, {"columns": {"force_N": "load"}}, "has only time_s, displacement_m, force_N"),
         ({}, {"where": {"specimn": "P1"}}, "no column 'specimn'"),
@@ -438,6 +441,8 @@ HEADER = b"time_s,displacement_m,force_N\n"
         ("broken.parquet", b"PAR1 nonsense", "cannot be read"),
         ("broken.npz", b"PK nonsense", "cannot be read"),
         ("data.xlsx", b"PK", "cannot be read"),
+        ("text.xlsx", TEXT, "no Excel workbook; if it is text, let its name end in .csv"),
+        ("empty.xls", b"", "no Excel workbook"),
         ("data.pdf", b"%PDF", "unknown kind of file"),
     ],
 )

@@ -198,6 +198,9 @@ def test_files_of_a_folder_are_runs_in_the_order_of_their_numbers(tmp_path):
     for data in (folder, data_files(folder), [str(path) for path in data_files(folder)]):
         (channel,) = open_source(data).channels
         np.testing.assert_array_equal(channel.run, imported.channels[0].run)
+    same = folder / ".." / folder.name / "run9.csv"
+    with pytest.raises(InputError, match=r"run9\.csv: is named twice"):
+        import_files([*data_files(folder), same], ImportOptions())
     (folder / "second.csv").write_text(
         "time_s,position_rad,torque_Nm\n" + "".join(f"{i},1,{i}\n" for i in range(9))
     )

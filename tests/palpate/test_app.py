@@ -8,6 +8,7 @@ import typer
 from typer.testing import CliRunner
 
 from palpate import main, preflight
+from palpate.app import load_command
 from palpate.failures import OneLineGroup
 from robot_io.errors import DeviceError, InputError
 from tests.palpate.cli import ROOT, assert_refused, run, run_process
@@ -44,6 +45,8 @@ def test_every_command_explains_itself(command):
     result = run(command, "--help")
     assert result.exit_code == 0
     assert "Usage" in result.stdout
+    paragraphs = load_command(command).help.split("\n\n")
+    assert not any("\n" in paragraph for paragraph in paragraphs)  # the terminal breaks lines, nobody else
 
 
 def test_an_unknown_command_is_refused_with_the_nearest_one():

@@ -85,6 +85,10 @@ def test_data_that_cannot_say_gets_the_reason(tmp_path):
     assert result.exit_code == 0
     assert result.stdout.startswith("INSUFFICIENT  contact")
     assert "single run" in result.stdout
+    assert "channel 'contact'" not in result.stdout  # the verdict gives the reason
+    assert [words[0] for words in next_commands(result)] == ["import", "estimate"]
+    (words,) = next_commands(run("estimate", one))
+    assert words[0] == "diagnose"
 
 
 def rewritten(path, name, values, change):

@@ -44,9 +44,10 @@ def test_what_was_drawn_comes_to_light_on_request(mystery):
     values = {name: about["value"] for name, about in entry["parameters"].items()}
     assert values.items() <= describe_imperfection(drawn).items()
     assert all(about["unit"] for about in entry["parameters"].values())
-    shown = run("reveal", mystery).stdout
-    assert drawn.name in shown
-    assert drawn.channels[0] in shown
+    told = run("reveal", mystery)
+    assert drawn.name in told.stdout
+    assert drawn.channels[0] in told.stdout
+    assert next_commands(told)[-1] == ["diagnose", str(mystery)]
 
 
 def test_nothing_else_tells_what_is_hidden(mystery):

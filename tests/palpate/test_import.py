@@ -9,6 +9,7 @@ import pytest
 
 from robot_io.session import Session
 from tests.palpate.cli import ROOT, assert_refused, next_commands, run
+from tests.palpate.sessions import synthetic_session
 
 DATA = Path(os.environ.get("PALPATE_DATA", ROOT.parent / "shared" / "data"))
 SOFT = DATA / "soft_indentation" / "runs.csv.gz"
@@ -69,6 +70,9 @@ def test_bad_options_leave_nothing_behind(good, tmp_path, options, words):
 def test_what_is_no_data_file_is_refused(tmp_path):
     assert_refused(run("import", tmp_path), "is a directory")
     assert_refused(run("import", tmp_path / "none.csv"), "no such file")
+    assert_refused(run("import", synthetic_session(tmp_path / "s.mcap"), "--look"), "is a session already")
+    (tmp_path / "empty.mcap").touch()
+    assert_refused(run("import", tmp_path / "empty.mcap"), "no session")
     other = tmp_path / "notes.pdf"
     other.write_bytes(b"%PDF")
     assert_refused(run("import", other), "notes.pdf", ".csv")

@@ -59,6 +59,7 @@ def test_a_look_at_what_is_ambiguous_shows_the_columns_and_asks(tmp_path):
     result = run("import", path, "--look")
     assert result.exit_code == 2
     assert "A [N]" in result.stdout
+    assert "not used" not in result.stdout
     (line,) = result.stderr.splitlines()
     assert "--column force='A [N]'" in line
 

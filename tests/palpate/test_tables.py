@@ -6,13 +6,16 @@ import sys
 import pytest
 from rich.console import Console
 
+from estimation.estimate import ParameterEstimate
 from estimation.study import Revision
+from estimation.study.sides import ParameterDifference
 from palpate import console
 from palpate.render.estimates import estimate_table
+from palpate.render.sides import difference_table
 from palpate.render.terminal import print_comparison, print_diagnosis, print_revisions
 from palpate.study import Study
 from palpate.study_view import view_of
-from palpate.words import safe
+from palpate.words import count, safe
 
 
 def printed(what, width):
@@ -81,6 +84,15 @@ def test_the_table_of_estimates_breaks_no_word(hardening, model, width):
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
+def test_the_table_of_differing_parameters_breaks_no_word(width):
+    name, interval = "contact_offset.offset", (0.0, 0.0)
+    sides = [ParameterEstimate(name, "m", value, 2.3e-5, interval) for value in (-0.000329, -0.000364)]
+    shown = printed(difference_table([ParameterDifference(name, "m", *sides)], width), width)
+    assert {name, "-0.000329", "-0.000364", "-0.000035", "±", "m"} <= set(shown.split())
+    assert all(len(line.rstrip()) <= width for line in shown.splitlines())
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
 def test_comparison_and_diagnosis_fit_the_terminal(few_effects, hardening, width):
     study, out = Study(hardening, keep=False), io.StringIO()
     terminal = Console(file=out, width=width)
@@ -109,3 +121,10 @@ def test_a_revision_that_was_edited_by_hand_is_shown_and_not_obeyed(text, width)
     shown = listed([kept], width)
     assert shown.replace("\n", "").isprintable()
     assert shown.count(safe(text).replace("\\[", "[").replace("\\\\", "\\")) == (5 if width > 100 else 4)
+
+
+@pytest.mark.parametrize(
+    ("number", "words"), [(0, "0 rows"), (1, "1 row"), (999, "999 rows"), (18550, "18,550 rows")]
+)
+def test_a_number_stands_with_its_noun_and_in_thousands(number, words):
+    assert count(number, "row") == words

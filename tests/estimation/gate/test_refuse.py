@@ -75,7 +75,7 @@ SHORT_RUNS = {"time_s": 0.1 * DATA.time_s, "velocity": 10.0 * DATA.velocity}
 REFUSED = {
     "never changes": lambda: replace(DATA, effort=np.full(len(DATA), 2.0)),
     "6 presses; number them in a column `run`": lambda: replace(DATA, run=0 * DATA.run),
-    "probe at least three times": lambda: DATA.of_runs(DATA.runs[:1]),
+    "judge by; record at least three runs": lambda: DATA.of_runs(DATA.runs[:1]),
     "motion once; record at least three": lambda: one_recording(lambda t: t),
     "no contact: the displacement": lambda: replace(DATA, position=X - 1.0),
     "no contact: the force": lambda: replace(DATA, effort=np.random.default_rng(0).normal(0, 0.05, len(X))),
