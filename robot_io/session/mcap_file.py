@@ -4,13 +4,13 @@ MCAP: https://mcap.dev/spec
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
-from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
 from robot_io.session.event import EVENT_STREAM, MAX_EVENT_BYTES, event_descriptor_set
+from robot_io.session.mcap_writer import McapWriter
 from robot_io.session.metadata import SessionMetadata
 from robot_io.session.stream import TIME_COLUMN, RecordArray, Stream, streams_to_json
 from robot_io.session.wire import PACKAGE, WireFormat
@@ -39,15 +39,9 @@ class McapFile:
     def __init__(self, file: IO[bytes], streams: Sequence[Stream], metadata: SessionMetadata) -> None:
         self._file = file
         self._formats = {stream.name: WireFormat(stream) for stream in streams}
-        # The library ends a chunk after the message that passes its limit; that message must fit as well.
+        # A chunk ends with the message that passes its limit; that message must fit as well.
         longest = max([MAX_EVENT_BYTES, *(wire.dtype.itemsize for wire in self._formats.values())])
-        self._mcap: Any = Writer(
-            file,
-            chunk_size=CHUNK_BYTES - longest - _MESSAGE_HEADER_BYTES,
-            compression=CompressionType.LZ4,
-            enable_data_crcs=True,
-        )
-        self._mcap.start(profile=PROFILE)
+        self._mcap = McapWriter(file, PROFILE, CHUNK_BYTES - longest - _MESSAGE_HEADER_BYTES)
         header = {"format_version": FORMAT_VERSION, "streams": streams_to_json(tuple(streams))}
         self._mcap.add_metadata(HEADER_RECORD, header | metadata.to_strings())
         self._mcap.add_metadata(EXTRA_RECORD, dict(metadata.extra))
@@ -58,28 +52,22 @@ class McapFile:
         self.flush()
 
     def _register(self, name: str, descriptor_set: bytes, units: dict[str, str]) -> int:
-        schema: int = self._mcap.register_schema(f"{PACKAGE}.{name}", "protobuf", descriptor_set)
-        channel: int = self._mcap.register_channel(name, "protobuf", schema, units)
-        return channel
+        return self._mcap.register_channel(name, f"{PACKAGE}.{name}", "protobuf", descriptor_set, units)
 
     def write_records(self, stream_name: str, sequence: NDArray[np.uint64], records: RecordArray) -> None:
         """Add records, shape (n,), with their sequence numbers, shape (n,)."""
         messages = self._formats[stream_name].encode(records)
         times_ns = _nanoseconds(records[TIME_COLUMN])
-        for message, number, time_ns in zip(messages, sequence.tolist(), times_ns, strict=True):
-            self._write(stream_name, number, time_ns, message)
+        self._mcap.add_messages(self._channels[stream_name], sequence, times_ns, messages)
 
     def write_events(
         self, sequence: Iterable[int], times_s: Sequence[float], events: Iterable[bytes]
     ) -> None:
         """Add events that are encoded already, with their sequence numbers and times [s]."""
         times_ns = _nanoseconds(np.asarray(times_s, np.float64))
-        for event, number, time_ns in zip(events, sequence, times_ns, strict=True):
-            self._write(EVENT_STREAM, number, time_ns, event)
-
-    def _write(self, stream_name: str, number: int, time_ns: int, data: bytes) -> None:
-        channel = self._channels[stream_name]
-        self._mcap.add_message(channel, time_ns, data, publish_time=time_ns, sequence=number & 0xFFFFFFFF)
+        for row, (event, number) in enumerate(zip(events, sequence, strict=True)):
+            message, numbers = np.frombuffer(event, np.uint8)[None], np.array([number], np.uint64)
+            self._mcap.add_messages(self._channels[EVENT_STREAM], numbers, times_ns[row : row + 1], message)
 
     def flush(self) -> None:
         """Hand the whole chunks to the operating system, which keeps them if this process is killed."""
@@ -87,18 +75,18 @@ class McapFile:
 
     def end_chunk(self) -> None:
         """End the chunk in progress too, and hand it over."""
-        self._mcap.flush()
+        self._mcap.end_chunk()
+        self._file.flush()
 
     def finish(self, offered: Mapping[str, int]) -> None:
         """Write how many records were offered to each stream, then summary and index."""
-        self._mcap.flush()
+        self._mcap.end_chunk()
         self._mcap.add_metadata(END_RECORD, {name: str(count) for name, count in offered.items()})
         self._mcap.finish()
         self._file.flush()
 
 
-def _nanoseconds(time_s: NDArray[np.float64]) -> list[int]:
+def _nanoseconds(time_s: NDArray[np.float64]) -> NDArray[np.uint64]:
     """Times for MCAP, which knows no negative ones; the exact time stays in the record."""
     clipped = np.clip(np.nan_to_num(time_s, nan=0.0), 0.0, 9e9)
-    nanoseconds: list[Any] = np.rint(clipped * 1e9).astype(np.uint64).tolist()
-    return nanoseconds
+    return np.rint(clipped * 1e9).astype(np.uint64)

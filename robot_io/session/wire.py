@@ -74,14 +74,12 @@ class WireFormat:
         ]
         return np.concatenate(parts)
 
-    def encode(self, records: RecordArray) -> list[bytes]:
-        """One message for each record of the stream's dtype, shape (n,)."""
-        size = self.dtype.itemsize
+    def encode(self, records: RecordArray) -> NDArray[np.uint8]:
+        """One message for each record of the stream's dtype, (n,): shape (n, bytes of a message)."""
         messages = np.tile(self._template, len(records)).view(self.dtype)
         for name in self.stream.dtype.names or ():
             messages[name] = records[name]
-        data = messages.tobytes()
-        return [data[start : start + size] for start in range(0, len(data), size)]
+        return messages.view(np.uint8).reshape(len(records), self.dtype.itemsize)
 
     def decode(self, messages: bytes) -> RecordArray:
         """Records, shape (n,), from n messages one after the other; a view with the gaps of `dtype`.
