@@ -12,7 +12,7 @@ from robot_io.types import IntArray
 
 LONG = 500_000  # samples; shorter recordings are taken as they are
 _ENOUGH = 100_000  # samples that need not be made fewer
-_MOST = 200_000  # samples that are searched in bearable time
+_MOST = 100_000  # samples that are searched in bearable time
 _LOST = 0.1  # of the variance of a mean's noise, that a signal may have within the samples it is the mean of
 _SURE = 3.0  # standard errors of that
 _FEWEST_IN_BLOCK = 8  # samples, that tell noise from a signal
@@ -40,7 +40,7 @@ class Within:
     def is_noise(self, block: int) -> bool:
         """Whether the departure is noise, or so little more that means over blocks do not show it."""
         error = _SURE * np.sqrt(4.6 / max(self.count, 1))  # of a mean of squared third differences
-        return self.departure**2 <= self.noise**2 * (1.0 + _LOST / block + error)
+        return bool(self.departure**2 <= self.noise**2 * (1.0 + _LOST / block + error))
 
 
 def shortened(data: ChannelData) -> tuple[ChannelData, str]:
