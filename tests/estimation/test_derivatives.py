@@ -182,3 +182,13 @@ def test_much_that_is_smooth_does_not_choose_the_window_of_what_is_not():
     narrow, kept = missed(sharp)
     assert narrow < wide
     assert kept < 0.8 * cut
+
+
+@pytest.mark.parametrize("count", [20_000, 20_001, 20_007, 45_000])
+def test_a_long_piece_is_fitted_part_by_part_as_if_at_once(count):
+    t, half = np.arange(count) * 0.002, 8
+    x = np.random.default_rng(0).standard_normal(count)
+    found = differentiate(t, x, ONE_PIECE(t), half)
+    for order, values in ((1, found.velocity), (2, found.acceleration)):
+        expected = savgol_filter(x, 2 * half + 1, 3, deriv=order, delta=0.002)
+        np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())

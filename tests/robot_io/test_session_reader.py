@@ -158,6 +158,20 @@ def foreign(path, header, messages=(), compression=CompressionType.LZ4, stream=S
 MESSAGE = WireFormat(SLOW).encode(SLOW.records({"time_s": [0.0], "x": [1.0]}))[0].tobytes()
 
 
+def test_whoever_waits_for_a_long_session_is_told_the_share_that_is_written(tmp_path):
+    shares, count = [], 40_000
+    path = write_session(
+        tmp_path / "s",
+        [(SLOW, {"time_s": np.arange(count) / 1e3, "x": np.arange(count) * 1.0})],
+        METADATA,
+        progress=shares.append,
+    )
+    assert len(shares) > 2
+    assert sorted(shares) == shares
+    assert shares[-1] == 1.0
+    assert Session.open(path).samples("slow")["x"].tolist() == list(range(count))
+
+
 def test_a_session_made_by_others_is_read(tmp_path):
     for compression in (CompressionType.NONE, CompressionType.LZ4):
         session = Session.open(foreign(tmp_path / "s", {}, [("slow", MESSAGE)], compression))
