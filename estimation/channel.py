@@ -76,6 +76,7 @@ class ChannelData:
         touching: samples of a contact that are known to press, however deep they seem, shape (n,); None where
             the depth alone says so.
         shared: what other channels say of gains; None where nothing is shared.
+        averaged: readings that each sample is the mean of.
     """
 
     name: str
@@ -94,6 +95,7 @@ class ChannelData:
     position_step: float = 0.0
     touching: BoolArray | None = None
     shared: SharedGains | None = None
+    averaged: int = 1
 
     def __post_init__(self) -> None:
         """Check lengths, finiteness, and that what was recorded is there.

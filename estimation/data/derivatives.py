@@ -171,9 +171,17 @@ def _fit_all(time_s: FloatArray, position: FloatArray, pieces: list[slice], half
     fitted = np.zeros((len(position), 3))
     for rows in pieces:
         for first in range(rows.start, rows.stop, _BLOCK):
-            centres = np.arange(first, min(first + _BLOCK, rows.stop)) - rows.start
-            fitted[rows][centres] = local_fit(time_s[rows], position[rows], centres, half).fitted
+            last = min(first + _BLOCK, rows.stop)
+            around = _around(first, last, half, rows)
+            centres = np.arange(first, last) - around.start
+            fitted[first:last] = local_fit(time_s[around], position[around], centres, half).fitted
     return fitted
+
+
+def _around(first: int, last: int, half: int, piece: slice) -> slice:
+    """The rows of a piece that the windows of its samples from `first` to before `last` reach."""
+    start = max(min(first - half, piece.stop - 2 * half - 1), piece.start)
+    return slice(start, min(max(last + half, start + 2 * half + 1), piece.stop))
 
 
 def centre_slope(half_window: int) -> FloatArray:

@@ -1,6 +1,6 @@
 """Several data files as one measurement: each is a run, or several."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from estimation.channel import ChannelData
@@ -25,12 +25,17 @@ def data_files(folder: Path) -> list[Path]:
     return sorted((path for path in found if path.is_file()), key=_counted)
 
 
-def import_files(paths: Sequence[Path], options: ImportOptions) -> Imported:
+def import_files(
+    paths: Sequence[Path],
+    options: ImportOptions,
+    progress: Callable[[str, float], None] = lambda what, share: None,
+) -> Imported:
     """Read files one by one, each as `import_file` does, and put their runs one after the other.
 
     Args:
         paths: at least one.
         options: how to read each of them.
+        progress: told what is being done, and the share of all that is done.
 
     Raises:
         InputError: one is named twice, cannot be used, or lacks a channel that the first one has.
@@ -38,7 +43,13 @@ def import_files(paths: Sequence[Path], options: ImportOptions) -> Imported:
     places = [path.resolve() for path in paths]
     if twice := [path for number, path in enumerate(paths) if places[number] in places[:number]]:
         raise InputError(f"{twice[0]}: is named twice; its runs would count as repetitions")
-    parts = [import_table(read_table(path), options) for path in paths]
+    parts = []
+    for number, path in enumerate(paths):
+        which = f"file {number + 1} of {len(paths)}" if len(paths) > 1 else "the file"
+        progress(f"reading {which}", number / len(paths))
+        table = read_table(path)
+        progress("deriving the motion", (number + 0.5) / len(paths))
+        parts.append(import_table(table, options))
     if len(parts) == 1:
         return parts[0]
     channels = tuple(_joined(first.name, paths, parts) for first in parts[0].channels)

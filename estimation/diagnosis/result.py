@@ -149,6 +149,7 @@ class ChannelDiagnosis(_Entry):
         remaining: what is left.
         depends_on: the same as in `remaining`.
         next_experiment: what would tell more; None if nothing would.
+        averaged: how a recording of very many samples was averaged, and why nothing is lost; else empty.
     """
 
     channel: str
@@ -165,6 +166,7 @@ class ChannelDiagnosis(_Entry):
     remaining: Remaining | None = None
     depends_on: list[str] = Field(default_factory=list)
     next_experiment: NextExperiment | None = None
+    averaged: str = ""
 
 
 class Diagnosis(_Entry):

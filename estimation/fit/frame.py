@@ -188,7 +188,10 @@ def _mixed(data: ChannelData, frame: Frame) -> BoolArray:
         return np.zeros(len(frame), dtype=np.bool_)
     engaged = data.engaged[frame.rows]
     mixed = np.array(engaged.any(axis=1) & ~engaged.all(axis=1))
-    mixed[1:] |= engaged[1:, 0] != engaged[:-1, -1]
+    borders = engaged[1:, 0] != engaged[:-1, -1]
+    mixed[1:] |= borders
+    if data.averaged > 1:  # the surface may lie among the readings that either sample is the mean of
+        mixed[:-1] |= borders
     error = frame.memory.recall("position error", lambda: _position_error(frame.data))
     near: BoolArray = np.abs(data.position[frame.rows]).min(axis=1) < _BORDER * float(np.std(error))
     return mixed | near

@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from estimation.data.import_options import ImportOptions
 from estimation.data.joining import joined_channels
 from estimation.data.quantities import RUN
 from estimation.data.table import table_of
+from estimation.fit.long_data import shortened
 from robot_io.calibration import NO_CALIBRATIONS, parse_calibrations
 from robot_io.errors import InputError
 from robot_io.robot_file import parse_robot_file
@@ -80,6 +81,7 @@ class Source:
         unused: columns of numbers that nothing was made of.
         notes: sentences on the data that the reader should see.
         read: what was taken for what in a data file; empty for a session.
+        averaged: a sentence for each channel that was too long to be searched as it was recorded, by name.
     """
 
     name: str
@@ -91,6 +93,7 @@ class Source:
     notes: tuple[str, ...] = ()
     more: tuple[Session, ...] = ()
     read: str = ""
+    averaged: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def probed(self) -> bool:
@@ -120,6 +123,14 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
     """
     source = _read(data, options)
     return source if arm is None else replace(source, arm=arm, notes=(*source.notes, *arm.notes))
+
+
+def of_bearable_length(source: Source) -> Source:
+    """The source with long recordings averaged where that loses nothing, and a note on each."""
+    pairs = [shortened(channel) for channel in source.channels]
+    said = {channel.name: words for channel, words in pairs if words}
+    channels = tuple(channel for channel, _ in pairs)
+    return replace(source, channels=channels, averaged=said, notes=(*source.notes, *said.values()))
 
 
 def joined(first: Source, second: Source) -> Source:

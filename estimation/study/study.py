@@ -19,7 +19,7 @@ from estimation.study.kept_diagnosis import diagnosis_data, read_diagnosis
 from estimation.study.reconcile import reconcile
 from estimation.study.results import Change, ChannelResult, RevisionTable, Stage, StudyDiagnosis
 from estimation.study.revisions import KeptParameter, Revision, Revisions
-from estimation.study.source import NO_OPTIONS, Arm, open_source
+from estimation.study.source import NO_OPTIONS, Arm, of_bearable_length, open_source
 from robot_io.errors import InputError
 
 
@@ -55,7 +55,7 @@ class Study(Fits):
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
         own = effects or {}
-        super().__init__(open_source(data, options, arm), model, list(own.values()))
+        super().__init__(of_bearable_length(open_source(data, options, arm)), model, list(own.values()))
         self.folder = folder
         self._own = {effect.name: place for place, effect in own.items()}
         self._revisions = Revisions(folder)
@@ -96,6 +96,8 @@ class Study(Fits):
             data, models = [one.data for one in chosen], [one.model for one in chosen]
             judged = judge(data, models, self.effects, progress, self._file)
             found = [reconcile(self, *pair) for pair in zip(chosen, judged.channels, strict=True)]
+            said = self.source.averaged
+            found = [one.model_copy(update={"averaged": said.get(one.channel, "")}) for one in found]
             with self._lock:
                 self._diagnoses |= dict(zip(map(about, chosen), found, strict=True))
         answers = [self._diagnoses[about(one)] for one in chosen]

@@ -20,10 +20,12 @@ from palpate.data_options import ReadOptions, retyped
 from palpate.files import existing_file, open_session, output_file
 from palpate.look import doubts, look_at
 from palpate.option_sets import takes
+from palpate.render.progress import import_progress
 from palpate.words import count, duration, shown, typed
 from robot_io.errors import InputError
 from robot_io.session import SessionMetadata, write_session
 
+_READ = 0.6  # of the time that an import takes, on reading
 _MOST_NAMES = 5  # of files, that the session keeps
 
 
@@ -55,17 +57,14 @@ def command(
         _look(files, options, out, as_json=as_json)
         return
     session = output_file(out or Path("sessions") / f"{_stem(files[0])}.mcap")
-    imported = import_files(files, options.options)
-    names = ", ".join(file.name for file in files[:_MOST_NAMES]) + (
-        " ..." if len(files) > _MOST_NAMES else ""
-    )
-    metadata = SessionMetadata(
-        software_version=version("palpate"),
-        created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
-        command_line=shlex.join(["palpate", *sys.argv[1:]]),
-        extra={"source": f"imported from {names}"} | import_extra(imported),
-    )
-    write_session(session, import_streams(imported), metadata)
+    with import_progress() as progress:
+        imported = import_files(files, options.options, lambda what, share: progress(what, _READ * share))
+        write_session(
+            session,
+            import_streams(imported),
+            _metadata(files, imported),
+            progress=lambda share: progress("writing the session", _READ + (1.0 - _READ) * share),
+        )
     notes = (*imported.notes, *doubts(imported))
     console.say_read(imported.read, notes)
     if as_json:
@@ -83,6 +82,18 @@ def _check_is_data(file: Path) -> None:
     if is_session(existing_file(file, "data file")):
         open_session(file)  # says what is wrong with what is only called one
         raise InputError(f"{file}: is a session already; all commands take it as it is")
+
+
+def _metadata(files: Sequence[Path], imported: Imported) -> SessionMetadata:
+    names = ", ".join(file.name for file in files[:_MOST_NAMES]) + (
+        " ..." if len(files) > _MOST_NAMES else ""
+    )
+    return SessionMetadata(
+        software_version=version("palpate"),
+        created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
+        command_line=shlex.join(["palpate", *sys.argv[1:]]),
+        extra={"source": f"imported from {names}"} | import_extra(imported),
+    )
 
 
 def _look(files: Sequence[Path], options: ReadOptions, out: Path | None, *, as_json: bool) -> None:

@@ -61,6 +61,13 @@ def diagnosis_progress(channels: Sequence[str]) -> Iterator[Report]:
 
 
 @contextmanager
+def import_progress() -> Iterator[Report]:
+    """Show what is being read and written, and the share of it that is done."""
+    with _bar("reading") as bar:
+        yield lambda what, share: bar.update(share, what)
+
+
+@contextmanager
 def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iterator[Watcher]:
     """Show how far the runs have come.
 

@@ -3,7 +3,7 @@
 import os
 import subprocess
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -22,6 +22,7 @@ from robot_io.session.shared_log import FINISHED, STARTING, Job, SharedLog, chec
 from robot_io.session.stream import Record, RecordArray, Stream, streams_to_json
 
 START_LIMIT_S = 60.0
+_AT_ONCE = 16_384  # records, to bound memory
 STALL_LIMIT_S = 30.0  # at close, without a single record reaching the disk
 _STALLED = f"the disk took nothing for {STALL_LIMIT_S:.0f} s"
 _KILL_LIMIT_S = 2.0
@@ -221,6 +222,7 @@ def write_session(
     streams: Sequence[tuple[Stream, Mapping[str, ArrayLike]]],
     metadata: SessionMetadata,
     events: Iterable[Event] = (),
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Path:
     """Write a whole session at once; the file appears under its name only when it is complete.
 
@@ -229,6 +231,7 @@ def write_session(
         streams: each stream with its columns, shape (n,) or (n, width).
         metadata: where the session comes from.
         events: in the order in which they happened.
+        progress: told the share of the records that is written.
 
     Returns:
         The path.
@@ -242,7 +245,8 @@ def write_session(
     new = new_session_path(path)
     try:
         with whole_file(new, replace=False) as unfinished, unfinished.open("wb") as file:
-            _write_all(McapFile(file, [stream for stream, _ in streams], metadata), records, tuple(events))
+            mcap = McapFile(file, [stream for stream, _ in streams], metadata)
+            _write_all(mcap, records, tuple(events), progress)
             os.fsync(file.fileno())
     except FileExistsError:
         raise _exists(new) from None
@@ -251,9 +255,19 @@ def write_session(
     return new
 
 
-def _write_all(mcap: McapFile, records: Mapping[str, RecordArray], events: Sequence[Event]) -> None:
+def _write_all(
+    mcap: McapFile,
+    records: Mapping[str, RecordArray],
+    events: Sequence[Event],
+    progress: Callable[[float], None],
+) -> None:
     messages = [encode_event(event) for event in events]
     mcap.write_events(range(len(events)), [event.time_s for event in events], messages)
+    written, count = 0, sum(map(len, records.values()))
     for name, array in records.items():
-        mcap.write_records(name, np.arange(len(array), dtype=np.uint64), array)
+        for start in range(0, len(array), _AT_ONCE):
+            part = array[start : start + _AT_ONCE]
+            mcap.write_records(name, np.arange(start, start + len(part), dtype=np.uint64), part)
+            written += len(part)
+            progress(written / count)
     mcap.finish({EVENT_STREAM: len(events)} | {name: len(array) for name, array in records.items()})

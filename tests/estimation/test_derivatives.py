@@ -194,3 +194,13 @@ def test_one_derivative_is_that_of_the_fits_around_all_samples(half, order, coun
         whole = local_fit(time_s, signal, np.arange(count), half).fitted[:, order]
         alone = local_derivative(time_s, signal, half, order)
         np.testing.assert_allclose(alone, whole, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
+
+
+@pytest.mark.parametrize("count", [20_000, 20_001, 20_007, 45_000])
+def test_a_long_piece_is_fitted_part_by_part_as_if_at_once(count):
+    t, half = np.arange(count) * 0.002, 8
+    x = np.random.default_rng(0).standard_normal(count)
+    found = differentiate(t, x, ONE_PIECE(t), half)
+    for order, values in ((1, found.velocity), (2, found.acceleration)):
+        expected = savgol_filter(x, 2 * half + 1, 3, deriv=order, delta=0.002)
+        np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())

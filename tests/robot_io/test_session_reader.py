@@ -158,6 +158,20 @@ def foreign(path, header, messages=(), compression=CompressionType.LZ4, stream=S
 MESSAGE = WireFormat(SLOW).encode(SLOW.records({"time_s": [0.0], "x": [1.0]}))[0]
 
 
+def test_whoever_waits_for_a_long_session_is_told_the_share_that_is_written(tmp_path):
+    shares, count = [], 40_000
+    path = write_session(
+        tmp_path / "s",
+        [(SLOW, {"time_s": np.arange(count) / 1e3, "x": np.arange(count) * 1.0})],
+        METADATA,
+        progress=shares.append,
+    )
+    assert len(shares) > 2
+    assert sorted(shares) == shares
+    assert shares[-1] == 1.0
+    assert Session.open(path).samples("slow")["x"].tolist() == list(range(count))
+
+
 def test_a_session_made_by_others_is_read(tmp_path):
     for compression in (CompressionType.NONE, CompressionType.LZ4):
         session = Session.open(foreign(tmp_path / "s", {}, [("slow", MESSAGE)], compression))
@@ -313,7 +327,7 @@ def test_messages_in_chunks_of_any_order_are_read_in_the_order_of_logging(tmp_pa
         mcap.add_metadata(HEADER_RECORD, {"format_version": "1", "streams": streams_to_json((SLOW,))})
         channel = mcap.register_channel("slow", "protobuf", mcap.register_schema("x", "protobuf", b""))
         for number in (4, 5, 0, 2, 1, 3):
-            mcap.add_message(channel, number, formed[number], number, sequence=number)
+            mcap.add_message(channel, number, formed[number].tobytes(), number, sequence=number)
         mcap.finish()
     session = Session.open(tmp_path / "s.mcap")
     assert session.samples("slow")["time_s"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]

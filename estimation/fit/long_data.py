@@ -1,0 +1,144 @@
+"""Makes a recording of millions of samples short enough to be searched, where that loses nothing."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.fit.frame import Frame, block_length, coarse_copy
+from estimation.signals.blocks import rows_of_runs
+from estimation.signals.runwise import sample_time
+from robot_io.types import IntArray
+
+LONG = 500_000  # samples; shorter recordings are taken as they are
+_ENOUGH = 100_000  # samples that need not be made fewer
+_MOST = 100_000  # samples that are searched in bearable time
+_LOST = 0.1  # of the variance of a mean's noise, that a signal may have within the samples it is the mean of
+_SURE = 3.0  # standard errors of that
+_FEWEST_IN_BLOCK = 8  # samples, that tell noise from a signal
+_FEWEST_IN_RUN = 50  # means
+_FEWEST_RUNS = 6  # that are left, so that some can be held out
+_STRETCHES = 40  # that a single run is cut into
+_COVERED = 0.3  # of the range of positions, that each of them goes through
+_THIRD = 20.0  # sum of the squares of (1, -3, 3, -1), the weights of a third difference
+
+
+@dataclass(frozen=True)
+class Within:
+    """What an effort does within blocks of samples.
+
+    Attributes:
+        departure: root mean square of its departure from a straight line, freedom of the line accounted for.
+        noise: standard deviation of its white noise, as the steps from sample to sample have it.
+        count: samples that this was seen in.
+    """
+
+    departure: float
+    noise: float
+    count: int
+
+    def is_noise(self, block: int) -> bool:
+        """Whether the departure is noise, or so little more that means over blocks do not show it."""
+        error = _SURE * np.sqrt(4.6 / max(self.count, 1))  # of a mean of squared third differences
+        return bool(self.departure**2 <= self.noise**2 * (1.0 + _LOST / block + error))
+
+
+def shortened(data: ChannelData) -> tuple[ChannelData, str]:
+    """A long recording as means over blocks of neighbouring samples, and a sentence on it; else as it is.
+
+    Blocks of 5 ms (10 ms of a joint's effort) are what a diagnosis works on in any case. They are made twice
+    as long again and again, as long as the effort within them departs from a straight line by no more than
+    the white noise of its readings: then motion and effort change evenly within a block, the mean of any
+    smooth law is the law of the means, and what is averaged away is noise. Slow noise counts as signal, so
+    that the rate is rather too high. If that is still too much, evenly spread runs are taken, which is said.
+
+    Args:
+        data: the channel; velocity and acceleration were derived at its full rate.
+
+    Returns:
+        The channel with `averaged` set, and the sentence; the very channel and "" if it is short.
+    """
+    if len(data) <= LONG:
+        return data, ""
+    block, seen = _longest_block(data)
+    short = _means(data, block)
+    return _fewer_runs(short, _sentence(data, short, block, seen))
+
+
+def within_blocks(data: ChannelData, block: int) -> Within:
+    """What the effort of a channel does within blocks of at least 4 samples."""
+    effort = data.effort[_rows(data, block)]
+    place = np.arange(block) - 0.5 * (block - 1)
+    left = effort - effort.mean(axis=1, keepdims=True)
+    left -= np.outer(left @ place / (place @ place), place)
+    noise = float(np.mean(np.diff(effort, 3, axis=1) ** 2)) / _THIRD
+    return Within(float(np.sqrt(np.mean(left**2) * block / (block - 2))), float(np.sqrt(noise)), effort.size)
+
+
+def _longest_block(data: ChannelData) -> tuple[int, Within | None]:
+    """Samples in the longest block that loses nothing, and what was seen in it; None if nothing was asked."""
+    block, seen = block_length(data), None
+    shortest = min(map(len, rows_of_runs(data.run)))
+    while len(data) > _ENOUGH * block and 2 * block * _FEWEST_IN_RUN <= shortest:
+        looked_at = max(2 * block, _FEWEST_IN_BLOCK)
+        found = within_blocks(data, looked_at)
+        if not found.is_noise(looked_at):
+            break
+        block, seen = 2 * block, found
+    return block, seen
+
+
+def _rows(data: ChannelData, block: int) -> IntArray:
+    """The samples of each block, shape (m, block); a run's last ones that fill no block are left out."""
+    runs = rows_of_runs(data.run)
+    return np.concatenate([rows[: len(rows) // block * block].reshape(-1, block) for rows in runs])
+
+
+def _means(data: ChannelData, block: int) -> ChannelData:
+    if block == 1:
+        return data
+    rows = _rows(data, block)
+    whole = np.ones(len(rows), dtype=np.bool_)
+    frame = Frame(data, rows, data.run[rows[:, 0]], np.zeros(len(rows), dtype=np.int64), whole)
+    return replace(coarse_copy(frame), averaged=block)
+
+
+def _fewer_runs(data: ChannelData, said: str) -> tuple[ChannelData, str]:
+    """Every second, third ... run, so that the others are few enough to be searched."""
+    every = -(-len(data) // _MOST)
+    if every < 2:
+        return data, said
+    whole, what = (data, "runs") if len(data.runs) > 1 else (_in_stretches(data), "stretches")
+    runs = whole.runs
+    every = min(every, len(runs) // _FEWEST_RUNS)
+    if every < 2:
+        return data, said
+    some = whole.of_runs(runs[::every])
+    return some, (
+        f"{said}; of its {len(runs)} {what} {len(some.runs)} are taken, evenly spread, which makes intervals "
+        f"{np.sqrt(len(data) / len(some)):.2g} times as wide"
+    )
+
+
+def _in_stretches(data: ChannelData) -> ChannelData:
+    """A joint's single run cut into stretches as runs, if each goes through a fair part of the motion."""
+    run = np.arange(len(data)) * _STRETCHES // len(data)
+    ranges = [np.ptp(part) for part in np.array_split(data.position, _STRETCHES)]
+    if data.kind is ChannelKind.CONTACT or min(ranges) < _COVERED * np.ptp(data.position):
+        return data
+    return replace(data, run=run)
+
+
+def _sentence(data: ChannelData, short: ChannelData, block: int, seen: Within | None) -> str:
+    rate_hz = 1.0 / sample_time(data.time_s, data.run)
+    said = f"{data.name}: {len(data):,} samples at {rate_hz:.4g} Hz"
+    if block == 1:
+        return f"{said} are taken as they are"
+    length_ms, unit = 1e3 * block / rate_hz, data.kind.effort_unit
+    said += f" are averaged by {block} to {len(short):,} at {rate_hz / block:.4g} Hz; "
+    if seen is None:
+        return f"{said}nothing is lost, since a diagnosis works on means over {length_ms:.3g} ms in any case"
+    return (
+        f"{said}nothing is lost: within {length_ms:.3g} ms the effort departs from a straight line by "
+        f"{seen.departure:.4g} {unit}, and its noise from reading to reading is {seen.noise:.4g} {unit}"
+    )

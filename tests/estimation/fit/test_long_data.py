@@ -1,0 +1,132 @@
+"""Long recordings as means over blocks: what is kept, how far it goes, and what is said."""
+
+import numpy as np
+import pytest
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.derivatives import differentiate
+from estimation.effects.cubic_stiffness import CubicStiffness
+from estimation.effects.damping import Damping
+from estimation.effects.stiffness import Stiffness
+from estimation.fit import long_data
+from estimation.fit.frame import frame_of
+from estimation.fit.long_data import shortened, within_blocks
+from estimation.model import Model
+from estimation.study.engine import fit
+from estimation.study.source import Source, of_bearable_length
+
+RATE_HZ, RUN_S, RUNS, NOISE_N = 1000.0, 20.0, 8, 0.02
+TRUTH = {"stiffness.k": 800.0, "damping.c": 6.0, "cubic_stiffness.k3": 5e6}
+
+
+@pytest.fixture(autouse=True)
+def _soon_long(monkeypatch):
+    """What is long after two minutes here takes an hour elsewhere."""
+    for name, samples in {"LONG": 50_000, "_ENOUGH": 2_000, "_MOST": 10**6}.items():
+        monkeypatch.setattr(long_data, name, samples)
+
+
+def channel(position, effort, run, kind=ChannelKind.CONTACT):
+    time_s = np.arange(len(position)) / RATE_HZ
+    motion = differentiate(time_s, position, run)
+    phase = np.full(len(run), -1)
+    return ChannelData(
+        "contact", kind, time_s, position, motion.velocity, motion.acceleration, effort, run, phase
+    )
+
+
+def presses(quick_hz=0.4):
+    """Slow presses of a hardening object, each with a swing riding on it."""
+    rng, count = np.random.default_rng(1), int(RUN_S * RATE_HZ)
+    share, motions, speeds = np.arange(count) / count, [], []
+    for run in range(RUNS):
+        depth, turn = 0.005 + 0.0006 * run, 2.0 * np.pi
+        wave = turn * quick_hz * RUN_S
+        motions.append(0.5 * depth * (1 - np.cos(turn * share)) - 0.001 + 3e-4 * np.sin(wave * share))
+        rate = 0.5 * depth * turn * np.sin(turn * share) + 3e-4 * wave * np.cos(wave * share)
+        speeds.append(rate / RUN_S)
+    x, v = np.concatenate(motions), np.concatenate(speeds)
+    force = np.where(
+        x > 0, TRUTH["stiffness.k"] * x + TRUTH["damping.c"] * v + TRUTH["cubic_stiffness.k3"] * x**3, 0
+    )
+    effort = force.clip(0) + rng.normal(0, NOISE_N, len(x))
+    return channel(x + rng.normal(0, 1e-6, len(x)), effort, np.repeat(np.arange(RUNS), count))
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return presses()
+
+
+def test_a_short_recording_is_the_very_same(recording):
+    short = recording.of_runs(np.array([0, 1]))
+    assert shortened(short) == (short, "")
+
+
+def test_stiffness_damping_and_cubic_are_those_of_the_full_recording(recording):
+    short, said = shortened(recording)
+    assert short.averaged >= 40
+    assert len(short) == len(recording) // short.averaged
+    assert f"averaged by {short.averaged} to {len(short):,} at {RATE_HZ / short.averaged:.4g} Hz" in said
+    model = Model("hardening", (Stiffness(), Damping(), CubicStiffness()))
+    full, coarse = (fit(one, model).parameters for one in (recording, short))
+    for name, value in TRUTH.items():
+        assert abs(coarse[name].value - value) < 4.0 * coarse[name].std_err, name
+        assert abs(coarse[name].value - full[name].value) < 3.0 * full[name].std_err, name
+        assert coarse[name].std_err < 1.3 * full[name].std_err, name
+
+
+@pytest.mark.parametrize(
+    ("quick_hz", "least_hz", "most_hz"), [(0.4, 5, 26), (5.0, 50, 110), (20.0, 190, 210)]
+)
+def test_the_quicker_the_motion_the_higher_the_rate(quick_hz, least_hz, most_hz):
+    short, _ = shortened(presses(quick_hz))
+    assert least_hz <= RATE_HZ / short.averaged <= most_hz
+
+
+def test_a_tone_above_the_new_rate_is_no_noise(recording):
+    tone = 0.5 * NOISE_N * np.sin(2 * np.pi * 50.0 * recording.time_s)
+    quiet = within_blocks(recording, 40)
+    loud = within_blocks(channel(recording.position, recording.effort + tone, recording.run), 40)
+    assert quiet.is_noise(40)
+    assert not loud.is_noise(40)
+    assert loud.departure == pytest.approx(np.hypot(NOISE_N, 0.5 * NOISE_N / np.sqrt(2)), rel=0.02)
+    assert quiet.noise == pytest.approx(NOISE_N, rel=0.02)
+
+
+def test_neither_sample_at_a_surface_is_trusted(recording):
+    short, _ = shortened(recording)
+    touches = np.flatnonzero(short.engaged[1:] != short.engaged[:-1])
+    trusted = frame_of(short).trusted
+    assert len(touches) >= RUNS
+    assert not trusted[touches].any()
+    assert not trusted[touches + 1].any()
+
+
+def test_of_very_many_runs_evenly_spread_ones_are_taken(recording, monkeypatch):
+    long = channel(
+        np.tile(recording.position, 2), np.tile(recording.effort, 2), np.repeat(np.arange(16), 20_000)
+    )
+    whole, _ = shortened(long)
+    monkeypatch.setattr(long_data, "_MOST", len(whole) // 2)
+    some, said = shortened(long)
+    assert some.runs.tolist() == list(range(0, 16, 2))
+    assert "of its 16 runs 8 are taken, evenly spread, which makes intervals 1.4 times as wide" in said
+
+
+@pytest.mark.parametrize(("swing_hz", "runs"), [(0.7, 20), (0.002, 1)])
+def test_a_joints_single_run_is_thinned_by_stretches_that_go_through_its_motion(swing_hz, runs, monkeypatch):
+    time_s, rng = np.arange(200_000) / RATE_HZ, np.random.default_rng(1)
+    angle = np.sin(2 * np.pi * swing_hz * time_s)
+    effort = 2.0 * angle + rng.normal(0, 0.01, len(angle))
+    one = channel(angle, effort, np.zeros(len(angle), np.int64), ChannelKind.REVOLUTE)
+    monkeypatch.setattr(long_data, "_MOST", len(shortened(one)[0]) // 2 + 1)
+    assert len(shortened(one)[0].runs) == runs
+
+
+def test_a_study_says_what_was_averaged(recording):
+    source = of_bearable_length(Source("presses.csv", (recording,), notes=("first",)))
+    first, said = source.notes
+    assert first == "first"
+    assert source.averaged == {"contact": said}
+    assert source.channels[0].averaged > 1
