@@ -327,7 +327,7 @@ def test_messages_in_chunks_of_any_order_are_read_in_the_order_of_logging(tmp_pa
         mcap.add_metadata(HEADER_RECORD, {"format_version": "1", "streams": streams_to_json((SLOW,))})
         channel = mcap.register_channel("slow", "protobuf", mcap.register_schema("x", "protobuf", b""))
         for number in (4, 5, 0, 2, 1, 3):
-            mcap.add_message(channel, number, formed[number].tobytes(), number, sequence=number)
+            mcap.add_message(channel, number, formed[number], number, sequence=number)
         mcap.finish()
     session = Session.open(tmp_path / "s.mcap")
     assert session.samples("slow")["time_s"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
