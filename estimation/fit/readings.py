@@ -20,7 +20,7 @@ from estimation.data.derivatives import (
     rounding_variance,
 )
 from estimation.data.local_fit import local_derivative
-from estimation.signals.blocks import blocks
+from estimation.signals.blocks import blocks, of_equal_length
 from estimation.signals.moved import moved
 from estimation.signals.remembered import remembered
 from robot_io.types import FloatArray, IntArray
@@ -135,8 +135,10 @@ def _readings_of(data: ChannelData) -> Readings:
 def shuffled(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
     """Noise (n,) like the one given, without its tie to the motion: shifted in time, of either sign."""
     made = np.empty_like(noise)
-    for rows in blocks(run):
-        made[rows] = np.roll(noise[rows], rng.integers(rows.stop - rows.start)) * rng.choice([-1.0, 1.0])
+    for rows in of_equal_length(run):
+        count = rows.shape[1]
+        shift, sign = rng.integers(count, size=(len(rows), 1)), rng.choice([-1.0, 1.0], (len(rows), 1))
+        made[rows] = sign * np.take_along_axis(noise[rows], (np.arange(count) - shift) % count, axis=1)
     return made
 
 
@@ -148,17 +150,17 @@ def slow_part(error: FloatArray, run: IntArray, half: int, rng: np.random.Genera
     """
     edge = min(0.5 * 4.0 / max(3.2 * half - 4.6, 1.0), 0.25)  # in cycles a sample
     slow = np.zeros_like(error)
-    for rows in blocks(run):
-        count = rows.stop - rows.start
-        found = np.fft.rfft(error[rows])
-        frequency = np.fft.rfftfreq(count)
+    for rows in of_equal_length(run) if error.any() else ():
+        count = rows.shape[1]
+        found, frequency = np.fft.rfft(error[rows]), np.fft.rfftfreq(count)
         beside, below = (frequency >= edge) & (frequency < 2.0 * edge), (frequency > 0.0) & (frequency < edge)
         if not beside.any() or not below.any():
             continue
-        lacking = np.maximum(np.mean(np.abs(found[beside]) ** 2) - np.abs(found[below]) ** 2, 0.0)
+        density = np.mean(np.abs(found[:, beside]) ** 2, axis=1, keepdims=True)
+        lacking = np.maximum(density - np.abs(found[:, below]) ** 2, 0.0)
+        parts = rng.standard_normal((2, *lacking.shape))
         drawn = np.zeros_like(found)
-        parts = rng.standard_normal((2, below.sum()))
-        drawn[below] = np.sqrt(0.5 * lacking) * (parts[0] + 1j * parts[1])
+        drawn[:, below] = np.sqrt(0.5 * lacking) * (parts[0] + 1j * parts[1])
         slow[rows] = np.fft.irfft(drawn, count)
     return slow
 

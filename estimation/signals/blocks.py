@@ -27,6 +27,14 @@ def places(number: IntArray) -> tuple[IntArray, IntArray]:
     return np.flatnonzero(changes), np.cumsum(changes) - 1
 
 
+def of_equal_length(number: IntArray) -> Iterator[IntArray]:
+    """The rows of all stretches of one length, shape (stretches, length), length by length."""
+    first, _ = places(number)
+    lengths = np.diff(first, append=len(number))
+    for length in np.unique(lengths):
+        yield first[lengths == length][:, None] + np.arange(length)
+
+
 def rows_of_runs(run: IntArray) -> list[IntArray]:
     """The rows of each run in ascending order of their numbers, in one go: there may be thousands of runs."""
     order = np.argsort(run, kind="stable")
