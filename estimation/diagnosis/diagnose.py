@@ -116,8 +116,7 @@ def diagnose_channel(
     if is_complete.objection(varied) is None:  # else what is left may be what made the runs differ
         found = varied
     end = _established(tried, found, is_complete)
-    objection = is_complete.objection(end)
-    complete = is_complete(end) and objection is None
+    objection, complete = is_complete.objection(end), is_complete.in_every_respect(end)
     if not complete and end is tried.start and (reason := _below_a_step(end)):
         return insufficient(data, reason)
     return answer(Judgement(tried, is_complete.readings, end, complete, objection))
@@ -129,14 +128,13 @@ def _established(tried: Search, found: Standing, is_complete: "_Completeness") -
         return found
 
     def of(one: Standing) -> Standing:
-        complete = is_complete(one) and is_complete.objection(one) is None
-        return established(tried, one, is_complete.readings, complete=complete)
+        return established(tried, one, is_complete.readings, complete=is_complete.in_every_respect(one))
 
     end = of(found)
     if end is tried.start:
         alone = map(of, tried.extensions(tried.start, _ALONE))
         end = next((one for one in alone if one is not tried.start), tried.start)
-    return simplest(tried, end, is_complete.readings, is_complete)
+    return simplest(tried, end, is_complete.readings, is_complete.in_every_respect)
 
 
 class _Completeness:
@@ -156,6 +154,10 @@ class _Completeness:
                 found = objection_to(standing, self.readings, self._search.rng, complete=complete)
             self._objections[id(standing)] = found
         return self._objections[id(standing)]
+
+    def in_every_respect(self, standing: Standing) -> bool:
+        """Whether a model is complete, and nothing that no signal shows speaks against it."""
+        return self(standing) and self.objection(standing) is None
 
     def __call__(self, standing: Standing) -> bool:
         if id(standing) not in self._known:

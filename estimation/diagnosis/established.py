@@ -151,6 +151,12 @@ def simplest(search: Search, end: Standing, readings: Readings, is_complete: Com
 
     Of laws that cannot be told apart, the simplest bears the name (W. H. Jefferys, J. O. Berger, American
     Scientist 80 (1992)); it must leave no more than the other did.
+
+    Args:
+        search: that led to the model.
+        end: base model and effects that are established.
+        readings: how the motion was read.
+        is_complete: whether a model leaves no more than draws from it do.
     """
     for name in names_in_order(search, end):
         (effect,) = (one for one in end.trial.model.effects if one.name == name)

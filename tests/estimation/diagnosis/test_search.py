@@ -1,11 +1,14 @@
-"""Which effects the search tries in earnest."""
+"""Which effects the search tries in earnest, and which of laws that are alike bears the name."""
 
 import numpy as np
 import pytest
 
 from estimation.diagnosis.candidates import Candidate
+from estimation.diagnosis.established import simplest
+from estimation.diagnosis.search import search_of
 from estimation.effects import EFFECTS
 from estimation.fit.inner_search import Attempts
+from estimation.fit.readings import readings_of
 from estimation.fit.standing import fit
 from estimation.fit.trial import attempt
 from estimation.model import Model
@@ -29,3 +32,19 @@ def test_a_candidate_is_judged_as_if_the_parameters_of_the_others_followed(cycle
     followed = Candidate(friction, Attempts((off,), 1)).followed(whole.plain)
     assert off.held_out > 1.5 * whole.trial.held_out
     assert followed == pytest.approx(whole.trial.held_out, rel=0.1)
+
+
+@pytest.mark.parametrize(("backward", "expected"), [(0.3, "coulomb_friction"), (0.15, "asymmetric_friction")])
+@pytest.mark.parametrize("is_as_complete", [True, False])
+def test_the_simplest_law_bears_the_name_where_the_data_and_what_is_left_allow(
+    backward, expected, is_as_complete
+):
+    """Friction fitted as asymmetric; it is, or is the same both ways."""
+    data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, backward) * np.tanh(v / 0.01))
+    effects = tuple(EFFECTS[name]() for name in ("coulomb_friction", "asymmetric_friction"))
+    good = np.ones(len(data), dtype=np.bool_)
+    search = search_of(data, Model("pendulum", BASE), good, effects, np.random.default_rng(0))
+    tried = {one.effect.name: one for one in search.screened(search.start)}
+    end = search.with_candidate(tried["asymmetric_friction"])
+    found = simplest(search, end, readings_of(data), lambda one: is_as_complete or one is end)
+    assert search.added(found) == [expected if is_as_complete else "asymmetric_friction"]
