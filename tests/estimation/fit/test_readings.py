@@ -134,3 +134,12 @@ def test_wide_windows_are_recognised_in_runs_longer_than_what_is_looked_at():
     made = differentiate(data.time_s, data.position, data.run)
     assert readings_of(data).windows == made.half_windows
     assert made.half_windows[1] > 14
+
+
+def test_windows_are_recognised_though_pieces_within_the_runs_were_derived_by_themselves():
+    """As a session's are, whose samples have gaps: near these the derivatives are others."""
+    noisy = read(SMOOTH, noise=1e-4)
+    piece = np.arange(len(noisy)) // 150
+    made = differentiate(noisy.time_s, noisy.position, piece, 10)
+    data = replace(noisy, velocity=made.velocity, acceleration=made.acceleration)
+    assert readings_of(data).windows == (10, 10)
