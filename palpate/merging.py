@@ -6,14 +6,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from control.loop.task import NO_RUN
-from control.loop.tick_record import STREAM_NAME
 from estimation.data.session_streams import RUN_LABELS
 from estimation.data.tick_channels import joined
 from palpate.runs.hiding import SEAL
 from palpate.runs.session import SOURCE
 from robot_io.errors import InputError
-from robot_io.session import Event, Samples, Session, SessionMetadata, Stream
+from robot_io.session import Event, Session, SessionMetadata, Stream
 
 RUN = "run"
 Merged = tuple[Stream, Mapping[str, NDArray[np.generic]]]
@@ -31,8 +29,10 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
     merged = list[Merged]()
     for name in sessions[0].stream_names:
         parts = [session.samples(name) for session in sessions]
-        whole = joined(parts) if name == STREAM_NAME else _appended(parts)
-        merged.append((whole.stream, {column: whole[column] for column in whole}))
+        if RUN in parts[0]:
+            parts = [joined(parts)]
+        columns = {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
+        merged.append((parts[0].stream, columns))
     return merged
 
 
@@ -90,18 +90,3 @@ def _check_columns(one: Session, first: Session, name: str) -> None:
     if forms[0] != forms[1]:
         differing = ", ".join(sorted({column for column, *_ in forms[0] ^ forms[1]}))
         raise InputError(f"{one.path}: stream '{name}' has other columns than in {first.path}: {differing}")
-
-
-def _appended(parts: Sequence[Samples]) -> Samples:
-    """Samples of a stream, the numbers of the runs going on."""
-    columns: dict[str, list[NDArray[np.generic]]] = {name: [] for name in parts[0]}
-    first = 0
-    for part in parts:
-        for name in part:
-            values = part[name]
-            if name == RUN:
-                values = np.where(values == NO_RUN, NO_RUN, values + first).astype(values.dtype)
-            columns[name].append(values)
-        if RUN in part and len(part):
-            first = max(first, int(columns[RUN][-1].max()) + 1)
-    return Samples(parts[0].stream, {name: np.concatenate(arrays) for name, arrays in columns.items()})

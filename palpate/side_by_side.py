@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from estimation.study.channels import ALL_CHANNELS
-from estimation.study.sides import Sides, side_by_side
+from estimation.study.sides import side_by_side
 from palpate.data_options import DataArguments
 from palpate.files import output_folder, whole_set
 from palpate.outcome import REPORT, as_json
@@ -73,8 +73,7 @@ class Pair:
 
     def as_data(self) -> dict[str, Any]:
         """The comparison as plain data; the keys are stable."""
-        sides: list[Sides] = self.sides
-        return {"files": [str(file) for file in self.files], "channels": [as_data(one) for one in sides]}
+        return {"files": [str(file) for file in self.files], "channels": [as_data(one) for one in self.sides]}
 
 
 def write_pair(folder: Path, pair: Pair, view: PairView) -> dict[str, Path]:

@@ -1,7 +1,9 @@
 """Decides which column holds which quantity, and in which unit."""
 
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,7 +16,6 @@ from estimation.data.choose_columns import (
     Key,
     choose_columns,
     pressed_position,
-    typed_name,
 )
 from estimation.data.column_guess import guess_columns
 from estimation.data.column_units import (
@@ -76,20 +77,17 @@ class Columns:
         """Names of the columns that hold a quantity, or the number of the run or phase."""
         return frozenset({found.column for found in self.assigned.values()} | {self.run, self.phase})
 
-    @property
+    @cached_property
     def unused(self) -> tuple[str, ...]:
         """Names of the columns of numbers that hold no quantity and do change."""
         used = self.used
         return tuple(name for name in self.table.names if name not in used and self.table.varies(name))
 
-    @property
+    @cached_property
     def like_runs(self) -> str:
         """An unused column of whole numbers, each in one block of rows; empty if there is none, or a run."""
-        return (
-            ""
-            if self.run
-            else next((name for name in self.unused if in_blocks(self.table.numbers(name))), "")
-        )
+        looked_at = () if self.run else self.unused
+        return next((name for name in looked_at if in_blocks(self.table.numbers(name))), "")
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -186,7 +184,7 @@ def _pressed(table: Table, chosen: dict[Key, tuple[Role, str]]) -> Iterator[str]
         chosen[DISPLACEMENT] = Role(*DISPLACEMENT, role.unit), column
         yield (
             f"'{column}' and '{chosen[FORCE][1]}' go together as those of a press; if it is a linear axis, "
-            f"add --column position={typed_name(column)}"
+            f"add --column position={shlex.quote(column)}"
         )
 
 

@@ -6,11 +6,11 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from estimation.data.column_guess import Guess, guess_columns
-from estimation.data.quantities import Role
+from estimation.data.quantities import Role, is_meant
 from estimation.data.table import Table
 from estimation.data.units import dimension_of, factor_to_si
+from estimation.statistics.likeness import likeness
 from robot_io.errors import InputError
-from robot_io.types import FloatArray
 
 Key = tuple[str, int]  # quantity and number of the joint, 0 where there is none
 TIME, DISPLACEMENT, FORCE = ("time", 0), ("displacement", 0), ("force", 0)
@@ -41,7 +41,11 @@ def choose_columns(
     free = [one for one in named if table.is_numeric(one.column)]
     if not _wanted({*known, *(one.key for one in free)}):
         _refuse_spoilt(table, known, named)
-    clear = [one for one in free if one.unit or one.key == TIME or _is_said(one, said)]
+    clear = [
+        one
+        for one in free
+        if one.unit or one.key == TIME or any(is_meant(name, one.key, one.column) for name in said)
+    ]
     guesses = clear if _wanted({*known, *(one.key for one in clear)}) else free
     found: dict[Key, list[Guess]] = {}
     for one in guesses:
@@ -63,10 +67,6 @@ def _refuse_spoilt(table: Table, known: Collection[Key], named: Collection[Guess
             table.numbers(one.column)
 
 
-def _is_said(guess: Guess, said: Collection[str]) -> bool:
-    return bool({guess.column, guess.quantity, Role(*guess.key, "").numbered} & set(said))
-
-
 def pressed_position(table: Table, chosen: Mapping[Key, tuple[Role, str]]) -> bool:
     """Whether the one position [m] and force [N] of a file are rather those of a press than of an axis.
 
@@ -79,7 +79,7 @@ def pressed_position(table: Table, chosen: Mapping[Key, tuple[Role, str]]) -> bo
     position, force = (table.numbers(chosen[key][1]) for key in (POSITION, FORCE))
     low, high = np.quantile(force, [0.005, 0.995])
     one_sided = min(abs(low), abs(high)) < _OTHER_SIGN * max(abs(low), abs(high))
-    return bool(one_sided and abs(_likeness(position, force)) > _GOES_WITH)
+    return bool(one_sided and abs(likeness(position, force)) > _GOES_WITH)
 
 
 def _wanted(there: Collection[Key]) -> list[Key]:
@@ -106,7 +106,7 @@ def _best(table: Table, key: Key, guesses: list[Guess]) -> Guess:
         quantity = f"{key[0]}_{key[1]}" if key[1] else key[0]
         raise InputError(
             f"{table.path}: columns {names} may hold {quantity}; choose with "
-            f"--column {quantity}={typed_name(first.column)}"
+            f"--column {quantity}={shlex.quote(first.column)}"
         )
     return first
 
@@ -120,14 +120,3 @@ def _same(table: Table, one: Guess, other: Guess) -> bool:
         for guess in (one, other)
     )
     return bool(np.allclose(first, second, rtol=1e-3, atol=1e-3 * float(np.ptp(first))))
-
-
-def _likeness(one: FloatArray, other: FloatArray) -> float:
-    if np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
-        return 0.0
-    return float(np.corrcoef(one, other)[0, 1])
-
-
-def typed_name(text: str) -> str:
-    """A column's name as one would type it in a shell."""
-    return shlex.quote(text)

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.data.choose_columns import Key
 from estimation.data.import_options import ImportOptions
-from estimation.data.quantities import QUANTITIES, Role, parse_role, si_unit, unit_in_name
+from estimation.data.quantities import QUANTITIES, Role, is_meant, si_unit, unit_in_name
 from estimation.data.table import Table
 from estimation.data.units import SI, dimension_of, factor_to_si, normalise, scaled_unit
 from robot_io.errors import InputError
@@ -99,17 +99,13 @@ def _likely_unit(table: Table, role: Role, column: str) -> str:
 
 
 def _said_unit(options: ImportOptions, role: Role, column: str) -> str:
-    for name, unit in options.units.items():
-        named = parse_role(name)
-        if name in (column, role.quantity, role.numbered) or (named and named.key == role.key):
-            return normalise(unit)
-    return ""
+    said = (unit for name, unit in options.units.items() if is_meant(name, role.key, column))
+    return normalise(next(said, ""))
 
 
 def check_units_are_used(options: ImportOptions, chosen: dict[Key, tuple[Role, str]]) -> None:
     """Refuse a unit for something that is not there: it would be lost without a word."""
     for name in options.units:
-        used = any(_said_unit(ImportOptions(units={name: "m"}), role, c) for role, c in chosen.values())
-        if not used:
+        if not any(is_meant(name, key, column) for key, (_, column) in chosen.items()):
             there = ", ".join(column for _, column in chosen.values()) or "none"
             raise InputError(f"--unit {name}: no such quantity or column is in use. In use: {there}")

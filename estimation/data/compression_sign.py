@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from estimation.statistics.likeness import likeness
 from robot_io.types import FloatArray
 
 _FAR = 3.0  # times as far to the one side as to the other
@@ -14,4 +15,4 @@ def counted_negative(way: FloatArray, force: FloatArray) -> bool:
         low, high = np.quantile(values, [0.005, 0.995])
         if not -low > _FAR * max(high, 0.0) or low == high:
             return False
-    return bool(np.ptp(way) > 0.0 and np.ptp(force) > 0.0 and np.corrcoef(way, force)[0, 1] > _LIKE)
+    return likeness(way, force) > _LIKE

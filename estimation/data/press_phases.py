@@ -6,6 +6,7 @@ from scipy.ndimage import median_filter
 from control.loop.phases import Phase
 from estimation.data.press_runs import force_levels
 from estimation.signals.blocks import blocks
+from estimation.statistics.likeness import likeness
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _SLOW = 0.05  # of the usual speed, below which something is held
@@ -44,13 +45,6 @@ def _pressed(position: FloatArray, force: FloatArray) -> BoolArray:
     if position.min() <= 0.0:
         return np.asarray(position > 0.0)
     pressed = np.asarray(force > force_levels(force, position).released)
-    if _alike(position[~pressed], force[~pressed]) > _SPRINGY:
+    if likeness(position[~pressed], force[~pressed]) > _SPRINGY:
         return np.ones(len(position), dtype=np.bool_)
     return pressed
-
-
-def _alike(position: FloatArray, force: FloatArray) -> float:
-    """Correlation, 0 where one of them is constant."""
-    if len(position) == 0 or np.ptp(position) == 0.0 or np.ptp(force) == 0.0:
-        return 0.0
-    return float(np.corrcoef(position, force)[0, 1])

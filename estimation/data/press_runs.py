@@ -13,10 +13,8 @@ from robot_io.types import FloatArray, IntArray
 
 FEWEST_ROWS = 20  # of a press, that is cut out by itself
 _MOST_PRESSES = 1000
-_PRESSED, _RELEASED = (
-    0.1,
-    0.05,
-)  # of the usual range of the force: a press goes from below the one above the other
+# of the usual range of the force: a press goes from below the one above the other
+_PRESSED, _RELEASED = 0.1, 0.05
 _SIGMAS = (8.0, 4.0)  # the same in deviations of the noise, whichever is more
 _TO_SIGMA = 1.4826 / np.sqrt(2.0)  # from the median step between neighbours, for normal noise
 _FEW = 0.02  # of the samples: fewer in free air tell no baseline

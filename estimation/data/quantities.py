@@ -54,6 +54,13 @@ class Role:
         return f"{self.quantity}_{self.joint}" if self.joint else self.quantity
 
 
+def is_meant(named: str, key: tuple[str, int], column: str) -> bool:
+    """Whether what an option names is a column, or the quantity and joint that it holds."""
+    role = parse_role(named)
+    about = Role(*key, "")
+    return named in (column, about.quantity, about.numbered) or (role is not None and role.key == key)
+
+
 def parse_role(name: str) -> Role | None:
     """Read a name such as `position_2_rad`, `force_N` or `time`; None if it is no such name."""
     match = _NAME.fullmatch(name.strip())

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet
 
 from estimation.data.array_files import read_npz, read_parquet
 from estimation.data.file_columns import FileColumns

@@ -7,6 +7,7 @@ from estimation.fit.load import HEAVY
 from estimation.model import Model
 from estimation.signals.blocks import places
 from estimation.signals.runwise import sample_time
+from estimation.statistics.likeness import likeness
 from robot_io.types import FloatArray
 
 _LONGEST_CONTACT_M = 0.2  # deeper indentations than this are a mistaken unit
@@ -194,10 +195,3 @@ def _fitted(effort: FloatArray, columns: list[FloatArray]) -> tuple[float, float
     matrix = np.column_stack(columns) / size
     gains = np.linalg.lstsq(matrix, effort, rcond=1e-9)[0]
     return float(np.mean((effort - matrix @ gains) ** 2)), float(gains[-1])
-
-
-def likeness(one: FloatArray, other: FloatArray) -> float:
-    """Correlation of two signals (n,), 0 where one of them is constant."""
-    if len(one) == 0 or np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
-        return 0.0
-    return float(np.corrcoef(one, other)[0, 1])

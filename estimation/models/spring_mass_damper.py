@@ -11,6 +11,7 @@ from estimation.effects.damping import Damping
 from estimation.effects.inertia import Inertia
 from estimation.effects.stiffness import Stiffness
 from estimation.model import Model
+from estimation.statistics.likeness import likeness
 
 _SPRINGY = 0.5  # correlation of force and displacement on the other side, where free air has none
 
@@ -37,6 +38,4 @@ class SpringMassDamper(BaseModel):
 def _pulls(data: ChannelData) -> bool:
     out = data.position < 0.0
     x, force = data.position[out], data.effort[out]
-    if len(x) < 3 or np.ptp(x) == 0.0 or np.ptp(force) == 0.0:
-        return False
-    return bool(np.corrcoef(x, force)[0, 1] > _SPRINGY)
+    return len(x) >= 3 and likeness(x, force) > _SPRINGY

@@ -4,14 +4,14 @@ G. E. P. Box, G. M. Jenkins, Time Series Analysis (1970); L. Ljung, System Ident
 chapter on model validation.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import correlate
 from scipy.stats import norm
 
-from robot_io.types import BoolArray, FloatArray, IntArray
+from estimation.signals.blocks import rows_of_runs
+from robot_io.types import FloatArray, IntArray
 
 SIGMAS_99 = float(norm.ppf(0.995))
 
@@ -84,7 +84,7 @@ def _products(a: FloatArray, b: FloatArray, run: IntArray, most: int) -> tuple[F
     """Sum of a_t b_(t+k) without means, and number of such pairs; k from -most to most, (2 most + 1,)."""
     total, pairs = np.zeros(2 * most + 1), np.zeros(2 * most + 1)
     first, second = _centred(a), _centred(b)
-    for rows in _runs(run):
+    for rows in rows_of_runs(run):
         total += _lagged(first[rows], second[rows], most)
         known, known_too = (np.isfinite(each[rows]).astype(np.float64) for each in (a, b))
         pairs += _lagged(known, known_too, most)
@@ -105,11 +105,6 @@ def _lagged(a: FloatArray, b: FloatArray, most: int) -> FloatArray:
     found = np.zeros(2 * most + 1)
     found[most - reach : most + reach + 1] = whole[n - 1 - reach : n + reach]
     return found
-
-
-def _runs(run: IntArray) -> Iterator[BoolArray]:
-    for number in np.unique(run):
-        yield run == number
 
 
 def _power(values: FloatArray) -> float:

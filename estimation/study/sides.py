@@ -8,6 +8,9 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.estimate import ParameterEstimate
+from estimation.fit.intervals import SIGMAS_95
+from estimation.signals.blocks import rows_of_runs
+from estimation.signals.runwise import sample_time
 from estimation.statistics.correlation import Correlation, autocorrelation, cross_correlation
 from estimation.statistics.fit_percent import fit_percent
 from estimation.study.channels import StudyChannel
@@ -17,7 +20,6 @@ from estimation.study.shown import Shown, Table
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
-_SIGMAS_95 = 1.96
 _LONGEST, _FEWEST, _MOST = 0.1, 25, 400  # lags: share of the median run, and samples
 _ALIKE = 0.9  # share of the longer run that the shorter one must last, to be put over it
 
@@ -61,8 +63,13 @@ class Side:
     @cached_property
     def lags(self) -> int:
         """Largest lag of its correlations, in samples."""
-        length = float(np.median([np.count_nonzero(self.data.run == run) for run in self.data.runs]))
+        length = float(np.median([len(rows) for rows in rows_of_runs(self.data.run)]))
         return int(np.clip(_LONGEST * length, _FEWEST, _MOST))
+
+    @property
+    def step_s(self) -> float:
+        """Time from sample to sample [s]: the unit of its lags."""
+        return sample_time(self.data.time_s, self.data.run)
 
     @cached_property
     def autocorrelation(self) -> Correlation:
@@ -118,7 +125,7 @@ class ParameterDifference:
         """Half of the difference's 95 % interval, from independent errors; NaN where it is not known."""
         if self.first is None or self.second is None or self.is_same_data:
             return float("nan")
-        return _SIGMAS_95 * float(np.hypot(self.first.std_err, self.second.std_err))
+        return SIGMAS_95 * float(np.hypot(self.first.std_err, self.second.std_err))
 
     @property
     def differs(self) -> bool | None:

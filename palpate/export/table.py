@@ -41,10 +41,10 @@ def table_of(path: Path, options: ImportOptions, name: str) -> pa.Table:
     """
     session = Session.open(path) if path.is_file() and is_session(path) else None
     streams = [] if session is None else [EVENTS, *session.stream_names]
-    if session is not None and name in streams and not _CHANNEL.fullmatch(name):
-        return events_table(session) if name == EVENTS else stream_table(session.samples(name))
     if session is not None and not _CHANNEL.fullmatch(name):
-        raise InputError(f"{path}: has no stream or channel '{name}'. Its streams: {', '.join(streams)}")
+        if name not in streams:
+            raise InputError(f"{path}: has no stream or channel '{name}'. Its streams: {', '.join(streams)}")
+        return events_table(session) if name == EVENTS else stream_table(session.samples(name))
     channels = {one.name: one for one in open_source(path, options).channels}
     if name not in channels:
         there = ", ".join([*streams, *(one for one in channels if one not in streams)])

@@ -13,6 +13,7 @@ from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.result import ParameterValue
 from estimation.effect import AdditiveEffect, MemoryEffect, MotionEffect, SensorEffect
 from estimation.estimate import ParameterEstimate
+from estimation.fit.intervals import SIGMAS_95
 from estimation.model import Model
 from estimation.study.part import Part
 from palpate.render import sentences
@@ -25,7 +26,6 @@ from palpate.render.view import (
 )
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-SIGMAS_95 = 1.96
 _MILLI = 1e3
 _GAP = 0.05  # of the mean run, left between two runs on the time axis
 _QUICK = 0.9  # the quantile of inward velocity that stands for the speed of a run without phases

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from estimation.channel import ChannelData
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
+from estimation.fit.intervals import SIGMAS_95
 from estimation.gate.gate import spoilt
 from estimation.rounding import in_steps, steps_spanned
 from estimation.statistics.misfit import Misfit, misfit
@@ -25,7 +26,6 @@ from robot_io.session import Session
 
 MILLI = 1e3
 PERCENT = 100.0
-SIGMAS_95 = 1.96
 NOTABLE = 4.0  # standard errors of a force in free air that is worth a sentence
 FEW_STEPS = 20.0  # of an encoder, that are worth a sentence
 POOR = 4.0  # times the noise: right models stay below 2.6, also on objects of 1e5 N/m or 200 N s/m

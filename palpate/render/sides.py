@@ -197,17 +197,14 @@ def as_data(found: Sides) -> dict[str, Any]:
         "rmse": [None if side.compared is None else side.compared.rmse for side in pair],
         "parameters": [_difference_data(one) for one in found.differences],
         "residuals": [
-            {"autocorrelation": _correlation(a), "cross_correlation": _correlation(b), "step_s": step_s(side)}
+            {
+                "autocorrelation": _correlation(a),
+                "cross_correlation": _correlation(b),
+                "step_s": side.step_s,
+            }
             for side, a, b in ((side, side.autocorrelation, side.cross_correlation) for side in pair)
         ],
     }
-
-
-def step_s(side: Side) -> float:
-    """Median time from sample to sample of a side [s]: the unit of its lags."""
-    same_run = np.diff(side.data.run) == 0
-    steps = np.diff(side.data.time_s)[same_run]
-    return float(np.median(steps)) if len(steps) else float("nan")
 
 
 def _difference_data(one: ParameterDifference) -> dict[str, Any]:

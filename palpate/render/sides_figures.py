@@ -6,7 +6,7 @@ from plotly.subplots import make_subplots
 from estimation.statistics.correlation import Correlation
 from palpate.render import palette
 from palpate.render.figures import Look, Place, draw_curves, styled, title_axes
-from palpate.render.sides import LETTERS, SidesView, step_s
+from palpate.render.sides import LETTERS, SidesView
 from palpate.render.thinning import rows_by_run, run_curves
 
 COLORS = (palette.MEASURED, palette.OTHER)
@@ -56,7 +56,13 @@ def residual_figure(view: SidesView) -> go.Figure:
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.04, subplot_titles=titles)
     for letter, color, side in zip(LETTERS, COLORS, view.pair, strict=True):
         for column, one in enumerate((side.autocorrelation, side.cross_correlation), start=1):
-            _draw_correlation(made, (1, column), one, step_s(side), Look(letter, color, named=column == 1))
+            _draw_correlation(
+                made,
+                (1, column),
+                one,
+                side.step_s,
+                Look(letter, color, named=column == 1),
+            )
     title_axes(made, (1, 1), "lag [s]", "correlation")
     title_axes(made, (1, 2), "velocity before (+) or after (−) by [s]", "")
     made.update_yaxes(range=[-1.05, 1.05])

@@ -1,6 +1,6 @@
 """Puts a replay together: the references of a session, and the arm and world that repeat them."""
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,6 @@ class ReplayJob(ArmJob):
     """What is to be repeated, with which arm, and where to."""
 
     recorded: Session
-    _: KW_ONLY
 
 
 def references_of(session: Session) -> References:
