@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from palpate.render.vocabulary import GROUPS, library
+from palpate.render.vocabulary import GROUPS, group_of, library
 from sim_backend.imperfection import (
     IMPERFECTIONS,
     ContactImperfection,
@@ -22,7 +22,7 @@ def effects() -> Iterator[str]:
         yield "| effect | equation | what one sees | confused with |"
         yield "|---|---|---|---|"
         for one in library():
-            if one.group == group:
+            if group_of(one) == group:
                 rivals = ", ".join(sorted(one.confused_with)) or "-"
                 yield f"| {one.name} | `{_cell(one.equation)}` | {_cell(one.signature)} | {rivals} |"
         yield ""

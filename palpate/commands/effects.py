@@ -12,7 +12,7 @@ from palpate.completion import effect_names
 from palpate.data_options import JsonOption
 from palpate.example import Example
 from palpate.files import existing_data
-from palpate.render.vocabulary import as_data, effect_view, kind_of, library, print_effect, print_library
+from palpate.render.vocabulary import as_data, kind_of, library, print_effect, print_library
 from palpate.words import typed
 from robot_io.errors import InputError
 from sim_backend.imperfection import IMPERFECTIONS
@@ -43,12 +43,11 @@ def command(
         _list(as_json=as_json)
         return
     effect = EFFECTS[name]()
-    view, out = effect_view(effect), console.stdout()
     if as_json:
-        console.print_json(as_data(view))
+        console.print_json(as_data(effect))
         return
     example = Example.plain(effect, kind_of(effect)) if on is None else _on(effect, on)
-    print_effect(out, view, example)
+    print_effect(console.stdout(), effect, example)
     steps = [(f"palpate effects {name} --on FILE", "drawn on a motion of yours")] if on is None else []
     if name in IMPERFECTIONS:
         steps.append(
@@ -60,11 +59,10 @@ def command(
 
 
 def _list(*, as_json: bool) -> None:
-    views = library()
     if as_json:
-        console.print_json({"effects": list(map(as_data, views))})
+        console.print_json({"effects": list(map(as_data, library()))})
         return
-    print_library(console.stdout(), views)
+    print_library(console.stdout(), library())
     console.next_steps(
         ("palpate effects NAME", "one of them in full, and drawn"),
         ("palpate diagnose FILE", "which of them a measurement shows"),

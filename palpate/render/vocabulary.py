@@ -1,7 +1,6 @@
 """The effects that palpate knows, in words and drawn: for terminal, JSON and docs/effects.md."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,56 +24,10 @@ _MILLI, _ROOMY = 1e3, 100
 _TALLEST, _WIDEST, _NARROWEST = 11, 46, 34  # of a drawing, in characters
 
 
-@dataclass(frozen=True)
-class EffectView:
-    """One effect in words.
-
-    Attributes:
-        name: as it is typed.
-        group: one of `GROUPS`.
-        physics: what happens.
-        equation: its term.
-        source: where the equation comes from.
-        signature: what one sees in the data.
-        channels: kinds of channel it occurs in.
-        needs: signals without which it cannot be tried.
-        parameters: with their units in the first kind of channel.
-        confused_with: effects that it is mistaken for, with the experiment that tells them apart.
-    """
-
-    name: str
-    group: str
-    physics: str
-    equation: str
-    source: str
-    signature: str
-    channels: tuple[str, ...]
-    needs: tuple[str, ...]
-    parameters: tuple[tuple[str, str, tuple[float, float]], ...]
-    confused_with: Mapping[str, str]
-
-
-def library() -> tuple[EffectView, ...]:
+def library() -> tuple[Effect, ...]:
     """All effects, group by group."""
-    every = [effect_view(effect()) for effect in EFFECTS.values()]
-    return tuple(sorted(every, key=lambda one: (GROUPS.index(one.group), one.name)))
-
-
-def effect_view(effect: Effect) -> EffectView:
-    """What is said of an effect."""
-    kind = kind_of(effect)
-    return EffectView(
-        effect.name,
-        _group(effect),
-        effect.physics,
-        effect.equation,
-        effect.source,
-        effect.signature,
-        tuple(str(one) for one in ChannelKind if one in effect.channels),
-        effect.needs,
-        tuple((one.name, _unit(one, kind), one.typical) for one in (*effect.gains, *effect.inner)),
-        dict(effect.confused_with),
-    )
+    every = [effect() for effect in EFFECTS.values()]
+    return tuple(sorted(every, key=lambda one: (GROUPS.index(group_of(one)), one.name)))
 
 
 def kind_of(effect: Effect) -> ChannelKind:
@@ -82,19 +35,23 @@ def kind_of(effect: Effect) -> ChannelKind:
     return next(one for one in ChannelKind if one in effect.channels)
 
 
-def as_data(view: EffectView) -> dict[str, Any]:
-    """An effect as plain data; the keys are stable."""
+def as_data(effect: Effect) -> dict[str, Any]:
+    """An effect as plain data; the keys are stable. Units are those of the kind in which it is shown."""
+    words = ("name", "physics", "equation", "source", "signature", "confused_with", "needs")
+    kind = kind_of(effect)
     parameters = [
-        {"name": name, "unit": unit, "typical": list(typical)} for name, unit, typical in view.parameters
+        {"name": one.name, "unit": _unit(one, kind), "typical": list(one.typical)}
+        for one in (*effect.gains, *effect.inner)
     ]
-    return vars(view) | {"parameters": parameters}
+    about = {"group": group_of(effect), "channels": _channels(effect), "parameters": parameters}
+    return {word: getattr(effect, word) for word in words} | about
 
 
-def print_library(console: Console, views: Sequence[EffectView]) -> None:
+def print_library(console: Console, effects: Sequence[Effect]) -> None:
     """One table a group: what one sees of each effect, and what it is confused with where there is room."""
     roomy = console.width >= _ROOMY
     for group in GROUPS:
-        chosen = [one for one in views if one.group == group]
+        chosen = [one for one in effects if group_of(one) == group]
         columns = ("effect", "what one sees", *(("confused with",) if roomy else ()))
         made = table(group, *columns)
         made.columns[0].no_wrap = True
@@ -105,17 +62,17 @@ def print_library(console: Console, views: Sequence[EffectView]) -> None:
             console.print(made)
 
 
-def print_effect(console: Console, view: EffectView, example: Example | None) -> None:
+def print_effect(console: Console, effect: Effect, example: Example | None) -> None:
     """One effect: physics, equation, what one sees, drawn, its parameters, and what it is confused with."""
-    console.print(f"[bold]{safe(view.name)}[/bold]  [dim]{safe(', '.join(view.channels))}[/dim]")
+    console.print(f"[bold]{safe(effect.name)}[/bold]  [dim]{safe(', '.join(_channels(effect)))}[/dim]")
     lines = {
-        "physics": view.physics,
-        "equation": view.equation,
-        "one sees": view.signature,
-        "source": view.source,
+        "physics": effect.physics,
+        "equation": effect.equation,
+        "one sees": effect.signature,
+        "source": effect.source,
     }
-    if view.needs:
-        lines["needs"] = ", ".join(view.needs)
+    if effect.needs:
+        lines["needs"] = ", ".join(effect.needs)
     for what, words in lines.items():
         console.print(Padding(Text.from_markup(f"[dim]{what}[/dim]  {safe(words)}"), (0, 0, 0, 2)))
     if example is not None and "utf" in console.encoding:
@@ -123,13 +80,14 @@ def print_effect(console: Console, view: EffectView, example: Example | None) ->
         for line in drawn(example, console.width):
             console.print(Padding(line, (0, 0, 0, 2)), no_wrap=True, crop=True)
     made = table("", "parameter", "unit", "typical", right=("typical",))
-    for name, unit, (low, high) in view.parameters:
-        made.add_row(safe(name), safe(unit), f"{low:.3g} to {high:.3g}")
+    for one in (*effect.gains, *effect.inner):
+        low, high = one.typical
+        made.add_row(safe(one.name), safe(_unit(one, kind_of(effect))), f"{low:.3g} to {high:.3g}")
     console.print(made)
-    if view.confused_with:
+    if effect.confused_with:
         rivals = table("Often confused with", "effect", "told apart by")
         rivals.columns[0].no_wrap = True
-        for name, experiment in view.confused_with.items():
+        for name, experiment in effect.confused_with.items():
             rivals.add_row(f"[bold]{safe(name)}[/bold]", safe(experiment))
         console.print(rivals)
 
@@ -153,7 +111,12 @@ def drawn(example: Example, width: int) -> Iterator[Text]:
     yield from beside([title for title, _ in curves], panels)
 
 
-def _group(effect: Effect) -> str:
+def _channels(effect: Effect) -> list[str]:
+    return [str(one) for one in ChannelKind if one in effect.channels]
+
+
+def group_of(effect: Effect) -> str:
+    """One of `GROUPS`."""
     if isinstance(effect, RunVariation):
         return "From run to run"
     if isinstance(effect, SensorEffect) or effect.name in {"bias", "drift"}:

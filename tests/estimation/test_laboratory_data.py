@@ -184,6 +184,16 @@ def test_columns_without_units_are_asked_about_only_where_nothing_else_makes_a_c
     assert [one.name for one in import_file(press(**joint), said).channels] == ["contact", "joint_1"]
 
 
+@pytest.mark.parametrize("said", ["displacement", "depth", "Travel"])
+def test_a_unit_counts_under_every_name_of_its_quantity_beside_another_channel(press, said):
+    """Columns without a unit are left alone where others make a channel, unless the user says it."""
+    joint = {"position_1_rad": np.sin(T), "torque_1_Nm": np.cos(T)}
+    imported = import_file(
+        press(**joint, **{WAY: None, "Travel": 1e3 * presses()[1]}), ImportOptions(units={said: "mm"})
+    )
+    assert [channel.name for channel in imported.channels] == ["contact", "joint_1"]
+
+
 def test_the_same_in_two_units_is_not_ambiguous(press):
     f = presses()[2]
     channel = contact_of(press(**{"Load [lbf]": f / 4.4482216}))

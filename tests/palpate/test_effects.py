@@ -11,7 +11,7 @@ from docs.make_effects import DOCUMENT, renewed
 from estimation.effects import EFFECTS
 from palpate.example import Example
 from palpate.render.characters import drawing
-from palpate.render.vocabulary import effect_view, kind_of, library, print_effect, print_library
+from palpate.render.vocabulary import kind_of, library, print_effect, print_library
 from tests.palpate.cli import assert_refused, next_commands, run
 
 BLANK = "⠀"
@@ -61,7 +61,7 @@ def test_lists_and_drawings_fit_the_terminal_and_break_no_name(width):
     print_library(console, library())
     for name in ("backlash", "cubic_stiffness", "rigid_body"):
         effect = EFFECTS[name]()
-        print_effect(console, effect_view(effect), Example.plain(effect, kind_of(effect)))
+        print_effect(console, effect, Example.plain(effect, kind_of(effect)))
     assert max(map(len, out.getvalue().splitlines())) <= width
     assert set(EFFECTS) <= set(out.getvalue().split())
 
