@@ -26,7 +26,7 @@ def read_text_table(path: Path) -> FileColumns:
     """
     content, encoding = as_utf8(_content(path), path)
     if not content.strip():
-        raise InputError(f"{path}: no rows of data")
+        raise InputError(f"{path}: no rows of data; the file is empty")
     dialect = find_dialect(content) or _refused(content, path)
     if not content[dialect.start : dialect.start + _LONGEST_LINE].strip():
         raise InputError(f"{path}: no rows of data")
@@ -73,12 +73,22 @@ def _refused(content: bytes, path: Path) -> Dialect:
     if not any(rest):
         raise InputError(f"{path}: no rows of data")
     cells = header.split(max(DELIMITERS, key=header.count))
+    if len(cells) == 1 and all(_is_number(one) for one in rest if one.strip()):
+        raise InputError(f"{path}: holds one column, {_shown(header)}; a measurement needs time and two more")
     if all(not math.isnan(number_of(cell)) for cell in cells):
         raise InputError(f"{path}: the first line holds numbers; put the names of the columns there")
     raise InputError(
         f"{path}: no line with the names of columns is followed by rows of numbers; it begins with "
-        f"{' '.join(header.split())[:_SHOWN]!r}"
+        f"{_shown(header)}; write the names in one line, and numbers below each of them"
     )
+
+
+def _is_number(cell: bytes) -> bool:
+    return not math.isnan(number_of(cell.decode(errors="replace")))
+
+
+def _shown(header: str) -> str:
+    return repr(" ".join(header.split())[:_SHOWN])
 
 
 class _Collector:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.diagnosis.doubt import SMALL
 from estimation.estimate import ParameterEstimate
 from estimation.study.engine import Fitted
 from estimation.study.part import Part
@@ -170,7 +171,14 @@ def _words(error: float, floor: float, parts: Mapping[str, tuple[Part, ...]], un
     times = error / floor if floor > 0.0 else float("inf")
     said = [f"The error of {error:.3g} {unit} is {times:.1f} times the noise floor of {floor:.3g} {unit}."]
     for by in sorted(parts, key=lambda by: -_contrast(parts[by]))[:_MOST_SPLITS]:
-        worst = max(parts[by], key=lambda part: part.rmse)
+        worst, least = (pick(parts[by], key=lambda part: part.rmse) for pick in (max, min))
+        if worst.rmse <= (1.0 + SMALL) * least.rmse:  # all as large: they differ in their means
+            high, low = (pick(parts[by], key=lambda part: part.mean) for pick in (max, min))
+            said.append(
+                f"By {by}, it is as large everywhere; measured less modelled is on average {high.mean:+.3g} "
+                f"{unit} at {high.label}, {low.mean:+.3g} {unit} at {low.label}."
+            )
+            continue
         side = "above" if worst.mean > 0.0 else "below"
         said.append(
             f"By {by}, it is largest at {worst.label}: {worst.rmse:.3g} {unit}, the measurement "

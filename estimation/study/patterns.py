@@ -13,10 +13,15 @@ _TOLD = 0.5  # share of the error that the parts' means must make, to be called 
 _TURNS = 0.3  # the same where the error only changes sign
 _GROWS = 2.0  # error in the last part over that in the first
 _ONE_SIGN = 0.7  # of the error, that is its mean where it has one sign
-_OTHER = 1.2  # times as much must go with the effort as with the position, on which it depends
+_OTHER = 1.2  # times as much must go with what follows another split as with that
 _MOST = 2  # patterns that are said
 _NAMED = 4  # effects that are named with each
 
+# the effort depends on the place and the way, and a phase says which way it goes
+_FOLLOWS: Mapping[str, tuple[str, ...]] = {
+    "effort": ("depth", "position", "direction"),
+    "phase": ("direction",),
+}
 _SUSPECTS: Mapping[str, tuple[str, ...]] = {
     "turns": (
         *("coulomb_friction", "dry_friction", "backlash", "hysteresis", "stress_relaxation"),
@@ -76,11 +81,10 @@ def patterns(
         known: effects that the model has.
     """
     means = {by: _share_of_means(own, rmse) for by, own in parts.items()}
-    place = max(means.get("depth", 0.0), means.get("position", 0.0))
     found = [
         Pattern(by, words, _suited(suspects, kind, known), share)
         for by, own in parts.items()
-        if by != "effort" or means[by] > _OTHER * place
+        if means[by] > _OTHER * max((means.get(one, 0.0) for one in _FOLLOWS.get(by, ())), default=-1.0)
         for words, suspects, share in _of_split(by, own, means[by])
     ]
     if (one_sided := _share_of_mean(parts, rmse)) > _ONE_SIGN:

@@ -422,7 +422,8 @@ HEADER = b"time_s,displacement_m,force_N\n"
     ("name", "content", "message"),
     [
         ("absent.csv", None, "no such file"),
-        ("empty.csv", b"", "no rows of data"),
+        ("empty.csv", b"", "no rows of data; the file is empty"),
+        ("one.csv", b"force\n1\n2\n3\n", "holds one column, 'force'; a measurement needs time and two more"),
         ("header.csv", HEADER, "no rows of data"),
         ("page.csv", "<html>404</html>", "no rows of data"),
         ("numbers.csv", b"0,1,2\n1,2,3\n", "first line holds numbers"),

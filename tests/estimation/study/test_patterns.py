@@ -80,6 +80,13 @@ def test_noise_suggests_nothing(data):
         ({"speed": (part("slow", 0.0, 0.5), part("fast", 0.0, 2.0))}, "is largest at high speed"),
         ({"temperature": (part("20", 1.0), part("30", -1.0))}, "goes with temperature"),
         ({"depth": (part("a", 1.0), part("b", -1.0)), "effort": (part("a", 1.0), part("b", -1.0))}, "depth"),
+        (
+            {
+                "direction": (part("moving in", 1.0), part("moving out", -1.0)),
+                "phase": (part("loading", 1.0), part("unloading", -1.0)),
+            },
+            "changes sign",
+        ),
         ({"depth": (part("a", 1.0), part("b", 1.0))}, "has one sign throughout"),
         ({}, None),
     ],
