@@ -47,7 +47,7 @@ def _error(found: ChannelDiagnosis) -> str:
     unit, before, after = found.effort_unit, found.baseline, found.final
     if before is None or after is None:
         return ""
-    floor = "" if found.noise_floor is None else f" (noise floor {found.noise_floor:.3g} {unit})"
+    floor = "" if found.noise_floor is None else f" ({_floor(found)})"
     if not found.accepted:
         return f"The error in held-out runs is {after.rmse:.3g} {unit}{floor}."
     added = "it" if len(found.accepted) == 1 else "them"
@@ -55,6 +55,14 @@ def _error(found: ChannelDiagnosis) -> str:
         return f"With {added}, the error in held-out runs stays at {after.rmse:.3g} {unit}{floor}."
     fall = f"from {before.rmse:.3g} to {after.rmse:.3g} {unit}"
     return f"With {added}, the error in held-out runs falls {fall}{floor}."
+
+
+def _floor(found: ChannelDiagnosis) -> str:
+    """The noise floor; of a complete model its own error, beside which only free air says something else."""
+    if not found.complete:
+        return f"noise floor {found.noise_floor:.3g} {found.effort_unit}"
+    air = found.floor.free_air if found.floor else None
+    return "taken for noise" + ("" if air is None else f"; in free air {air:.3g} {found.effort_unit}")
 
 
 def _rest(found: ChannelDiagnosis) -> str:

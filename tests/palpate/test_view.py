@@ -63,7 +63,8 @@ def test_a_verdict_is_one_sentence_that_says_what_to_know(found, words, absent):
 
 
 @pytest.mark.parametrize(
-    ("complete", "words"), [(True, ""), (False, "Something more is left: 1.8 times the floor, depends on a.")]
+    ("complete", "words"),
+    [(True, "(taken for noise)."), (False, "Something more is left: 1.8 times the floor, depends on a.")],
 )
 def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(complete, words):
     rest = SimpleNamespace(rmse=0.18, times_floor=1.8, depends_on=["a"])
@@ -72,7 +73,7 @@ def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(com
     found = SimpleNamespace(**known | {"complete": complete, "remaining": rest})
     told = sentences.diagnosed(found).sentence
     assert "bias is missing from the model." in told
-    assert told.endswith(words or "(noise floor 0.1 N).")
+    assert told.endswith(words)
 
 
 @pytest.mark.parametrize(
