@@ -6,7 +6,7 @@ and their Application (1997), ch. 4; D. R. Cox, JRSS B 24 (1962) for two models)
 answer is clear (J. Besag, P. Clifford, Sequential Monte Carlo p-values, Biometrika 78 (1991)).
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from estimation.data.derivatives import grid_step
 from estimation.fit.flexible import flexible
 from estimation.fit.inner_search import look
 from estimation.fit.memory import Memory
+from estimation.fit.polish import polish
 from estimation.fit.readings import Readings, shuffled
 from estimation.fit.standing import Standing
 from estimation.fit.trial import Bench, Trial, attempt
@@ -41,17 +42,23 @@ class Placed:
         """Whether the data are beyond all draws, and by more than a small share of the error."""
         return bool(self.observed > np.max(self.drawn, initial=0.0) + SMALL)
 
+    @property
+    def is_clear(self) -> bool:
+        """Whether the data are so far beyond some draws that more of them would say the same."""
+        far = self.observed > max(SMALL, _FAR * float(np.max(self.drawn, initial=0.0)))
+        return len(self.drawn) >= _FEW and bool(far)
+
 
 def place(observed: float, draws: Iterator[float]) -> Placed:
     """Compare a figure with draws of it, as many as are needed."""
     drawn: list[float] = []
     for figure in draws:
         drawn.append(figure)
-        as_large = sum(one >= observed for one in drawn)
-        clear = len(drawn) >= _FEW and as_large == 0 and observed > max(SMALL, _FAR * max(drawn))
-        if as_large >= _USUAL or len(drawn) >= DRAWS or clear:
+        placed = Placed(observed, np.array(drawn))
+        as_large = int(np.sum(placed.drawn >= observed))
+        if as_large >= _USUAL or len(drawn) >= DRAWS or placed.is_clear:
             break
-    return Placed(observed, np.array(drawn))
+    return placed
 
 
 def still_explained(standing: Standing, readings: Readings, rng: np.random.Generator) -> Placed:
@@ -78,18 +85,34 @@ def gained(
     model, known = after.trial.model, after.trial.parameters
     observed = 1.0 - float(np.sqrt(after.trial.held_out / max(before.trial.held_out, 1e-300)))
 
-    def left(bench: Bench, trial: Trial) -> float:
+    def fitted(bench: Bench, trial: Trial) -> tuple[Trial, float]:
         parameters = {**known, **{n: v for n, v in trial.parameters.items() if n in model.gains}}
         if not effect:
-            return attempt(bench, model, parameters, rounds=2).held_out
+            made = attempt(bench, model, parameters, rounds=2)
+            return made, made.held_out
         added = next(one for one in model.effects if one.name == effect)
         starts = added.starts(before.data)
         found = {one.name: known[f"{effect}.{one.name}"] for one in added.inner}
         tried = [found, *starts[:: max(len(starts) // _STARTS, 1)]]
-        return float(look(bench, model, added, parameters, tried).held_out.sum())
+        looked = look(bench, model, added, parameters, tried)
+        return looked.best, float(looked.held_out.sum())
 
-    drawn = draws(before, readings, rng, after.flexible.residual)
-    return place(observed, (1.0 - float(np.sqrt(left(b, t) / max(t.held_out, 1e-300))) for b, t in drawn))
+    def gain(bench: Bench, trial: Trial) -> float:
+        left = fitted(bench, trial)[1]
+        return 1.0 - float(np.sqrt(left / max(trial.held_out, 1e-300)))
+
+    def polished_gain(bench: Bench, trial: Trial) -> float:
+        left, had = (polish(bench, one).held_out for one in (fitted(bench, trial)[0], trial))
+        return 1.0 - float(np.sqrt(left / max(had, 1e-300)))
+
+    def placed(of_one: Callable[[Bench, Trial], float]) -> Placed:
+        drawn = draws(before, readings, rng, after.flexible.residual)
+        return place(observed, (of_one(*one) for one in drawn))
+
+    roughly = placed(gain)
+    if not roughly.is_unusual or roughly.is_clear:
+        return roughly
+    return placed(polished_gain)  # all inner parameters were fitted to the data, too
 
 
 def draws(
