@@ -90,6 +90,7 @@ class Effect(ABC):
         inner: the few others (exponent, speed, time), searched within their bounds.
         needs: signals of `ChannelData.context` without which the effect cannot be tried.
         confused_with: effects that data often cannot tell from this one, with the experiment that can.
+        parts: effects that may together draw the same curve as this one.
     """
 
     name: ClassVar[str]
@@ -104,6 +105,7 @@ class Effect(ABC):
     essential: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
     confused_with: ClassVar[Mapping[str, str]] = {}
+    parts: ClassVar[tuple[str, ...]] = ()
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """Inner values from which a search begins; an effect whose scale depends on the data says its own.
@@ -147,6 +149,10 @@ class Effect(ABC):
     def suited_to(self, data: ChannelData) -> "Effect":
         """The form that this channel's signals call for, of the same name; for most effects there is one."""
         return self
+
+    def forms(self) -> tuple["Effect", ...]:
+        """Forms of the same name between which the data choose; for most effects there is one."""
+        return (self,)
 
     def applies_to(self, data: ChannelData) -> bool:
         """Whether the channel is of the right kind and has the signals that the effect needs."""

@@ -1,6 +1,6 @@
 """What a search comes to: the verdict, the effects with their evidence, and what is left."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,8 @@ from estimation.fit.intervals import final, values
 from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
 from estimation.fit.unexplained import depends_on
+
+_Rivals = Mapping[str, Mapping[str, Standing]]  # models with another effect in the place of one, by both
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,8 @@ def answer(found: Judgement) -> ChannelDiagnosis:
     """The entry for one channel."""
     search, end = found.search, found.end
     path = in_order(search, end)
-    accepted = _accepted(found, path)
+    others = {name: rivals(search, end, name, found.readings) for name in search.added(end)}
+    accepted = _accepted(found, path, others)
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if found.complete else Verdict.UNEXPLAINED
     floor = found.floor
     times = end.rmse / floor if floor > 0.0 else 1.0
@@ -96,7 +99,7 @@ def answer(found: Judgement) -> ChannelDiagnosis:
         complete=found.complete,
         remaining=Remaining(rmse=end.rmse, times_floor=times, depends_on=found.signals),
         depends_on=found.signals,
-        next_experiment=_next(found, accepted),
+        next_experiment=_next(found, accepted, others),
     )
 
 
@@ -109,7 +112,7 @@ def _parameters(standing: Standing) -> dict[str, ParameterValue]:
     return {name: ParameterValue.of(one) for name, one in values(*final(standing)).items()}
 
 
-def _accepted(found: Judgement, path: Sequence[Standing]) -> list[Accepted]:
+def _accepted(found: Judgement, path: Sequence[Standing], others: _Rivals) -> list[Accepted]:
     search, before, accepted = found.search, found.search.start, []
     everything = _parameters(found.end) if path else {}
     by_name = {effect.name: effect for effect in search.effects}
@@ -127,7 +130,7 @@ def _accepted(found: Judgement, path: Sequence[Standing]) -> list[Accepted]:
                 rmse_before=before.rmse,
                 rmse_after=after.rmse,
                 p_value=search.p_value(less, found.end),
-                confused_with=rivals(search, found.end, name, found.readings),
+                confused_with=list(others[name]),
                 physics=effect.physics,
                 equation=effect.equation,
                 signature=effect.signature,
@@ -178,18 +181,10 @@ def _or_rivals(entry: Accepted) -> str:
     return f"{entry.effect} (indistinguishable from {others})" if others else entry.effect
 
 
-def _next(found: Judgement, accepted: Sequence[Accepted]) -> NextExperiment | None:
+def _next(found: Judgement, accepted: Sequence[Accepted], others: _Rivals) -> NextExperiment | None:
     search = found.search
     for entry in accepted:
         if entry.confused_with:
             effect = next(one for one in search.effects if one.name == entry.effect)
-            return separating(effect, _fits(found, entry), search.data)
+            return separating(effect, {entry.effect: found.end, **others[entry.effect]}, search.data)
     return None if found.complete else exploring(found.signals, search.data)
-
-
-def _fits(found: Judgement, entry: Accepted) -> dict[str, Standing]:
-    """The final model, and those with a rival in the place of an effect, by the name of that."""
-    tried = found.search.instead(found.end, entry.effect)
-    by_name = {one.effect.name: one for one in tried}
-    rivals = {name: found.search.with_candidate(by_name[name]) for name in entry.confused_with}
-    return {entry.effect: found.end, **rivals}

@@ -75,8 +75,8 @@ def library() -> tuple[Effect, ...]:
 
 
 def size(effect: Effect) -> int:
-    """Number of parameters that make an effect what it is."""
-    return len(effect.inner) + len(effect.essential or effect.gains)
+    """Number of an effect's parameters."""
+    return len(effect.inner) + len(effect.gains)
 
 
 def candidates(data: ChannelData, model: Model, effects: Iterable[Effect]) -> tuple[Effect, ...]:
@@ -142,10 +142,14 @@ def _places(trial: Trial) -> list[dict[str, float]]:
 
 
 def extended(model: Model, effect: Effect) -> list[Model]:
-    """The model with one more effect; what a sensor does may come before or after what it already does."""
+    """The model with one more effect, in each of its forms.
+
+    What a sensor does may come before or after what it already does.
+    """
+    after = [model.with_effect(form) for form in effect.forms()]
     if isinstance(effect, SensorEffect) and any(isinstance(e, SensorEffect) for e in model.effects):
-        return [model.with_effect(effect), model.with_effect_first(effect)]
-    return [model.with_effect(effect)]
+        return [*after, *(model.with_effect_first(form) for form in effect.forms())]
+    return after
 
 
 def is_possible(effect: Effect, trial: Trial, bench: Bench, loose: float = 0.0) -> bool:

@@ -12,10 +12,10 @@ from itertools import pairwise
 import numpy as np
 
 from estimation.data.derivatives import grid_step
-from estimation.diagnosis.candidates import Candidate, size
+from estimation.diagnosis.candidates import Candidate, size, try_all
 from estimation.diagnosis.doubt import SMALL, gained
 from estimation.diagnosis.search import Search, looked_back
-from estimation.effect import SIGNALS
+from estimation.effect import SIGNALS, Effect
 from estimation.fit.flexible import flexible
 from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
@@ -141,9 +141,26 @@ def in_order(search: Search, end: Standing) -> list[Standing]:
     return path[1:]
 
 
-def rivals(search: Search, end: Standing, name: str, readings: Readings) -> list[str]:
-    """Effects that the data do not refuse in the place of one, best first."""
-    return [one.effect.name for one in _rivals(search, end, name, readings)]
+def rivals(search: Search, end: Standing, name: str, readings: Readings) -> dict[str, Standing]:
+    """Models with another effect in the place of one that the data do not refuse, by its name, best first."""
+    alone = {one.effect.name: search.with_candidate(one) for one in _rivals(search, end, name, readings)}
+    wholes = ((whole, _with_whole(search, end, whole)) for whole in _wholes(search, end, name))
+    kept = ((w, made) for w, made in wholes if not gained(made, end, readings, search.rng).is_unusual)
+    return alone | {whole.name: made for whole, made in kept}
+
+
+def _wholes(search: Search, end: Standing, name: str) -> list[Effect]:
+    """Effects of which one is a part, and others of the model are the rest."""
+    added = set(search.added(end))
+    known = (one for one in search.effects if name in one.parts and one.name not in added)
+    return [one for one in known if added >= set(one.parts) and one.applies_to(end.data)]
+
+
+def _with_whole(search: Search, end: Standing, whole: Effect) -> Standing:
+    """A model with an effect in the place of all its parts."""
+    for part in whole.parts:
+        end = search.without(end, part)
+    return search.with_candidate(try_all(end, [whole.suited_to(end.data)])[0])
 
 
 def simplest(search: Search, end: Standing, readings: Readings, is_complete: Complete) -> Standing:

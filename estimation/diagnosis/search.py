@@ -254,14 +254,27 @@ class Search:
         roughly = [one.held_out for one in tried if one.effect.name == name]  # in as few places as the others
         near = _NEAR * max([standing.trial.held_out, *roughly])
         others = [one for one in tried if one.effect.name != name]
-        made = (self.with_candidate(one) for one in others[:2] if one.held_out < near)
+        made = [self.with_candidate(one) for one in others[:2] if one.held_out < near]
+        made += self._in_parts(standing, name)
         return self.ordered([one for one in made if self.is_sensible(one)])
 
+    def _in_parts(self, standing: Standing, name: str) -> list[Standing]:
+        """The model with the parts of an effect in its place, if it has any."""
+        (effect,) = (one for one in standing.trial.model.effects if one.name == name)
+        added, made = self.added(standing), self.without(standing, name)
+        parts = [one for one in self.effects if one.name in effect.parts and one.name not in added]
+        for part in parts:
+            made = self.with_candidate(try_all(made, [part.suited_to(made.data)])[0])
+        return [made] if parts else []
+
     def is_better(self, one: Standing, other: Standing) -> bool:
-        """Whether a model leaves less than another; or about as much, with fewer parameters."""
-        simpler = self.size(one) < self.size(other)
-        limit = (1.0 - SMALL) ** -2 if simpler else 1.0 - TIE
-        return one.trial.held_out < limit * other.trial.held_out
+        """Whether a model leaves less than another; or about as much, with fewer parameters.
+
+        More parameters must be worth it: by as much as an added effect.
+        """
+        more = np.sign(self.size(one) - self.size(other))
+        limit = (1.0 - SMALL) ** (2.0 * more) if more else 1.0 - TIE
+        return bool(one.trial.held_out < limit * other.trial.held_out)
 
     def ordered(self, made: Sequence[Standing]) -> list[Standing]:
         """By the error in held-out runs; of those as good as the best, those with fewest parameters first."""

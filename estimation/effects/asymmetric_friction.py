@@ -30,6 +30,7 @@ class AsymmetricFriction(AdditiveEffect):
         "bias": "let the joint rest: a bias stays, friction does not push",
         "coulomb_friction": "move equally in both directions",
     }
+    parts = ("coulomb_friction", "bias")
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         forward = 0.5 * (1.0 + np.tanh(data.velocity / inner["transition"]))
@@ -42,5 +43,6 @@ class AsymmetricFriction(AdditiveEffect):
         return tuple({"transition": float(part * speed)} for part in (0.003, 0.01, 0.03, 0.08))
 
     def simpler(self, columns: FloatArray) -> FloatArray:
-        """See `Effect.simpler`: alike in both directions."""
-        return np.column_stack([columns[:, 0] + columns[:, 1], columns[:, 2] + columns[:, 3]])
+        """See `Effect.simpler`: alike in both directions beside a bias, which differs at rest alone."""
+        both = np.column_stack([columns[:, 0] + columns[:, 1], columns[:, 2] + columns[:, 3]])
+        return np.column_stack([both, np.ones(len(both))])

@@ -29,7 +29,7 @@ class CoulombFriction(AdditiveEffect):
         "presliding_friction": "stop and creep back and forth: a path, not a speed, counts",
         "stribeck_friction": "move very slowly: Stribeck friction rises towards zero speed",
         "load_dependent_friction": "repeat with another load: Coulomb friction stays",
-        "asymmetric_friction": "move equally in both directions",
+        "asymmetric_friction": "let the joint rest: a bias beside Coulomb friction stays",
         "hysteresis": "reverse slowly at several loads",
         "backlash": "reverse slowly: through a gap the effort is missing, and comes back",
     }

@@ -10,9 +10,6 @@ from estimation.signals.blocks import stretches
 from estimation.signals.runwise import direction, steadied
 from robot_io.types import FloatArray
 
-_MOST = 0.99  # of the readings
-_LITTLE = 0.005  # of the largest effort: less is no pull
-
 
 class DryFriction(AdditiveEffect):
     """F = f s; the direction of motion s takes a short path to turn round, and stays at rest.
@@ -53,14 +50,9 @@ class DryFriction(AdditiveEffect):
             s = direction(steadied(data.position, data.time_s, data.run), touch, inner["presliding"], s)
         return np.where(data.engaged, s, 0.0)[:, None]
 
-    def suited_to(self, data: ChannelData) -> "DryFriction":
-        """See `Effect.suited_to`: what the tool pulls with it rubs at its sides, and needs no push."""
-        pressed, air = data.effort[data.engaged], data.effort[~data.engaged]
-        if not len(pressed):
-            return self
-        noise = float(np.quantile(air, 1.0 - _MOST)) if len(air) else 0.0
-        least = 2.0 * min(noise, 0.0) - _LITTLE * float(np.max(np.abs(pressed)))
-        return _AtTheSides() if np.quantile(pressed, 1.0 - _MOST) < least else self
+    def forms(self) -> tuple["DryFriction", ...]:
+        """See `Effect.forms`: of layers within the object, which can only push, or at the tool's sides."""
+        return self, _AtTheSides()
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: a path up to a tenth of the depth, or a small share of the usual speed."""

@@ -4,17 +4,24 @@ import numpy as np
 import pytest
 
 from estimation.diagnosis.candidates import Candidate
-from estimation.diagnosis.established import simplest
-from estimation.diagnosis.search import search_of
+from estimation.diagnosis.established import rivals, simplest
+from estimation.diagnosis.search import looked_back, search_of
 from estimation.effects import EFFECTS
 from estimation.fit.inner_search import Attempts
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import fit
 from estimation.fit.trial import attempt
 from estimation.model import Model
+from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.swings import swings
 
 BASE = tuple(EFFECTS[name]() for name in ("pendulum", "viscous_friction"))
+SWING = Model("pendulum", BASE)
+
+
+def searched(data, *effects, base=SWING):
+    good, library = np.ones(len(data), dtype=np.bool_), tuple(EFFECTS[name]() for name in effects)
+    return search_of(data, base, good, library, np.random.default_rng(0))
 
 
 def rippling(q, v, a):
@@ -41,10 +48,54 @@ def test_the_simplest_law_bears_the_name_where_the_data_and_what_is_left_allow(
 ):
     """Friction fitted as asymmetric; it is, or is the same both ways."""
     data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, backward) * np.tanh(v / 0.01))
-    effects = tuple(EFFECTS[name]() for name in ("coulomb_friction", "asymmetric_friction"))
-    good = np.ones(len(data), dtype=np.bool_)
-    search = search_of(data, Model("pendulum", BASE), good, effects, np.random.default_rng(0))
+    search = searched(data, "coulomb_friction", "asymmetric_friction")
     tried = {one.effect.name: one for one in search.screened(search.start)}
     end = search.with_candidate(tried["asymmetric_friction"])
     found = simplest(search, end, readings_of(data), lambda one: is_as_complete or one is end)
     assert search.added(found) == [expected if is_as_complete else "asymmetric_friction"]
+
+
+@pytest.mark.parametrize(
+    ("uneven", "expected"),
+    [
+        (lambda v: 0.1, {"coulomb_friction", "bias"}),  # 0.4 forwards and 0.2 backwards may be a bias
+        (lambda v: 0.06 * np.abs(v), {"asymmetric_friction"}),
+    ],
+)
+def test_asymmetric_friction_must_do_more_than_coulomb_friction_and_a_bias(uneven, expected):
+    data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + uneven(v))
+    search = searched(data, "coulomb_friction", "asymmetric_friction", "bias")
+    (alone,) = (one for one in search.screened(search.start) if one.effect.name == "asymmetric_friction")
+    end = looked_back(search, search.with_candidate(alone))
+    assert set(search.added(end)) == expected
+    if "bias" in expected:
+        readings = readings_of(data)
+        assert all("asymmetric_friction" in rivals(search, end, name, readings) for name in expected)
+
+
+def test_a_law_with_more_parameters_takes_no_name_for_a_small_gain():
+    """A joint's spring, preloaded, beside a bias that changes by a little over the range."""
+    data = swings(1, lambda q, v, a: 0.5 + 0.06 * q)
+    search = searched(data, "bias", "joint_spring")
+    by_name = {one.effect.name: search.with_candidate(one) for one in search.screened(search.start)}
+    bias, spring = by_name["bias"], by_name["joint_spring"]
+    assert 0.91 < spring.trial.held_out / bias.trial.held_out < 0.97
+    assert search.added(looked_back(search, bias)) == ["bias"]
+    assert search.added(looked_back(search, spring)) == ["bias"]
+
+
+@pytest.mark.parametrize("pulls", [True, False])
+def test_dry_friction_rubs_at_the_sides_or_within_the_object_as_the_data_have_it(pulls):
+    """At the tool's sides it pulls on the way out, where an object can only push."""
+
+    def law(t, x, v, run):
+        rubbing = 0.8 * np.tanh(v / 1e-3)
+        return kelvin_voigt(x, v) + rubbing * (x > 0) if pulls else kelvin_voigt(x, v, rubbing)
+
+    base = Model("kelvin_voigt", tuple(EFFECTS[name]() for name in ("stiffness", "damping")))
+    search = searched(session(1, law), "dry_friction", base=base)
+    (tried,) = search.screened(search.start)
+    end = search.with_candidate(tried)
+    (friction,) = (one for one in end.trial.model.effects if one.name == "dry_friction")
+    assert friction.one_sided is not pulls
+    assert end.rmse < 1.1 * NOISE_N
