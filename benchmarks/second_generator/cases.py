@@ -282,7 +282,8 @@ def _truth(world: World, job: Job, hidden: list[Hidden]) -> dict[str, float]:
         "rigid_body": dict,
     }[world.base]()
     for name, effect in zip(job.hidden, hidden, strict=True):
-        own = {f"{name.split(' (')[0]}.{key}": value for key, value in (effect.truth or {}).items()}
+        plain = name.split(" (")[0]
+        own = {key if "." in key else f"{plain}.{key}": value for key, value in (effect.truth or {}).items()}
         truth |= own
     return {key: float(value) for key, value in truth.items()}
 

@@ -25,7 +25,7 @@ def _power(w: World, n: float) -> Array:
 def power_law_stiffness(w: World, s: float, u: Array) -> Hidden:
     """F = k x^n in place of k x."""
     n = 1 + 1.5 * s
-    return Hidden(adds=_power(w, n), one_sided=True, truth={"n": n})
+    return Hidden(adds=_power(w, n), one_sided=True, truth={"n": n, "stiffness.k": 0.0})
 
 
 def hunt_crossley(w: World, s: float, u: Array) -> Hidden:
@@ -34,7 +34,7 @@ def hunt_crossley(w: World, s: float, u: Array) -> Hidden:
     b = 0.6 * s * (0.3 + u[1]) / w.speed
     adds = _power(w, n) + b * w.law["k"] * w.size * (w.pressed / w.size) ** n * m.v
     k = w.law["k"] * w.size ** (1 - n)
-    return Hidden(adds=adds, one_sided=True, truth={"k": k, "b": b * k, "n": n})
+    return Hidden(adds=adds, one_sided=True, truth={"k": k, "b": b * k, "n": n, "stiffness.k": 0.0})
 
 
 def layered_stiffness(w: World, s: float, u: Array) -> Hidden:

@@ -119,7 +119,8 @@ class Hidden:
         one_sided: `adds` belongs to what can only push.
         moves: from what is there (effort) to the position read less the true one.
         senses: from the effort to what the sensor says; None for a faithful one.
-        truth: its parameters, by the names of the library where it has them.
+        truth: its parameters, by the names of the library where it has them; of another effect, such as the
+            spring that it replaces, by "effect.parameter".
     """
 
     adds: Array | float = 0.0

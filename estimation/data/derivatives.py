@@ -24,10 +24,12 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 
 HALF_WINDOWS = (2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 56, 80)
 _TOLERANCE = 1.1  # a wider window is taken if its error is at most 10 % more: it calms the derivatives
+_RISEN = 1.25  # times the least change so far: from there on, windows bend the motion
 _TRIALS = 4000  # samples on which windows are compared
 _ON_GRID = 0.01  # of a grid's step
 _MOST_STEPS = 1e9  # in one move; more are rounding errors of the numbers themselves
-_STAIRCASE = 0.8  # of the positions are those of a neighbour: an encoder waits at its steps
+_STAIRCASE = 0.8  # of the slowest positions are those of a neighbour: an encoder waits at its steps
+_SLOWEST, _REACH = 0.1, 10  # share of the samples; samples to either side by which their speed is told
 _BLOCK = 20_000  # samples fitted at once, to bound memory
 
 
@@ -114,7 +116,8 @@ def rounding_variance(time_s: FloatArray, position: FloatArray, piece: IntArray,
     """
     same = (np.diff(position) == 0.0) & (np.diff(piece) == 0)
     waits = np.append(False, same) | np.append(same, False)
-    if step > 0.0 or np.mean(waits) < _STAIRCASE:
+    slow = _slowest(position)
+    if step > 0.0 or not slow.any() or np.mean(waits[slow]) < _STAIRCASE:
         return step**2 / 12.0
     error = np.zeros(len(position))
     for rows in blocks(piece):
@@ -123,6 +126,16 @@ def rounding_variance(time_s: FloatArray, position: FloatArray, piece: IntArray,
         if len(before):
             error[rows] = x - np.interp(t, _middles(t, before), _middles(x, before))
     return float(np.mean(error[waits] ** 2))
+
+
+def _slowest(position: FloatArray) -> BoolArray:
+    """The samples around which least way is made, but some, (n,): a reader in steps waits there."""
+    ahead = np.append(position[_REACH:], np.full(_REACH, position[-1]))[: len(position)]
+    behind = np.append(np.full(_REACH, position[0]), position[:-_REACH])[: len(position)]
+    way = np.abs(ahead - behind)
+    moves = way > 0.0
+    limit = float(np.quantile(way[moves], _SLOWEST)) if moves.any() else 0.0
+    return np.asarray(moves & (way <= limit))
 
 
 def _middles(signal: FloatArray, before: IntArray) -> FloatArray:
@@ -251,10 +264,19 @@ def _trials(time_s: FloatArray, position: FloatArray, pieces: list[slice], round
 
 
 def _pilot(trials: list[_Trial]) -> _Trial:
-    """The window before the two between which the velocity changes least."""
+    """The window before the two between which the velocity changes least.
+
+    Of several such places the first one: windows that are far too wide agree again, on nothing.
+    """
     velocity = [trial.fitted[:, 1] for trial in trials]
     changes = [float(np.mean((wider - one) ** 2)) for one, wider in pairwise(velocity)]
-    return trials[max(int(np.argmin(changes)) - 1, 0)] if changes else trials[0]
+    least = 0
+    for number, change in enumerate(changes):
+        if change < changes[least]:
+            least = number
+        elif change > _RISEN**2 * changes[least]:
+            break
+    return trials[max(least - 1, 0)]
 
 
 def _about_best(trials: list[_Trial], risks: list[float]) -> list[int]:

@@ -40,8 +40,7 @@ class Readings:
         velocity_error: the same of each velocity that was measured; 0 where it was derived.
         halves: half windows [samples] that these were found by, for position and velocity.
         step: of the grid on which positions lie; 0 where there is none.
-        is_staircase: whether most positions are those of the sample before or after, on no grid: encoders of
-            several joints that step.
+        is_staircase: whether positions wait at steps on no grid: encoders of several joints.
         windows: how velocity and acceleration were derived; None for one that was measured, or given
             without noise.
         is_of_velocity: whether the acceleration was derived from the velocity, not from positions.
@@ -85,18 +84,23 @@ class Readings:
             shift = self.step * rng.random()
             error: FloatArray = np.round((noisy + shift) / self.step) * self.step - shift - smooth
             return error - np.mean(error)  # what all have in common is a matter of the zero, not of reading
-        slow = slow_part(self.error, self.data.run, self.halves[0], rng)
         if self.is_staircase:
-            return self._elsewhere(rng) + slow
+            return self._elsewhere(rng)
+        slow = slow_part(self.error, self.data.run, self.halves[0], rng)
         return shuffled(self.error, self.data.run, rng) + slow
 
     def _elsewhere(self, rng: np.random.Generator) -> FloatArray:
-        """The error as a function of the place, moved along, (n,): the same in each pass, as steps are."""
-        place = self.data.position - self.error
-        order, span = np.argsort(place), float(np.ptp(place)) or 1.0
-        wanted = place.min() + (place - place.min() + span * rng.random()) % span
-        nearest = np.minimum(np.searchsorted(place[order], wanted), len(place) - 1)
-        return np.asarray(self.error[order][nearest] * rng.choice([-1.0, 1.0]))
+        """The error as a function of the place, moved along, (n,): the same in each pass, as steps are.
+
+        As fast passes show it: where the motion is slow, a smoothing window follows the steps.
+        """
+        place, speed = self.data.position - self.error, np.abs(self.data.velocity)
+        fast = np.flatnonzero(speed >= np.median(speed))
+        fast = fast[np.argsort(place[fast])]
+        known, span = place[fast], float(np.ptp(place[fast])) or 1.0
+        wanted = known[0] + (place - known[0] + span * rng.random()) % span
+        nearest = np.minimum(np.searchsorted(known, wanted), len(fast) - 1)
+        return np.asarray(self.error[fast][nearest] * rng.choice([-1.0, 1.0]))
 
 
 def readings_of(data: ChannelData) -> Readings:

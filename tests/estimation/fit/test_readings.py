@@ -7,7 +7,7 @@ import pytest
 
 from estimation.data.derivatives import differentiate
 from estimation.fit.readings import derived, readings_of, shuffled
-from tests.estimation.presses import session
+from tests.estimation.presses import channel, motion, session
 from tests.estimation.swings import read, swings
 
 SMOOTH = swings(1)
@@ -93,10 +93,10 @@ def test_a_redrawn_arm_makes_steps_as_large_as_its_encoders_do():
     read_by_arm = [through_an_arm(SMOOTH.position, steps, rng.random(3)) for _ in range(2)]
     readings = readings_of(replace(slow, position=read_by_arm[0]))
     assert readings.is_staircase
-    off = readings.draw(rng).position - readings.true_motion.position
-    assert np.std(off) == pytest.approx(np.sqrt(np.sum(steps**2) / 12.0), rel=0.4)
-    again = readings.draw(rng).position - readings.true_motion.position
-    assert abs(np.corrcoef(off, again)[0, 1]) < 0.3
+    off = [readings.draw(rng).position - readings.true_motion.position for _ in range(12)]
+    assert np.std(off, axis=1) == pytest.approx(np.sqrt(np.sum(steps**2) / 12.0), rel=0.25)
+    alike = np.corrcoef(off)[np.triu_indices(len(off), 1)]
+    assert abs(np.mean(alike)) < 0.15  # of any sign, as steps at other places are
 
 
 def test_derivatives_without_the_position_s_noise_are_not_redrawn():
@@ -143,3 +143,16 @@ def test_windows_are_recognised_though_pieces_within_the_runs_were_derived_by_th
     made = differentiate(noisy.time_s, noisy.position, piece, 10)
     data = replace(noisy, velocity=made.velocity, acceleration=made.acceleration)
     assert readings_of(data).windows == (10, 10)
+
+
+def test_where_an_arm_hardly_moves_its_steps_are_drawn_as_large_as_elsewhere():
+    """A smoothing window follows them there: what it leaves is too small."""
+    rng, steps = np.random.default_rng(2), np.array([4e-4, 2.6e-4, 1e-4])
+    time_s, place, _, run = motion(rng)
+    data = channel(0.0 * place, time_s, through_an_arm(place, steps, rng.random(3)), 0.0 * place, run)
+    made = differentiate(data.time_s, data.position, data.run)
+    readings = readings_of(replace(data, velocity=made.velocity, acceleration=made.acceleration))
+    rests = np.abs(np.gradient(place, time_s)) < 0.003
+    off = [(readings.draw(rng).position - readings.true_motion.position)[rests] for _ in range(12)]
+    assert readings.is_staircase
+    assert np.std(off) == pytest.approx(np.sqrt(np.sum(steps**2) / 12.0), rel=0.3)
