@@ -58,6 +58,7 @@ def differentiate(
     *,
     rounding: float | None = None,
     calm: bool = True,
+    wider: int = 0,
     tried: BoolArray | None = None,
 ) -> Motion:
     """Velocity and acceleration of a sampled position.
@@ -70,6 +71,8 @@ def differentiate(
         rounding: variance of the positions' rounding; None to see from their steps.
         calm: of windows for the acceleration that err about as much, take the widest; else the narrowest,
             which leaves more noise and bends less: right for what is averaged afterwards.
+        wider: by so many of `HALF_WINDOWS` more than those that are found out, for a signal whose errors are
+            already smooth: neighbours have them in common, and narrow windows follow them.
         tried: shape (n,), the samples on which windows are compared; None for all.
     """
     if rounding is None:
@@ -81,6 +84,7 @@ def differentiate(
         halves = _best_half_windows(
             time_s[rows], position[rows], list(blocks(piece[rows])), rounding, calm=calm
         )
+        halves = _wider(halves[0], wider), _wider(halves[1], wider)
     else:
         halves = half_window, half_window
     fitted = {half: _fit_all(time_s, position, pieces, half) for half in set(halves)}
@@ -253,6 +257,10 @@ def _best_half_windows(
         _about_best(wider, [trial.risk(pilot, order) for trial in wider]) for order in (1, 2)
     )
     return max(velocity), max(acceleration) if calm else min(acceleration)
+
+
+def _wider(half: int, by: int) -> int:
+    return HALF_WINDOWS[min(HALF_WINDOWS.index(half) + by, len(HALF_WINDOWS) - 1)]
 
 
 def _trials(time_s: FloatArray, position: FloatArray, pieces: list[slice], rounding: float) -> list[_Trial]:

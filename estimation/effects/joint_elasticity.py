@@ -1,5 +1,6 @@
 """The gear winds up under load."""
 
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -28,9 +29,17 @@ class JointElasticity(MotionEffect):
         "inertia": "move at two frequencies: elasticity grows with the fourth power",
     }
 
+    def __init__(self, wider: int = 0) -> None:
+        """`wider`: windows for the load's derivatives, by so many of `HALF_WINDOWS`."""
+        self.wider = wider
+
+    def forms(self) -> tuple["JointElasticity", ...]:
+        """See `Effect.forms`: how far errors of the load's acceleration reach is not known."""
+        return tuple(JointElasticity(wider) for wider in _CHANGES)
+
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
         c, load = inner["compliance"], data.context["load"]
-        changes = _changes_of_load(data)
+        changes = _CHANGES[self.wider](data)
         return moved(
             data, position=-c * load, velocity=-c * changes.velocity, acceleration=-c * changes.acceleration
         )
@@ -42,7 +51,11 @@ class JointElasticity(MotionEffect):
         return tuple({"compliance": float(part * span / load)} for part in np.geomspace(3e-4, 0.3, 10))
 
 
-@remembered("time_s", "run", "load")
-def _changes_of_load(data: ChannelData) -> Motion:
-    """First and second derivative of the load, by windows that its own noise calls for."""
-    return differentiate(data.time_s, data.context["load"], data.run, rounding=0.0)
+def _changes(data: ChannelData, wider: int) -> Motion:
+    """First and second derivative of the load."""
+    return differentiate(data.time_s, data.context["load"], data.run, rounding=0.0, wider=wider)
+
+
+_CHANGES = {
+    wider: remembered("time_s", "run", "load")(partial(_changes, wider=wider)) for wider in (0, 2, 4, 6)
+}

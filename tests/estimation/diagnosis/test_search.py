@@ -1,8 +1,11 @@
 """Which effects the search tries in earnest, and which of laws that are alike bears the name."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from estimation.data.derivatives import differentiate
 from estimation.diagnosis.candidates import Candidate
 from estimation.diagnosis.established import rivals, simplest
 from estimation.diagnosis.search import looked_back, search_of
@@ -13,7 +16,7 @@ from estimation.fit.standing import fit
 from estimation.fit.trial import attempt
 from estimation.model import Model
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
-from tests.estimation.swings import swings
+from tests.estimation.swings import INERTIA, WEIGHT, swings
 
 BASE = tuple(EFFECTS[name]() for name in ("pendulum", "viscous_friction"))
 SWING = Model("pendulum", BASE)
@@ -99,3 +102,18 @@ def test_dry_friction_rubs_at_the_sides_or_within_the_object_as_the_data_have_it
     (friction,) = (one for one in end.trial.model.effects if one.name == "dry_friction")
     assert friction.one_sided is not pulls
     assert end.rmse < 1.1 * NOISE_N
+
+
+@pytest.mark.parametrize("noise_rad", [1e-5, 3e-5])
+def test_elasticity_is_as_large_as_it_is_behind_an_acceleration_with_smooth_errors(noise_rad):
+    """Neighbours have their errors in common, so that the load seems better known than it is."""
+    true, compliance = swings(1), 0.03
+    load = INERTIA * true.acceleration + WEIGHT * np.sin(true.position)
+    noise = noise_rad * np.random.default_rng(1).standard_normal(len(true))
+    position = true.position + compliance * load + noise
+    made = differentiate(true.time_s, position, true.run, 3)
+    data = replace(true, position=position, velocity=made.velocity, acceleration=made.acceleration)
+    search = searched(data, "joint_elasticity")
+    (tried,) = search.screened(search.start)
+    found = search.with_candidate(tried).trial.parameters["joint_elasticity.compliance"]
+    assert found == pytest.approx(compliance, rel=0.06)
