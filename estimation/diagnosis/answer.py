@@ -141,13 +141,14 @@ def _accepted(found: Judgement, path: Sequence[Standing], others: _Rivals) -> li
 
 
 def _ranking(search: Search) -> list[Ranked]:
-    """Errors sample by sample, from what each candidate takes away on blocks."""
-    start, ranked = search.start, []
-    count = max(int(start.plain.kept.sum()), 1)
-    for candidate in (one for one in search.screened(start) if one.possible):
-        taken = (start.trial.held_out - candidate.held_out) / count
-        error = float(np.sqrt(max(start.rmse**2 - taken, 0.0)))
-        score = float(1.0 - error / start.rmse) if start.rmse > 0.0 else 0.0
+    """Errors sample by sample, from what each candidate takes away on blocks, or on a coarse copy's."""
+    tried, rmse, ranked = search.sketch or search, search.start.rmse, []
+    start = tried.start
+    for candidate in (one for one in tried.screened(start) if one.possible):
+        share = (start.trial.held_out - candidate.held_out) / max(start.trial.held_out, 1e-300)
+        on_blocks = search.start.trial.held_out / max(int(search.start.plain.kept.sum()), 1)
+        error = float(np.sqrt(max(rmse**2 - share * on_blocks, 0.0)))
+        score = float(1.0 - error / rmse) if rmse > 0.0 else 0.0
         ranked.append(Ranked(effect=candidate.effect.name, rmse_held_out=error, score=score))
     return ranked
 

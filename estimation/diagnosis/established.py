@@ -14,7 +14,7 @@ import numpy as np
 from estimation.data.derivatives import grid_step
 from estimation.diagnosis.candidates import Candidate, size, try_all
 from estimation.diagnosis.doubt import SMALL, gained
-from estimation.diagnosis.search import Search, looked_back
+from estimation.diagnosis.search import NEAR, Search, looked_back
 from estimation.effect import SIGNALS, Effect
 from estimation.fit.flexible import flexible
 from estimation.fit.readings import Readings
@@ -197,7 +197,7 @@ def _rivals(
     others = [one for one in search.instead(end, name) if one.effect.name != name]
     half = 0.5 * (without.trial.held_out + end.trial.held_out)
     for candidate in others[:_RIVALS]:
-        if size(candidate.effect) >= below:
+        if size(candidate.effect) >= below or candidate.followed(end.plain) > NEAR * half:
             continue
         theirs = search.with_candidate(candidate)
         is_larger = search.size(theirs) > search.size(end) + 1  # one more may be a place or a phase

@@ -48,7 +48,7 @@ SHORTLIST, _FINE = (
     8,
     4,
 )  # effects tried on all samples; blocks within which a copy of blocks hardly tells times
-_NEAR = 1.5  # times the squared error that is left, from which another effect may get below it
+NEAR = 1.5  # times the squared error that is left, from which another effect may get below it
 _LITTLE = 0.2  # of the error, beyond which draws that show as much prove no more than that they are few
 FEW_STARTS = 4  # places where a second effect is tried
 _ENOUGH, _ENOUGH_RUNS = 4000, 12  # blocks and runs of a sketch
@@ -252,7 +252,7 @@ class Search:
         """Models with another effect in the place of one, of those that may do better, in order."""
         tried = self.instead(standing, name)
         roughly = [one.held_out for one in tried if one.effect.name == name]  # in as few places as the others
-        near = _NEAR * max([standing.trial.held_out, *roughly])
+        near = NEAR * max([standing.trial.held_out, *roughly])
         others = [one for one in tried if one.effect.name != name]
         made = [self.with_candidate(one) for one in others[:2] if one.held_out < near]
         made += self._in_parts(standing, name)

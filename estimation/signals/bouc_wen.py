@@ -1,6 +1,8 @@
 """Hysteresis of Bouc and Wen along a path: exact between turns, whatever the steps."""
 
-from functools import cache
+from bisect import bisect_right
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -35,7 +37,7 @@ def bouc_wen(
     starts, piece = places(2 * number + (sign > 0.0))
     way = np.cumsum(np.abs(steps))
     way -= np.concatenate([[0.0], way[starts[1:] - 1]])[piece]
-    states, ways = _flow(sharpness, unloading)
+    flow = _flow(sharpness, unloading)
     begun = np.empty(len(starts))
     ends = np.append(starts[1:], len(steps)) - 1
     afresh = np.append(True, np.diff(run[starts]) != 0)
@@ -43,14 +45,34 @@ def bouc_wen(
     for i, (side, length, new) in enumerate(
         zip(sign[starts].tolist(), way[ends].tolist(), afresh.tolist(), strict=True)
     ):
-        begun[i] = np.interp(0.0 if new else side * state, states, ways)
-        state = side * float(np.interp(begun[i] + length, ways, states))
-    return np.asarray(sign * np.interp(begun[piece] + way, ways, states))
+        here = _between(0.0 if new else side * state, flow.states_listed, flow.ways_listed)
+        begun[i] = here
+        state = side * _between(here + length, flow.ways_listed, flow.states_listed)
+    return np.asarray(sign * np.interp(begun[piece] + way, flow.ways, flow.states))
 
 
-@cache
-def _flow(sharpness: float, unloading: float) -> tuple[FloatArray, FloatArray]:
-    """States w from -1 to 1, and the path from -1 to each."""
+def _between(at: float, points: list[float], values: list[float]) -> float:
+    """As `np.interp` for one number, which takes longer to be called than to be found."""
+    right = bisect_right(points, at)
+    if right == 0 or right == len(points):
+        return values[min(right, len(points) - 1)]
+    left = right - 1
+    share = (at - points[left]) / (points[right] - points[left])
+    return values[left] + share * (values[right] - values[left])
+
+
+@dataclass(frozen=True)
+class _Flow:
+    """States w from -1 to 1, and the path from -1 to each; the same as lists."""
+
+    states: FloatArray
+    ways: FloatArray
+    states_listed: list[float]
+    ways_listed: list[float]
+
+
+@lru_cache(maxsize=64)
+def _flow(sharpness: float, unloading: float) -> _Flow:
     back = np.linspace(-1.0, 0.0, _GRID // 4)
     towards = -np.expm1(-np.linspace(0.0, _DEEPEST, _GRID))[1:]
     states = np.unique(np.concatenate([back, towards]))
@@ -61,4 +83,4 @@ def _flow(sharpness: float, unloading: float) -> tuple[FloatArray, FloatArray]:
         -np.expm1(sharpness * np.log(np.maximum(middle, 1e-300))),
     )
     ways = np.concatenate([[0.0], np.cumsum(np.diff(states) / np.maximum(slope, 1e-16))])
-    return states, ways
+    return _Flow(states, ways, states.tolist(), ways.tolist())
