@@ -8,6 +8,7 @@ Application (1997), ch. 4).
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -44,7 +45,8 @@ class Readings:
         windows: how velocity and acceleration were derived; None for one that was measured, or given
             without noise.
         is_of_velocity: whether the acceleration was derived from the velocity, not from positions.
-        bent: by how much the windows bend the exact velocity and acceleration, shape (n,) each.
+        exact: velocity and acceleration of the smooth motion, shape (n,) each.
+        bent: what the windows make of them; the same where nothing was derived.
     """
 
     data: ChannelData
@@ -55,26 +57,29 @@ class Readings:
     is_staircase: bool
     windows: tuple[int | None, int | None]
     is_of_velocity: bool
+    exact: tuple[FloatArray, FloatArray]
     bent: tuple[FloatArray, FloatArray]
 
     @property
     def true_motion(self) -> ChannelData:
         """A channel that moves like the one recorded: its derivatives are exact, its position smooth."""
-        return moved(self.data, -self.error, -self.velocity_error, np.zeros_like(self.error))
+        velocity, acceleration = self.exact
+        data = self.data
+        return moved(data, -self.error, velocity - data.velocity, acceleration - data.acceleration)
 
     def draw(self, rng: np.random.Generator) -> ChannelData:
         """That motion read once more: other errors of the position, derived by the same windows."""
         error, data = self._another_error(rng), self.data
-        velocity, acceleration = self.velocity_error, np.zeros_like(error)
         if self.windows[0] is not None:
-            velocity = self.bent[0] + derived(data, error, self.windows[0], 1)
+            noise = derived(data, error, self.windows[0], 1)
         else:
-            slow = slow_part(velocity, data.run, self.halves[1], rng)
-            velocity = shuffled(velocity, data.run, rng) + slow
+            slow = slow_part(self.velocity_error, data.run, self.halves[1], rng)
+            noise = shuffled(self.velocity_error, data.run, rng) + slow
+        velocity, acceleration = self.bent[0] + noise, self.bent[1]
         if self.windows[1] is not None:
-            of, order = (velocity, 1) if self.is_of_velocity else (error, 2)
-            acceleration = self.bent[1] + derived(data, of, self.windows[1], order)
-        return moved(data, error - self.error, velocity - self.velocity_error, acceleration)
+            of, order = (noise, 1) if self.is_of_velocity else (error, 2)
+            acceleration = acceleration + derived(data, of, self.windows[1], order)
+        return moved(data, error - self.error, velocity - data.velocity, acceleration - data.acceleration)
 
     def _another_error(self, rng: np.random.Generator) -> FloatArray:
         if self.step > 0.0:
@@ -128,12 +133,14 @@ def _readings_of(data: ChannelData) -> Readings:
         acceleration = of_it if is_of_velocity else acceleration
     windows = velocity, acceleration
     is_staircase = step == 0.0 < rounding
-    bent = (
-        _bent(data, data.velocity - of_velocity, windows[0], 1),
-        _bent(data, data.acceleration, windows[1], 1 if is_of_velocity else 2),
+    halves, orders = (half, half_of_velocity), (1, 1 if is_of_velocity else 2)
+    exact = (
+        _unbent(data, data.velocity - of_velocity, windows[0], orders[0]),
+        _unbent(data, data.acceleration, windows[1], orders[1]),
     )
-    halves = half, half_of_velocity
-    return Readings(data, error, of_velocity, halves, step, is_staircase, windows, is_of_velocity, bent)
+    bent = _bent(data, exact[0], windows[0], orders[0]), _bent(data, exact[1], windows[1], orders[1])
+    how = halves, step, is_staircase, windows, is_of_velocity
+    return Readings(data, error, of_velocity, *how, exact, bent)
 
 
 def shuffled(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
@@ -178,10 +185,16 @@ def derived(data: ChannelData, signal: FloatArray, window: int, order: int) -> F
 
 
 def _bent(data: ChannelData, exact: FloatArray, window: int | None, order: int) -> FloatArray:
-    """By how much a window bends an exact derivative of this order, (n,)."""
-    if window is None:
-        return np.zeros_like(exact)
-    return derived(data, _integrated(exact, data, order), window, order) - exact
+    """What a window makes of an exact derivative of this order, (n,)."""
+    return exact if window is None else derived(data, _integrated(exact, data, order), window, order)
+
+
+def _unbent(data: ChannelData, found: FloatArray, window: int | None, order: int) -> FloatArray:
+    """A derivative (n,) that a window bends to about the one found: what it does to that, taken off.
+
+    J. W. Tukey, Exploratory Data Analysis (1977), ch. 16: twicing.
+    """
+    return 2.0 * found - _bent(data, found, window, order)
 
 
 def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray:
