@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from estimation.data.import_options import ImportOptions, parse_pairs
-from estimation.models import MODELS
 from palpate import console
 from palpate.files import existing_data
 from palpate.option_sets import takes
@@ -26,7 +25,10 @@ ForceOption = Annotated[
     typer.Option("--force", help="Replace files of the same names in the folder that --out names."),
 ]
 ModelOption = Annotated[
-    str | None, typer.Option(help=f"One of {', '.join(MODELS)}; default: what suits each channel.")
+    str | None,
+    typer.Option(
+        help="Such as kelvin_voigt (an unknown name gets the list); default: what suits each channel."
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
