@@ -77,6 +77,11 @@ class Fitted(Shown):
         return held_out_residual(self.standing.plain.frame, self.standing.trial)
 
     @property
+    def left_on_blocks(self) -> FloatArray:
+        """What the fit leaves on short blocks of samples, (m,), zero where not judged; known at once."""
+        return np.where(self.standing.plain.frame.trusted, self.standing.trial.residual, 0.0)
+
+    @property
     def judged(self) -> BoolArray:
         """Samples that count in the error, shape (n,)."""
         return np.isfinite(self.residual)

@@ -1,5 +1,6 @@
 """What lies on the bench: a study, the model chosen on the page, and the way back; no page in it."""
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
 Bounds = tuple[float, float]
+_MOST_STEPS = 100  # that can be undone
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ class Bench:
         self.study, self.source = study, source
         self.whole: Bench | None = None  # with the runs that were taken out
         self.out: tuple[int, ...] = ()
-        self._past: list[Choice] = []
+        self._past: deque[Choice] = deque(maxlen=_MOST_STEPS)
         self._future: list[Choice] = []
         first = next((one for one in study.channels if not self.refusal(one)), study.channels[0])
         self.choice = self._start_of(first.name)
@@ -281,7 +283,7 @@ class Evidence:
     Attributes:
         effect: its name.
         falls: share of the held-out error.
-        change: of the residual at some samples, of unit length: alike where effects do the same.
+        change: of what is left on blocks, (m,), of unit length: alike where effects do the same.
     """
 
     effect: str
@@ -289,7 +291,6 @@ class Evidence:
     change: FloatArray
 
 
-_SAMPLES = 3000  # by which effects are compared
 ALIKE = 0.95  # cosine above which two effects do the same to this data
 TELLING = 0.05  # share of the error below which an effect does nothing here
 
@@ -301,8 +302,7 @@ def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effe
         InputError: it cannot be fitted.
     """
     before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
-    step = max(len(before.data) // _SAMPLES, 1)
-    change = np.nan_to_num((before.residual - fitted.residual)[::step])
+    change = before.left_on_blocks - fitted.left_on_blocks
     length = float(np.linalg.norm(change))
     return Evidence(effect, 1.0 - fitted.rmse / before.rmse, change / length if length > 0.0 else change)
 
