@@ -81,7 +81,7 @@ class Bench:
 
     def __init__(self, study: Study, source: str = "") -> None:
         self.study, self.source = study, source
-        self.whole: Bench | None = None  # with the runs that were taken out
+        self.whole: Bench | None = None  # with the runs that were taken out, and none held out by choice
         self.out: tuple[int, ...] = ()
         self._past: deque[Choice] = deque(maxlen=_MOST_STEPS)
         self._future: list[Choice] = []
@@ -224,39 +224,51 @@ class Bench:
         source = joined(self.study.source, open_source(path))
         return Bench(Study(source, self.channel.model.name))
 
-    def without_runs(self, out: Sequence[int]) -> "Bench":
-        """A bench of the same measurement without these runs, neither fitted nor judged; in memory.
+    def with_runs(self, out: Sequence[int], held_out: Sequence[int]) -> "Bench":
+        """A bench of the same measurement, its runs used otherwise; in memory.
+
+        Args:
+            out: runs neither fitted nor judged.
+            held_out: runs not fitted, and on which alone models are judged; none for each in turn.
 
         Raises:
-            InputError: nothing would be left of a channel.
+            InputError: nothing would be left of a channel, or nothing to be fitted to.
         """
         whole = self.whole or self
-        if not out:
+        held = sorted(set(held_out) - set(out))
+        if not (out or held):
             return whole
         channels = [one.of_runs(np.setdiff1d(one.runs, out)) for one in whole.study.source.channels]
         if not all(map(len, channels)):
             raise InputError("leave at least one run of each channel in")
         model = None if len(self.study.channels) == len(channels) else self.channel.model.name
-        bench = Bench(Study(replace(whole.study.source, channels=tuple(channels)), model), self.source)
+        source = replace(whole.study.source, channels=tuple(channels))
+        bench = Bench(Study(source, model, held_out=held), self.source)
         bench.whole, bench.out = whole, tuple(sorted(out))
         bench.choice = Choice(self.choice.channel, self.choice.effects)
         return bench
 
     def command(self) -> str:
         """The command that does what the page shows; empty where none does."""
-        if self.out or self.choice.held or self.choice.bounds or not self.source:
+        session = self.study.source.session
+        if (self.out and session is None) or self.choice.held or self.choice.bounds or not self.source:
             return ""
+        there = sorted({run for one in self.study.channels for run in one.measured.runs.tolist()})
+        source = f"{self.source} --where run={_listed(there)}" if self.out else self.source
+        held = self.study.held_out
+        source += f" --held-out {_listed(held)}" if held else ""
         model, where = self.channel.model.name, f"--channel {as_shell_word(self.choice.channel)}"
         if not self.choice.effects:
-            return f"palpate compare {self.source} --model {model} {where}"
-        return f"palpate add {self.source} {' '.join(self.choice.effects)} --fresh --model {model} {where}"
+            return f"palpate compare {source} --model {model} {where}"
+        return f"palpate add {source} {' '.join(self.choice.effects)} --fresh --model {model} {where}"
 
     def python(self) -> str:
         """The Python line that does what the page shows."""
+        held = f", held_out={list(self.study.held_out)}" if self.study.held_out else ""
         if self.out:
             left = f"[one.of_runs(np.setdiff1d(one.runs, {list(self.out)})) for one in study.source.channels]"
-            return f"study = palpate.Study({left}, arm=study.source.arm); " + self._python()
-        return self._python()
+            return f"study = palpate.Study({left}, arm=study.source.arm{held}); " + self._python()
+        return (f"study = palpate.Study(study.source{held}); " if held else "") + self._python()
 
     def _python(self) -> str:
         effects = "".join(f'"{name}", ' for name in self.choice.effects)
@@ -322,6 +334,10 @@ def groups(found: Sequence[Evidence]) -> list[list[Evidence]]:
         made.append(alike)
         left = [one for one in left if one not in alike]
     return made
+
+
+def _listed(runs: Sequence[int]) -> str:
+    return ",".join(map(str, runs))
 
 
 def kind_in_words(kind: ChannelKind) -> str:

@@ -13,13 +13,14 @@ from palpate.workbench.plot import Plot
 from robot_io.types import FloatArray
 
 MOST_RUNS = 60  # that can be chosen one by one
+UseRuns = Callable[[Sequence[int], Sequence[int]], Awaitable[None]]  # takes those left out, those held out
 
 
 class Centre:
     """Curves of one channel; a tick redraws the model's alone."""
 
-    def __init__(self, bench: Bench, leave_out: Callable[[Sequence[int]], Awaitable[None]]) -> None:
-        self._bench, self._leave_out = bench, leave_out
+    def __init__(self, bench: Bench, use_runs: UseRuns) -> None:
+        self._bench, self._use_runs = bench, use_runs
         self._data = bench.channel.data
         self._motion = Motion.of(self._data)
         self._span_s: tuple[float, float] | None = None
@@ -105,9 +106,14 @@ class Centre:
         drawn = {run: name for run, name in names.items() if run not in self._bench.out}
         _select(drawn, "all runs", "runs to draw", words.RUNS).on_value_change(self._chose_runs)
         out = _select(names, "none left out", "runs to leave out", words.LEFT_OUT, self._bench.out)
-        out.on("popup-hide", lambda: self._leave_out(tuple(out.value or ()))).on(
-            "clear", lambda: self._leave_out(())
-        )
+        held = self._bench.study.held_out
+        judged = _select(drawn, "each held out in turn", "runs to hold out", words.HELD_OUT, held)
+
+        async def use() -> None:
+            await self._use_runs(out.value or (), judged.value or ())
+
+        for one in (out, judged):
+            one.on("popup-hide", use).on("clear", use)
 
     def _chose_runs(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self._motion = Motion.of(self._data, event.value or ())

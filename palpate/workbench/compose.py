@@ -44,17 +44,17 @@ async def compose(home: Home) -> None:
 
     page = Page(bench, lambda: _opening(home))
 
-    async def leave_out(runs: Sequence[int]) -> None:
-        if tuple(sorted(runs)) == bench.out:
+    async def use_runs(out: Sequence[int], held_out: Sequence[int]) -> None:
+        if (tuple(sorted(out)), tuple(sorted(held_out))) == (bench.out, bench.study.held_out):
             return
         try:
-            home.bench = await asyncio.to_thread(bench.without_runs, runs)
+            home.bench = await asyncio.to_thread(bench.with_runs, out, held_out)
         except PalpateError as error:
             ui.notify(str(error), type="warning")
             return
         ui.navigate.reload()
 
-    await page.build(below, gallery.open, leave_out)
+    await page.build(below, gallery.open, use_runs)
 
 
 def _begin(home: Home) -> None:

@@ -37,7 +37,7 @@ class Error:
 
     def preview(self, error: float, unit: str, floor: float) -> None:
         """State the error at the values of the sliders."""
-        self._number.set_content(_number(error, unit, floor, "at these values, all runs"))
+        self._number.set_content(_number(error, unit, floor, "at these values"))
 
 
 def _number(error: float, unit: str, floor: float, what: str = "") -> str:

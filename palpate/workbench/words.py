@@ -29,6 +29,10 @@ RUNS = (
     "Which runs are drawn. All are fitted, and each is predicted without itself: that is its held-out error."
 )
 LEFT_OUT = "Runs that are taken out: they are neither fitted nor judged, until they are put back."
+HELD_OUT = (
+    "Runs that no model is fitted to: the error is measured in these alone. Without any, each run is "
+    "predicted from the others."
+)
 CURSORS = "Click into the curves to set cursor A or B, or type a time: values and differences are read there."
 KEEP = "Keep the chosen effects as a revision, as palpate add does; go back to it at any time."
 REVISIONS = "Models that were kept, here or by the command line; choose one to go back to it."
