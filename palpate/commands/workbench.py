@@ -32,6 +32,12 @@ def command(
     model: ModelOption = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="On this machine; 0 for any free one.")] = 8090,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
+    foxglove: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=65535, help="Also serve a probing that goes on to Foxglove, here.", metavar="PORT"
+        ),
+    ] = None,
     riddle: Annotated[
         bool, typer.Option("--riddle", help="Hide an effect in the simulated object, for you to find.")
     ] = False,
@@ -54,6 +60,11 @@ def command(
     home.open = lambda path, options: _bench(data, path, options, model)
     address = f"http://{LOOPBACK}:{door.port}"
     console.stdout().print(f"workbench: [bold]{address}[/bold]  (Ctrl-C ends it)")
+    if foxglove is not None:
+        from palpate.workbench.foxglove_feed import Feed  # noqa: PLC0415, rarely wanted
+
+        home.feed = Feed(LOOPBACK, foxglove)
+        console.stdout().print(f"Foxglove:  [bold]ws://{LOOPBACK}:{home.feed.port}[/bold]")
     if not no_browser:
         Thread(target=webbrowser.open, args=(address,), daemon=True).start()
     if file is not None:

@@ -12,6 +12,7 @@ from robot_io.errors import PalpateError
 
 if TYPE_CHECKING:
     from palpate.workbench.bench import Bench
+    from palpate.workbench.foxglove_feed import Feed
 
 
 @dataclass
@@ -26,6 +27,7 @@ class Home:
         raw: a drawing of what a session measured; empty for other files.
         reading: what is being read; empty once that is done.
         error: why it could not be.
+        feed: for Foxglove, if that was asked for.
         open: makes a bench of a file.
     """
 
@@ -36,6 +38,7 @@ class Home:
     raw: str = ""
     reading: str = ""
     error: str = ""
+    feed: "Feed | None" = None
     open: "Callable[[Path, ImportOptions], Bench] | None" = None
 
     @property
