@@ -15,7 +15,8 @@ STYLE = (Path(__file__).parent / "workbench.css").read_text(encoding="utf-8")
 _PATIENCE_S = 5.0  # with a browser that connects and asks nothing
 _POLL_S = 0.02
 _PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>palpate workbench</title>
-<link rel="icon" href="data:,"><style>{style}</style></head><body><div id="waiting">{body}</div>
+<meta name="viewport" content="width=device-width"><link rel="icon" href="data:,">
+<style>{style}</style></head><body><div id="waiting">{body}</div>
 <script>addEventListener("load", () => setTimeout(() => location.reload(), 200))</script></body></html>"""
 
 
