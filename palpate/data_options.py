@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from estimation.data.import_options import ImportOptions, parse_pairs
-from estimation.models import MODELS
 from palpate import console
 from palpate.files import existing_data
 from palpate.option_sets import takes
@@ -26,7 +25,10 @@ ForceOption = Annotated[
     typer.Option("--force", help="Replace files of the same names in the folder that --out names."),
 ]
 ModelOption = Annotated[
-    str | None, typer.Option(help=f"One of {', '.join(MODELS)}; default: what suits each channel.")
+    str | None,
+    typer.Option(
+        help="Such as kelvin_voigt (an unknown name gets the list); default: what suits each channel."
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
@@ -100,6 +102,13 @@ class DataArguments(ReadOptions):
         Path | None,
         typer.Option(help="The arm's URDF, for models that need it and data files.", metavar="FILE"),
     ] = None
+    held_out: Annotated[
+        str | None,
+        typer.Option(
+            help="Runs to judge models on, which they are not fitted to; default: each by the others.",
+            metavar="RUNS",
+        ),
+    ] = None
     tip_frame: Annotated[
         str | None, typer.Option(help="The tip's frame in that URDF.", show_default="tip, or its last link")
     ] = None
@@ -121,7 +130,13 @@ class DataArguments(ReadOptions):
             raise InputError(f"--tip-frame {self.tip_frame}: says nothing without --urdf FILE")
         arm = None if self.urdf is None else arm_from_urdf(self.urdf, self.tip_frame)
         study = Study(
-            self.file, model, arm=arm, effects=self.effect or (), folder=folder, **vars(self.options)
+            self.file,
+            model,
+            arm=arm,
+            effects=self.effect or (),
+            folder=folder,
+            held_out=_run_numbers(self.held_out),
+            **vars(self.options),
         )
         console.say_read(study.source.read, study.source.notes)
         return study
@@ -129,9 +144,17 @@ class DataArguments(ReadOptions):
     def typed(self, **more: str | Path | list[str] | bool | None) -> str:
         """The file with these and all further options as one would type them again; see `retyped`."""
         given = {"effect": self.effect, "urdf": self.urdf, "tip-frame": self.tip_frame}
+        given |= {"held-out": self.held_out}
         given |= {"column": self.column, "unit": self.unit, "where": self.where, "context": self.context}
         number = None if self.runs is None else str(self.runs)
         return retyped(self.file, **{**given, "fresh-runs": self.fresh_runs, "runs": number, **more})
+
+
+def _run_numbers(text: str | None) -> list[int]:
+    try:
+        return [int(part) for part in text.split(",")] if text else []
+    except ValueError:
+        raise InputError(f"--held-out {text}: give run numbers with commas between them, as 2,5") from None
 
 
 takes_data = takes(DataArguments, "file")

@@ -75,6 +75,8 @@ class Study(StudyBase):
         effects: of your own, beside palpate's: objects, or "my_effects.py:MyEffect".
         folder: where revisions and the diagnosis are kept; None for the usual place.
         keep: False to keep them in memory only.
+        held_out: numbers of runs that no model is fitted to, and on which alone models are judged; without
+            any, each run is judged by the others.
 
     Raises:
         InputError: the data cannot be used, or the model does not describe it.
@@ -95,6 +97,7 @@ class Study(StudyBase):
         effects: Sequence[str | Effect] = (),
         folder: Path | str | None = None,
         keep: bool = True,
+        held_out: Sequence[int] = (),
     ) -> None:
         if isinstance(effects, str) or not isinstance(effects, Sequence):
             raise InputError(f"effects={effects!r}: give a list, such as ['my_effects.py:MyEffect']")
@@ -123,6 +126,7 @@ class Study(StudyBase):
             arm=arm_from_urdf(Path(arm)) if isinstance(arm, str | Path) else arm,
             effects=own,
             folder=place,
+            held_out=held_out,
         )
         for text, effect in own.items():
             self._try_out(text, effect)

@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.signal import find_peaks, peak_prominences
 
 from estimation.signals.blocks import blocks
 from robot_io.errors import InputError
@@ -82,6 +81,8 @@ def cut_into(force: FloatArray, piece: IntArray, count: int, where: str) -> IntA
     Raises:
         InputError: there are fewer presses.
     """
+    from scipy.signal import find_peaks, peak_prominences  # noqa: PLC0415, slow to import
+
     smooth = np.asarray(median_filter(force, 5))
     peaks = find_peaks(np.concatenate([[smooth.min()], smooth, [smooth.min()]]))[0] - 1
     prominence = peak_prominences(smooth, peaks)[0] if len(peaks) else np.zeros(0)

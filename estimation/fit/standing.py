@@ -104,10 +104,10 @@ def fit(
     memory = memory or Memory()
     known = dict.fromkeys(model.gains, 0.0) | {n: inner.beginning for n, inner in model.inner.items()}
     known |= {name: parameters[name] for name in known.keys() & parameters.keys()} | dict(model.held)
-    first = attempt(_bench(data, model, known, good, memory), model, known, rounds=3)
-    plain = _bench(data, model, first.parameters, good, memory)
+    first = attempt(bench_of(data, model, known, good, memory), model, known, rounds=3)
+    plain = bench_of(data, model, first.parameters, good, memory)
     trial = polish(plain, first)
-    again = _bench(data, model, trial.parameters, good, memory)
+    again = bench_of(data, model, trial.parameters, good, memory)
     if not np.array_equal(again.frame.trusted, plain.frame.trusted):  # the contact begins elsewhere
         plain, trial = again, polish(again, trial)
     return Fit(plain.frame.data, plain, trial)
@@ -125,13 +125,14 @@ def stand(
     return Standing(fitted.data, fitted.plain, fitted.trial)
 
 
-def _bench(
+def bench_of(
     data: ChannelData,
     model: Model,
     parameters: Mapping[str, float],
     good: BoolArray | None,
     memory: Memory,
 ) -> Bench:
+    """The blocks of a channel on which a model with these parameters is judged; see `fit`."""
     frame = frame_of(with_load(data, model, parameters), good, memory)
     if data.kind is not ChannelKind.CONTACT:
         return Bench(frame, WHITE)

@@ -7,13 +7,12 @@ chapter on model validation.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import correlate
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from estimation.signals.blocks import rows_of_runs
 from robot_io.types import FloatArray, IntArray
 
-SIGMAS_99 = float(norm.ppf(0.995))
+SIGMAS_99 = float(ndtri(0.995))
 
 
 @dataclass(frozen=True)
@@ -100,6 +99,8 @@ def _centred(values: FloatArray) -> FloatArray:
 
 def _lagged(a: FloatArray, b: FloatArray, most: int) -> FloatArray:
     """Sum of a_t b_(t+k) for k from -most to most."""
+    from scipy.signal import correlate  # noqa: PLC0415, half of what it takes to import palpate
+
     whole, n = correlate(b, a, mode="full", method="auto"), len(a)
     reach = min(most, n - 1)
     found = np.zeros(2 * most + 1)

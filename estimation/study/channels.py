@@ -38,6 +38,7 @@ class StudyChannel:
         context: what that may need to know beside the channel.
         sha256: of all arrays as they were measured and, for a joint, of the arm.
         prepared: `data`, where it is more than the base model makes of this channel alone.
+        held_out: runs that no model is fitted to, and which alone judge models; none for each in turn.
     """
 
     measured: ChannelData
@@ -45,6 +46,7 @@ class StudyChannel:
     context: ModelContext
     sha256: str
     prepared: ChannelData | None = None
+    held_out: tuple[int, ...] = ()
 
     @cached_property
     def data(self) -> ChannelData:
@@ -54,6 +56,11 @@ class StudyChannel:
             InputError: the channel lacks something that the model needs.
         """
         return self.prepared or MODELS[self.model.name]().prepare(self.measured, self.context)
+
+    @cached_property
+    def to_fit(self) -> ChannelData:
+        """The runs of `data` that models are fitted to."""
+        return self.data.of_runs(np.setdiff1d(self.data.runs, self.held_out)) if self.held_out else self.data
 
     @property
     def name(self) -> str:
@@ -75,14 +82,20 @@ class StudyChannel:
         return f"{self.name}: {self.model.name}, {runs} runs, {samples} samples, {self.sha256[:12]}"
 
 
-def channel_of(data: ChannelData, model: str, arm: Arm) -> StudyChannel:
+def channel_of(data: ChannelData, model: str, arm: Arm, held_out: tuple[int, ...] = ()) -> StudyChannel:
     """A channel with a base model.
 
     Raises:
-        InputError: the model is unknown, or lacks something.
+        InputError: the model is unknown, lacks something, or has no run to be fitted to.
     """
-    context = arm.context_of(data)
-    return StudyChannel(data, MODELS[model]().build(context), context, data_sha256(data, arm))
+    context, sha256 = arm.context_of(data), data_sha256(data, arm)
+    if held_out:
+        if model == FITTED_ARM_MODEL:  # its joints share what all runs say of their masses
+            raise InputError(f"model '{model}' judges each run by the others: leave out held_out")
+        if not len(np.setdiff1d(data.runs, held_out)):
+            raise InputError(f"channel '{data.name}': leave at least one run to be fitted to")
+        sha256 = hashlib.sha256(f"{sha256} {held_out}".encode()).hexdigest()  # other data to any fit
+    return StudyChannel(data, MODELS[model]().build(context), context, sha256, held_out=held_out)
 
 
 def usual_model(channel: ChannelData, arm: Arm) -> str:

@@ -14,11 +14,11 @@ from estimation.diagnosis import Diagnosis
 from estimation.diagnosis.candidates import try_all
 from estimation.effect import Effect
 from estimation.estimate import ParameterEstimate
-from estimation.fit.held_out import held_out_residual
+from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.intervals import final, values
-from estimation.fit.load import LOAD
+from estimation.fit.load import LOAD, with_load
 from estimation.fit.memory import Memory
-from estimation.fit.standing import Standing, stand
+from estimation.fit.standing import Standing, bench_of, stand
 from estimation.fit.trial import Bench, Trial
 from estimation.gate import refuse, usable
 from estimation.model import Model
@@ -37,14 +37,18 @@ class Fitted(Shown):
 
     Attributes:
         standing: the fit; what is derived from it is computed when it is first asked for.
+        whole: the channel with runs that were held out by choice, on which alone the model is judged then.
     """
 
     standing: Standing
+    whole: ChannelData | None = None
 
-    @property
+    @cached_property
     def data(self) -> ChannelData:
         """The channel, with the signals that were derived for the model."""
-        return self.standing.data
+        if self.whole is None:
+            return self.standing.data
+        return with_load(self.whole, self.model, self.standing.trial.parameters)
 
     @property
     def model(self) -> Model:
@@ -74,7 +78,20 @@ class Fitted(Shown):
     @cached_property
     def residual(self) -> FloatArray:
         """Effort less prediction from gains fitted to the other runs, (n,); NaN where not judged."""
-        return held_out_residual(self.standing.plain.frame, self.standing.trial)
+        trial = self.standing.trial
+        if self.whole is None:
+            return held_out_residual(self.standing.plain.frame, trial)
+        frame = bench_of(self.whole, self.model, trial.parameters, usable(self.whole), Memory()).frame
+        rows = frame.rows[frame.trusted].ravel()
+        rows = rows[~np.isin(self.whole.run[rows], self.standing.data.runs)]
+        residual = np.full(len(self.whole), np.nan)
+        residual[rows] = (self.data.effort - self.at(trial.parameters))[rows]
+        return residual
+
+    @property
+    def left_on_blocks(self) -> FloatArray:
+        """What the fit leaves on short blocks of samples, (m,), zero where not judged; known at once."""
+        return np.where(self.standing.plain.frame.trusted, self.standing.trial.residual, 0.0)
 
     @property
     def judged(self) -> BoolArray:
@@ -84,7 +101,7 @@ class Fitted(Shown):
     @property
     def rmse(self) -> float:
         """Root mean square of that residual."""
-        return self.standing.rmse
+        return self.standing.rmse if self.whole is None else rmse(self.residual)
 
     @cached_property
     def _last(self) -> tuple[Bench, Trial]:
@@ -106,13 +123,16 @@ class Fitted(Shown):
         return Table(caption, ("parameter", "value", "95 % interval"), rows)
 
 
-def fit(data: ChannelData, model: Model, parent: Fitted | None = None) -> Fitted:
+def fit(
+    data: ChannelData, model: Model, parent: Fitted | None = None, whole: ChannelData | None = None
+) -> Fitted:
     """Fit a model, from the parameters of the one that it was made of.
 
     Args:
         data: the channel.
         model: what to fit: that of the parent and one effect more, if there is a parent.
         parent: the model without its last effect.
+        whole: the channel with runs that are held out by choice, if there are any.
 
     Raises:
         InputError: the channel cannot be judged; the message says why.
@@ -120,10 +140,10 @@ def fit(data: ChannelData, model: Model, parent: Fitted | None = None) -> Fitted
     good = usable(data)
     with threadpool_limits(1):  # small matrices: more threads take longer
         if parent is not None:
-            return Fitted(_extended(data, parent.standing, model.effects[-1], good))
+            return Fitted(_extended(data, parent.standing, model.effects[-1], good), whole)
         if reason := refuse(data.select(good), model):
             raise InputError(f"channel '{data.name}': {reason}")
-        return Fitted(stand(data, model, {}, good))
+        return Fitted(stand(data, model, {}, good), whole)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,23 +161,24 @@ class Packed:
     load: FloatArray | None
 
     def unpacked(self, data: ChannelData, other: Fitted) -> Fitted:
-        """The fit, beside another fit of the channel `data`."""
+        """The fit to `data`, beside another fit to it."""
         if self.load is not None:
             data = replace(data, context={**data.context, LOAD: self.load})
         frame = replace(other.standing.plain.frame, data=data, trusted=self.trusted, of_load=Memory())
-        return Fitted(Standing(data, Bench(frame, other.standing.plain.colour), self.trial))
+        return Fitted(Standing(data, Bench(frame, other.standing.plain.colour), self.trial), other.whole)
 
 
 def pack(fitted: Fitted) -> Packed:
     """A fit, as small as it can be sent."""
     standing = fitted.standing
-    return Packed(standing.trial, standing.plain.frame.trusted, fitted.data.context.get(LOAD))
+    return Packed(standing.trial, standing.plain.frame.trusted, standing.data.context.get(LOAD))
 
 
 def fit_held(data: ChannelData, fitted: Fitted, held: Mapping[str, float]) -> Fitted:
     """Fit a model again from where it is, with some parameters held at these values."""
     with threadpool_limits(1):
-        return Fitted(stand(data, replace(fitted.model, held=held), fitted.values, usable(data)))
+        standing = stand(data, replace(fitted.model, held=held), fitted.values, usable(data))
+        return Fitted(standing, fitted.whole)
 
 
 def _extended(data: ChannelData, standing: Standing, effect: Effect, good: BoolArray) -> Standing:

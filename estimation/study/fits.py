@@ -43,13 +43,22 @@ class Fits(Shown):
         source: what was measured.
         model: base model; None for what suits each channel.
         effects: of the user's own.
+        held_out: runs that no model is fitted to, and which alone judge models; none for each in turn.
 
     Raises:
-        InputError: the model is unknown, does not describe the data, or lacks something.
+        InputError: the model is unknown, does not describe the data, or lacks something; or there is no such
+            run, or none is left.
     """
 
-    def __init__(self, source: Source, model: str | None, effects: Sequence[Effect]) -> None:
+    def __init__(
+        self, source: Source, model: str | None, effects: Sequence[Effect], held_out: Sequence[int] = ()
+    ) -> None:
         self.source = source
+        self.held_out = tuple(sorted(set(held_out)))
+        there = sorted({run for one in source.channels for run in one.runs.tolist()})
+        if unknown := set(self.held_out).difference(there):
+            named = ", ".join(map(str, there))
+            raise InputError(f"held_out={list(held_out)}: no run {unknown.pop()}. There are: {named}")
         self._model = model
         self._library = {effect.name: effect for effect in (*library(), *effects)}
         self._lock = RLock()
@@ -122,7 +131,7 @@ class Fits(Shown):
         """Take over a fit that another process made of the same data by the same engine."""
         with self._lock:
             if not self.known(channel, effects):
-                self._remember(_key(channel, effects), packed.unpacked(channel.data, self.fit(channel)))
+                self._remember(_key(channel, effects), packed.unpacked(channel.to_fit, self.fit(channel)))
 
     def fit_held(
         self,
@@ -150,7 +159,7 @@ class Fits(Shown):
             )
             fixed = dict(held)
             while True:
-                now = engine.fit_held(one.data, fitted, fixed) if fixed else fitted
+                now = engine.fit_held(one.to_fit, fitted, fixed) if fixed else fitted
                 outside = {
                     name: float(np.clip(now.values[name], *pair))
                     for name, pair in bounds.items()
@@ -224,7 +233,7 @@ class Fits(Shown):
     def _channel(self, data: ChannelData, model: str | None) -> StudyChannel:
         name = model or usual_model(data, self.source.arm)
         if (data.name, name) not in self._channels:
-            self._channels[data.name, name] = channel_of(data, name, self.source.arm)
+            self._channels[data.name, name] = channel_of(data, name, self.source.arm, self.held_out)
         return self._channels[data.name, name]
 
     def _of_one_arm(self, channels: tuple[StudyChannel, ...]) -> tuple[StudyChannel, ...]:
@@ -237,11 +246,12 @@ class Fits(Shown):
 
     def _fit(self, one: StudyChannel, effects: list[str]) -> Fitted:
         if not effects:
-            return engine.fit(one.data, one.model)
+            return engine.fit(one.to_fit, one.model, whole=one.data if one.held_out else None)
         parent, effect = self.fit(one, effects[:-1]), self._effect(effects[-1])
         if why := unapplicable(effect, parent.data):
             raise InputError(why)
-        return engine.fit(one.data, parent.model.with_effect(effect.suited_to(parent.data)), parent)
+        model = parent.model.with_effect(effect.suited_to(parent.standing.data))
+        return engine.fit(one.to_fit, model, parent, parent.whole)
 
     def _effect(self, name: str) -> Effect:
         if name not in self._library:

@@ -6,6 +6,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from estimation.channel import ChannelKind
 from estimation.data.import_options import ImportOptions
 from estimation.diagnosis import ChannelDiagnosis
@@ -37,6 +39,7 @@ class Study(Fits):
         arm: what the channels belong to, where the data does not say.
         effects: of the user's own, by the name under which to load them again, such as "my_effects.py:Mine".
         folder: where revisions and the diagnosis are kept; None to keep them in memory.
+        held_out: see `Fits`.
         now: the time at which a revision is made.
 
     Raises:
@@ -52,10 +55,12 @@ class Study(Fits):
         arm: Arm | None = None,
         effects: Mapping[str, Effect] | None = None,
         folder: Path | None = None,
+        held_out: Sequence[int] = (),
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
         own = effects or {}
-        super().__init__(of_bearable_length(open_source(data, options, arm)), model, list(own.values()))
+        source = of_bearable_length(open_source(data, options, arm))
+        super().__init__(source, model, list(own.values()), held_out)
         self.folder = folder
         self._own = {effect.name: place for place, effect in own.items()}
         self._revisions = Revisions(folder)
@@ -93,7 +98,7 @@ class Study(Fits):
         chosen = self.chosen(channel)
         unknown = [one for one in chosen if about(one) not in self._diagnoses]
         if unknown:
-            data, models = [one.data for one in chosen], [one.model for one in chosen]
+            data, models = [one.to_fit for one in chosen], [one.model for one in chosen]
             judged = judge(data, models, self.effects, progress, self._file)
             found = [reconcile(self, *pair) for pair in zip(chosen, judged.channels, strict=True)]
             said = self.source.averaged
@@ -109,7 +114,7 @@ class Study(Fits):
 
     def refusal(self, channel: StudyChannel) -> str:
         """Why a channel cannot be judged; empty where it can."""
-        return refuse(channel.data.select(usable(channel.data)), channel.model) or ""
+        return refuse(channel.to_fit.select(usable(channel.to_fit)), channel.model) or ""
 
     def noise_floor(self, channel: StudyChannel | str) -> float:
         """The error that a complete model would leave: one number for a channel, in the unit of the effort.
@@ -220,6 +225,8 @@ class Study(Fits):
         """
         names, models = choose_estimators(estimators), model_to_estimate(self.source, self._model)
         wanted = [one for one in self.source.tared() if one.name in models and channel in {None, one.name}]
+        if self.held_out:
+            wanted = [one.of_runs(np.setdiff1d(one.runs, self.held_out)) for one in wanted]
         if not wanted:
             raise InputError(f"no channel '{channel}' to estimate. There are: {', '.join(models)}")
         arm = self.source.arm

@@ -1,8 +1,10 @@
 """`palpate workbench`: tick an effect on a local page, and see at once what it does."""
 
-import socket
+import webbrowser
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -11,9 +13,10 @@ from estimation.data.import_options import ImportOptions
 from palpate import console
 from palpate.data_options import DataArguments, ModelOption, may_take_data
 from palpate.files import existing_file, output_folder
-from palpate.runs.options import SESSIONS
+from palpate.workbench.door import Door
 from palpate.workbench.home import Home
-from robot_io.errors import InputError
+from palpate.workbench.picture import raw_curves
+from robot_io.errors import InputError, PalpateError
 
 if TYPE_CHECKING:
     from palpate.workbench.bench import Bench
@@ -29,6 +32,12 @@ def command(
     model: ModelOption = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="On this machine; 0 for any free one.")] = 8090,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
+    foxglove: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=65535, help="Also serve a probing that goes on to Foxglove, here.", metavar="PORT"
+        ),
+    ] = None,
     riddle: Annotated[
         bool, typer.Option("--riddle", help="Hide an effect in the simulated object, for you to find.")
     ] = False,
@@ -44,20 +53,32 @@ def command(
         raise InputError("--riddle probes an object of its own: leave out the file")
     if not data.file.is_dir():
         existing_file(data.file, "session or data file")
-    chosen = _free(port)
+    door = _door(port)
     is_folder = data.file.is_dir()
     folder, file = (data.file, None) if is_folder else (data.file.parent, data.file)
     home = Home(folder, file, riddle)
     home.open = lambda path, options: _bench(data, path, options, model)
+    address = f"http://{LOOPBACK}:{door.port}"
+    console.stdout().print(f"workbench: [bold]{address}[/bold]  (Ctrl-C ends it)")
+    if foxglove is not None:
+        from palpate.workbench.foxglove_feed import Feed  # noqa: PLC0415, rarely wanted
+
+        home.feed = Feed(LOOPBACK, foxglove)
+        console.stdout().print(f"Foxglove:  [bold]ws://{LOOPBACK}:{home.feed.port}[/bold]")
+    if not no_browser:
+        Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    if file is not None:
+        with suppress(PalpateError):  # the page says what is wrong with it
+            home.raw = raw_curves(file)
     if riddle:
         home.read(lambda: _bench(data, _posed(), ImportOptions(), model or _MODEL), "probing an object")
-    elif not is_folder:
-        home.read(lambda: _bench(data, data.file, data.options, model), f"reading {data.file.name}")
-    console.stdout().print(f"workbench: [bold]http://{LOOPBACK}:{chosen}[/bold]  (Ctrl-C ends it)")
-    # the page's library takes a second to import, in which the data is read
+    elif file is not None:
+        home.read(lambda: _bench(data, file, data.options, model), f"reading {file.name}")
+    door.show(home.waiting)
+    # a second or two to import; whoever asks meanwhile sees what was measured
     from palpate.workbench.server import serve  # noqa: PLC0415
 
-    serve(home, LOOPBACK, chosen, browser=not no_browser)
+    serve(home, door.handed_over())
 
 
 def _bench(data: DataArguments, path: Path, options: ImportOptions, model: str | None) -> "Bench":
@@ -77,23 +98,20 @@ def _bench(data: DataArguments, path: Path, options: ImportOptions, model: str |
 
 
 def _posed() -> Path:
+    from palpate.runs.options import SESSIONS  # noqa: PLC0415, with the simulator
     from palpate.workbench.riddle import pose  # noqa: PLC0415, with the simulator
 
     return pose(output_folder(SESSIONS))
 
 
-def _free(port: int) -> int:
-    """The port, if nobody has it.
+def _door(port: int) -> Door:
+    """The page's address, open from now on.
 
     Raises:
-        InputError: somebody has.
+        InputError: somebody has the port.
     """
-    with socket.socket() as tried:
-        tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            tried.bind((LOOPBACK, port))
-        except OSError as error:
-            raise InputError(
-                f"--port {port}: {error.strerror or error}; another, or 0 for any free one"
-            ) from error
-        return int(tried.getsockname()[1])
+    try:
+        return Door(LOOPBACK, port)
+    except OSError as error:
+        said = f"--port {port}: {error.strerror or error}; another, or 0 for any free one"
+        raise InputError(said) from error

@@ -85,11 +85,11 @@ def _fitted(effects: tuple[str, ...]) -> engine.Fitted:
     """As `Fits.fit`, from the fits of this process."""
     made = _fits.pop(effects, None)
     if made is None and not effects:
-        made = engine.fit(_channel.data, _channel.model)
+        made = engine.fit(_channel.to_fit, _channel.model)
     elif made is None:
         parent = _fitted(effects[:-1])
         model = parent.model.with_effect(_library[effects[-1]].suited_to(parent.data))
-        made = engine.fit(_channel.data, model, parent)
+        made = engine.fit(_channel.to_fit, model, parent)
     _fits[effects] = made
     while len(_fits) > _MOST:
         del _fits[next(iter(_fits))]

@@ -1,5 +1,6 @@
 """What lies on the bench: a study, the model chosen on the page, and the way back; no page in it."""
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
 Bounds = tuple[float, float]
+_MOST_STEPS = 100  # that can be undone
 
 
 @dataclass(frozen=True)
@@ -79,9 +81,9 @@ class Bench:
 
     def __init__(self, study: Study, source: str = "") -> None:
         self.study, self.source = study, source
-        self.whole: Bench | None = None  # with the runs that were taken out
+        self.whole: Bench | None = None  # with the runs that were taken out, and none held out by choice
         self.out: tuple[int, ...] = ()
-        self._past: list[Choice] = []
+        self._past: deque[Choice] = deque(maxlen=_MOST_STEPS)
         self._future: list[Choice] = []
         first = next((one for one in study.channels if not self.refusal(one)), study.channels[0])
         self.choice = self._start_of(first.name)
@@ -222,39 +224,51 @@ class Bench:
         source = joined(self.study.source, open_source(path))
         return Bench(Study(source, self.channel.model.name))
 
-    def without_runs(self, out: Sequence[int]) -> "Bench":
-        """A bench of the same measurement without these runs, neither fitted nor judged; in memory.
+    def with_runs(self, out: Sequence[int], held_out: Sequence[int]) -> "Bench":
+        """A bench of the same measurement, its runs used otherwise; in memory.
+
+        Args:
+            out: runs neither fitted nor judged.
+            held_out: runs not fitted, and on which alone models are judged; none for each in turn.
 
         Raises:
-            InputError: nothing would be left of a channel.
+            InputError: nothing would be left of a channel, or nothing to be fitted to.
         """
         whole = self.whole or self
-        if not out:
+        held = sorted(set(held_out) - set(out))
+        if not (out or held):
             return whole
         channels = [one.of_runs(np.setdiff1d(one.runs, out)) for one in whole.study.source.channels]
         if not all(map(len, channels)):
             raise InputError("leave at least one run of each channel in")
         model = None if len(self.study.channels) == len(channels) else self.channel.model.name
-        bench = Bench(Study(replace(whole.study.source, channels=tuple(channels)), model), self.source)
+        source = replace(whole.study.source, channels=tuple(channels))
+        bench = Bench(Study(source, model, held_out=held), self.source)
         bench.whole, bench.out = whole, tuple(sorted(out))
         bench.choice = Choice(self.choice.channel, self.choice.effects)
         return bench
 
     def command(self) -> str:
         """The command that does what the page shows; empty where none does."""
-        if self.out or self.choice.held or self.choice.bounds or not self.source:
+        session = self.study.source.session
+        if (self.out and session is None) or self.choice.held or self.choice.bounds or not self.source:
             return ""
+        there = sorted({run for one in self.study.channels for run in one.measured.runs.tolist()})
+        source = f"{self.source} --where run={_listed(there)}" if self.out else self.source
+        held = self.study.held_out
+        source += f" --held-out {_listed(held)}" if held else ""
         model, where = self.channel.model.name, f"--channel {as_shell_word(self.choice.channel)}"
         if not self.choice.effects:
-            return f"palpate compare {self.source} --model {model} {where}"
-        return f"palpate add {self.source} {' '.join(self.choice.effects)} --fresh --model {model} {where}"
+            return f"palpate compare {source} --model {model} {where}"
+        return f"palpate add {source} {' '.join(self.choice.effects)} --fresh --model {model} {where}"
 
     def python(self) -> str:
         """The Python line that does what the page shows."""
+        held = f", held_out={list(self.study.held_out)}" if self.study.held_out else ""
         if self.out:
             left = f"[one.of_runs(np.setdiff1d(one.runs, {list(self.out)})) for one in study.source.channels]"
-            return f"study = palpate.Study({left}, arm=study.source.arm); " + self._python()
-        return self._python()
+            return f"study = palpate.Study({left}, arm=study.source.arm{held}); " + self._python()
+        return (f"study = palpate.Study(study.source{held}); " if held else "") + self._python()
 
     def _python(self) -> str:
         effects = "".join(f'"{name}", ' for name in self.choice.effects)
@@ -281,7 +295,7 @@ class Evidence:
     Attributes:
         effect: its name.
         falls: share of the held-out error.
-        change: of the residual at some samples, of unit length: alike where effects do the same.
+        change: of what is left on blocks, (m,), of unit length: alike where effects do the same.
     """
 
     effect: str
@@ -289,7 +303,6 @@ class Evidence:
     change: FloatArray
 
 
-_SAMPLES = 3000  # by which effects are compared
 ALIKE = 0.95  # cosine above which two effects do the same to this data
 TELLING = 0.05  # share of the error below which an effect does nothing here
 
@@ -301,8 +314,7 @@ def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effe
         InputError: it cannot be fitted.
     """
     before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
-    step = max(len(before.data) // _SAMPLES, 1)
-    change = np.nan_to_num((before.residual - fitted.residual)[::step])
+    change = before.left_on_blocks - fitted.left_on_blocks
     length = float(np.linalg.norm(change))
     return Evidence(effect, 1.0 - fitted.rmse / before.rmse, change / length if length > 0.0 else change)
 
@@ -322,6 +334,10 @@ def groups(found: Sequence[Evidence]) -> list[list[Evidence]]:
         made.append(alike)
         left = [one for one in left if one not in alike]
     return made
+
+
+def _listed(runs: Sequence[int]) -> str:
+    return ",".join(map(str, runs))
 
 
 def kind_in_words(kind: ChannelKind) -> str:

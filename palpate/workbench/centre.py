@@ -13,13 +13,14 @@ from palpate.workbench.plot import Plot
 from robot_io.types import FloatArray
 
 MOST_RUNS = 60  # that can be chosen one by one
+UseRuns = Callable[[Sequence[int], Sequence[int]], Awaitable[None]]  # takes those left out, those held out
 
 
 class Centre:
     """Curves of one channel; a tick redraws the model's alone."""
 
-    def __init__(self, bench: Bench, leave_out: Callable[[Sequence[int]], Awaitable[None]]) -> None:
-        self._bench, self._leave_out = bench, leave_out
+    def __init__(self, bench: Bench, use_runs: UseRuns) -> None:
+        self._bench, self._use_runs = bench, use_runs
         self._data = bench.channel.data
         self._motion = Motion.of(self._data)
         self._span_s: tuple[float, float] | None = None
@@ -103,11 +104,22 @@ class Centre:
             return
         names = {run: f"run {run}" for run in there}
         drawn = {run: name for run, name in names.items() if run not in self._bench.out}
-        _select(drawn, "all runs", "runs to draw", words.RUNS).on_value_change(self._chose_runs)
-        out = _select(names, "none left out", "runs to leave out", words.LEFT_OUT, self._bench.out)
-        out.on("popup-hide", lambda: self._leave_out(tuple(out.value or ()))).on(
-            "clear", lambda: self._leave_out(())
-        )
+        _select(drawn, "drawn: all", "runs to draw", words.RUNS).on_value_change(self._chose_runs)
+        out = _select(names, "runs left out", "runs to leave out", words.LEFT_OUT, self._bench.out)
+        held = self._bench.study.held_out
+        judged = _select(drawn, "runs held out", "runs to hold out", words.HELD_OUT, held)
+
+        choosing = False
+
+        async def use(*, still: bool) -> None:
+            nonlocal choosing
+            choosing = still
+            if not still:
+                await self._use_runs(out.value or (), judged.value or ())
+
+        for one in (out, judged):  # several can be chosen before the list is closed
+            one.on("popup-show", lambda: use(still=True)).on("popup-hide", lambda: use(still=False))
+            one.on_value_change(lambda: use(still=choosing))
 
     def _chose_runs(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self._motion = Motion.of(self._data, event.value or ())
@@ -182,9 +194,8 @@ class Centre:
 def _select(
     options: dict[int, str], label: str, name: str, said: str, value: Sequence[int] = ()
 ) -> ui.select:
-    props = f"dense outlined options-dense clearable use-chips aria-label='{name}'"
-    made = ui.select(options, multiple=True, label=label, value=list(value)).props(props).classes("runs")
-    return made.tooltip(said)
+    props = f'dense outlined options-dense clearable use-chips aria-label="{name}" title="{said}"'
+    return ui.select(options, multiple=True, label=label, value=list(value)).props(props).classes("runs")
 
 
 def _of(shown: Shown) -> tuple[FloatArray, FloatArray]:

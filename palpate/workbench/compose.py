@@ -44,17 +44,17 @@ async def compose(home: Home) -> None:
 
     page = Page(bench, lambda: _opening(home))
 
-    async def leave_out(runs: Sequence[int]) -> None:
-        if tuple(sorted(runs)) == bench.out:
+    async def use_runs(out: Sequence[int], held_out: Sequence[int]) -> None:
+        if (tuple(sorted(out)), tuple(sorted(held_out))) == (bench.out, bench.study.held_out):
             return
         try:
-            home.bench = await asyncio.to_thread(bench.without_runs, runs)
+            home.bench = await asyncio.to_thread(bench.with_runs, out, held_out)
         except PalpateError as error:
             ui.notify(str(error), type="warning")
             return
         ui.navigate.reload()
 
-    await page.build(below, gallery.open, leave_out)
+    await page.build(below, gallery.open, use_runs)
 
 
 def _begin(home: Home) -> None:
@@ -88,7 +88,7 @@ def _choose(home: Home) -> Drop:
         ui.button(words_of_all, on_click=partial(drop.begin, home.folder)).props("flat dense no-caps")
     growing = newest_growing(home.folder) if home.folder.is_dir() else None
     if growing is not None:
-        Live(growing, lambda path: _show(home, path, ImportOptions())).build()
+        Live(growing, lambda path: _show(home, path, ImportOptions()), home.feed).build()
     place = ui.element("div")
     ui.button(
         "Probe the simulated arm", icon="precision_manufacturing", on_click=lambda: _probe(home, [], place)
@@ -124,7 +124,7 @@ async def _probe(home: Home, arguments: list[str], place: ui.element, *, join: b
     place.clear()
     with place:
         ui.label(shlex.join(["palpate", "probe", *arguments, "--out", str(session)])).classes("code")
-        Live(session, done).build()
+        Live(session, done, home.feed).build()
     if failed := await ran(["probe", *arguments, "--out", str(session)], lambda line: None):
         with place:
             ui.label(failed).classes("bad")

@@ -109,11 +109,13 @@ class DiagnosisCard:
                 ui.space()
                 self._start = (
                     ui.button("Diagnose", on_click=self.start)
-                    .props("dense unelevated no-caps")
+                    .props(f'dense unelevated no-caps title="{words.DIAGNOSE}"')
                     .mark("diagnose")
                 )
                 self._stop = (
-                    ui.button("Stop", on_click=self._stopped).props("dense outline no-caps").mark("stop")
+                    ui.button("Stop", on_click=self._stopped)
+                    .props(f'dense outline no-caps title="{words.STOP}"')
+                    .mark("stop")
                 )
             self._bar = ui.linear_progress(show_value=False, value=0.0).props("instant-feedback")
             self._what = ui.label().classes("quiet").mark("progress")

@@ -17,10 +17,11 @@ from control.loop.tick_record import STREAM_NAME
 from palpate.render import palette
 from palpate.render.thinning import peaks
 from palpate.workbench.curves import axis, curve, layout_of, picked
+from palpate.workbench.foxglove_feed import Feed
+from palpate.workbench.online import online_residual
 from palpate.workbench.plot import Figure, Plot
 from robot_io.errors import PalpateError
 from robot_io.session import Follower, Samples, Session
-from robot_io.types import FloatArray
 
 PERIOD_S = 0.5
 SPAN_S = 12.0  # that is shown
@@ -37,16 +38,6 @@ def newest_growing(folder: Path) -> Path | None:
         return files[-1] if Session.open(files[-1]).truncated else None
     except PalpateError:
         return None
-
-
-def online_residual(ticks: Samples) -> FloatArray:
-    """Force less that of the online estimates of k, c and surface, (n,) [N]; NaN where there are none."""
-    along = np.sum(ticks["tip_position_world_m"] * ticks["press_direction_world"], axis=1)
-    speed = np.sum(ticks["tip_velocity_world_m_s"] * ticks["press_direction_world"], axis=1)
-    depth = along - ticks["surface_m"]
-    expected = np.where(depth > 0.0, ticks["stiffness_n_m"] * depth + ticks["damping_n_s_m"] * speed, 0.0)
-    left: FloatArray = ticks["force_n"] - np.maximum(expected, 0.0)
-    return left
 
 
 def live_figure(ticks: Samples) -> Figure:
@@ -84,8 +75,10 @@ def live_figure(ticks: Samples) -> Figure:
 class Live:
     """Follows one session until it is complete; then it is opened."""
 
-    def __init__(self, session: Path, done: Callable[[Path], Awaitable[None]]) -> None:
-        self._session, self._done = session, done
+    def __init__(
+        self, session: Path, done: Callable[[Path], Awaitable[None]], feed: Feed | None = None
+    ) -> None:
+        self._session, self._done, self._feed = session, done, feed
         self._reading, self._follower = False, Follower(session, STREAM_NAME, _LAST)
 
     def build(self) -> None:
@@ -102,7 +95,7 @@ class Live:
             return
         self._reading, before = True, follower.count
         try:
-            ticks = await asyncio.to_thread(follower.read)
+            ticks = await asyncio.to_thread(self._read)
         except PalpateError as error:
             self._timer.deactivate()
             self._words.set_text(str(error))
@@ -116,6 +109,12 @@ class Live:
         if follower.complete:
             self._timer.deactivate()
             await self._done(self._session)
+
+    def _read(self) -> Samples | None:
+        ticks = self._follower.read()
+        if ticks is not None and len(ticks) and self._feed is not None:
+            self._feed.send(self._session, ticks)
+        return ticks
 
 
 async def ran(arguments: Sequence[str], hear: Callable[[str], object]) -> str:

@@ -1,7 +1,7 @@
 """The page: composes its parts, and carries out what is clicked; one fit at a time, the newest last."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from palpate.outcome import REPORT
 from palpate.render.build import axes_of
 from palpate.workbench import words
 from palpate.workbench.bench import Bench, Choice, Shown, kind_in_words
-from palpate.workbench.centre import Centre
+from palpate.workbench.centre import Centre, UseRuns
 from palpate.workbench.effects import Effects
 from palpate.workbench.parameters import Error, Lines, Parameters
 from robot_io.errors import InputError, PalpateError
@@ -42,7 +42,7 @@ class Page:
         self,
         below: Callable[["Page"], None],
         gallery: Callable[[str], Awaitable[None]],
-        leave_out: Callable[[Sequence[int]], Awaitable[None]],
+        use_runs: UseRuns,
     ) -> None:
         """Put everything in its place: raw curves first, then the fit, then the evidence."""
         self._header()
@@ -56,7 +56,7 @@ class Page:
                 if not refused:
                     self._effects.build()
             with ui.element("div").classes("middle"):
-                self._centre = Centre(self.bench, leave_out)
+                self._centre = Centre(self.bench, use_runs)
                 self._centre.build()
             with ui.element("div").classes("right"):
                 self._error, self._lines = Error(), Lines(self.bench)
@@ -262,7 +262,7 @@ def gates(bench: Bench) -> None:
     from estimation.gate import checklist  # noqa: PLC0415
 
     one = bench.channel
-    found = checklist(one.data, one.model)
+    found = checklist(one.to_fit, one.model)
     with ui.element("section").classes("card"):
         ui.html("<h2>Is this data fit to be judged?</h2>", sanitize=False).props(f'title="{words.GATES}"')
         rows = []

@@ -37,7 +37,7 @@ class Error:
 
     def preview(self, error: float, unit: str, floor: float) -> None:
         """State the error at the values of the sliders."""
-        self._number.set_content(_number(error, unit, floor, "at these values, all runs"))
+        self._number.set_content(_number(error, unit, floor, "at these values"))
 
 
 def _number(error: float, unit: str, floor: float, what: str = "") -> str:
@@ -46,7 +46,7 @@ def _number(error: float, unit: str, floor: float, what: str = "") -> str:
     beside = "at the noise floor" if at_floor else f"{times:.1f} × noise floor"
     name = "fits" if at_floor else "misses"
     return (
-        f'<b data-error="{error!r}" class="{name}">{error:.3g} {unit}</b> '
+        f'<b data-error="{error!r}" class="{name}" title="{words.ERROR}">{error:.3g} {unit}</b> '
         f'<span class="quiet" title="{words.FLOOR}">{what or beside}</span>'
     )
 
@@ -87,7 +87,9 @@ class Parameters:
             with ui.row().classes("bar"):
                 ui.html("<h2>Parameters</h2>", sanitize=False).props(f'title="{words.SLIDER}"')
                 ui.space()
-                self._back = ui.button("back to the fit", on_click=self._reset).props("flat dense no-caps")
+                self._back = ui.button("back to the fit", on_click=self._reset).props(
+                    f'flat dense no-caps title="{words.BACK}"'
+                )
                 self._back.set_visibility(False)
             self._list = ui.element("div").classes("parameters")
 
@@ -216,7 +218,7 @@ class Lines:
     def build(self) -> None:
         """Put the elements."""
         with ui.element("section").classes("card same"):
-            ui.html("<h2>The same without this page</h2>", sanitize=False)
+            ui.html("<h2>The same without this page</h2>", sanitize=False).props(f'title="{words.SAME}"')
             self._command = ui.label().classes("code").mark("command")
             self._python = ui.label().classes("code").mark("python")
 

@@ -1,28 +1,29 @@
 """Serves the page on this machine alone, while the data is still being read."""
 
 import asyncio
-from html import escape
-from pathlib import Path
+from socket import socket
 
+import uvicorn
+from fastapi import FastAPI
 from nicegui import app, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
+from palpate.workbench.door import STYLE
 from palpate.workbench.home import Home
 from palpate.workbench.plot import Plot
 
-_STYLE = (Path(__file__).parent / "workbench.css").read_text(encoding="utf-8")
 _POLL_S = 0.03
 _CONNECT_S = 30.0
 _RESENT = 30  # messages, with their curves, that are kept for a browser that was out of touch
 _AWAY_S = 30.0  # that a browser may be out of touch, on a busy machine, before the page begins anew
 
 
-def serve(home: Home, host: str, port: int, *, browser: bool) -> None:
-    """Serve until interrupted."""
+def serve(home: Home, listening: socket) -> None:
+    """Serve at an open socket until interrupted."""
 
     @ui.page("/", title="palpate workbench", response_timeout=_CONNECT_S)
     async def page() -> None:
-        ui.add_css(_STYLE)
+        ui.add_css(STYLE)
         ui.colors(primary="#2a6fb0")
         if home.reading:
             await _wait(home)
@@ -34,30 +35,25 @@ def serve(home: Home, host: str, port: int, *, browser: bool) -> None:
         await compose(home)
         ui.run_javascript("document.getElementById('waiting')?.remove()")
 
-    # A foreign page whose name points here (DNS rebinding) must not press buttons: one powers an arm.
-    app.add_middleware(TrustedHostMiddleware, allowed_hosts=[host, "localhost"])
     app.on_shutdown(_end)
-    ui.run(
-        host=host,
-        port=port,
-        show=browser,
-        reload=False,
-        show_welcome_message=False,
+    served = FastAPI()
+    # A foreign page whose name points here (DNS rebinding) must not press buttons: one powers an arm.
+    served.add_middleware(TrustedHostMiddleware, allowed_hosts=[listening.getsockname()[0], "localhost"])
+    ui.run_with(
+        served,
         favicon="◎",
         reconnect_timeout=_AWAY_S,
         message_history_length=_RESENT,
         gzip_middleware_factory=None,  # nothing leaves this machine
         tailwind=False,  # it looks through the page at every change
-        uvicorn_logging_level="warning",
+        show_welcome_message=False,
     )
+    uvicorn.Server(uvicorn.Config(served, log_level="warning", ws="wsproto")).run([listening])
 
 
 async def _wait(home: Home) -> None:
     """Show what was measured, in the page as it is first sent, until the data can be worked with."""
-    while home.reading and home.raw is None:
-        await asyncio.sleep(_POLL_S)
-    said = escape(f"{home.reading or 'reading'} …")
-    ui.add_body_html(f'<div id="waiting"><p class="quiet">{said}</p>{home.raw or ""}</div>')
+    ui.add_body_html(f'<div id="waiting">{home.waiting}</div>')
     Plot({})  # for the browser to load what draws
     await ui.context.client.connected(timeout=_CONNECT_S)
     while home.reading:

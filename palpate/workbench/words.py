@@ -23,12 +23,19 @@ INTERVAL = (
 SLIDER = (
     "Pull to see the curves at another value, the other parameters as they are; nothing is fitted meanwhile."
 )
+SAME = "The command line and Python do what the page shows, number for number; copy these lines."
+STOP = "End the diagnosis; nothing is changed."
+BACK = "Put the sliders back to the fitted values."
 HOLD = "Keep this parameter at this value, and fit the others again."
 BOUND = "Fit again; if the parameter would leave the bounds, it is held at the nearer one."
 RUNS = (
     "Which runs are drawn. All are fitted, and each is predicted without itself: that is its held-out error."
 )
 LEFT_OUT = "Runs that are taken out: they are neither fitted nor judged, until they are put back."
+HELD_OUT = (
+    "Runs that no model is fitted to: the error is measured in these alone. Without any, each run is "
+    "predicted from the others."
+)
 CURSORS = "Click into the curves to set cursor A or B, or type a time: values and differences are read there."
 KEEP = "Keep the chosen effects as a revision, as palpate add does; go back to it at any time."
 REVISIONS = "Models that were kept, here or by the command line; choose one to go back to it."

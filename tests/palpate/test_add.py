@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from palpate.study import Study
 from tests.palpate.cli import assert_refused, next_commands, run
 
 
@@ -100,3 +101,12 @@ def test_without_revisions_one_is_told_how_to_make_some(hardening, tmp_path):
     assert result.exit_code == 0
     assert "no revisions yet" in result.stdout
     assert "--apply" in result.stderr
+
+
+def test_runs_are_held_out_by_an_option(hardening, tmp_path):
+    base, added = add(hardening, tmp_path, "cubic_stiffness", "--held-out", "1")
+    other = Study(hardening, held_out=[1], keep=False).fit("contact", ["cubic_stiffness"])
+    assert added["rmse"] == other.rmse < base["rmse"]
+    result = run("compare", hardening, "--held-out", "1", "--folder", tmp_path)
+    assert any("--held-out 1" in " ".join(words) for words in next_commands(result))
+    assert_refused(run("add", hardening, "bias", "--held-out", "one"), "--held-out one")

@@ -147,3 +147,39 @@ def test_each_result_prints_as_a_small_table(study):
         assert all(line.strip() for line in lines)
         assert "array(" not in str(one)
     assert "cubic_stiffness" in str(found)
+
+
+def test_held_out_runs_judge_what_the_others_were_fitted_to(tmp_path):
+    file, effects = write_presses(tmp_path / "p.csv"), ["cubic_stiffness"]
+    study = Study(file, held_out=[1, 3], keep=False)
+    others = Study(file, keep=False)
+    fitted, every = study.fit("contact", effects), others.fit("contact", effects)
+    (channel,) = others.source.channels
+    alone = Study([channel.of_runs(np.array([0, 2]))], keep=False).fit("contact", effects)
+    assert fitted.values == alone.values != every.values
+    left = every.data.effort - every.at(alone.values)  # the whole measurement, by what runs 0 and 2 say
+    judged = np.isfinite(every.residual) & np.isin(every.data.run, [1, 3])
+    assert fitted.rmse == pytest.approx(np.sqrt(np.mean(left[judged] ** 2)), rel=0.02)
+    assert set(fitted.data.run[fitted.judged]) == {1, 3}
+    assert study.compare().channels[0].rmse > 3 * fitted.rmse
+    parts = study.comparison(study.channel(), effects).parts
+    assert {part.label for part in parts["run"]} == {"run 1", "run 3"}
+    (found,) = study.estimate("lsq")
+    assert found.channel.runs.tolist() == [0, 2]
+
+
+@pytest.mark.parametrize(
+    ("held_out", "said"), [([9], "no run 9. There are: 0, 1, 2, 3"), ([0, 1, 2, 3], "at least one run")]
+)
+def test_runs_that_cannot_be_held_out_are_named(tmp_path, held_out, said):
+    with pytest.raises(InputError, match=said):
+        Study(write_presses(tmp_path / "p.csv"), held_out=held_out)
+
+
+def test_revisions_with_other_runs_held_out_are_of_other_data(tmp_path):
+    file = write_presses(tmp_path / "p.csv")
+    Study(file, folder=tmp_path).add("cubic_stiffness")
+    held = Study(file, folder=tmp_path, held_out=[1])
+    assert held.latest(held.channel()) is None
+    with pytest.raises(InputError, match="other data"):
+        held.add("bias", start=1)

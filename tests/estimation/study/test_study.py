@@ -172,9 +172,9 @@ def test_what_is_kept_is_gone_on_from_only_for_the_same_data(tmp_path):
 def test_from_many_threads_a_model_is_fitted_once(monkeypatch):
     fitted, plain = [], engine.fit
 
-    def counted(data, model, parent=None):
+    def counted(data, model, *more, **named):
         fitted.append(model)
-        return plain(data, model, parent)
+        return plain(data, model, *more, **named)
 
     monkeypatch.setattr(engine, "fit", counted)
     study = Study(session(4))

@@ -82,7 +82,7 @@ def test_the_python_line_does_what_the_page_shows(bench, press):
 
 def test_runs_that_are_taken_out_are_neither_fitted_nor_judged(bench):
     whole = bench.choose(bench.toggled("cubic_stiffness")).fitted
-    less = bench.without_runs((1,))
+    less = bench.with_runs((1,), ())
     shown = less.show()
     assert 1 not in shown.fitted.data.runs
     assert shown.choice.effects == ("cubic_stiffness",)
@@ -91,9 +91,30 @@ def test_runs_that_are_taken_out_are_neither_fitted_nor_judged(bench):
     said = less.python().split("; ")[0].removeprefix("study = ")
     again = eval(said, {"palpate": palpate, "np": np, "study": bench.study})
     assert again.fit("contact", ["cubic_stiffness"]).values == shown.fitted.values
-    assert less.without_runs(()).show().fitted.values == whole.values
+    assert less.with_runs((), ()).show().fitted.values == whole.values
     with pytest.raises(InputError, match="at least one"):
-        bench.without_runs(bench.channel.data.runs.tolist())
+        bench.with_runs(bench.channel.data.runs.tolist(), ())
+
+
+def test_runs_that_are_held_out_are_not_fitted_and_alone_judge(bench, press):
+    bench.choose(bench.toggled("cubic_stiffness"))
+    held = bench.with_runs((0,), (2,))
+    shown = held.show()
+    alone = Study([one.of_runs(np.array([1, 3])) for one in bench.study.source.channels], keep=False).fit(
+        "contact", ["cubic_stiffness"]
+    )
+    assert shown.fitted.values == alone.values
+    assert set(shown.fitted.data.run[shown.fitted.judged]) == {2}
+    assert held.python().startswith("study = palpate.Study([one.of_runs(np.setdiff1d(one.runs, [0]))")
+    again = bench.with_runs((), (2,))
+    assert again.command() == (
+        "palpate add press.csv --held-out 2 cubic_stiffness --fresh --model kelvin_voigt --channel contact"
+    )
+    told = eval(
+        again.python().split("; ")[0].removeprefix("study = "), {"palpate": palpate, "study": bench.study}
+    )
+    assert told.fit("contact", ["cubic_stiffness"]).rmse == again.show().fitted.rmse
+    assert again.with_runs((), ()).study is bench.study
 
 
 def test_effects_that_do_the_same_stand_together(bench):
@@ -104,7 +125,10 @@ def test_effects_that_do_the_same_stand_together(bench):
     assert [one.effect for one in found[1]] == ["delay"]
 
 
-def test_a_fit_made_ahead_is_the_same_to_the_last_digit(bench, press):
+@pytest.mark.parametrize("held_out", [(), (2,)])
+def test_a_fit_made_ahead_is_the_same_to_the_last_digit(bench, press, held_out):
+    bench = bench.with_runs((), held_out)
+
     async def ahead():
         process = Ahead(bench.study, bench.channel)
         try:
@@ -114,7 +138,7 @@ def test_a_fit_made_ahead_is_the_same_to_the_last_digit(bench, press):
 
     asyncio.run(ahead())
     assert bench.study.known(bench.channel, ("cubic_stiffness", "delay"))
-    theirs, own = bench.study, Study(press, keep=False)
+    theirs, own = bench.study, Study(press, keep=False, held_out=held_out)
     chain = ("cubic_stiffness", "delay")
     assert theirs.fit("contact", chain).values == own.fit("contact", chain).values
     assert np.array_equal(

@@ -157,6 +157,17 @@ def test_a_slider_shows_another_value_and_a_held_one_is_fitted_around(browser, s
     assert tab.wrong == []
 
 
+def test_runs_are_held_out_by_choice(browser, serve, press):
+    tab = Tab(browser, serve(press))
+    before, page = tab.error(), tab.page
+    page.click('[aria-label="runs to hold out"]')
+    page.click('.q-menu .q-item:has-text("run 2")')
+    page.keyboard.press("Escape")
+    page.wait_for_selector(".same:has-text('--held-out 2')")
+    assert tab.error() != before
+    assert tab.wrong == []
+
+
 def test_a_narrow_window_has_no_sideways_scroll(browser, serve, press):
     tab = Tab(browser, serve(press), width=400)
     before = tab.error()

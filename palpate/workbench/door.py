@@ -1,0 +1,75 @@
+"""Answers at the page's address while what serves the page is still being imported, which takes seconds.
+
+The first visitor sees what was measured, in a plain page; that page asks again at once, and the question
+waits in the open socket, which the page's server then takes over.
+"""
+
+import socket
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler
+from pathlib import Path
+from socketserver import ThreadingTCPServer
+from threading import Thread
+
+STYLE = (Path(__file__).parent / "workbench.css").read_text(encoding="utf-8")
+_PATIENCE_S = 5.0  # with a browser that connects and asks nothing
+_POLL_S = 0.02
+_PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>palpate workbench</title>
+<meta name="viewport" content="width=device-width"><link rel="icon" href="data:,">
+<style>{style}</style></head><body><div id="waiting">{body}</div>
+<script>addEventListener("load", () => setTimeout(() => location.reload(), 200))</script></body></html>"""
+
+
+class Door(ThreadingTCPServer):
+    """A port of this machine that is open, and whose first visitor is answered.
+
+    Args:
+        host: address that it listens at.
+        port: 0 for any free one.
+
+    Raises:
+        OSError: somebody has the port.
+    """
+
+    allow_reuse_address = daemon_threads = True
+    page = b""
+
+    def __init__(self, host: str, port: int) -> None:
+        super().__init__((host, port), _Reply)
+        self.port = int(self.server_address[1])
+
+    def show(self, body: str) -> None:
+        """Answer the first visitor with this HTML."""
+        self.page = _PAGE.format(body=body, style=STYLE).encode()
+        Thread(target=self.serve_forever, args=(_POLL_S,), daemon=True).start()
+
+    def handed_over(self) -> socket.socket:
+        """The open socket; nobody is answered here any longer."""
+        self.shutdown()
+        return self.socket
+
+    def handle_error(self, *_: object) -> None:
+        """Leave alone who hangs up."""
+
+
+class _Reply(BaseHTTPRequestHandler):
+    server: Door
+    timeout = _PATIENCE_S
+
+    def do_GET(self) -> None:
+        """The page, once: whoever asks after that waits for the server that comes."""
+        if self.headers.get("Host", "").rpartition(":")[0] not in {
+            self.server.server_address[0],
+            "localhost",
+        }:
+            self.send_error(HTTPStatus.BAD_REQUEST, "Invalid host header")  # see `palpate.workbench.server`
+            return
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        self.wfile.write(self.server.page)
+        self.server.shutdown()
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing of it."""

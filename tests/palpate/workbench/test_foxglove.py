@@ -1,0 +1,79 @@
+"""What a client of Foxglove's WebSocket protocol receives while a probing goes on."""
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from control.loop.tick_record import tick_stream
+from palpate.workbench.foxglove_feed import TOPIC, Feed
+from robot_io.errors import InputError
+from robot_io.session import Samples
+
+client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
+WAIT_S = 60
+
+
+def pressing(count):
+    """Ticks of an arm of two joints that presses 1 mm deep into 500 N/m; no estimate in the first one."""
+    stream = tick_stream(2)
+    records = np.zeros(
+        count, dtype=[(c.name, c.dtype, (c.width,) if c.width > 1 else ()) for c in stream.columns]
+    )
+    records["time_s"] = 0.001 * np.arange(count)
+    records["force_n"], records["stiffness_n_m"] = 0.6, np.where(records["time_s"] > 0.0, 500.0, np.nan)
+    records["press_direction_world"] = (0.0, 0.0, -1.0)
+    records["tip_position_world_m"] = (0.3, 0.0, -0.001)
+    records["torque_measured_nm"] = (1.5, -0.5)
+    return Samples.from_records(stream, records)
+
+
+@pytest.fixture
+def feed():
+    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+    made = Feed("127.0.0.1", 0)
+    yield made
+    made.close()
+
+
+def received(socket):
+    """Time [s] and content of the next message."""
+    while isinstance(data := socket.recv(timeout=WAIT_S), str):
+        pass
+    opcode, _, time_ns = struct.unpack_from("<BIQ", data)
+    assert opcode == 1
+    return time_ns / 1e9, json.loads(data[13:])
+
+
+def test_a_client_gets_the_schema_and_each_tick_once(feed):
+    address = f"ws://127.0.0.1:{feed.port}"
+    with client.connect(address, subprotocols=["foxglove.sdk.v1"], open_timeout=WAIT_S) as socket:
+        said = {}
+        while "advertise" not in said:
+            text = json.loads(socket.recv(timeout=WAIT_S))
+            said[text["op"]] = text
+        (channel,) = said["advertise"]["channels"]
+        assert channel["topic"] == TOPIC
+        assert {"force_n", "torque_nm", "stiffness_n_m", "residual_n"} <= set(
+            json.loads(channel["schema"])["properties"]
+        )
+        subscription = {"id": 1, "channelId": channel["id"]}
+        socket.send(json.dumps({"op": "subscribe", "subscriptions": [subscription]}))
+        while not feed.is_watched:
+            pass
+        feed.send(Path("a.mcap"), pressing(2))
+        feed.send(Path("a.mcap"), pressing(3))
+        feed.send(Path("b.mcap"), pressing(1))
+        first, second, third, other = (received(socket) for _ in range(4))
+    assert first == (0.0, {"force_n": 0.6, "damping_n_s_m": 0.0, "torque_nm": [1.5, -0.5]})
+    assert second[0] == 0.001
+    assert second[1]["stiffness_n_m"] == 500.0
+    assert second[1]["residual_n"] == pytest.approx(0.1)
+    assert (third[0], other[0]) == (0.002, 0.0)
+
+
+def test_a_port_that_somebody_has_is_named(feed):
+    with pytest.raises(InputError, match=f"--foxglove {feed.port}"):
+        Feed("127.0.0.1", feed.port)
