@@ -7,6 +7,7 @@ import pytest
 
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
+from sim_backend.emulators.serial import EmulatedLoadstar
 from tests.wire.fault_matrix.rows import FAMILIES
 
 DAMAGED, SHARE, FIRST_TICK, TICKS, AFTER = 25, 0.04, 100, 1700, 200  # ticks after the last that is damaged
@@ -53,11 +54,18 @@ class Course:
 
 def move(arm, bus, tick):
     """The arm falls as it likes; the surface presses the sensor with 5 to 55 N."""
-    if bus == "load_cell":
-        world = arm.arm.plant.world
-        world.held = True
+    world = arm.arm.plant.world
+    world.held = bus == "load_cell"
+    if world.held:
         depth_m = (30.0 + 25.0 * np.sin(tick / 40.0)) / world.object.law.stiffness_n_m
         world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
+
+
+@pytest.mark.parametrize("kind", [FaultKind.LOSE, FaultKind.CORRUPT])
+def test_lines_that_nothing_pads_are_no_exception(bench, kind, monkeypatch):
+    """What is left of one that was cut is a number, and as long as others."""
+    monkeypatch.setattr(EmulatedLoadstar, "width", 0)
+    test_no_wrong_number_is_served_as_ok(bench, "loadstar", (), kind)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from math import inf
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, StrictBool, model_validator
+from pydantic import Field, model_validator
 
 from robot_io.driver import DriverContext
 from robot_io.drivers.can.line import CanFrame, CanLineSettings
@@ -58,12 +58,10 @@ class MitBusSettings(CanLineSettings):
     # Arbitration id of the motors' answers; an answer under the motor's own id is taken too.
     host_id: Annotated[int, Field(ge=0, le=0x7FF, strict=True)] = 0
     # After how long without a command a motor lets go [s], as set in it (CAN timeout). The protocol can
-    # neither set nor read it. Without commands for so long the host sends zero torque as well, for a motor
-    # can only be read by commanding it.
+    # neither set nor read it, so it is proven at each activation: every motor gets 1 % of its torque, and
+    # must have let go after a silence. Without commands for so long the host sends zero torque as well, for
+    # a motor can only be read by commanding it.
     watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
-    # Whether to prove that at each activation: every motor gets 1 % of its torque, and must have let go
-    # after a silence. What rubs less than that moves. There is no default: false says that it was tried out.
-    check_watchdog: StrictBool
     # What makes a motor without torque say its state: "exit" keeps it off, as in the firmware that the
     # protocol comes from, which answers every frame; "enter" is what the AK manual names for motors that are
     # deaf to commands outside of motor mode, and zero torque and "exit" follow it.
@@ -133,11 +131,10 @@ class MitBus(MotorBus):
             elif error:
                 observations.append(fail(label, mit_error_name(error), "remove the cause, then restart it"))
             else:
-                proven = "proven at activation" if self._own.check_watchdog else "stated, not proven"
                 value = (
                     f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model, the robot "
+                    f"file says {motor.model}; CAN timeout {self._own.watchdog_s:g} s, proven at activation"
                 )
-                value += f"file says {motor.model}; CAN timeout {self._own.watchdog_s:g} s, {proven}"
                 observations.append(ok(label, value))
         return observations
 
@@ -154,9 +151,8 @@ class MitBus(MotorBus):
                 f"{self.motor_label(joint)}: {mit_error_name(self._errors[joint])}" for joint in wrong
             )
             raise DeviceError(f"{self.line.label}: {'; '.join(problems)}")
-        if self._own.check_watchdog:
-            self._check_watchdogs()
-            self._send_confirmed(frames, "motor mode is not confirmed by")
+        self._check_watchdogs()
+        self._send_confirmed(frames, "motor mode is not confirmed by")
         self._powered = True
         self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
 

@@ -148,10 +148,10 @@ class SerialReader:
     def _is_plausible(self, force_n: float) -> bool:
         """Whether a reading is near the last one, or confirms a jump, or goes on with one that was confirmed.
 
-        The very first is accepted as it is: the torque is still off.
+        The very first is a jump: it may be a line that was cut.
         """
         last_n, held_n, jump_n = self._last_n, self._held_n, self._jump_n
-        is_near = isnan(last_n) or abs(force_n - last_n) <= jump_n
+        is_near = abs(force_n - last_n) <= jump_n
         before_n, step_before_n = (last_n, self._step_n) if isnan(held_n) else (held_n, held_n - last_n)
         step_n = force_n - before_n
         goes_on = step_n * step_before_n > 0.0 and abs(step_n) <= 2.0 * abs(step_before_n) + jump_n

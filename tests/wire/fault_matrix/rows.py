@@ -28,6 +28,7 @@ class Family:
         bus: their bus in it.
         age_ticks: age limit of their samples in the robot file, in ticks.
         changes: to the robot file.
+        late_s: how much longer than others its arm takes to be activated: watchdogs are left to expire.
     """
 
     title: str
@@ -35,14 +36,15 @@ class Family:
     bus: str
     age_ticks: int
     changes: tuple[tuple[str, str], ...] = ()
+    late_s: float = 0.0
 
 
 FAMILIES = {
     "dynamixel": Family("Dynamixel", DYNAMIXEL, "motors", 5),
     "odrive": Family("ODrive, CAN", ODRIVE, "motors", 5),
-    "mit": Family("MIT mode, CAN", CUBEMARS, "motors", 5),
+    "mit": Family("MIT mode, CAN", CUBEMARS, "motors", 5, late_s=0.16),
     "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10),
-    "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5),
+    "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5, late_s=0.16),
     "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (LINES,)),
 }
 
@@ -257,6 +259,14 @@ _WATCHDOG_ROWS = {  # program killed (nobody is left to read), program held up
 
 def rows() -> Iterator[Row]:
     """All rows, family by family."""
+    for row in _rows():
+        at_s, fault = row.at_s + FAMILIES[row.family].late_s, row.fault
+        if isinstance(fault, Fault):
+            fault = fault.model_copy(update={"from_s": at_s})
+        yield replace(row, at_s=at_s, fault=fault)
+
+
+def _rows() -> Iterator[Row]:
     for family, expected in _MOTOR_ROWS.items():
         for (name, kind, details), ends in zip(_MOTORS, expected, strict=True):
             joint, at_s = (0, FAST_S) if kind is K.STUCK else (2, MOVING_S)
