@@ -138,6 +138,16 @@ def open_odrive_0_5() -> Bench:
     return open_wired(parse_robot_file(text, ROBOTS / "odrive_3dof.yaml"), 0.05)
 
 
+def open_odrive_and_cell() -> Bench:
+    """The load cell on a microcontroller; tension is positive for it."""
+    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
+    scale = "newtons_per_count: 2.0e-5, zero_counts: 500, rate_hz: 320"
+    cell = f"driver: microcontroller_cell, {scale}, reversed: true"
+    return open_wired(
+        parse_robot_file(text.replace("driver: loadstar", cell), ROBOTS / "odrive_3dof.yaml"), 0.05
+    )
+
+
 def open_documented() -> Bench:
     """The driver of docs/hardware.md, on the gauge that it is written for."""
     path = ROBOTS / "odrive_3dof.yaml"
@@ -177,6 +187,7 @@ BACKENDS = [
     Backend("mock", open_mock),
     Backend("odrive_0.6_loadstar", open_odrive),
     Backend("odrive_0.5_force_lines", open_odrive_0_5),
+    Backend("odrive_0.6_cell", open_odrive_and_cell),
     Backend("documented_driver", open_documented),
     Backend("cubemars_lorenz", open_cubemars),
     Backend("dynamixel_fast", open_dynamixel),

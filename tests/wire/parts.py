@@ -25,6 +25,12 @@ LINES = (  # a load cell that is read by a pattern, in place of the ODrive arm's
     r"pattern: '\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)'}",
 )
 
+CELL = (  # one on a microcontroller, in its place
+    LINES[0],
+    "{driver: microcontroller_cell, bus: load_cell, capacity_n: 100.0, newtons_per_count: 2.0e-5, "
+    "zero_counts: -30000, rate_hz: 320}",
+)
+
 
 class WireBench:
     """A robot of real drivers and the emulated devices behind it.

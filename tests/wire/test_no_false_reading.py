@@ -10,7 +10,7 @@ from sim_backend.emulators import FaultKind
 from sim_backend.emulators.serial import EmulatedLoadstar
 from tests.wire.fault_matrix.rows import FAMILIES
 
-DAMAGED, SHARE, FIRST_TICK, TICKS, AFTER = 25, 0.04, 100, 1700, 200  # ticks after the last that is damaged
+DAMAGED, SHARE, FIRST_TICK, TICKS, AFTER = 25, 0.04, 100, 2600, 200  # ticks after the last that is damaged
 TOLERANCES = {
     "motors": 0.02,
     "load_cell": 2.0,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from robot_io.guard import Limits
 from sim_backend.emulators import Fault, FaultKind
-from tests.wire.parts import CUBEMARS, LINES, ODRIVE, ROOT
+from tests.wire.parts import CELL, CUBEMARS, LINES, ODRIVE, ROOT
 
 TICK_S = 1e-3
 MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.52  # where the probing run is then
@@ -46,6 +46,7 @@ FAMILIES = {
     "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10),
     "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5, late_s=0.16),
     "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (LINES,)),
+    "cell": Family("cell on a microcontroller, serial", ODRIVE, "load_cell", 10, (CELL,)),
 }
 
 
@@ -118,6 +119,8 @@ _CONFIRMED = (
     "a reading that jumps by more than 1 % of the capacity counts with the next one, here 2 ms later: a lost "
     "byte must not look like a force"
 )
+_RARE = "a sample comes every 3.1 ms"
+_ELEVEN = f"{_RARE}, and eleven must be equal"
 _CONTRADICTED = (
     "a sensor that is pulled may be right: joint torques contradict it once they say a push, and it a pull, "
     "of more than 2 N each"
@@ -236,6 +239,17 @@ _FORCE_ROWS = {
         _STUCK,
     ),
     "lines": _streamed(17, 22),
+    "cell": (
+        *[(11, BRAKED + 5, "no reading for")] * 3,
+        GOES_ON,
+        GOES_ON,
+        (11, BRAKED + 5, "no reading for"),
+        (2, BRAKED, "the port was unplugged"),
+        (11, BRAKED + 5, "no reading for"),
+        (4, BRAKED, "force sensor: at the end of its range", _RARE, "one reading"),
+        (24, BRAKED + 24, "is the sensor alive", _CONTRADICTED, "2 N"),
+        (36, BRAKED + 24, "force sensor: stuck at", _ELEVEN, _FROZEN_FORCE),
+    ),
 }
 
 _HELD_UP = (
