@@ -44,6 +44,7 @@ class Plant:
             robot_file.tip_frame,
             robot_file.sensor_axis_tip,
             robot_file.home_rad,
+            robot_file.rotor_inertia_kg_m2 or (),
         )
         self.world = World(arm, scenario, effects, start_s=start_s)
         self.world.held = True

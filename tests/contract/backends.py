@@ -1,7 +1,7 @@
 """The backends that keep the contract. A new one adds itself to `BACKENDS`; every test here runs on it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ class Bench:
     press: makes the force sensor feel about this force [N] at the next ticks, or None where nobody can.
     watchdog_s: after how long without commands the drives let go [s], or None where they have no watchdog.
     clear_away: ends what stands behind the robot.
+    holds: activated drives hold the joints where they stand until the first command.
     """
 
     robot: Robot
@@ -35,6 +36,7 @@ class Bench:
     press: Callable[[float], None] | None = None
     watchdog_s: float | None = None
     clear_away: Callable[[], None] = lambda: None
+    holds: bool = False
 
     def close(self) -> None:
         self.robot.close()
@@ -183,6 +185,11 @@ def open_plain_dynamixel() -> Bench:
     return open_wired(parse_robot_file(text, ROBOTS / "dynamixel_3dof.yaml"), None)
 
 
+def open_so101() -> Bench:
+    """Servos without torque mode and watchdog, and a load cell for 20 dollars."""
+    return replace(open_wired(load_robot_file(ROBOTS / "so101.yaml"), None), holds=True)
+
+
 BACKENDS = [
     Backend("mock", open_mock),
     Backend("odrive_0.6_loadstar", open_odrive),
@@ -192,6 +199,7 @@ BACKENDS = [
     Backend("cubemars_lorenz", open_cubemars),
     Backend("dynamixel_fast", open_dynamixel),
     Backend("dynamixel_plain", open_plain_dynamixel),
+    Backend("feetech_so101", open_so101),
     Backend(
         "simulation",
         open_simulation,

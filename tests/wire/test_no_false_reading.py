@@ -9,6 +9,7 @@ from robot_io.types import Status
 from sim_backend.emulators import FaultKind
 from sim_backend.emulators.serial import EmulatedLoadstar
 from tests.wire.fault_matrix.rows import FAMILIES
+from tests.wire.parts import READ_SHARE
 
 DAMAGED, SHARE, FIRST_TICK, TICKS, AFTER = 25, 0.04, 100, 2600, 200  # ticks after the last that is damaged
 TOLERANCES = {
@@ -88,9 +89,9 @@ def test_no_wrong_number_is_served_as_ok(bench, family, changes, kind):
         if tick == FIRST_TICK:
             arm.strike(bus, kind, times=DAMAGED, probability=SHARE)
         move(arm, bus, tick)
-        arm.clock.sleep_until(arm.clock.now_s() + 1e-3)
+        arm.clock.sleep_until(arm.clock.now_s() + arm.period_s)
         course.note()
-        measurement = arm.robot.read(arm.clock.now_s() + 0.6e-3)
+        measurement = arm.robot.read(arm.clock.now_s() + READ_SHARE * arm.period_s)
         status = measurement.encoder_status if bus == "motors" else measurement.force_status
         if tick > 20 and status is Status.OK:
             trusted += 1

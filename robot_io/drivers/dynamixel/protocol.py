@@ -152,8 +152,16 @@ class StatusReader:
         return buffer[size:]
 
 
+def packet_reader(request: bytes) -> StatusReader:
+    """What finds the answers to a request; its echo is no status packet."""
+    return StatusReader()
+
+
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
 _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
+
+
+PING_SIZE: Final = 3
 
 
 def ping(servo_id: int) -> bytes:

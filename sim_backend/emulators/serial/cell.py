@@ -1,4 +1,4 @@
-"""A load cell on a microcontroller that behaves as the firmware in docs/firmware, written without its driver."""
+"""A load cell on a microcontroller, as the firmware in docs/firmware behaves; written without its driver."""
 
 import math
 
@@ -48,7 +48,7 @@ class EmulatedCell(SerialSensor):
         return line(f"cell 1 nau7802 {self._rate_hz}") * data.count(b"?")
 
     def reading(self, force_n: float) -> bytes:
-        """See `SerialSensor.reading`; without a value the converter is at fault, and a full one shows its end."""
+        """See `SerialSensor.reading`; without a value it is a fault, and beyond the range its end."""
         self._counter = (self._counter + 1) % 256
         if math.isnan(force_n):
             return line("fault converter")

@@ -6,11 +6,12 @@ The tests hold every row against what happens; `docs/make_fault_matrix.py` write
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from math import ceil
 from pathlib import Path
 
 from robot_io.guard import Limits
 from sim_backend.emulators import Fault, FaultKind
-from tests.wire.parts import CELL, CUBEMARS, LINES, ODRIVE, ROOT
+from tests.wire.parts import CELL, CUBEMARS, LINES, ODRIVE, ROOT, SO101
 
 TICK_S = 1e-3
 MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.52  # where the probing run is then
@@ -26,23 +27,28 @@ class Family:
         title: for people.
         robot: robot file with such devices.
         bus: their bus in it.
-        age_ticks: age limit of their samples in the robot file, in ticks.
+        age_ms: age limit of their samples in the robot file.
         changes: to the robot file.
+        tick_ms: length of its tick.
+        speed_m_s: of the probing run.
         late_s: how much longer than others its arm takes to be activated: watchdogs are left to expire.
     """
 
     title: str
     robot: Path
     bus: str
-    age_ticks: int
+    age_ms: int
     changes: tuple[tuple[str, str], ...] = ()
     late_s: float = 0.0
+    tick_ms: int = 1
+    speed_m_s: float = 0.12
 
 
 FAMILIES = {
     "dynamixel": Family("Dynamixel", DYNAMIXEL, "motors", 5),
     "odrive": Family("ODrive, CAN", ODRIVE, "motors", 5),
     "mit": Family("MIT mode, CAN", CUBEMARS, "motors", 5, late_s=0.16),
+    "feetech": Family("Feetech", SO101, "motors", 13, tick_ms=4, speed_m_s=0.03),
     "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10),
     "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5, late_s=0.16),
     "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (LINES,)),
@@ -102,12 +108,12 @@ class Row:
         """What its limit is; 0 where somebody says at once what is wrong [ms]."""
         if self.limit in Limits.model_fields:
             return round(1e3 * Limits.model_fields[self.limit].default)
-        return FAMILIES[self.family].age_ticks if (self.ticks or 0) > SPARE_TICKS else 0
+        return FAMILIES[self.family].age_ms if (self.ticks or 0) > SPARE_TICKS else 0
 
     @property
     def prompt_ticks(self) -> int:
-        """What it may take without a reason, in ticks of 1 ms."""
-        return self.limit_ms + SPARE_TICKS
+        """What it may take without a reason, in ticks."""
+        return ceil(self.limit_ms / FAMILIES[self.family].tick_ms) + SPARE_TICKS
 
 
 K = FaultKind
@@ -127,6 +133,13 @@ _CONTRADICTED = (
 )
 _HEARTBEAT = "an axis says what has become of it with its next heartbeat, at most 10 ms later"
 _CUT_OFF = "nothing reaches the drives: their own watchdogs let go"
+HOLDS = (
+    "these servos have no watchdog: they hold the last goal, so that the arm stands still and holds on until "
+    "its supply is switched off"
+)
+LAST_SEEN = "these servos hold where they were last seen while the brake lasts, and then let go"
+_SLOWLY = "the arm moves slowly: its reference needs so long to leave the steps and the tracking error behind"
+_WAITS = "the whole program stands still: these servos hold their last goal until it goes on, and then let go"
 _IDLE = (
     "the tool hangs straight down, and nothing is asked of its drive, so that nothing is missing: no harm, "
     "until it has to press"
@@ -190,8 +203,26 @@ _MOTOR_ROWS = {
         (2, 102, "bus-off, the adapter has left the bus", _CUT_OFF),
         (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
     ),
+    "feetech": (
+        (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
+        (4, BRAKED + 2, "did not answer in time", LAST_SEEN),
+        (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
+        GOES_ON,
+        GOES_ON,
+        (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
+        (2, BRAKED + 2, "servo 4 (joint 3): error: overload"),
+        (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
+        (2, BRAKED, "servo 4 (joint 3): has switched its torque off (error: none; has it restarted?)"),
+        (2, None, "the port has failed", HOLDS),
+        (102, BRAKED + 400, "encoder of joint 1: stuck at", _SLOWLY, _FROZEN_ENCODER),
+    ),
 }
-_NUMBERS = {"dynamixel": (1, 2, 3), "odrive": (0, 1, 2), "mit": (1, 2, 3)}  # of the devices, by joint
+_NUMBERS = {
+    "dynamixel": (1, 2, 3),
+    "odrive": (0, 1, 2),
+    "mit": (1, 2, 3),
+    "feetech": (2, 3, 4),
+}  # of the devices, by joint
 
 _FORCE: tuple[tuple[str, FaultKind, dict[str, float]], ...] = (
     ("silent", K.DROP, {}),
@@ -268,6 +299,7 @@ _WATCHDOG_ROWS = {  # program killed (nobody is left to read), program held up
     "dynamixel": ((None, 62, "", _CUT_OFF), (501, 62, "the program was held up for 0.5", _HELD_UP)),
     "odrive": ((None, 52, "", _CUT_OFF), (501, 52, "the program was held up for 0.5", _HELD_UP)),
     "mit": ((None, 102, "", _CUT_OFF), (501, 102, "the program was held up for 0.5", _HELD_UP)),
+    "feetech": ((None, None, "", HOLDS), (127, 510, "the program was held up for 0.5", _WAITS)),
 }
 
 

@@ -1,0 +1,176 @@
+"""Feetech's serial servo protocol as bytes, which is close to Dynamixel Protocol 1.0; no ports, no clocks.
+
+A packet is FF FF, id, length, instruction, parameters, checksum. The length counts everything after itself,
+and the checksum is the inverted sum of everything after the header. A servo answers with an error byte in
+place of the instruction, so that the echo of an instruction looks like an answer. STS servos are
+little-endian. Source: Feetech, "Magnetic encoder smart servo communication protocol" (SMS/STS series).
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+from robot_io.errors import ProtocolError
+
+HEADER: Final = b"\xff\xff"
+LARGEST_ID: Final = 0xFC
+BROADCAST_ID: Final = 0xFE
+AROUND: Final = 6  # bytes of an answer around its data
+
+_PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
+_LARGEST_LENGTH = 0xFA
+
+ERROR_NAMES: Final = {
+    0x01: "input voltage",
+    0x02: "position sensor",
+    0x04: "overheating",
+    0x08: "over current",
+    0x20: "overload",
+}
+
+
+def error_names(value: int) -> str:
+    """The errors in an error byte, by name."""
+    names = [name for bit, name in ERROR_NAMES.items() if value & bit]
+    unknown = value & ~sum(ERROR_NAMES)
+    if unknown:
+        names.append(f"unknown bits {unknown:#04x}")
+    return ", ".join(names) or "none"
+
+
+def checksum(content: bytes) -> int:
+    """The checksum of everything between header and itself."""
+    return ~sum(content) & 0xFF
+
+
+class StatusPacket(NamedTuple):
+    """What a servo answers."""
+
+    servo_id: int  # who answers
+    error: int  # error byte, see `error_names`
+    data: bytes  # parameters
+
+    @property
+    def alert(self) -> bool:
+        """Whether the servo has an error of its own."""
+        return self.error != 0
+
+    @property
+    def refusal(self) -> str | None:
+        """Nothing: these servos do not say that they refuse."""
+        return None
+
+
+def encode_packet(servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
+    """The instruction packet for a servo, or for all with `BROADCAST_ID`.
+
+    ProtocolError: no servo can have this id, or the packet would be too long.
+    """
+    if not (0 <= servo_id <= LARGEST_ID or servo_id == BROADCAST_ID):
+        raise ProtocolError(f"{servo_id} is no servo id: 0 to {LARGEST_ID}, or {BROADCAST_ID} for all")
+    length = len(parameters) + 2
+    if length > _LARGEST_LENGTH:
+        raise ProtocolError(f"{len(parameters)} parameters are too many, at most {_LARGEST_LENGTH - 2}")
+    content = bytes((servo_id, length, instruction)) + parameters
+    return HEADER + content + bytes((checksum(content),))
+
+
+def decode_status(packet: bytes) -> StatusPacket:
+    """The status packet that `packet` is, no more and no less.
+
+    ProtocolError: it is not one, or its checksum is wrong.
+    """
+    if len(packet) < AROUND or not packet.startswith(HEADER):
+        raise ProtocolError(f"not a packet: {packet[:16].hex(' ')}")
+    servo_id, length = packet[2], packet[3]
+    if length != len(packet) - 4:
+        raise ProtocolError(f"a packet of {len(packet)} bytes that says {4 + length}")
+    if checksum(packet[2:-1]) != packet[-1]:
+        raise ProtocolError(f"wrong checksum in a packet of servo {servo_id}")
+    if servo_id > LARGEST_ID:
+        raise ProtocolError(f"not an answer of a servo: id {servo_id}")
+    return StatusPacket(servo_id, packet[4], packet[5:-1])
+
+
+class StatusReader:
+    """Finds status packets in a stream of bytes that comes in pieces and may be damaged anywhere.
+
+    Args:
+        echo: an instruction that may come back on the one wire, and is no answer.
+        largest: no expected packet has more bytes; a damaged length is not waited for.
+
+    Attributes:
+        rejected: how many things looked like a packet and were none.
+    """
+
+    def __init__(self, echo: bytes = b"", largest: int = _LARGEST_LENGTH) -> None:
+        self._echo, self._largest = echo, largest
+        self._buffer = b""
+        self.rejected = 0
+
+    def feed(self, data: bytes) -> list[StatusPacket]:
+        """Take more bytes; return the packets that are complete now."""
+        buffer = self._buffer + data
+        found: list[StatusPacket] = []
+        while True:
+            start = buffer.find(HEADER)
+            if start < 0:
+                self._buffer = buffer[-1:]
+                return found
+            buffer = buffer[start:]
+            if len(buffer) < AROUND:
+                break
+            size = 4 + buffer[3]
+            if len(buffer) < size <= self._largest:
+                break
+            buffer = self._take(buffer, size, found)
+        self._buffer = buffer
+        return found
+
+    def _take(self, buffer: bytes, size: int, found: list[StatusPacket]) -> bytes:
+        packet = buffer[:size]
+        try:
+            status = decode_status(packet)
+        except ProtocolError:
+            if packet[:3] != HEADER + bytes((BROADCAST_ID,)):
+                self.rejected += 1
+            return buffer[1:]  # the true header may lie within
+        if packet != self._echo:
+            found.append(status)
+        return buffer[size:]
+
+
+def packet_reader(request: bytes) -> StatusReader:
+    """What finds the answers to a request, and not its echo."""
+    return StatusReader(request)
+
+
+def ping(servo_id: int) -> bytes:
+    """Are you there? The answer is empty."""
+    return encode_packet(servo_id, _PING)
+
+
+def read(servo_id: int, address: int, size: int) -> bytes:
+    """Read `size` bytes at `address`."""
+    return encode_packet(servo_id, _READ, bytes((address, size)))
+
+
+def write(servo_id: int, address: int, data: bytes) -> bytes:
+    """Write `data` at `address`; acknowledged with an empty answer."""
+    return encode_packet(servo_id, _WRITE, bytes((address,)) + data)
+
+
+def sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
+    """Read the same bytes of several servos; each answers with a packet of its own, in this order."""
+    return encode_packet(BROADCAST_ID, _SYNC_READ, bytes((address, size, *servo_ids)))
+
+
+def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
+    """Write at the same address of several servos, each its own bytes; nobody answers.
+
+    ProtocolError: the bytes are not of equal number.
+    """
+    sizes = {len(value) for value in data.values()}
+    if len(sizes) != 1:
+        raise ProtocolError(f"a sync write needs equally many bytes for each servo, not {sorted(sizes)}")
+    parts = b"".join(bytes((servo_id,)) + value for servo_id, value in data.items())
+    return encode_packet(BROADCAST_ID, _SYNC_WRITE, bytes((address, sizes.pop())) + parts)
