@@ -11,7 +11,7 @@ from pathlib import Path
 
 from robot_io.guard import Limits
 from sim_backend.emulators import Fault, FaultKind
-from tests.wire.parts import CELL, CUBEMARS, LINES, ODRIVE, ROOT, SO101
+from tests.wire.parts import CELL, CUBEMARS, DAMIAO, LINES, ODRIVE, ROOT, SO101
 
 TICK_S = 1e-3
 MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.52  # where the probing run is then
@@ -47,7 +47,8 @@ class Family:
 FAMILIES = {
     "dynamixel": Family("Dynamixel", DYNAMIXEL, "motors", 5),
     "odrive": Family("ODrive, CAN", ODRIVE, "motors", 5),
-    "mit": Family("MIT mode, CAN", CUBEMARS, "motors", 5, late_s=0.16),
+    "mit": Family("MIT mode, CubeMars, CAN", CUBEMARS, "motors", 5, late_s=0.16),
+    "damiao": Family("MIT mode, Damiao, CAN", DAMIAO, "motors", 5),
     "feetech": Family("Feetech", SO101, "motors", 13, tick_ms=4, speed_m_s=0.03),
     "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10),
     "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5, late_s=0.16),
@@ -203,6 +204,19 @@ _MOTOR_ROWS = {
         (2, 102, "bus-off, the adapter has left the bus", _CUT_OFF),
         (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
     ),
+    "damiao": (
+        (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
+        (OLD, BRAKED, "joint 3 (motor 3): nothing valid for"),
+        (OLD, OLD_OFF, "last was: motor state has 3 bytes, expected 8"),
+        GOES_ON,
+        GOES_ON,
+        (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
+        (2, BRAKED, "joint 3 (motor 3): MOSFET over temperature"),
+        (OLD, BRAKED, "joint 3 (motor 3): nothing valid for"),
+        (3, BRAKED, "joint 3 (motor 3): has left motor mode; has it restarted?"),
+        (2, 102, "bus-off, the adapter has left the bus", _CUT_OFF),
+        (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
+    ),
     "feetech": (
         (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
         (4, BRAKED + 2, "did not answer in time", LAST_SEEN),
@@ -221,6 +235,7 @@ _NUMBERS = {
     "dynamixel": (1, 2, 3),
     "odrive": (0, 1, 2),
     "mit": (1, 2, 3),
+    "damiao": (1, 2, 3),
     "feetech": (2, 3, 4),
 }  # of the devices, by joint
 
@@ -299,6 +314,7 @@ _WATCHDOG_ROWS = {  # program killed (nobody is left to read), program held up
     "dynamixel": ((None, 62, "", _CUT_OFF), (501, 62, "the program was held up for 0.5", _HELD_UP)),
     "odrive": ((None, 52, "", _CUT_OFF), (501, 52, "the program was held up for 0.5", _HELD_UP)),
     "mit": ((None, 102, "", _CUT_OFF), (501, 102, "the program was held up for 0.5", _HELD_UP)),
+    "damiao": ((None, 102, "", _CUT_OFF), (501, 102, "the program was held up for 0.5", _HELD_UP)),
     "feetech": ((None, None, "", HOLDS), (127, 510, "the program was held up for 0.5", _WAITS)),
 }
 

@@ -22,7 +22,13 @@ SOON = {  # each way in which a driver of each kind can be told; `make test-all`
     *("odrive, reply lost", "odrive, reply corrupt", "odrive, reboot, back at once", "odrive, unplugged"),
     *("mit, reply lost", "mit, alert", "mit, reply duplicated", "mit, controller exception"),
     *("odrive, program killed", "mit, program killed", "loadstar, not a number", "loadstar, reboot"),
-    *("feetech, reboot, back at once", "feetech, program killed", "cell, not a number"),
+    *(
+        "damiao, program killed",
+        "damiao, reboot, back at once",
+        "feetech, reboot, back at once",
+        "feetech, program killed",
+        "cell, not a number",
+    ),
     *("lorenz, unplugged", "lorenz, saturated", "lines, saturated"),
 }
 
