@@ -15,6 +15,7 @@ from math import pi
 from typing import Final
 
 from robot_io.drivers.servo.register import Register
+from robot_io.drivers.servo.stream import bit_names
 
 # Kept without power; can be written while the torque is off.
 RETURN_DELAY_TIME: Final = Register("return delay time", 9, 1)  # 2 us
@@ -67,11 +68,7 @@ def drive_mode_trouble(value: int) -> str | None:
 
 def hardware_error_names(value: int) -> str:
     """The errors in a hardware error status, by name. Source: e-manual, "Shutdown (63)"."""
-    names = [name for bit, name in _HARDWARE_ERRORS.items() if value & bit]
-    unknown = value & ~sum(_HARDWARE_ERRORS)
-    if unknown:
-        names.append(f"unknown bits {unknown:#04x}")
-    return ", ".join(names) or "none"
+    return bit_names(value, _HARDWARE_ERRORS)
 
 
 COUNTS_PER_REVOLUTION: Final = 4096

@@ -7,8 +7,9 @@ little-endian. Source: Feetech, "Magnetic encoder smart servo communication prot
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
+from robot_io.drivers.servo.stream import PacketStream, bit_names, equal_parts
 from robot_io.errors import ProtocolError
 
 HEADER: Final = b"\xff\xff"
@@ -30,11 +31,7 @@ ERROR_NAMES: Final = {
 
 def error_names(value: int) -> str:
     """The errors in an error byte, by name."""
-    names = [name for bit, name in ERROR_NAMES.items() if value & bit]
-    unknown = value & ~sum(ERROR_NAMES)
-    if unknown:
-        names.append(f"unknown bits {unknown:#04x}")
-    return ", ".join(names) or "none"
+    return bit_names(value, ERROR_NAMES)
 
 
 def checksum(content: bytes) -> int:
@@ -91,52 +88,30 @@ def decode_status(packet: bytes) -> StatusPacket:
     return StatusPacket(servo_id, packet[4], packet[5:-1])
 
 
-class StatusReader:
-    """Finds status packets in a stream of bytes that comes in pieces and may be damaged anywhere.
+class StatusReader(PacketStream[StatusPacket]):
+    """Finds status packets in a stream; see `PacketStream`.
 
     Args:
         echo: an instruction that may come back on the one wire, and is no answer.
         largest: no expected packet has more bytes; a damaged length is not waited for.
-
-    Attributes:
-        rejected: how many things looked like a packet and were none.
     """
 
+    header: ClassVar[bytes] = HEADER
+    head: ClassVar[int] = AROUND
+
     def __init__(self, echo: bytes = b"", largest: int = _LARGEST_LENGTH) -> None:
-        self._echo, self._largest = echo, largest
-        self._buffer = b""
-        self.rejected = 0
+        super().__init__(largest)
+        self._echo = echo
 
-    def feed(self, data: bytes) -> list[StatusPacket]:
-        """Take more bytes; return the packets that are complete now."""
-        buffer = self._buffer + data
-        found: list[StatusPacket] = []
-        while True:
-            start = buffer.find(HEADER)
-            if start < 0:
-                self._buffer = buffer[-1:]
-                return found
-            buffer = buffer[start:]
-            if len(buffer) < AROUND:
-                break
-            size = 4 + buffer[3]
-            if len(buffer) < size <= self._largest:
-                break
-            buffer = self._take(buffer, size, found)
-        self._buffer = buffer
-        return found
+    def _size(self, head: bytes) -> int:
+        return 4 + head[3]
 
-    def _take(self, buffer: bytes, size: int, found: list[StatusPacket]) -> bytes:
-        packet = buffer[:size]
-        try:
-            status = decode_status(packet)
-        except ProtocolError:
-            if packet[:3] != HEADER + bytes((BROADCAST_ID,)):
-                self.rejected += 1
-            return buffer[1:]  # the true header may lie within
-        if packet != self._echo:
-            found.append(status)
-        return buffer[size:]
+    def _decode(self, packet: bytes) -> StatusPacket | None:
+        status = decode_status(packet)
+        return None if packet == self._echo else status
+
+    def _is_suspect(self, packet: bytes) -> bool:
+        return packet[2:3] != bytes((BROADCAST_ID,))  # an echo of what all were sent
 
 
 def packet_reader(request: bytes) -> StatusReader:
@@ -169,8 +144,5 @@ def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
 
     ProtocolError: the bytes are not of equal number.
     """
-    sizes = {len(value) for value in data.values()}
-    if len(sizes) != 1:
-        raise ProtocolError(f"a sync write needs equally many bytes for each servo, not {sorted(sizes)}")
-    parts = b"".join(bytes((servo_id,)) + value for servo_id, value in data.items())
-    return encode_packet(BROADCAST_ID, _SYNC_WRITE, bytes((address, sizes.pop())) + parts)
+    size, parts = equal_parts(data)
+    return encode_packet(BROADCAST_ID, _SYNC_WRITE, bytes((address, size)) + parts)
