@@ -206,7 +206,10 @@ class World:
         n, joints = self.joint_count, self._joint_values()
         position = joints[:n]
         mass_matrix = partial(self._engine.mass_matrix, position)
-        return JointState(self.time_s, self._step_s, position, joints[n:], self._torque_nm, mass_matrix)
+        bias_torque_nm = partial(self._engine.inverse_dynamics, position, joints[n:], [0.0] * n)
+        return JointState(
+            self.time_s, self._step_s, position, joints[n:], self._torque_nm, mass_matrix, bias_torque_nm
+        )
 
     def _joint_values(self) -> list[float]:
         """Positions and velocities (2n) of the present state; the engine is asked once for it."""

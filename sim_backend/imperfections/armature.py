@@ -67,11 +67,13 @@ class Rotors(JointEffect):
             self._inverse = np.linalg.inv(state.mass_matrix())
             self._share = np.linalg.inv(np.eye(len(changed_nm)) + self._inverse * self._inertia_kg_m2)
             self._refresh_s = state.time_s + _REFRESH_S
-        if self._last is not None:
+        if self._last is None:  # nothing has moved yet: the arm is in free air
+            without = self._inverse.dot(changed_nm - state.bias_torque_nm())
+        else:
             last_speed_rad_s, last_nm = self._last
             without = (speed_rad_s - last_speed_rad_s) / state.step_s
             without += self._inverse.dot(changed_nm - last_nm)
-            changed_nm -= self._inertia_kg_m2 * self._share.dot(without)
+        changed_nm -= self._inertia_kg_m2 * self._share.dot(without)
         self._last = speed_rad_s, changed_nm
         values: list[float] = changed_nm.tolist()
         return values

@@ -188,4 +188,5 @@ class EmulatedSts(LineServo):
 
 
 def _signed(value: int, bit: int) -> int:
-    return abs(value) | (1 << bit if value < 0 else 0)
+    """Sign and magnitude; one that does not fit is the largest."""
+    return min(abs(value), (1 << bit) - 1) | (1 << bit if value < 0 else 0)
