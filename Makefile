@@ -1,5 +1,5 @@
 # Two commands: `make demo` probes an object in simulation, `make test` runs the tests.
-# `make test-all` runs also those that take long.
+# `make test-all` runs also those that take long, `make quick` a minute's worth of them.
 # The newest CPython that runs here.
 PYTHON ?= $(shell for v in 14 13 12 11; do python3.$$v -c '' 2>/dev/null && echo python3.$$v && break; done)
 VENV   ?= .venv
@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-all lint env clean
+.PHONY: demo test test-all quick lint env clean
 
 demo: $(READY)
 	@$(BIN)/palpate demo
@@ -17,6 +17,10 @@ test: $(READY)
 
 test-all: $(READY)
 	@$(BIN)/pytest -m ""
+
+# What another Python or machine could break: engines, drivers on emulated wires, and fits.
+quick: $(READY)
+	@$(BIN)/pytest tests/contract tests/sim_backend tests/estimation/fit tests/test_import_directions.py
 
 lint: $(READY)
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
@@ -40,4 +44,4 @@ $(READY): pyproject.toml constraints.txt
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build *.egg-info
+	rm -rf $(VENV) $(VENV)-* build *.egg-info

@@ -19,6 +19,7 @@ class ModelContext:
         tip_frame: name of the tip's frame in that URDF.
         urdf_origin: where that text comes from, for errors.
         gravity_m_s2: shape (3,), fall acceleration in the axes of its root link [m/s^2].
+        rotor_inertia_kg_m2: shape (n,), what its drives' rotors add to the joints, or empty [kg m^2].
         surface_found: whether a contact's surface was found from the data and so has an error of its own.
     """
 
@@ -27,6 +28,7 @@ class ModelContext:
     tip_frame: str = ""
     urdf_origin: str = "URDF text"
     gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
+    rotor_inertia_kg_m2: tuple[float, ...] = ()
     surface_found: bool = False
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, PrivateAttr, field_validator
 
-from robot_io.files.file_model import FileModel, Number, input_error, matching, validate
+from robot_io.files.file_model import FileModel, NotNegative, Number, input_error, matching, validate
 from robot_io.files.safe_yaml import MOST_BYTES, YamlDocument, load_yaml, parse_yaml
 from robot_io.guard import Limits, SafeState
 
@@ -63,6 +63,9 @@ class RobotFile(FileModel):
     encoder: DeviceSection  # joint encoders
     torque: DeviceSection  # torque-controlled drives
     force: DeviceSection  # force sensor
+    # What the drives' rotors add to the joints: their inertia times the square of the gear ratio, for which
+    # a URDF has no place; with gears of some hundred to one, most of what a joint moves [kg m^2].
+    rotor_inertia_kg_m2: tuple[NotNegative, ...] | None = None
     # Pose in which the arm can rest, tool down; nothing drives it there. Shape (n,) [rad].
     home_rad: Annotated[tuple[Number, ...], Field(min_length=1)]
     limits: Limits  # what the guard holds the arm to
@@ -149,6 +152,7 @@ def _check_joint_counts(robot_file: RobotFile) -> None:
     for key_path, values in (
         (("limits", "torque_nm"), robot_file.limits.torque_nm),
         (("safe_state", "damping_nms_rad"), robot_file.safe_state.damping_nms_rad),
+        (("rotor_inertia_kg_m2",), robot_file.rotor_inertia_kg_m2 or (0.0,) * count),
     ):
         if len(values) != count:
             problem = f"has {len(values)} values, home_rad has {count}: one per joint"

@@ -29,6 +29,8 @@ class JointState(NamedTuple):
     velocity_rad_s: Sequence[float]  # n velocities [rad/s]
     drive_torque_nm: Sequence[float]  # n torques that the drives were told to exert [N m]
     mass_matrix: Callable[[], FloatArray]  # gives the joint-space inertia (n, n) [kg m^2] at these positions
+    # Gives the torques (n) [N m] of a motion without acceleration, in free air.
+    bias_torque_nm: Callable[[], FloatArray]
 
 
 class ContactEffect(ABC):

@@ -17,6 +17,7 @@ from sim_backend.dynamics_urdf import dynamics_urdf
 from sim_backend.engines import engine_class
 from sim_backend.hidden import hidden_effects
 from sim_backend.hooks import NO_EFFECTS, Effects, JointState
+from sim_backend.imperfections.armature import Rotors
 from sim_backend.scenario import Scenario
 from sim_backend.sensors import SimulatedEncoder, SimulatedForceSensor, SimulatedTorqueSensor
 
@@ -30,6 +31,8 @@ class ArmDescription:
     # Unit vector in the tip frame along which the force sensor measures compression.
     sensor_axis_tip: Sequence[float]
     home_rad: Sequence[float]  # where the joints are at the start (n) [rad]
+    # What its drives' rotors add to the joints (n), or empty [kg m^2].
+    rotor_inertia_kg_m2: Sequence[float] = ()
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,8 @@ class World:
         self, arm: ArmDescription, scenario: Scenario, effects: Effects = NO_EFFECTS, start_s: float = 0.0
     ) -> None:
         self.scenario = scenario
-        self._effects = effects = hidden_effects(scenario.hidden, len(arm.home_rad)) + effects
+        rotors = Effects(joint=(Rotors(arm.rotor_inertia_kg_m2),)) if arm.rotor_inertia_kg_m2 else NO_EFFECTS
+        self._effects = effects = hidden_effects(scenario.hidden, len(arm.home_rad)) + effects + rotors
         self._sensor_axis_tip = tuple(arm.sensor_axis_tip)
         self._start_s = start_s
         self._step_s = 1.0 / scenario.physics.rate_hz
@@ -202,7 +206,10 @@ class World:
         n, joints = self.joint_count, self._joint_values()
         position = joints[:n]
         mass_matrix = partial(self._engine.mass_matrix, position)
-        return JointState(self.time_s, self._step_s, position, joints[n:], self._torque_nm, mass_matrix)
+        bias_torque_nm = partial(self._engine.inverse_dynamics, position, joints[n:], [0.0] * n)
+        return JointState(
+            self.time_s, self._step_s, position, joints[n:], self._torque_nm, mass_matrix, bias_torque_nm
+        )
 
     def _joint_values(self) -> list[float]:
         """Positions and velocities (2n) of the present state; the engine is asked once for it."""

@@ -87,7 +87,12 @@ class RigidBody:
         """
         if calibrations is None:
             calibrations = load_calibrations(robot_file)
-        return cls.from_urdf(robot_file.urdf_path, robot_file.tip_frame, calibrations.gravity_base_m_s2)
+        return cls.from_urdf(
+            robot_file.urdf_path,
+            robot_file.tip_frame,
+            calibrations.gravity_base_m_s2,
+            robot_file.rotor_inertia_kg_m2 or (),
+        )
 
     @classmethod
     def from_urdf(
@@ -95,15 +100,17 @@ class RigidBody:
         urdf: str | Path,
         tip_frame: str,
         gravity_m_s2: Sequence[float] = LEVEL,
+        rotor_inertia_kg_m2: Sequence[float] = (),
         *,
         origin: str = "URDF text",
     ) -> "RigidBody":
         """Read a URDF from a file, or from its text (anything that holds a "<"; `origin` names it in errors).
 
-        Gravity is the fall acceleration in the axes of the root link, shape (3,) [m/s^2].
+        Gravity is the fall acceleration in the axes of the root link, shape (3,) [m/s^2]; rotors add their
+        inertia to the joints, shape (n,) or empty for none [kg m^2].
 
         Raises:
-            InputError: it cannot be read, is too large, is not a URDF, or has no such frame.
+            InputError: it cannot be read, is too large, is not a URDF, has no such frame or other joints.
         """
         is_text = isinstance(urdf, str) and "<" in urdf
         place = origin if is_text else str(urdf)
@@ -117,6 +124,8 @@ class RigidBody:
         if model.nq == 0:
             raise InputError(f"{place}: has no movable joint")
         model.gravity.linear = frozen_array(gravity_m_s2, (3,), what="gravity")
+        if len(rotor_inertia_kg_m2):
+            model.armature = frozen_array(rotor_inertia_kg_m2, (model.nv,), what="rotor inertia").copy()
         return cls(model, tip_frame, place)
 
     @property

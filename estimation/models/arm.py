@@ -14,7 +14,11 @@ def arm_of(context: ModelContext, model: str) -> tuple[RigidBody, int]:
     if not context.urdf or context.joint is None:
         raise InputError(f"model '{model}' needs a joint channel and the arm's URDF (--urdf FILE)")
     body = RigidBody.from_urdf(
-        context.urdf, context.tip_frame, context.gravity_m_s2, origin=context.urdf_origin
+        context.urdf,
+        context.tip_frame,
+        context.gravity_m_s2,
+        context.rotor_inertia_kg_m2,
+        origin=context.urdf_origin,
     )
     if not 0 <= context.joint < body.joint_count:
         raise InputError(f"model '{model}': joint {context.joint + 1}, but the arm has {body.joint_count}")

@@ -171,6 +171,8 @@ def data_sha256(data: ChannelData, arm: Arm) -> str:
     _feed(digest, data)
     if data.kind is not ChannelKind.CONTACT:
         _feed(digest, (arm.urdf, arm.tip_frame, arm.gravity_m_s2))
+        if arm.rotor_inertia_kg_m2:
+            _feed(digest, arm.rotor_inertia_kg_m2)
     return digest.hexdigest()
 
 

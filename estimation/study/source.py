@@ -42,6 +42,7 @@ class Arm:
         tip_frame: the tip's frame in it.
         origin: where the URDF comes from, for errors.
         gravity_m_s2: shape (3,), fall acceleration in the axes of its base [m/s^2].
+        rotor_inertia_kg_m2: shape (n,), what its drives' rotors add to the joints, or empty [kg m^2].
         notes: sentences on it that the reader should see.
     """
 
@@ -49,6 +50,7 @@ class Arm:
     tip_frame: str = ""
     origin: str = "URDF text"
     gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
+    rotor_inertia_kg_m2: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
 
     def context_of(self, channel: ChannelData) -> ModelContext:
@@ -60,6 +62,7 @@ class Arm:
             tip_frame=self.tip_frame,
             urdf_origin=self.origin,
             gravity_m_s2=self.gravity_m_s2,
+            rotor_inertia_kg_m2=self.rotor_inertia_kg_m2,
             surface_found=channel.surface is not None,
         )
 
@@ -248,7 +251,9 @@ def arm_of(session: Session) -> Arm:
         InputError: its copy of the robot file is not valid.
     """
     text = session.metadata.robot_file
-    tip_frame = parse_robot_file(text, f"{session.path}, its robot file").tip_frame if text else ""
+    robot_file = parse_robot_file(text, f"{session.path}, its robot file") if text else None
+    tip_frame = robot_file.tip_frame if robot_file else ""
+    rotors = robot_file.rotor_inertia_kg_m2 if robot_file else None
     calibrations = parse_calibrations(session.metadata.calibration, f"{session.path}, its calibration")
     origin = f"{session.path}, its URDF"
-    return Arm(session.metadata.urdf, tip_frame, origin, calibrations.gravity_base_m_s2)
+    return Arm(session.metadata.urdf, tip_frame, origin, calibrations.gravity_base_m_s2, rotors or ())

@@ -88,7 +88,8 @@ class SimulatedBus(Bus):
             urdf_text = robot.urdf_path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"{robot.urdf_path}: cannot be read ({error})") from error
-        arm = ArmDescription(urdf_text, robot.tip_frame, robot.sensor_axis_tip, robot.home_rad)
+        rotors = robot.rotor_inertia_kg_m2 or ()
+        arm = ArmDescription(urdf_text, robot.tip_frame, robot.sensor_axis_tip, robot.home_rad, rotors)
         try:
             self._world = World(arm, self.scenario, start_s=self._clock.now_s())
         except InputError as error:

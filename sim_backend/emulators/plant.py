@@ -8,6 +8,8 @@ from sim_backend.hooks import NO_EFFECTS, Effects
 from sim_backend.scenario import Scenario
 from sim_backend.world import ArmDescription, World
 
+_REST_SHARE = 0.04  # of a joint's torque limit
+
 
 @dataclass(frozen=True, slots=True)
 class JointState:
@@ -21,7 +23,8 @@ class JointState:
 class Plant:
     """An arm in a simulated world, as its motors and its force sensor see it.
 
-    It stands on its rest until a motor first exerts a torque. Not safe for threads: one bench owns it.
+    It stands on its rest, and rubs there, until a motor first exerts 4 % of its limit in the robot file: what
+    a driver tries out at activation moves nothing. Not safe for threads: one bench owns it.
 
     Args:
         robot_file: the arm.
@@ -41,10 +44,12 @@ class Plant:
             robot_file.tip_frame,
             robot_file.sensor_axis_tip,
             robot_file.home_rad,
+            robot_file.rotor_inertia_kg_m2 or (),
         )
         self.world = World(arm, scenario, effects, start_s=start_s)
         self.world.held = True
         self._torque_nm = [0.0] * self.world.joint_count
+        self._rest_nm = [_REST_SHARE * limit for limit in robot_file.limits.torque_nm]
         self._joints = [JointState(angle, 0.0, 0.0) for angle in robot_file.home_rad]
         self._force: tuple[float, Status] | None = None
 
@@ -52,7 +57,8 @@ class Plant:
         """What the motor of `joint` (from 0) exerts from now on [N m]."""
         if torque_nm == self._torque_nm[joint]:
             return
-        self.world.held = False
+        if abs(torque_nm) > self._rest_nm[joint]:
+            self.world.held = False
         self._torque_nm[joint] = torque_nm
         self.world.set_torque(self._torque_nm)
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative
+from robot_io.types import FloatArray
 from sim_backend.hooks import Effects, JointEffect, JointState
 from sim_backend.imperfection import JointImperfection, parameter
 from sim_backend.noise_scale import LOADED, NoiseScale, joint_of
@@ -28,8 +29,9 @@ class Armature(JointImperfection):
     inertia_kg_m2: NotNegative = parameter("kg m^2", 0.001, 0.5, le=10.0)  # J [kg m^2]
 
     def effects(self, joint_count: int) -> Effects:
-        index = self.index_in(joint_count)
-        return Effects(joint=(_Rotor(index, self.inertia_kg_m2),)) if self.inertia_kg_m2 else Effects()
+        inertia_kg_m2 = np.zeros(joint_count)
+        inertia_kg_m2[self.index_in(joint_count)] = self.inertia_kg_m2
+        return Effects(joint=(Rotors(inertia_kg_m2.tolist()),)) if self.inertia_kg_m2 else Effects()
 
     @classmethod
     def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
@@ -39,36 +41,39 @@ class Armature(JointImperfection):
         return cls(joint=joint_of(channel), inertia_kg_m2=min(inertia_kg_m2, 6.0 * joint.inertia_kg_m2))
 
 
-class _Rotor(JointEffect):
-    """Solves (M + J e e^T) a = tau + r for the step, where the engine solves M a = tau - J a e + r.
+class Rotors(JointEffect):
+    """Solves (M + J) a = tau + r for the step, J diagonal, where the engine solves M a = tau - J a + r.
 
     What the arm's weight, contact and friction do, r, is what the last step's motion leaves of the equation;
-    the acceleration of the joint without the rotor is a0 = a_last + w (tau - tau_last) with w the joint's row
-    of M^-1, and with it a = a0 / (1 + J w_i) (Sherman and Morrison). Taking J a_last instead, the obvious
-    way, diverges as soon as the rotor is heavier than what the joint feels of the arm.
+    the acceleration without the rotors is a0 = a_last + M^-1 (tau - tau_last), and with them it is
+    a = (1 + M^-1 J)^-1 a0. Taking J a_last instead, the obvious way, diverges as soon as a rotor is heavier
+    than what its joint feels of the arm.
+
+    Args:
+        inertia_kg_m2: of all joints, shape (n,) [kg m^2].
     """
 
-    def __init__(self, index: int, inertia_kg_m2: float) -> None:
-        self._index = index
-        self._inertia_kg_m2 = inertia_kg_m2
+    def __init__(self, inertia_kg_m2: Sequence[float]) -> None:
+        self._inertia_kg_m2 = np.array(inertia_kg_m2)
         self.restart()
 
     def restart(self) -> None:
-        self._last: tuple[float, Sequence[float]] | None = None
+        self._last: tuple[FloatArray, FloatArray] | None = None
         self._refresh_s = -inf
 
     def joint_torque_nm(self, state: JointState, torque_nm: Sequence[float]) -> Sequence[float]:
-        i, speed_rad_s = self._index, state.velocity_rad_s[self._index]
-        changed = list(torque_nm)
+        speed_rad_s, changed_nm = np.array(state.velocity_rad_s), np.array(torque_nm)
         if state.time_s >= self._refresh_s:
-            unit = np.eye(len(changed))[i]
-            self._row: list[float] = np.linalg.solve(state.mass_matrix(), unit).tolist()
+            self._inverse = np.linalg.inv(state.mass_matrix())
+            self._share = np.linalg.inv(np.eye(len(changed_nm)) + self._inverse * self._inertia_kg_m2)
             self._refresh_s = state.time_s + _REFRESH_S
-        if self._last is not None:
+        if self._last is None:  # nothing has moved yet: the arm is in free air
+            without = self._inverse.dot(changed_nm - state.bias_torque_nm())
+        else:
             last_speed_rad_s, last_nm = self._last
             without = (speed_rad_s - last_speed_rad_s) / state.step_s
-            for share, now, then in zip(self._row, changed, last_nm, strict=True):
-                without += share * (now - then)
-            changed[i] -= self._inertia_kg_m2 * without / (1.0 + self._inertia_kg_m2 * self._row[i])
-        self._last = speed_rad_s, changed
-        return changed
+            without += self._inverse.dot(changed_nm - last_nm)
+        changed_nm -= self._inertia_kg_m2 * self._share.dot(without)
+        self._last = speed_rad_s, changed_nm
+        values: list[float] = changed_nm.tolist()
+        return values

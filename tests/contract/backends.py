@@ -1,7 +1,7 @@
 """The backends that keep the contract. A new one adds itself to `BACKENDS`; every test here runs on it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ class Bench:
     press: makes the force sensor feel about this force [N] at the next ticks, or None where nobody can.
     watchdog_s: after how long without commands the drives let go [s], or None where they have no watchdog.
     clear_away: ends what stands behind the robot.
+    holds: activated drives hold the joints where they stand until the first command.
     """
 
     robot: Robot
@@ -35,6 +36,7 @@ class Bench:
     press: Callable[[float], None] | None = None
     watchdog_s: float | None = None
     clear_away: Callable[[], None] = lambda: None
+    holds: bool = False
 
     def close(self) -> None:
         self.robot.close()
@@ -138,6 +140,16 @@ def open_odrive_0_5() -> Bench:
     return open_wired(parse_robot_file(text, ROBOTS / "odrive_3dof.yaml"), 0.05)
 
 
+def open_odrive_and_cell() -> Bench:
+    """The load cell on a microcontroller; tension is positive for it."""
+    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
+    scale = "newtons_per_count: 2.0e-5, zero_counts: 500, rate_hz: 320"
+    cell = f"driver: microcontroller_cell, {scale}, reversed: true"
+    return open_wired(
+        parse_robot_file(text.replace("driver: loadstar", cell), ROBOTS / "odrive_3dof.yaml"), 0.05
+    )
+
+
 def open_documented() -> Bench:
     """The driver of docs/hardware.md, on the gauge that it is written for."""
     path = ROBOTS / "odrive_3dof.yaml"
@@ -160,6 +172,10 @@ def open_cubemars() -> Bench:
     return open_wired(load_robot_file(ROBOTS / "cubemars_3dof.yaml"), 0.1)
 
 
+def open_damiao() -> Bench:
+    return open_wired(load_robot_file(ROBOTS / "damiao_3dof.yaml"), 0.1)
+
+
 def open_dynamixel() -> Bench:
     """Servos that know the fast sync read. Their watchdog counts reading as a sign of life too."""
     return open_wired(load_robot_file(ROBOTS / "dynamixel_3dof.yaml"), None)
@@ -173,14 +189,22 @@ def open_plain_dynamixel() -> Bench:
     return open_wired(parse_robot_file(text, ROBOTS / "dynamixel_3dof.yaml"), None)
 
 
+def open_so101() -> Bench:
+    """Servos without torque mode and watchdog, and a load cell for 20 dollars."""
+    return replace(open_wired(load_robot_file(ROBOTS / "so101.yaml"), None), holds=True)
+
+
 BACKENDS = [
     Backend("mock", open_mock),
     Backend("odrive_0.6_loadstar", open_odrive),
     Backend("odrive_0.5_force_lines", open_odrive_0_5),
+    Backend("odrive_0.6_cell", open_odrive_and_cell),
     Backend("documented_driver", open_documented),
     Backend("cubemars_lorenz", open_cubemars),
+    Backend("damiao_cell", open_damiao),
     Backend("dynamixel_fast", open_dynamixel),
     Backend("dynamixel_plain", open_plain_dynamixel),
+    Backend("feetech_so101", open_so101),
     Backend(
         "simulation",
         open_simulation,

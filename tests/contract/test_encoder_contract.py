@@ -32,7 +32,7 @@ def test_it_knows_its_joints(bench):
 
 def test_the_velocity_is_the_rate_of_the_position(active):
     """Over 50 ticks under a push, the integral of the velocity is the way that was gone."""
-    push_nm = 0.02 * np.array(active.robot_file.limits.torque_nm)
+    push_nm = 0.05 * np.array(active.robot_file.limits.torque_nm)
     measurements = [active.tick(push_nm) for _ in range(50)]
     position = np.array([m.joint_position_rad for m in measurements])
     velocity = np.array([m.joint_velocity_rad_s for m in measurements])

@@ -8,6 +8,8 @@ import pytest
 
 from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
+from robot_io.robot_file import load_robot_file
+from sim_backend import ArmDescription, World, load_scenario
 from tests.control.reference_plant import URDF, test_arm
 
 ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
@@ -243,3 +245,41 @@ def test_a_load_takes_what_moves_a_point_mass_at_the_tip():
             loaded = body.with_load(mass_kg).inverse_dynamics(position, velocity, acceleration)
             bare = body.inverse_dynamics(position, velocity, acceleration)
             assert loaded - bare == pytest.approx(body.tip_jacobian(position)[:3].T @ force, abs=1e-6)
+
+
+def test_rotors_add_to_what_a_joint_moves_and_to_nothing_else():
+    rotors = (0.03, 0.02, 0.01)
+    path = SHIPPED[0]
+    bare, geared = (
+        RigidBody.from_urdf(path, "tip"),
+        RigidBody.from_urdf(path, "tip", rotor_inertia_kg_m2=rotors),
+    )
+    for position, velocity, acceleration in random_states(5):
+        added = geared.inverse_dynamics(position, velocity, acceleration)
+        added = added - bare.inverse_dynamics(position, velocity, acceleration)
+        np.testing.assert_allclose(added, rotors * acceleration, atol=1e-12)
+        np.testing.assert_allclose(geared.mass_matrix(position), bare.mass_matrix(position) + np.diag(rotors))
+        np.testing.assert_allclose(geared.gravity(position), bare.gravity(position))
+    with pytest.raises(InputError, match="rotor inertia"):
+        RigidBody.from_urdf(path, "tip", rotor_inertia_kg_m2=(0.03,))
+
+
+def test_the_simulated_arm_feels_the_rotors_as_the_model_does():
+    """Three rotors ten times as heavy as what the wrist feels of the arm."""
+    robot_file = load_robot_file(ARMS.parents[1] / "robots" / "so101.yaml")
+    rotors, home = np.array(robot_file.rotor_inertia_kg_m2), np.array(robot_file.home_rad)
+    text = robot_file.urdf_path.read_text(encoding="utf-8")
+    world = World(
+        ArmDescription(text, "tip", robot_file.sensor_axis_tip, home, tuple(rotors)), load_scenario({})
+    )
+    body = RigidBody.from_urdf(text, "tip", rotor_inertia_kg_m2=rotors)
+    torque_nm = body.gravity(home) + np.array((0.1, -0.05, 0.02))
+    world.set_torque(torque_nm)
+    world.advance_to(0.05)
+    truth = world.truth()
+    world.close()
+    push = np.array((0.1, -0.05, 0.02))
+    expected = np.linalg.solve(body.mass_matrix(home), push) * 0.05
+    np.testing.assert_allclose(truth.joint_velocity_rad_s, expected, rtol=0.05, atol=2e-3)
+    without = RigidBody.from_urdf(text, "tip")
+    assert np.abs(np.linalg.solve(without.mass_matrix(home), push) * 0.05 - expected).max() > 0.1

@@ -8,9 +8,10 @@ import pytest
 
 from benchmarks.fuzzers import Fuzzer, all_fuzzers, run_fuzzer
 from robot_io.drivers.dynamixel import protocol as dynamixel
+from robot_io.drivers.feetech import protocol as feetech
 from robot_io.drivers.mit import protocol as mit
 from robot_io.drivers.odrive import protocol as odrive
-from robot_io.drivers.serial_force import lorenz_protocol, text
+from robot_io.drivers.serial_force import lorenz_protocol, microcontroller_cell, text
 from robot_io.errors import ProtocolError
 
 INPUTS = 4000
@@ -47,6 +48,10 @@ BREAKS = [  # a fuzzer, and how its codec is broken: where, which name, and what
     ("dynamixel_stream", dynamixel, "_STATUS", lambda old: Anything()),
     ("dynamixel_packet", dynamixel, "crc16", lambda old: lambda data: Anything()),
     ("dynamixel_fast_reply", dynamixel, "crc16", lambda old: lambda data: Anything()),
+    ("feetech_packet", feetech, "checksum", lambda old: lambda content: Anything()),
+    ("feetech_stream", feetech, "checksum", lambda old: lambda content: Anything()),
+    ("feetech_packet", feetech, "LARGEST_ID", lambda old: 0xFE),  # so is an echo
+    ("feetech_stream", feetech, "LARGEST_ID", lambda old: 0xFE),
     ("mit", mit, "_MAX_12", lambda old: 4096),
     ("mit", mit, "_from_bits", lambda old: lambda bits, half, largest: -old(bits, half, largest)),
     ("mit", mit, "expect_length", lambda old: lambda *args: None),
@@ -54,6 +59,7 @@ BREAKS = [  # a fuzzer, and how its codec is broken: where, which name, and what
     ("odrive", odrive, "_two_finite_floats", lambda old: lambda *args: old(*args)[::-1]),
     ("odrive", odrive, "_WORD", lambda old: struct.Struct(">I")),
     ("lorenz_telegram", lorenz_protocol, "checksums", lambda old: lambda content: AnyPair()),
+    ("microcontroller_cell", microcontroller_cell, "checked", lambda old: lambda line: line.decode("latin1")),
     ("loadstar", text, "float", lambda old: lambda number: 10.0 * float(number)),
 ]
 

@@ -51,6 +51,19 @@ def test_a_session_over_the_wire_tells_the_truth(tmp_path, name):
             assert found[key] == pytest.approx(truth[key], rel=share), estimate.estimator
 
 
+@pytest.mark.slow
+def test_an_arm_without_torque_mode_tells_a_stiffness(tmp_path):
+    """SO-101, as docs/so101.md has it."""
+    path = tmp_path / "so101.mcap"
+    plan = ("--scenario", "soft", "--speed-mm-s", "20,10", "--force-limit-n", 3, "--online", "none")
+    result = run("probe", "--robot", ROOT / "robots/so101.yaml", "--wire", "-o", path, *plan)
+    assert result.exit_code == 0, result.stderr
+    for estimate in estimates_of(path):
+        found = {parameter.name: parameter.value for parameter in estimate.parameters}
+        assert found["stiffness.k"] == pytest.approx(200.0, rel=0.015)
+        assert found["damping.c"] == pytest.approx(10.0, rel=0.06)
+
+
 def test_effects_can_be_hidden_behind_the_wire(tmp_path):
     path = tmp_path / "secret.mcap"
     robot = ROOT / "robots/odrive_3dof.yaml"

@@ -19,10 +19,19 @@ from sim_backend.scenario import load_scenario
 ROOT = Path(__file__).resolve().parents[2]
 ODRIVE = ROOT / "robots" / "odrive_3dof.yaml"
 CUBEMARS = ROOT / "robots" / "cubemars_3dof.yaml"
+READ_SHARE = 0.6  # of a tick, as the control loop allows
+DAMIAO = ROOT / "robots" / "damiao_3dof.yaml"
+SO101 = ROOT / "robots" / "so101.yaml"
 LINES = (  # a load cell that is read by a pattern, in place of the ODrive arm's
     "{driver: loadstar, bus: load_cell, capacity_n: 100.0}",
     "{driver: force_lines, bus: load_cell, capacity_n: 100.0, "
     r"pattern: '\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)'}",
+)
+
+CELL = (  # one on a microcontroller, in its place
+    LINES[0],
+    "{driver: microcontroller_cell, bus: load_cell, capacity_n: 100.0, newtons_per_count: 2.0e-5, "
+    "zero_counts: -30000, rate_hz: 320}",
 )
 
 
@@ -57,6 +66,7 @@ class WireBench:
             hidden_effects(hidden, len(robot_file.home_rad)),
         )
         self.robot: Robot = build_robot(self.arm.robot_file, DriverCatalogue(), self.clock)
+        self.period_s = 1.0 / robot_file.control_rate_hz
 
     def start(self) -> "WireBench":
         self.robot.configure()
@@ -70,8 +80,8 @@ class WireBench:
 
     def tick(self, torque_nm: Sequence[float] | None = (0.0, 0.0, 0.0)) -> Measurement:
         """Read, and command unless `torque_nm` is None."""
-        self.clock.sleep_until(self.clock.now_s() + 1e-3)
-        measurement = self.robot.read(self.clock.now_s())
+        self.clock.sleep_until(self.clock.now_s() + self.period_s)
+        measurement = self.robot.read(self.clock.now_s() + READ_SHARE * self.period_s)
         if torque_nm is not None:
             self.robot.write(Command(np.array(torque_nm, float)), self.clock.now_s())
         return measurement

@@ -2,7 +2,6 @@
 
 from datetime import UTC, datetime
 
-import numpy as np
 import pytest
 
 from control.loop.loop import run_loop
@@ -18,7 +17,7 @@ from robot_io.driver import DriverCatalogue
 from robot_io.guard import Guard
 from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
-from robot_io.types import Command, Status
+from robot_io.types import Status
 from sim_backend.emulators import FaultKind
 from sim_backend.imperfections.friction import CoulombFriction
 from tests.log_in_process import LogInProcess
@@ -56,14 +55,6 @@ def stiffness_and_damping(path):
     (estimate,) = estimate_with(channel, "kelvin_voigt", ["lsq"]).estimates
     wanted = ("stiffness", "damping")
     return {p.name: (p.value, p.std_err) for p in estimate.parameters if p.name.startswith(wanted)}
-
-
-def tick(arm):
-    """Read, waiting as long as the control loop does, and command nothing."""
-    arm.clock.sleep_until(arm.clock.now_s() + 1e-3)
-    measurement = arm.robot.read(arm.clock.now_s() + 0.6e-3)
-    arm.robot.write(Command(np.zeros(3)), arm.clock.now_s())
-    return measurement
 
 
 @pytest.fixture(scope="module")
@@ -110,14 +101,14 @@ def test_a_fault_that_harms_nothing_stops_nothing(bench, kind):
     arm = bench(ROBOT, [("fast_sync_read: true", "fast_sync_read: false")]).start()
     arm.strike("motors", kind)
     for _ in range(20):
-        assert tick(arm).encoder_status is Status.OK
+        assert arm.tick().encoder_status is Status.OK
 
 
 def test_a_servo_lost_for_a_tick_leaves_one_stale_sample_and_its_name(bench):
     arm = bench(ROBOT).start()
     arm.strike("motors", FaultKind.DROP, device=2, times=1)
-    measurement = tick(arm)
+    measurement = arm.tick()
     assert measurement.encoder_status is measurement.torque_status is Status.STALE
     assert arm.robot.bus_delays == {"motors": "servo 2 did not answer in time"}
-    assert tick(arm).encoder_status is Status.OK
+    assert arm.tick().encoder_status is Status.OK
     assert arm.robot.bus_delays == {}

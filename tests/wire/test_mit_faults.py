@@ -10,7 +10,6 @@ from sim_backend.emulators import FaultKind
 from tests.wire.parts import CUBEMARS, ODRIVE
 
 PUSH_NM = (3.0, -2.0, 1.0)
-PROVE = ("check_watchdog: false", "check_watchdog: true")
 
 
 def nodes(bench):
@@ -56,7 +55,7 @@ def test_no_torque_before_it_is_activated(bench, ask_with):
 @pytest.mark.parametrize("timeout_s", [None, 2.0])
 def test_a_timeout_that_does_not_bite_is_refused(bench, timeout_s):
     """Such a motor kept its torque for seconds after the program had died."""
-    arm = bench(CUBEMARS, [PROVE])
+    arm = bench(CUBEMARS)
     nodes(arm)[1].timeout_s = timeout_s
     arm.robot.configure()
     with pytest.raises(
@@ -67,7 +66,7 @@ def test_a_timeout_that_does_not_bite_is_refused(bench, timeout_s):
 
 
 def test_a_motor_that_shows_no_torque_proves_nothing(bench):
-    arm = bench(CUBEMARS, [PROVE])
+    arm = bench(CUBEMARS)
     arm.robot.configure()
     nodes(arm)[2]._drive = lambda: None
     with pytest.raises(DeviceError, match=r"joint 3 \(motor 3\) shows no torque"):
@@ -76,7 +75,7 @@ def test_a_motor_that_shows_no_torque_proves_nothing(bench):
 
 @pytest.mark.parametrize("ask_with", ["exit", "enter"])
 def test_a_timeout_that_bites_is_proven_and_leaves_no_torque(bench, ask_with):
-    arm = bench(CUBEMARS, [PROVE, ("driver: mit_bus", f"driver: mit_bus\n    ask_with: {ask_with}")]).start()
+    arm = bench(CUBEMARS, [("driver: mit_bus", f"driver: mit_bus\n    ask_with: {ask_with}")]).start()
     assert arm.tick().torque_status is Status.OK
     assert np.abs(arm.drive_torque_nm).max() < 0.02
     arm.ticks(3, PUSH_NM)

@@ -71,6 +71,21 @@ def test_an_axis_as_delivered_sends_no_torques_and_is_told_what_to_set(bench, ch
     assert remedy in seen[0]
 
 
+@pytest.mark.parametrize(
+    ("changes", "current"), [((), "motor.current_soft_max"), (V0_5, "config.current_lim")], ids=["0.6", "0.5"]
+)
+def test_what_can_cannot_read_is_printed_as_commands(bench, changes, current):
+    """As typed into odrivetool; the speed is 6 rad/s at a joint with nine turns of its motor."""
+    arm = bench(changes=changes)
+    arm.robot.configure()
+    (unseen,) = (one for one in arm.robot.buses["motors"].examine() if one.subject == "set over USB")
+    for command in (
+        *("heartbeat", "rate_ms = 10;", "rate_ms = 1;", "watchdog_timeout = 0.05", "enable_watchdog = True"),
+        *("enable_torque_mode_vel_limit = False", "vel_limit = 8.6", current, "save_configuration()"),
+    ):
+        assert command in unseen.text
+
+
 def test_an_axis_as_delivered_sends_too_rarely_and_is_told_what_to_set(bench):
     arm = bench()
     nodes(arm)[2]._cyclic_s = 0.01

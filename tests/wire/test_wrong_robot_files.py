@@ -24,7 +24,7 @@ from tests.wire.parts import CUBEMARS, LINES, ODRIVE
         (CUBEMARS, "model: AK60-6", "model: AK60-7", "AK60-6"),
         (CUBEMARS, "motor_id: 2", "motor_id: 1", "not all different"),
         (CUBEMARS, "motor_id: 2", "motor_id: 0", "motor_id"),
-        (CUBEMARS, "check_watchdog: false", "", "check_watchdog"),
+        (CUBEMARS, "watchdog_s: 0.1", "watchdog_s: 0.1\n    check_watchdog: false", "check_watchdog"),
         (CUBEMARS, "unit: N", "unit: bar", "not a known unit"),
         (CUBEMARS, "load_code: 100", "load_code: 100, rate_hz: 999", "1000"),
     ],

@@ -7,6 +7,8 @@ import numpy as np
 
 from robot_io.drivers.serial_force.force_lines import pattern_stream
 from robot_io.drivers.serial_force.loadstar import loadstar_stream
+from robot_io.drivers.serial_force.microcontroller_cell import CellStream
+from sim_backend.emulators.serial.cell import crc, line
 
 from ..fuzzer import Fuzzer
 
@@ -69,3 +71,29 @@ class PatternFuzzer(_LinesFuzzer):
         """See `Fuzzer.decode`."""
         self._remember(data)
         return list(self._stream.feed(data))
+
+
+class CellFuzzer(Fuzzer):
+    """A load cell on a microcontroller; the CRC is made again by its emulator."""
+
+    name: ClassVar[str] = "microcontroller_cell"
+
+    def __init__(self) -> None:
+        self._seen, self._counter = b"", 0
+        self._stream = CellStream(1.0, 0.0, 100.0)
+
+    def frame(self, rng: np.random.Generator) -> bytes:
+        """See `Fuzzer.frame`."""
+        self._counter = (self._counter + 1) % 256
+        return line(f"{self._counter} {int(rng.integers(-(1 << 23), 1 << 23))}")
+
+    def decode(self, data: bytes) -> list[object]:
+        """See `Fuzzer.decode`."""
+        self._seen = (self._seen + data)[-_MEMORY - len(data) :]
+        return list(self._stream.feed(data))
+
+    def is_wrong(self, data: bytes, accepted: object) -> bool:
+        """See `Fuzzer.is_wrong`."""
+        lines = (one.rpartition(b"*") for one in re.split(rb"[\r\n]", self._seen))
+        sound = (text.split() for text, _, digits in lines if digits == b"%04X" % crc(text))
+        return not any(_is(words[-1], accepted) for words in sound if words)

@@ -6,11 +6,11 @@ import numpy as np
 
 from robot_io.drivers.can.line import CanFrame
 from robot_io.drivers.mit import protocol as mit
-from robot_io.drivers.mit.protocol import MIT_MODELS
+from robot_io.drivers.mit.makers import DIALECTS, Maker
 
 from ..fuzzer import Fuzzer
 
-_RANGES = MIT_MODELS["AK70-10"]
+_RANGES = DIALECTS[Maker.CUBEMARS].models["AK70-10"]
 _FIELDS = (
     (12.5, 16),
     (50.0, 12),
@@ -44,3 +44,24 @@ class MitFuzzer(Fuzzer):
         error = int(came[56:], 2) if len(data) == 8 else 0
         at_end = any(len(set(field)) == 1 for field in (came[8:24], came[24:36]))
         return bits != came[:48] or accepted.error != error or accepted.at_range_end != at_end
+
+
+class DamiaoFuzzer(MitFuzzer):
+    """States of one of Damiao's, whose status stands above the id, and whose last bytes are temperatures."""
+
+    name: ClassVar[str] = "mit_damiao"
+
+    def decode(self, data: bytes) -> list[object]:
+        """See `Fuzzer.decode`."""
+        return [mit.decode_state(CanFrame(0, data), _RANGES, status_beside_id=True)]
+
+    def is_wrong(self, data: bytes, accepted: object) -> bool:
+        """See `Fuzzer.is_wrong`: as if id and status stood where others have them."""
+        if not isinstance(accepted, mit.MitState) or len(data) != 8:
+            return True
+        status = data[0] // 16
+        enabled, error = status == 1, status if status > 1 else 0
+        if (accepted.enabled, accepted.error) != (enabled, error):
+            return True
+        plain = bytes((data[0] % 16, *data[1:7], error))
+        return super().is_wrong(plain, accepted)

@@ -6,7 +6,7 @@ from typing import get_args
 from robot_io.clock import Clock
 from robot_io.drivers.dynamixel import protocol, tables
 from robot_io.drivers.dynamixel.protocol import BROADCAST_ID, StatusReader
-from robot_io.drivers.dynamixel.servos import RegisterAccess
+from robot_io.drivers.dynamixel.servos import DynamixelAccess
 from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
 from robot_io.drivers.dynamixel.tables import WATCHDOG_FIRMWARE, model_name
 from robot_io.errors import DeviceError, DeviceTimeoutError
@@ -31,7 +31,7 @@ def examine_servos(settings: DynamixelSettings, port: SerialPort, clock: Clock) 
     wanted = [servo.id for servo in settings.servos]
     if not set(there) & set(wanted):
         return _none_answers(settings, port, clock, there)
-    access = RegisterAccess(port, clock)
+    access = DynamixelAccess(port, clock)
     strangers = [servo_id for servo_id in there if servo_id not in wanted]
     observations: list[Finding] = []
     for joint, servo in enumerate(settings.servos, 1):
@@ -89,10 +89,10 @@ def _ids_on_line(port: SerialPort, clock: Clock) -> list[int]:
     return sorted(ids)
 
 
-def _look_at(access: RegisterAccess, servo: ServoSettings, label: str) -> list[Finding]:
+def _look_at(access: DynamixelAccess, servo: ServoSettings, label: str) -> list[Finding]:
     """Model, firmware, supply and errors of one servo."""
     try:
-        number, firmware = access.ping(servo.id)
+        number, firmware = access.who(servo.id)
         return [
             _model(servo, label, number, firmware),
             _supply(access, servo, label),
@@ -111,7 +111,7 @@ def _model(servo: ServoSettings, label: str, number: int, firmware: int) -> Find
     return ok(label, value)
 
 
-def _supply(access: RegisterAccess, servo: ServoSettings, label: str) -> Finding:
+def _supply(access: DynamixelAccess, servo: ServoSettings, label: str) -> Finding:
     read = access.read
     voltage, low, high = (
         0.1 * read(servo.id, register)
@@ -124,7 +124,7 @@ def _supply(access: RegisterAccess, servo: ServoSettings, label: str) -> Finding
     return ok(label, value)
 
 
-def _state(access: RegisterAccess, servo: ServoSettings, label: str) -> list[Finding]:
+def _state(access: DynamixelAccess, servo: ServoSettings, label: str) -> list[Finding]:
     observations = []
     errors = access.read(servo.id, tables.HARDWARE_ERROR_STATUS)
     if errors:

@@ -7,8 +7,7 @@ indirect addresses and shows zeros, so its watchdog differs from the one that wa
 
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from math import inf
+from functools import cached_property
 from typing import Final, NamedTuple
 
 from robot_io.clock import Clock
@@ -24,7 +23,9 @@ from robot_io.drivers.dynamixel.tables import (
     WATCHDOG_FIRED,
     hardware_error_names,
 )
-from robot_io.errors import DeviceTimeoutError, ProtocolError
+from robot_io.drivers.servo.dialect import Packet
+from robot_io.drivers.servo.feedback import FeedbackReader, Request
+from robot_io.errors import ProtocolError
 from robot_io.serial_port import SerialPort
 
 _REGISTERS: Final = (
@@ -41,7 +42,6 @@ PADDING: Final = 3  # bytes before the block, see `block_addresses`
 
 _STATUS_PACKET = 11  # bytes around the data
 _LARGEST_ANSWER = _STATUS_PACKET + 4 * (FEEDBACK_SIZE + PADDING) // 3 + 1  # bytes, every third one stuffed
-_LATEST_S = 0.1  # no answer comes later than this after its request: USB adapters hold bytes for 16 ms
 
 
 class Feedback(NamedTuple):
@@ -66,7 +66,7 @@ def block_addresses() -> tuple[int, ...]:
     return (*[TORQUE_ENABLE.address] * PADDING, *block)
 
 
-def decode_feedback(packet: StatusPacket) -> Feedback:
+def decode_feedback(packet: Packet) -> Feedback:
     """The block at the end of an answer. ProtocolError: the servo refused, or the answer is too short."""
     if packet.refusal:
         raise ProtocolError(f"servo {packet.servo_id} refuses to be read: {packet.refusal}")
@@ -76,23 +76,10 @@ def decode_feedback(packet: StatusPacket) -> Feedback:
     return Feedback(*values, packet.alert)
 
 
-@dataclass(slots=True)
-class _Request:
-    """A way to ask. `asked_at_s` is when it was sent, None once it is answered [s]."""
-
-    packet: bytes
-    reply: FastReply
-    asked_at_s: float | None = None
-    answers: dict[int, StatusPacket] = field(default_factory=dict)
-
-
-class FeedbackReader:
-    """Asks for the feedback of all servos at once, and dates each answer by the request that it belongs to.
-
-    The protocol has no sequence numbers, but answers differ in length by the number of padding bytes asked
-    for. So the next request differs in length from all that are not answered yet: an answer that comes ticks
-    late is as old as its request, and never passes for the newest. When every length is taken, nothing is
-    asked until an answer comes or the oldest request is 0.1 s old.
+def feedback_reader(
+    port: SerialPort, clock: Clock, servo_ids: Sequence[int], indirect_data: int, *, fast: bool
+) -> FeedbackReader[Feedback]:
+    """What reads the block of all servos.
 
     Args:
         port: an open port.
@@ -101,104 +88,37 @@ class FeedbackReader:
         indirect_data: address where the padding starts.
         fast: whether the servos know the fast sync read.
     """
+    ids = tuple(servo_ids)
+    ask = protocol.fast_sync_read if fast else protocol.sync_read
+    sizes = range(FEEDBACK_SIZE, FEEDBACK_SIZE + PADDING + 1)
+    return (_FastReader if fast else FeedbackReader)(
+        port,
+        clock,
+        ids,
+        asking={size: ask(indirect_data + PADDING + FEEDBACK_SIZE - size, size, ids) for size in sizes},
+        packets=StatusReader(_LARGEST_ANSWER),
+        decode=decode_feedback,
+        around=_STATUS_PACKET,
+    )
 
-    def __init__(
-        self, port: SerialPort, clock: Clock, servo_ids: Sequence[int], indirect_data: int, *, fast: bool
-    ) -> None:
-        self._port, self._clock, self._ids, self._fast = port, clock, tuple(servo_ids), fast
-        ask = protocol.fast_sync_read if fast else protocol.sync_read
-        sizes = range(FEEDBACK_SIZE, FEEDBACK_SIZE + PADDING + 1)
-        self._requests = {
-            size: _Request(
-                ask(indirect_data + PADDING + FEEDBACK_SIZE - size, size, self._ids),
-                FastReply(self._ids, size),
-            )
-            for size in sizes
-        }
-        self._by_length = {request.reply.length: request for request in self._requests.values()}
-        self._in_turn = list(self._requests.values())  # the first one is next
-        self._buffer = b""  # of fast answers
-        self._packets = StatusReader(_LARGEST_ANSWER)
-        self._asked = self._in_turn[0]
-        self._problem = ""
 
-    @property
-    def byte_count(self) -> int:
-        """Bytes of one request and its answers, nothing stuffed."""
-        request = self._requests[FEEDBACK_SIZE]
-        answers = request.reply.size if self._fast else len(self._ids) * (_STATUS_PACKET + FEEDBACK_SIZE)
-        return len(request.packet) + answers
+class _FastReader(FeedbackReader[Feedback]):
+    """The servos make one packet together; its length says at once which request it answers."""
 
-    def read(self, deadline_s: float) -> tuple[list[Feedback], float]:
-        """The newest feedback of all servos in their order, and when they were asked for it [s].
+    _buffer = b""
 
-        They sample when the request has reached them, so the time is a little too early, never too late.
+    @cached_property
+    def _replies(self) -> dict[int, FastReply]:
+        return {size: FastReply(self._ids, size) for size in self._requests}
 
-        DeviceTimeoutError: no complete answer came before `deadline_s`, with the silent servo's id;
-        DeviceError: the port failed.
-        """
-        if self._clock.now_s() >= deadline_s:
-            raise DeviceTimeoutError("no time left to ask the servos")
-        self._problem = ""
-        came = self._port.read_all()
-        newest = self._newest(came)
-        if came:  # unasked, or late: what is asked now must differ from it
-            self._in_turn.append(self._in_turn.pop(0))
-        asked = self._ask()
-        self._asked = asked or self._asked
-        asked_at_s = -inf if asked is None or asked.asked_at_s is None else asked.asked_at_s
-        while newest is None or newest[1] < asked_at_s:
-            newest = self._newest(self._port.wait(deadline_s)) or newest
-            if self._problem or self._clock.now_s() >= deadline_s:
-                break
-        if asked is not None and asked.asked_at_s is not None:
-            self._in_turn.append(self._in_turn.pop(self._in_turn.index(asked)))
-        if newest is None:
-            raise DeviceTimeoutError(self._problem or self._silence(self._asked))
-        return newest
+    @cached_property
+    def _by_length(self) -> dict[bytes, Request]:
+        return {self._replies[size].length: request for size, request in self._requests.items()}
 
-    def _ask(self) -> _Request | None:
-        """Send the next request whose length no unanswered one has."""
-        now_s = self._clock.now_s()
-        for request in self._in_turn:
-            if request.asked_at_s is None or now_s - request.asked_at_s > _LATEST_S:
-                request.asked_at_s, request.answers = now_s, {}
-                self._port.write(request.packet)
-                return request
-        return None
+    def _answer_size(self, size: int) -> int:
+        return self._replies[size].size
 
-    def _newest(self, data: bytes) -> tuple[list[Feedback], float] | None:
-        """The last complete answer that ends in `data`, and when it was asked for [s]."""
-        newest = None
-        for request, packets in self._fast_answers(data) if self._fast else self._answers(data):
-            if request.asked_at_s is None:
-                continue  # a second answer
-            try:
-                newest = [decode_feedback(packet) for packet in packets], request.asked_at_s
-            except ProtocolError as error:
-                self._problem = str(error)
-            self._forget_up_to(request.asked_at_s)
-        return newest
-
-    def _forget_up_to(self, asked_at_s: float) -> None:
-        """Answers come in the order of the requests: those to this one and to earlier ones are over."""
-        for request in self._in_turn:
-            if request.asked_at_s is not None and request.asked_at_s <= asked_at_s:
-                request.asked_at_s = None
-
-    def _oldest_open(self, servo_id: int | None = None) -> _Request | None:
-        """The first request that is not answered, by this servo if one is given.
-
-        An answer whose length says nothing, damaged or a refusal, belongs to this one or a later one.
-        """
-        still_open = [
-            (request.asked_at_s, size)
-            for size, request in self._requests.items()
-            if request.asked_at_s is not None and servo_id not in request.answers
-        ]
-        return self._requests[min(still_open)[1]] if still_open else None
-
-    def _fast_answers(self, data: bytes) -> Iterator[tuple[_Request, list[StatusPacket]]]:
+    def _answers(self, data: bytes) -> Iterator[tuple[Request, Sequence[StatusPacket]]]:
         self._buffer = buffer = self._buffer + data
         place, incomplete = 0, -1
         while (start := buffer.find(protocol.FAST_HEADER, place)) >= 0:
@@ -206,12 +126,12 @@ class FeedbackReader:
             request = self._by_length.get(buffer[start + 5 : start + 7])
             if len(buffer) >= start + 7 and request is None:
                 continue
-            if request is None or start + request.reply.size > len(buffer):
+            if request is None or start + self._answer_size(request.size) > len(buffer):
                 incomplete = start if incomplete < 0 else incomplete
                 continue
-            end = start + request.reply.size
+            end = start + self._answer_size(request.size)
             try:
-                packets = request.reply.decode(buffer[start:end])
+                packets = self._replies[request.size].decode(buffer[start:end])
             except ProtocolError as error:
                 if buffer.find(protocol.FAST_HEADER, place, end) < 0:  # else the next one broke it off
                     self._problem = str(error)
@@ -225,23 +145,9 @@ class FeedbackReader:
             incomplete = max(place, len(buffer) - len(protocol.FAST_HEADER) + 1)
         self._buffer = buffer[incomplete:]
 
-    def _answers(self, data: bytes) -> Iterator[tuple[_Request, list[StatusPacket]]]:
-        for packet in self._packets.feed(data):
-            request = self._requests.get(len(packet.data))
-            if packet.refusal is not None:
-                request = self._oldest_open(packet.servo_id)
-            if request is not None and packet.servo_id in self._ids:
-                request.answers[packet.servo_id] = packet
-                if len(request.answers) == len(self._ids):
-                    yield request, [request.answers[servo_id] for servo_id in self._ids]
-
-    def _silence(self, asked: _Request) -> str:
-        if self._fast:
-            part = self._buffer[max(self._buffer.rfind(protocol.FAST_HEADER), 0) :]
-            return f"servo {self._ids[asked.reply.answered(part)]} did not answer in time"
-        silent = ", ".join(str(servo_id) for servo_id in self._ids if servo_id not in asked.answers)
-        damaged = f" ({self._packets.rejected} damaged answers)" if self._packets.rejected else ""
-        return f"servo {silent} did not answer in time{damaged}"
+    def _silence(self, asked: Request) -> str:
+        part = self._buffer[max(self._buffer.rfind(protocol.FAST_HEADER), 0) :]
+        return f"servo {self._ids[self._replies[asked.size].answered(part)]} did not answer in time"
 
 
 def feedback_problem(

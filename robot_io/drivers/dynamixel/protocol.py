@@ -8,8 +8,9 @@ Protocol 2.0" and "CRC Calculation".
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
+from robot_io.drivers.servo.stream import PacketStream, equal_parts
 from robot_io.errors import ProtocolError
 
 _POLYNOMIAL = 0x8005
@@ -109,51 +110,32 @@ def decode_status(packet: bytes) -> StatusPacket:
     return StatusPacket(servo_id, body[0], body[1:])
 
 
-class StatusReader:
-    """Finds status packets in a stream of bytes that comes in pieces and may be damaged anywhere.
+class StatusReader(PacketStream[StatusPacket]):
+    """Finds status packets in a stream; see `PacketStream`."""
 
-    Args:
-        largest: no expected packet has more bytes; a damaged length is not waited for.
-
-    Attributes:
-        rejected: how many things looked like a packet and were none.
-    """
+    header: ClassVar[bytes] = HEADER
+    head: ClassVar[int] = _HEAD
 
     def __init__(self, largest: int = LARGEST_PACKET) -> None:
-        self._largest = largest
-        self._buffer = b""
-        self.rejected = 0
+        super().__init__(largest)
 
-    def feed(self, data: bytes) -> list[StatusPacket]:
-        """Take more bytes; return the packets that are complete now."""
-        buffer = self._buffer + data
-        found: list[StatusPacket] = []
-        while True:
-            start = buffer.find(HEADER)
-            if start < 0:
-                self._buffer = buffer[-(len(HEADER) - 1) :]
-                return found
-            buffer = buffer[start:]
-            if len(buffer) < _HEAD:
-                break
-            size = _HEAD + (buffer[5] | buffer[6] << 8)
-            if len(buffer) < size <= self._largest:
-                break
-            buffer = self._take(buffer, size, found)
-        self._buffer = buffer
-        return found
+    def _size(self, head: bytes) -> int:
+        return _HEAD + (head[5] | head[6] << 8)
 
-    def _take(self, buffer: bytes, size: int, found: list[StatusPacket]) -> bytes:
-        try:
-            found.append(decode_status(buffer[:size]))
-        except ProtocolError:
-            self.rejected += 1
-            return buffer[1:]  # the true header may lie within
-        return buffer[size:]
+    def _decode(self, packet: bytes) -> StatusPacket:
+        return decode_status(packet)
+
+
+def packet_reader(request: bytes) -> StatusReader:
+    """What finds the answers to a request; its echo is no status packet."""
+    return StatusReader()
 
 
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
 _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
+
+
+PING_SIZE: Final = 3
 
 
 def ping(servo_id: int) -> bytes:
@@ -191,11 +173,8 @@ def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
 
     ProtocolError: the bytes are not of equal number.
     """
-    sizes = {len(value) for value in data.values()}
-    if len(sizes) != 1:
-        raise ProtocolError(f"a sync write needs equally many bytes for each servo, not {sorted(sizes)}")
-    parts = b"".join(bytes((servo_id,)) + value for servo_id, value in data.items())
-    return encode_packet(BROADCAST_ID, _SYNC_WRITE, _word(address) + _word(sizes.pop()) + parts)
+    size, parts = equal_parts(data)
+    return encode_packet(BROADCAST_ID, _SYNC_WRITE, _word(address) + _word(size) + parts)
 
 
 def _word(value: int) -> bytes:

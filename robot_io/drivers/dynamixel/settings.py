@@ -1,11 +1,9 @@
 """What a robot file says about a Dynamixel bus and the servos on it."""
 
-from math import pi
 from typing import Annotated, Literal
 
-from pydantic import Field, StrictBool, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from robot_io.drivers.dynamixel.protocol import LARGEST_ID
 from robot_io.drivers.dynamixel.tables import (
     LARGEST_RETURN_DELAY,
     LARGEST_WATCHDOG,
@@ -14,18 +12,14 @@ from robot_io.drivers.dynamixel.tables import (
     WATCHDOG_STEP_S,
     ServoModel,
 )
-from robot_io.files.file_model import FileModel, NotNegative, Number, Positive
+from robot_io.drivers.servo.joints import ServoMounting
+from robot_io.files.file_model import FileModel, NotNegative, Positive
 
 
-class ServoSettings(FileModel):
+class ServoSettings(ServoMounting):
     """One servo; it drives the joint at its place in the list."""
 
-    id: Annotated[int, Field(ge=0, le=LARGEST_ID, strict=True)]  # its id on the bus
     model: str  # such as XM430-W350
-    reversed: StrictBool = False  # whether a positive count turns the joint backwards
-    # Joint angle where the servo shows position 0, whole turns aside; at half a turn, its middle position
-    # 2048 is the joint's zero [rad].
-    zero_rad: Number = pi
     torque_constant_nm_a: Positive | None = None  # instead of the model's own [N m/A]
 
     @field_validator("model")

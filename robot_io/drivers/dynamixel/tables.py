@@ -14,31 +14,8 @@ from dataclasses import dataclass
 from math import pi
 from typing import Final
 
-from robot_io.errors import ProtocolError
-
-
-@dataclass(frozen=True, slots=True)
-class Register:
-    """One value of a servo."""
-
-    name: str  # as in the manual
-    address: int  # of its first byte
-    size: int  # bytes
-    signed: bool = False  # whether it can be negative
-
-    def encode(self, value: int) -> bytes:
-        """The bytes of a value. ProtocolError: it does not fit."""
-        try:
-            return value.to_bytes(self.size, "little", signed=self.signed)
-        except OverflowError as error:
-            raise ProtocolError(f"{value} does not fit into {self.name} ({self.size} bytes)") from error
-
-    def decode(self, data: bytes) -> int:
-        """The value of bytes. ProtocolError: not as many bytes as it has."""
-        if len(data) != self.size:
-            raise ProtocolError(f"{self.name} came with {len(data)} bytes instead of {self.size}")
-        return int.from_bytes(data, "little", signed=self.signed)
-
+from robot_io.drivers.servo.register import Register
+from robot_io.drivers.servo.stream import bit_names
 
 # Kept without power; can be written while the torque is off.
 RETURN_DELAY_TIME: Final = Register("return delay time", 9, 1)  # 2 us
@@ -91,11 +68,7 @@ def drive_mode_trouble(value: int) -> str | None:
 
 def hardware_error_names(value: int) -> str:
     """The errors in a hardware error status, by name. Source: e-manual, "Shutdown (63)"."""
-    names = [name for bit, name in _HARDWARE_ERRORS.items() if value & bit]
-    unknown = value & ~sum(_HARDWARE_ERRORS)
-    if unknown:
-        names.append(f"unknown bits {unknown:#04x}")
-    return ", ".join(names) or "none"
+    return bit_names(value, _HARDWARE_ERRORS)
 
 
 COUNTS_PER_REVOLUTION: Final = 4096

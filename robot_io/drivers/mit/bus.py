@@ -1,84 +1,27 @@
-"""Motors in MIT mode (CubeMars AK and kin) on a CAN bus: zero gains and feed-forward torque.
+"""Motors in MIT mode (CubeMars AK, Damiao and kin) on a CAN bus: zero gains and feed-forward torque.
 
 A motor speaks only when it is spoken to: each command is answered with the motor's state, which the next poll
 takes in. While the torque is off, each poll asks again.
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from math import inf
-from typing import Annotated, ClassVar, Literal
-
-from pydantic import Field, StrictBool, model_validator
+from typing import ClassVar
 
 from robot_io.driver import DriverContext
-from robot_io.drivers.can.line import CanFrame, CanLineSettings
-from robot_io.drivers.can.motors import MotorBus, MotorEncoder, MotorMounting, MotorTorque
+from robot_io.drivers.can.line import CanFrame
+from robot_io.drivers.can.motors import MotorBus, MotorEncoder, MotorTorque
 from robot_io.drivers.mit import protocol as mit
-from robot_io.drivers.mit.protocol import MIT_MODELS, MitRanges, mit_error_name
-from robot_io.errors import DeviceError
+from robot_io.drivers.mit import registers
+from robot_io.drivers.mit.makers import error_name
+from robot_io.drivers.mit.registers import MotorRegister
+from robot_io.drivers.mit.settings import MitBusSettings
+from robot_io.errors import DeviceError, ProtocolError
 from robot_io.examination import Finding, fail, ok
-from robot_io.files.file_model import FileModel, Positive
-
-
-class MitRangeSettings(FileModel):
-    """Ranges of a motor whose parameters were changed."""
-
-    position_rad: Positive  # position range, plus and minus [rad]
-    velocity_rad_s: Positive  # velocity range, plus and minus [rad/s]
-    torque_nm: Positive  # torque range, plus and minus [N m]
-
-
-class MitMotor(MotorMounting):
-    """One motor. It reports at its output shaft, so that `gear_ratio` is only what comes after it."""
-
-    motor_id: Annotated[int, Field(ge=1, le=255, strict=True)]  # its CAN id
-    model: str  # which ranges it has, see `MIT_MODELS`
-    ranges: MitRangeSettings | None = None  # its ranges, if they are not those of the model
-
-    @model_validator(mode="after")
-    def _know_the_model(self) -> "MitMotor":
-        if self.ranges is None and self.model not in MIT_MODELS:
-            raise ValueError(
-                f"no ranges are known for '{self.model}'. Valid: {', '.join(MIT_MODELS)}, or state 'ranges'"
-            )
-        return self
-
-    @property
-    def wire_ranges(self) -> MitRanges:
-        """What the numbers on the wire mean."""
-        if self.ranges is None:
-            return MIT_MODELS[self.model]
-        return MitRanges(self.ranges.position_rad, self.ranges.velocity_rad_s, self.ranges.torque_nm)
-
-
-class MitBusSettings(CanLineSettings):
-    """What the robot file says."""
-
-    motors: Annotated[tuple[MitMotor, ...], Field(min_length=1)]  # one per joint, from base to tip
-    # Arbitration id of the motors' answers; an answer under the motor's own id is taken too.
-    host_id: Annotated[int, Field(ge=0, le=0x7FF, strict=True)] = 0
-    # After how long without a command a motor lets go [s], as set in it (CAN timeout). The protocol can
-    # neither set nor read it. Without commands for so long the host sends zero torque as well, for a motor
-    # can only be read by commanding it.
-    watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
-    # Whether to prove that at each activation: every motor gets 1 % of its torque, and must have let go
-    # after a silence. What rubs less than that moves. There is no default: false says that it was tried out.
-    check_watchdog: StrictBool
-    # What makes a motor without torque say its state: "exit" keeps it off, as in the firmware that the
-    # protocol comes from, which answers every frame; "enter" is what the AK manual names for motors that are
-    # deaf to commands outside of motor mode, and zero torque and "exit" follow it.
-    ask_with: Literal["exit", "enter"] = "exit"
-
-    @model_validator(mode="after")
-    def _agree(self) -> "MitBusSettings":
-        ids = [motor.motor_id for motor in self.motors]
-        if len(set(ids)) != len(ids):
-            raise ValueError(f"motors: ids {ids} are not all different")
-        return self
-
 
 _ANSWER_S = 0.05  # more than any motor takes
-_ENCODER_FAULT = 5
+_SAME_RANGE = 1e-3  # share by which a motor's own range may differ from the stated one
 _TRIAL_SHARE = 0.01  # of a motor's torque range
 _TRIAL_S = 0.01  # until it is exerted
 _LATEST_WATCHDOG = 1.5  # times its time: it has fired by then
@@ -94,9 +37,14 @@ class MitBus(MotorBus):
         super().__init__(own, own.motors, context)
         self._own = own
         self._motors = own.motors
-        self._ranges = [motor.wire_ranges for motor in own.motors]
+        self._dialect = own.dialect
+        self._ranges = [own.wire_ranges(motor) for motor in own.motors]
+        self._answer_ids = [own.answer_ids(motor) for motor in own.motors]
         self._joint_by_id = {motor.motor_id: joint for joint, motor in enumerate(own.motors)}
         self._errors = [0] * len(own.motors)
+        self._enabled: list[bool | None] = [None] * len(own.motors)
+        self._asked: tuple[int, MotorRegister] | None = None  # joint and register of awaited answers,
+        self._told: list[float] = []  # and these
         self._answers = [0] * len(own.motors)
         self._commanded_s = -inf
         self._command: list[CanFrame] = []
@@ -118,6 +66,8 @@ class MitBus(MotorBus):
             raise DeviceError(f"{self.line.label}: no answer in {_ANSWER_S} s from {labels}")
         if self._own.ask_with == "exit":  # one answer to each frame
             self._measure_latency(self._ask, self._motion_at_s)
+        if self._dialect.has_registers:
+            self._check_ranges()
 
     def _report(self) -> list[Finding]:
         """See `MotorBus._report`; the protocol tells neither voltage nor firmware."""
@@ -131,34 +81,87 @@ class MitBus(MotorBus):
                 remedy = "check its power, cable and id, and that it is in MIT mode"
                 observations.append(fail(label, "does not answer", remedy))
             elif error:
-                observations.append(fail(label, mit_error_name(error), "remove the cause, then restart it"))
-            else:
-                proven = "proven at activation" if self._own.check_watchdog else "stated, not proven"
-                value = (
-                    f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model, the robot "
+                observations.append(
+                    fail(label, error_name(self._own.maker, error), "remove the cause, then restart it")
                 )
-                value += f"file says {motor.model}; CAN timeout {self._own.watchdog_s:g} s, {proven}"
-                observations.append(ok(label, value))
+            else:
+                value = f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model, "
+                value += f"the robot file says {motor.model}; CAN timeout {self._own.watchdog_s:g} s, "
+                observations.append(ok(label, value + f"{self._surely} at activation"))
         return observations
 
     def tick_wire_s(self) -> float | None:
         """See `Examinable.tick_wire_s`: a command to each motor, and its answer."""
         return 2 * self.joint_count * self._frame_s(8)
 
+    @property
+    def _surely(self) -> str:
+        """How the CAN timeout is known."""
+        return "set and read back" if self._dialect.has_registers else "proven"
+
     def power_on(self) -> None:
+        if self._dialect.has_registers:
+            self._set_up()
         frames = [*self._to_every_motor(mit.ENTER_MOTOR_MODE), *self._zero_torque()]
         self._send_confirmed(frames, "motor mode is not confirmed by")
         wrong = [joint for joint, error in enumerate(self._errors) if error]
         if wrong:
             problems = (
-                f"{self.motor_label(joint)}: {mit_error_name(self._errors[joint])}" for joint in wrong
+                f"{self.motor_label(joint)}: {error_name(self._own.maker, self._errors[joint])}"
+                for joint in wrong
             )
             raise DeviceError(f"{self.line.label}: {'; '.join(problems)}")
-        if self._own.check_watchdog:
+        if not self._dialect.has_registers:
             self._check_watchdogs()
             self._send_confirmed(frames, "motor mode is not confirmed by")
         self._powered = True
         self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
+
+    def _check_ranges(self) -> None:
+        """That the numbers on the wire mean what the robot file says. DeviceError: they do not."""
+        for joint, ranges in enumerate(self._ranges):
+            for register, stated in (
+                (registers.POSITION_RANGE, ranges.position_rad),
+                (registers.VELOCITY_RANGE, ranges.velocity_rad_s),
+                (registers.TORQUE_RANGE, ranges.torque_nm),
+            ):
+                found = self._register(joint, register)
+                if not abs(found - stated) <= _SAME_RANGE * stated:
+                    problem = f"its {register.name} is {found:g}, the robot file says {stated:g}"
+                    raise self._about(joint, f"{problem}: state its 'ranges', or set the motor")
+
+    def _set_up(self) -> None:
+        """Forget errors, and set mode and CAN timeout. DeviceError: a motor did not take them."""
+        self._send_all(self._to_every_motor(mit.CLEAR_ERROR))
+        timeout = round(self._own.watchdog_s / registers.TIMEOUT_STEP_S)
+        for joint in range(self.joint_count):
+            for register, value in (
+                (registers.CONTROL_MODE, registers.MIT_MODE),
+                (registers.CAN_TIMEOUT, timeout),
+            ):
+                self._register(joint, register, value)
+                found = self._register(joint, register)
+                if found != value:
+                    raise self._about(joint, f"its {register.name} is {found:g} after it was set to {value}")
+
+    def _register(self, joint: int, register: MotorRegister, value: float | None = None) -> float:
+        """A register's value, after it was set to `value` if there is one. DeviceError: no answer."""
+        motor_id = self._motors[joint].motor_id
+        frame = registers.read_register(motor_id, register)
+        if value is not None:
+            frame = registers.write_register(motor_id, register, value)
+        self._asked, self._told = (joint, register), []
+        try:
+            self._send_all([frame])
+            self._wait_for(lambda: bool(self._told), _ANSWER_S)
+        finally:
+            self._asked = None
+        if not self._told:
+            raise self._about(joint, f"does not say its {register.name}")
+        return self._told[0]
+
+    def _about(self, joint: int, problem: str) -> DeviceError:
+        return DeviceError(f"{self.line.label}: {self.motor_label(joint)}: {problem}")
 
     def _check_watchdogs(self) -> None:
         """Let every motor exert a little, and say nothing for longer than it may go on with that.
@@ -257,25 +260,27 @@ class MitBus(MotorBus):
     def _joint_of(self, frame: CanFrame) -> int | None:
         if frame.extended or frame.remote or not frame.data:
             return None
-        joint = self._joint_by_id.get(frame.data[0])
-        if joint is None or frame.can_id not in (self._own.host_id, self._motors[joint].motor_id):
-            return None
-        return joint
+        joint = self._joint_by_id.get(frame.data[0] & (0xF if self._dialect.has_registers else 0xFF))
+        return None if joint is None or frame.can_id not in self._answer_ids[joint] else joint
 
     def _take(self, frame: CanFrame, at_s: float) -> bool:
         joint = self._joint_of(frame)
         if joint is None:
             return False
         motor = self._motors[joint]
-        state = mit.decode_state(frame, self._ranges[joint])
+        if self._asked and self._asked[0] == joint:
+            with suppress(ProtocolError):
+                self._told.append(registers.decode_register(frame, motor.motor_id, self._asked[1]))
+                return True
+        state = mit.decode_state(frame, self._ranges[joint], status_beside_id=self._dialect.has_registers)
         self._position_rad[joint] = motor.joint_angle_rad(state.position_rad)
         self._velocity_rad_s[joint] = state.velocity_rad_s / motor.signed_ratio
         self._torque_nm[joint] = state.torque_nm * motor.signed_ratio
         self._motion_at_s[joint] = self._torque_at_s[joint] = at_s - self._latency_s[joint]
         self._at_range_end[joint] = state.at_range_end
-        self._errors[joint] = state.error
+        self._errors[joint], self._enabled[joint] = state.error, state.enabled
         self._answers[joint] += 1
-        self._motion_is_wrong[joint] = state.error == _ENCODER_FAULT
+        self._motion_is_wrong[joint] = bool(state.error) and state.error == self._dialect.encoder_fault
         return True
 
     def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
@@ -286,7 +291,9 @@ class MitBus(MotorBus):
 
     def _fault(self, joint: int, now_s: float) -> str:
         error = self._errors[joint]
-        return mit_error_name(error) if error else ""
+        if not error and self._powered and self._enabled[joint] is False:
+            return "has left motor mode; has it restarted?"
+        return error_name(self._own.maker, error) if error else ""
 
 
 class MitEncoder(MotorEncoder):

@@ -3,8 +3,9 @@
 Big-endian: position 16 bits, velocity 12, KP 12, KD 12, torque 12. An n bit number x stands for low + x (high
 - low) / (2^n - 1); the ranges depend on the model, or are stated in the robot file.
 
-Source: CubeMars "AK Series Actuator Driver Manual" V1.0.8, section 5.3 (frames, special codes, table of
-parameter ranges); the protocol is that of the MIT Mini Cheetah's motor controller.
+Sources: CubeMars "AK Series Actuator Driver Manual" V1.0.8, section 5.3 (frames, special codes); Damiao,
+"DM-J4310-2EC user manual" (feedback frame, registers). The protocol is that of the MIT Mini Cheetah's motor
+controller; what differs between makers is in `makers`.
 """
 
 from dataclasses import dataclass
@@ -23,37 +24,12 @@ class MitRanges:
     torque_nm: float  # at the output shaft [N m]
 
 
-MIT_MODELS: dict[str, MitRanges] = {
-    "AK10-9": MitRanges(12.5, 50.0, 65.0),
-    "AK60-6": MitRanges(12.5, 45.0, 15.0),
-    "AK70-10": MitRanges(12.5, 50.0, 25.0),
-    "AK80-6": MitRanges(12.5, 76.0, 12.0),
-    "AK80-9": MitRanges(12.5, 50.0, 18.0),
-    "AK80-64": MitRanges(12.5, 8.0, 144.0),  # the manual's column is headed AK80-80/64
-    "AK80-80": MitRanges(12.5, 8.0, 144.0),
-}
-
 MAX_STIFFNESS = 500.0  # KP [N m/rad]
 MAX_DAMPING = 5.0  # KD [N m s/rad]
 
-MIT_ERRORS: dict[int, str] = {
-    1: "motor over temperature",
-    2: "over current",
-    3: "over voltage",
-    4: "under voltage",
-    5: "encoder fault",
-    6: "MOSFET over temperature",
-    7: "motor stalled",
-}
-
-
-def mit_error_name(code: int) -> str:
-    """What an error byte means."""
-    return MIT_ERRORS.get(code, f"unknown error {code}")
-
-
 ENTER_MOTOR_MODE = b"\xff\xff\xff\xff\xff\xff\xff\xfc"
 EXIT_MOTOR_MODE = b"\xff\xff\xff\xff\xff\xff\xff\xfd"
+CLEAR_ERROR = b"\xff\xff\xff\xff\xff\xff\xff\xfb"  # Damiao
 
 _MAX_16 = (1 << 16) - 1
 _MAX_12 = (1 << 12) - 1
@@ -69,7 +45,9 @@ class MitState:
     torque_nm: float  # at the output shaft [N m]
     # Whether a value is at the end of its range, so that the true one may lie beyond.
     at_range_end: bool = False
-    error: int = 0  # error byte, see `mit_error_name`; 0 is none. Old firmware does not send it
+    error: int = 0  # see the maker's table; 0 is none. Old firmware does not send it
+    # Whether the motor is in motor mode; None where it does not say so.
+    enabled: bool | None = None
 
 
 def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> CanFrame:
@@ -108,23 +86,31 @@ def as_sent(torque_nm: float, ranges: MitRanges) -> float:
     return _from_bits(bits, ranges.torque_nm, _MAX_12)
 
 
-def decode_state(frame: CanFrame, ranges: MitRanges) -> MitState:
+def decode_state(frame: CanFrame, ranges: MitRanges, *, status_beside_id: bool = False) -> MitState:
     """What a motor answers: id, position 16 bits, velocity 12, torque 12, and then temperature and error.
+
+    With `status_beside_id` the id has four bits, with four of a status above it: 0 is off, 1 on, more an
+    error; the last two bytes are temperatures then.
 
     ProtocolError: wrong length.
     """
-    expect_length(frame, "motor state", 6, 8)
+    expect_length(frame, "motor state", *((8,) if status_beside_id else (6, 8)))
     data = frame.data
     position = data[1] << 8 | data[2]
     velocity = data[3] << 4 | data[4] >> 4
     torque = (data[4] & 0xF) << 8 | data[5]
+    motor_id, error, enabled = data[0], data[7] if len(data) == 8 else 0, None
+    if status_beside_id:
+        motor_id, status = data[0] & 0xF, data[0] >> 4
+        error, enabled = (status if status > 1 else 0), status == 1
     return MitState(
-        motor_id=data[0],
+        motor_id=motor_id,
         position_rad=_from_bits(position, ranges.position_rad, _MAX_16),
         velocity_rad_s=_from_bits(velocity, ranges.velocity_rad_s, _MAX_12),
         torque_nm=_from_bits(torque, ranges.torque_nm, _MAX_12),
         at_range_end=position in (0, _MAX_16) or velocity in (0, _MAX_12),
-        error=data[7] if len(data) == 8 else 0,
+        error=error,
+        enabled=enabled,
     )
 
 

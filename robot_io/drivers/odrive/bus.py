@@ -14,13 +14,16 @@ from robot_io.drivers.can.line import CanFrame
 from robot_io.drivers.can.motors import MotorBus, MotorEncoder, MotorTorque
 from robot_io.drivers.odrive import protocol as odrive
 from robot_io.drivers.odrive.protocol import (
+    CURRENT_LIMIT,
     CYCLIC_RATES,
+    ENABLE_WATCHDOG,
     LIMITER,
     PASSTHROUGH,
     TORQUE_CONTROL,
     UNDERVOLTAGE_V,
     VELOCITY_LIMIT,
     WATCHDOG_EXPIRED,
+    WATCHDOG_TIMEOUT,
     AxisState,
     Firmware,
     Heartbeat,
@@ -88,14 +91,10 @@ class OdriveBus(MotorBus):
         self._wait_for(
             lambda: self._all_heard() and len(self._supply_v) == self.joint_count, self._heartbeat_timeout_s
         )
-        fastest_rev_s = max(
-            speed * axis.gear_ratio / tau
-            for speed, axis in zip(self._limits.velocity_rad_s, self._axes, strict=True)
-        )
-        unseen = f"{LIMITER} = False, {VELOCITY_LIMIT} = {fastest_rev_s:.1f} or more, and the current limit"
+        unseen = f"CAN cannot read what each axis must have: {'; '.join(self._setup_commands)}"
         return [
             *(self._observe(joint) for joint in range(self.joint_count)),
-            ok("set over USB", f"CAN cannot read whether each axis has {unseen}"),
+            ok("set over USB", unseen),
         ]
 
     def _observe(self, joint: int) -> Finding:
@@ -107,7 +106,7 @@ class OdriveBus(MotorBus):
             self._check_heard(joint, self._axes[joint])
         except DeviceError as error:
             said = str(error).removeprefix(f"{self.line.label}: {label}: ")
-            return fail(label, said, f"over USB: {'; '.join(self._rate_commands)}; then save_configuration()")
+            return fail(label, said, f"over USB: {'; '.join(self._setup_commands)}")
         version = self._versions.get(self._axes[joint].node_id)
         firmware = f"firmware {'.'.join(map(str, version))}" if version else f"firmware {self._own.firmware}"
         supply = "supply voltage not reported" if supply_v is None else f"{supply_v:.1f} V"
@@ -124,9 +123,8 @@ class OdriveBus(MotorBus):
 
     def power_on(self) -> None:
         """See `MotorBus.power_on`; checks the watchdogs first."""
-        if self._own.check_watchdog:
-            self._arm()
-            self._check_watchdogs()
+        self._arm()
+        self._check_watchdogs()
         self._arm()
         self._powered = True
 
@@ -172,6 +170,23 @@ class OdriveBus(MotorBus):
         heartbeat_ms = round(1e3 * self._own.heartbeat_s)
         names = CYCLIC_RATES[self._own.firmware]
         return tuple(f"{name} = {ms}" for name, ms in zip(names, (heartbeat_ms, 1, 1), strict=True))
+
+    @property
+    def _setup_commands(self) -> tuple[str, ...]:
+        """Everything that an axis must be told over USB, as typed into odrivetool."""
+        fastest_rev_s = max(
+            speed * axis.gear_ratio / tau
+            for speed, axis in zip(self._limits.velocity_rad_s, self._axes, strict=True)
+        )
+        return (
+            *self._rate_commands,
+            f"{WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}",
+            f"{ENABLE_WATCHDOG} = True",
+            f"{LIMITER} = False",
+            f"{VELOCITY_LIMIT} = {fastest_rev_s:.1f} or more",
+            f"{CURRENT_LIMIT[self._own.firmware]} = what max_torque_nm needs",
+            "odrv0.save_configuration()",
+        )
 
     def _check_rate(self, joint: int, at_s: list[float], oldest_s: float, what: str) -> None:
         """That something comes before it is too old, once in three times: the machine may be busy."""
@@ -237,7 +252,7 @@ class OdriveBus(MotorBus):
         alive = ", ".join(self.motor_label(joint) for joint, over in enumerate(expired()) if not over)
         raise DeviceError(
             f"{self.line.label}: the watchdog of {alive} did not expire in {limit_s:.2g} s without commands; "
-            "set axis.config.enable_watchdog and watchdog_timeout"
+            f"set {ENABLE_WATCHDOG} = True; {WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}"
         )
 
     def _states(self) -> str:

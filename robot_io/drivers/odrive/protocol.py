@@ -46,7 +46,13 @@ CYCLIC_RATES = {
     ),
 }
 LIMITER = "odrv0.axis0.controller.config.enable_torque_mode_vel_limit"
-VELOCITY_LIMIT = "vel_limit"
+VELOCITY_LIMIT = "odrv0.axis0.controller.config.vel_limit"  # [rev/s]
+WATCHDOG_TIMEOUT = "odrv0.axis0.config.watchdog_timeout"  # [s]
+ENABLE_WATCHDOG = "odrv0.axis0.config.enable_watchdog"
+CURRENT_LIMIT = {  # [A]
+    Firmware.V0_5: "odrv0.axis0.motor.config.current_lim",
+    Firmware.V0_6: "odrv0.axis0.config.motor.current_soft_max",
+}
 
 # An axis as shipped does not run below (dc_bus_undervoltage_trip_level of fw-v0.5.6).
 UNDERVOLTAGE_V = 8.0

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from pydantic import Field, StrictBool, model_validator
+from pydantic import Field, model_validator
 
 from robot_io.drivers.can.line import CanLineSettings
 from robot_io.drivers.can.motors import MotorMounting
@@ -25,10 +25,9 @@ class OdriveBusSettings(CanLineSettings):
     firmware: Firmware  # "0.5" or "0.6"
     axes: Annotated[tuple[OdriveAxis, ...], Field(min_length=1)]  # one per joint, from base to tip
     heartbeat_s: Annotated[Positive, Field(le=1)] = 0.1  # period of the heartbeats [s]
-    # After how long without a command an axis disarms itself [s], as set on the axis.
+    # After how long without a command an axis disarms itself [s], as set on the axis. Every watchdog is left
+    # to expire once at each activation, to see that it works.
     watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
-    # At each activation, let every watchdog expire once to see that it works.
-    check_watchdog: StrictBool = True
 
     @model_validator(mode="after")
     def _agree(self) -> "OdriveBusSettings":

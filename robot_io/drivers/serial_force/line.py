@@ -49,7 +49,8 @@ class SerialReader:
 
     Many protocols have no checksum. So after damaged data the next two readings are discarded, and more of
     them where that happens again; and a jump by more than 1 % of the capacity is accepted with the next
-    reading only, if that stays there or goes on the same way: a lost byte or a flipped bit shows once.
+    reading only, if that stays there or goes on the same way: a lost byte or a flipped bit shows once. Where
+    each reading has a checksum, none of this is needed.
 
     Args:
         file_descriptor: of the port, not blocking.
@@ -57,6 +58,7 @@ class SerialReader:
         clock: the robot's clock.
         capacity_n: of the sensor [N].
         held_back_s: for how long the stream waits for what confirms a reading [s].
+        has_checksums: whether the stream knows by itself what is damaged.
 
     Attributes:
         newest: the newest reading, None before the first.
@@ -70,8 +72,10 @@ class SerialReader:
         clock: Clock,
         capacity_n: float,
         held_back_s: float = 0.0,
+        *,
+        has_checksums: bool = False,
     ) -> None:
-        self._held_back_s = held_back_s
+        self._held_back_s, self._has_checksums = held_back_s, has_checksums
         self._file_descriptor, self._stream, self._clock = file_descriptor, stream, clock
         self._looked_s = clock.now_s()
         self._to_discard, self._discard_next = 0, _DISCARD
@@ -126,13 +130,15 @@ class SerialReader:
             return
         arrived_s = (now_s if now_s - before_s <= _PROMPT_S else before_s) - self._held_back_s
         for force_n in self._undamaged(data):
-            if self._is_plausible(force_n):
+            if self._has_checksums or self._is_plausible(force_n):
                 self.newest = ForceSample(force_n, arrived_s)
 
     def _undamaged(self, data: bytes) -> list[float]:
         """The readings in `data`, without those that come soon after damaged ones."""
         rejected = self._stream.rejected
         samples = self._stream.feed(data)
+        if self._has_checksums:
+            return samples
         if self._stream.rejected != rejected:
             self._to_discard, self._good = self._discard_next, 0
             self._held_n = nan
@@ -148,10 +154,10 @@ class SerialReader:
     def _is_plausible(self, force_n: float) -> bool:
         """Whether a reading is near the last one, or confirms a jump, or goes on with one that was confirmed.
 
-        The very first is accepted as it is: the torque is still off.
+        The very first is a jump: it may be a line that was cut.
         """
         last_n, held_n, jump_n = self._last_n, self._held_n, self._jump_n
-        is_near = isnan(last_n) or abs(force_n - last_n) <= jump_n
+        is_near = abs(force_n - last_n) <= jump_n
         before_n, step_before_n = (last_n, self._step_n) if isnan(held_n) else (held_n, held_n - last_n)
         step_n = force_n - before_n
         goes_on = step_n * step_before_n > 0.0 and abs(step_n) <= 2.0 * abs(step_before_n) + jump_n
@@ -247,16 +253,24 @@ class SerialLine(Bus):
                 return answer
         return None
 
-    def listen(self, stream: Stream, capacity_n: float, held_back_s: float = 0.0) -> None:
+    def listen(
+        self, stream: Stream, capacity_n: float, held_back_s: float = 0.0, *, has_checksums: bool = False
+    ) -> None:
         """From now on all bytes are readings, made by `stream`; from `capacity_n` on [N] they are saturated.
 
-        `held_back_s` is for how long the stream waits for what confirms a reading [s].
+        `held_back_s` and `has_checksums` are as for `SerialReader`.
 
         DeviceError: the port is not open.
         """
         self._capacity_n = capacity_n
-        port = self._opened().fileno()
-        self._reader = SerialReader(port, stream, self._clock, capacity_n, held_back_s)
+        self._reader = SerialReader(
+            self._opened().fileno(),
+            stream,
+            self._clock,
+            capacity_n,
+            held_back_s,
+            has_checksums=has_checksums,
+        )
         self._reader.start()
 
     def poll(self, deadline_s: float) -> None:

@@ -1,26 +1,21 @@
-"""An emulated line of servos at the end of a pseudo terminal, with the time that bytes take, and faults."""
+"""What servos of a line answer to instructions of Dynamixel Protocol 2.0."""
 
-import errno
-import os
-import pty
-import tty
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from math import inf
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from robot_io.files.file_model import FileModel, validate
-from sim_backend.emulators.bench import EmulatedWire, heard_at
+from sim_backend.emulators.bench import EmulatedWire
 from sim_backend.emulators.dynamixel import wire
 from sim_backend.emulators.dynamixel.control_table import Error
 from sim_backend.emulators.dynamixel.servo import EmulatedServo, Mounting
-from sim_backend.emulators.faults import Fault, FaultKind, Faults
+from sim_backend.emulators.faults import FaultKind, Faults
 from sim_backend.emulators.plant import Plant
+from sim_backend.emulators.servo_wire import REBOOT_S, ServoWire
 from sim_backend.emulators.wiring import WireMaker, WireRequest
 
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
 _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
-_REBOOT_S = 0.3  # how long a servo is away, unless a fault says otherwise
 
 
 @dataclass(frozen=True)
@@ -32,16 +27,7 @@ class _Answer:
     data: bytes
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """Bytes for the wire, from whom, and when the last of them is out."""
-
-    device: int
-    data: bytes
-    due_s: float
-
-
-class DynamixelLine(EmulatedWire):
+class DynamixelLine(ServoWire):
     """Servos on one half-duplex line. `path` is the port for the driver.
 
     Args:
@@ -66,75 +52,16 @@ class DynamixelLine(EmulatedWire):
         baud_rate: int | None = 4_000_000,
         start_s: float = 0.0,
     ) -> None:
-        self._master, slave = pty.openpty()
-        tty.setraw(slave)
-        self.path = os.ttyname(slave)
-        os.close(slave)
-        os.set_blocking(self._master, False)
         self.servos = {
             mounting.id: EmulatedServo(mounting, plant, joint, start_s)
             for joint, mounting in enumerate(mountings)
         }
-        self.faults = faults or Faults(start_s=start_s)
-        self._baud_rate = baud_rate
-        self._byte_s = 10.0 / baud_rate if baud_rate else 0.0
+        super().__init__(self.servos, faults, baud_rate, start_s)
         self._receiver = wire.Receiver()
-        self._outgoing: list[_Frame] = []
-        self._in_use = False
-        self._quiet_s = start_s  # when the line is free again
 
-    def fileno(self) -> int:
-        """See `EmulatedWire.fileno`; a port that nobody has opened would always be readable."""
-        return self._master if self._in_use else -1
-
-    def next_due_s(self) -> float:
-        return min((frame.due_s for frame in self._outgoing), default=inf)
-
-    def receive(self, now_s: float) -> None:
-        for servo in self.servos.values():
-            self._befall(servo, now_s)
-            servo.watch(now_s)
-        if self.faults.strikes(FaultKind.UNPLUG, "line", now_s):
-            self.close()
-        for instruction in self._receiver.take(self._incoming()):
+    def _hear(self, data: bytes, now_s: float) -> None:
+        for instruction in self._receiver.take(data):
             self._obey(instruction, now_s)
-
-    def send(self, now_s: float) -> None:
-        due = [frame for frame in self._outgoing if frame.due_s <= now_s]
-        if due and self._master >= 0:
-            self._outgoing = [frame for frame in self._outgoing if frame.due_s > now_s]
-            for frame in sorted(due, key=lambda frame: frame.due_s):
-                os.write(self._master, frame.data)
-
-    def close(self) -> None:
-        """See `EmulatedWire.close`; for the driver, the cable is pulled."""
-        if self._master >= 0:
-            os.close(self._master)
-            self._master = -1
-        self._outgoing = []
-
-    def _incoming(self) -> bytes:
-        try:
-            data = os.read(self._master, 4096) if self._master >= 0 else b""
-        except BlockingIOError:
-            data = b""
-        except OSError as error:
-            if error.errno != errno.EIO:
-                raise
-            self._in_use = False  # nobody has opened the port
-            return b""
-        self._in_use = True
-        return data if data and heard_at(self._master, self._baud_rate) else b""
-
-    def _befall(self, servo: EmulatedServo, now_s: float) -> None:
-        """What happens to a servo itself."""
-        strikes = self.faults.strikes
-        if strikes(FaultKind.ALERT, servo.id, now_s):
-            servo.fail()
-        reboot = strikes(FaultKind.REBOOT, servo.id, now_s)
-        if reboot:
-            servo.reboot(now_s, reboot.delay_s or _REBOOT_S)
-        servo.stuck = strikes(FaultKind.STUCK, servo.id, now_s) is not None
 
     def _obey(self, instruction: wire.Instruction, now_s: float) -> None:
         awake = {servo_id: servo for servo_id, servo in self.servos.items() if servo.is_awake(now_s)}
@@ -167,7 +94,7 @@ class DynamixelLine(EmulatedWire):
             error = Error.NONE
         answer = _Answer(servo, error, b"") if servo.answers_everything else None
         if code == _REBOOT:
-            servo.reboot(now_s, _REBOOT_S)
+            servo.reboot(now_s, REBOOT_S)
         return answer
 
     @staticmethod
@@ -195,7 +122,7 @@ class DynamixelLine(EmulatedWire):
                 self._answer_fast(answers, _word(parameters[2:]), now_s)
         elif code == _REBOOT:
             for servo in awake.values():
-                servo.reboot(now_s, _REBOOT_S)
+                servo.reboot(now_s, REBOOT_S)
 
     def _answer(self, answers: Sequence[_Answer], now_s: float) -> None:
         """One packet each, in turn, as the faults let them."""
@@ -221,36 +148,6 @@ class DynamixelLine(EmulatedWire):
         if parts:
             packet = wire.fast_status(self._swapped(parts, now_s), len(answers))
             self._outgoing.append(self._transmit(speaking, packet, now_s))
-
-    def _transmit(self, speaking: Sequence[EmulatedServo], packet: bytes, now_s: float) -> _Frame:
-        """Put what some servos say on the line, after what is on it already."""
-
-        def strikes(kind: FaultKind) -> list[Fault]:
-            found = (self.faults.strikes(kind, servo.id, now_s) for servo in speaking)
-            return [fault for fault in found if fault]
-
-        if strikes(FaultKind.CORRUPT):
-            packet = self.faults.flip_a_bit(packet)
-        if strikes(FaultKind.LOSE):
-            packet = self.faults.lose_a_byte(packet)
-        if strikes(FaultKind.DUPLICATE):
-            packet += packet
-        self._quiet_s = max(self._quiet_s, now_s) + speaking[0].return_delay_s
-        self._quiet_s += self._byte_s * len(packet)
-        late_s = max((fault.delay_s for fault in strikes(FaultKind.DELAY)), default=0.0)
-        return _Frame(speaking[0].id, packet, self._quiet_s + late_s)
-
-    def _said_id(self, servo_id: int, now_s: float) -> int:
-        wrong = self.faults.strikes(FaultKind.WRONG_ID, servo_id, now_s)
-        return (servo_id + 100) % 253 if wrong else servo_id
-
-    def _misordered(self, frames: list[_Frame], now_s: float) -> list[_Frame]:
-        for k in range(len(frames) - 1):
-            if self.faults.strikes(FaultKind.REORDER, frames[k].device, now_s):
-                first, second = frames[k], frames[k + 1]
-                frames[k] = replace(second, due_s=first.due_s)
-                frames[k + 1] = replace(first, due_s=second.due_s)
-        return frames
 
     def _swapped(self, parts: list[tuple[int, int, bytes]], now_s: float) -> list[tuple[int, int, bytes]]:
         for k in range(len(parts) - 1):

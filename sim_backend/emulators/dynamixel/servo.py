@@ -9,6 +9,7 @@ from robot_io.files.file_model import FileModel, Number, Positive
 from sim_backend.emulators.dynamixel import control_table as table
 from sim_backend.emulators.dynamixel.control_table import MODELS, Error, Item, Memory
 from sim_backend.emulators.plant import JointState, Plant
+from sim_backend.emulators.servo_wire import LineServo
 
 
 class Mounting(FileModel, extra="ignore"):
@@ -38,7 +39,7 @@ OVERLOAD = 0x20
 CURRENT_CONTROL = 0
 
 
-class EmulatedServo:
+class EmulatedServo(LineServo):
     """A servo that turns one joint of a plant.
 
     Args:

@@ -44,7 +44,12 @@ class EmulatedLoadstar(SerialSensor):
         unit: "lb" or "N", the unit that it is calibrated in.
         rate_hz: readings a second [Hz].
         sign: -1 if the load cell counts tension as positive.
+
+    Attributes:
+        width: characters of a reading; 0 pads none, as some interfaces do.
     """
+
+    width = 12
 
     def __init__(
         self, capacity_n: float, unit: str = "lb", rate_hz: float = 500.0, sign: float = 1.0
@@ -85,7 +90,7 @@ class EmulatedLoadstar(SerialSensor):
 
     def reading(self, force_n: float) -> bytes:
         self._last_n = force_n
-        return f"{self._sign * (force_n - self._tare_n) / self._newtons:12.4f}\r\n".encode()
+        return f"{self._sign * (force_n - self._tare_n) / self._newtons:{self.width}.4f}\r\n".encode()
 
     def restart(self, now_s: float, silent_s: float) -> None:
         self._timer.stop()

@@ -3,8 +3,9 @@
 from typing import Any, ClassVar
 
 from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, Positive, validate
+from robot_io.files.file_model import FileModel, Number, Positive, validate
 from sim_backend.emulators.bench import EmulatedWire
+from sim_backend.emulators.serial.cell import EmulatedCell
 from sim_backend.emulators.serial.pty_line import PtyLine, SerialSensor
 from sim_backend.emulators.serial.sensors import EmulatedGauge, EmulatedLoadstar, EmulatedLorenz
 from sim_backend.emulators.wiring import WireMaker, WireRequest
@@ -23,6 +24,13 @@ class _Loadstar(FileModel, extra="ignore"):
 
 class _Gauge(_Loadstar, extra="ignore"):
     pass
+
+
+class _Cell(FileModel, extra="ignore"):
+    newtons_per_count: Positive
+    zero_counts: Number = 0.0
+    rate_hz: int
+    reversed: bool = False
 
 
 class _Lorenz(FileModel, extra="ignore"):
@@ -71,10 +79,15 @@ class SerialWires(WireMaker):
                     own.load_code,
                     sign=-1.0 if own.reversed else 1.0,
                 )
+            case "microcontroller_cell":
+                cell = validate(_Cell, settings)
+                sign = -1.0 if cell.reversed else 1.0
+                return EmulatedCell(cell.newtons_per_count, cell.zero_counts, cell.rate_hz, sign)
             case "force_lines":
                 gauge = validate(_Gauge, settings)
                 return EmulatedGauge(gauge.capacity_n, sign=-1.0 if gauge.reversed else 1.0)
         raise InputError(
             f"no sensor is emulated for the driver '{request.force.driver}'. Emulated: force_lines, "
-            "loadstar, lorenz; name one of them to try the rest of the arm, or do without --wire"
+            "loadstar, lorenz, microcontroller_cell; name one of them to try the rest of the arm, or do "
+            "without --wire"
         )

@@ -7,9 +7,11 @@ from hypothesis import strategies as st
 
 from robot_io.drivers.can.line import CanFrame
 from robot_io.drivers.mit import protocol as mit
-from robot_io.drivers.mit.protocol import MIT_MODELS, mit_error_name
+from robot_io.drivers.mit import registers
+from robot_io.drivers.mit.makers import DIALECTS, Maker, error_name
 from robot_io.errors import InputError, ProtocolError
 
+MIT_MODELS = DIALECTS[Maker.CUBEMARS].models
 AK80_9 = MIT_MODELS["AK80-9"]
 
 
@@ -83,6 +85,33 @@ def test_no_number_is_refused():
         mit.encode_torque(1, float("nan"), AK80_9)
 
 
+DM4310 = DIALECTS[Maker.DAMIAO].models["DM-J4310"]
+
+
+@pytest.mark.parametrize(
+    ("first", "motor_id", "error", "enabled"),
+    [(0x01, 1, 0, False), (0x11, 1, 0, True), (0xD3, 3, 13, False), (0x8F, 15, 8, False)],
+)
+def test_damiao_s_status_stands_above_the_id(first, motor_id, error, enabled):
+    """Where others have an error there is a temperature."""
+    frame = CanFrame(0x11, bytes((first, 0x80, 0, 0x80, 8, 0, 40, 35)))
+    state = mit.decode_state(frame, DM4310, status_beside_id=True)
+    assert (state.motor_id, state.error, state.enabled) == (motor_id, error, enabled)
+    assert state.position_rad == pytest.approx(0.0, abs=1e-3)
+    with pytest.raises(ProtocolError):
+        mit.decode_state(CanFrame(0x11, bytes(6)), DM4310, status_beside_id=True)
+
+
+def test_registers_of_the_manual():
+    assert registers.read_register(1, registers.CONTROL_MODE).data.hex(" ") == "01 00 33 0a 00 00 00 00"
+    frame = registers.write_register(0x0102, registers.TORQUE_RANGE, 10.0)
+    assert (frame.can_id, frame.data.hex(" ")) == (0x7FF, "02 01 55 17 00 00 20 41")
+    assert registers.decode_register(frame, 0x0102, registers.TORQUE_RANGE) == 10.0
+    for motor_id, register in ((1, registers.TORQUE_RANGE), (0x0102, registers.CAN_TIMEOUT)):
+        with pytest.raises(ProtocolError):
+            registers.decode_register(frame, motor_id, register)
+
+
 def test_errors_have_names():
-    assert mit_error_name(4) == "under voltage"
-    assert mit_error_name(99) == "unknown error 99"
+    assert error_name(Maker.CUBEMARS, 4) == "under voltage"
+    assert error_name(Maker.CUBEMARS, 99) == "unknown error 99"

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverContext
-from robot_io.drivers.dynamixel.bus import DynamixelBus
-from robot_io.drivers.dynamixel.devices import DynamixelEncoder, DynamixelTorque
+from robot_io.drivers.dynamixel.bus import DynamixelBus, DynamixelEncoder, DynamixelTorque
 from robot_io.robot_file import load_robot_file
 from sim_backend.emulators.bench import Bench
 from sim_backend.emulators.dynamixel import DynamixelLine, Mounting

@@ -6,7 +6,7 @@ import struct
 import pytest
 
 from robot_io.clock import SimulatedClock
-from robot_io.drivers.dynamixel.feedback import FeedbackReader
+from robot_io.drivers.dynamixel.feedback import feedback_reader
 from robot_io.errors import DeviceTimeoutError
 from sim_backend.emulators.dynamixel import wire
 
@@ -66,7 +66,7 @@ def test_no_answer_is_dated_later_than_its_request(damaged, fast, servos, period
     for tenths_ms in range(2, 206, 7):
         clock = SimulatedClock()
         line = LateLine(clock, 1e-4 * tenths_ms, damaged=damaged)
-        reader = FeedbackReader(line, clock, range(1, servos + 1), 224, fast=fast)
+        reader = feedback_reader(line, clock, range(1, servos + 1), 224, fast=fast)
         seen = 0
         for tick in range(120):
             clock.sleep_until(1e-3 * period_ms * (tick + 1))

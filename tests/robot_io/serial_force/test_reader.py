@@ -85,8 +85,16 @@ def test_readings_that_came_together_with_a_damaged_line_are_not_believed(line):
 def test_what_a_device_says_of_itself_before_its_first_reading_is_no_damage(line):
     for _ in range(8):
         assert line.send(b"load cell amplifier, version 2") is None
-    assert line.send(b"1.0", 2) is None
+    assert line.send(b"1.0", 3) is None  # two are discarded, one waits for the next
     assert line.send(b"1.0") == (1.0, 0)
+
+
+def test_the_first_reading_needs_another_beside_it(line):
+    """A line that lost its first digits is a number; the very first one was once believed."""
+    assert line.send(b"2.3") is None
+    assert line.send(b"512.3") is None
+    assert line.send(b"512.4") == (512.4, 0)
+    assert line.reader.rejected == 1
 
 
 CAPACITY_N = 100.0

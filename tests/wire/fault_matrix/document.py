@@ -11,7 +11,8 @@ _HEAD = """\
 # What goes wrong, and what the arm then does
 
 Made from the rows of `tests/wire/fault_matrix/rows.py` by `docs/make_fault_matrix.py`. The tests let each of
-these faults happen to the real drivers, on emulated devices in lock-step, in a probing run at 1 kHz.
+these faults happen to the real drivers, on emulated devices in lock-step, in a probing run at 1 kHz; the
+Feetech arm runs at 250 Hz.
 
 - **arm**: *stops* is the guard's safe state. The joints are braked for 300 ms and then let go, or let go at
   once where nobody knows how they move; `palpate probe` also holds and lowers the arm's weight meanwhile.
@@ -56,7 +57,8 @@ def document(rows: Sequence[Row]) -> str:
 
 def _table(rows: Sequence[Row], reasons: Sequence[str]) -> str:
     family = FAMILIES[rows[0].family]
-    title = f"\n## {family.title} (age limit {family.age_ticks} ms)\n"
+    tick = f", ticks of {family.tick_ms} ms" if family.tick_ms > 1 else ""
+    title = f"\n## {family.title} (age limit {family.age_ms} ms{tick})\n"
     lines = [title, "| fault | arm | limit | ticks | off | reads |", "|---|---|---|---|---|---|"]
     return "\n".join([*lines, *(_line(row, reasons) for row in rows)]) + "\n"
 
@@ -78,5 +80,5 @@ def _limit(row: Row) -> str:
 
 def _arm(row: Row) -> str:
     if row.fault is Program.KILLED:
-        return "is let go"
+        return "is let go" if row.off_ms else "holds still"
     return "goes on" if row.ticks is None else "stops"

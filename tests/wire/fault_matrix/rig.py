@@ -24,13 +24,11 @@ from tests.wire.fault_matrix.rows import FAMILIES, Program, Row
 from tests.wire.parts import WireBench
 
 SESSION = "session.mcap"
-TICK_S = 1e-3
 CHUNK_BYTES = 65_536
 GOES_ON_S = 0.05  # a fault that the arm survives for so long stops nothing,
 DISK_S = 0.4  # unless it is only seen when so much has been logged
 PATIENCE_S = 5.0  # for those that must stop it
 SILENT_S = 0.2  # looked at the drives for so long after the end
-PLAN = ProbingPlan(speeds_m_s=(0.12,), hold_s=0.1, free_air_s=0.1)
 STEP_BACK_S = 0.02
 HELD_UP_S = 0.5
 NO_TORQUE_NM = 0.02  # zero on an MIT motor's wire is half a step off
@@ -51,6 +49,7 @@ class Observed:
         torque_off_ms: from the fault to the last torque of the drives [ms].
         reads: what the user reads.
         last_tick_s: of the session's records, on the robot's clock [s].
+        fastest_rad_s: how fast a joint still is at the end [rad/s].
         session_events: texts of the session's events.
     """
 
@@ -59,6 +58,7 @@ class Observed:
     torque_off_ms: float
     reads: str
     last_tick_s: float
+    fastest_rad_s: float
     session_events: list[str]
 
 
@@ -80,7 +80,9 @@ class Rig:
         self.log: LogInProcess | SessionWriter = LogInProcess(self.path, [tick_stream(3)], SessionMetadata())
         self.robot_file = self.bench.arm.robot_file
         self.guard = Guard(self.robot_file.limits, self.robot_file.safe_state, 3)
-        self._task = ProbingTask.from_robot_file(self.robot_file, PLAN)
+        self.tick_s = 1e-3 * family.tick_ms
+        plan = ProbingPlan(speeds_m_s=(family.speed_m_s,), hold_s=0.1, free_air_s=0.1)
+        self._task = ProbingTask.from_robot_file(self.robot_file, plan)
         self._torque_until_s = -math.inf
         self._struck = False
         self._observer_fails = False
@@ -100,7 +102,7 @@ class Rig:
                 self,
                 self.clock,
                 self.log,
-                rate_hz=1.0 / TICK_S,
+                rate_hz=1.0 / self.tick_s,
                 observer=self._observe,
                 stop=self._survived,
             )
@@ -164,8 +166,8 @@ class Rig:
         resource.prlimit(self.log._process.pid, resource.RLIMIT_FSIZE, (most, most))
 
     def _let_pass(self, duration_s: float) -> None:
-        for _ in range(round(duration_s / TICK_S)):
-            self.clock.sleep_until(self.clock.now_s() + TICK_S)
+        for _ in range(round(duration_s / self.tick_s)):
+            self.clock.sleep_until(self.clock.now_s() + self.tick_s)
 
     def _set_clock_back(self) -> None:
         now_s = self.clock.now_s
@@ -195,9 +197,10 @@ class Rig:
         trip_s = ticks["time_s"][np.argmax(ticks["guard_tripped"])] if tripped else np.nan
         return Observed(
             trips=tripped,
-            ticks=math.ceil((trip_s - self.row.at_s) / TICK_S - 1e-6) if tripped else None,
+            ticks=math.ceil((trip_s - self.row.at_s) / self.tick_s - 1e-6) if tripped else None,
             torque_off_ms=1e3 * (self._torque_until_s - self.row.at_s),
             reads=reads,
             last_tick_s=ticks["time_s"][-1],
+            fastest_rad_s=np.abs(self.bench.arm.plant.world.truth().joint_velocity_rad_s).max(),
             session_events=[event.text for event in session.events],
         )

@@ -6,11 +6,12 @@ The tests hold every row against what happens; `docs/make_fault_matrix.py` write
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from math import ceil
 from pathlib import Path
 
 from robot_io.guard import Limits
 from sim_backend.emulators import Fault, FaultKind
-from tests.wire.parts import CUBEMARS, LINES, ODRIVE, ROOT
+from tests.wire.parts import CELL, CUBEMARS, DAMIAO, LINES, ODRIVE, ROOT, SO101
 
 TICK_S = 1e-3
 MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.52  # where the probing run is then
@@ -26,24 +27,33 @@ class Family:
         title: for people.
         robot: robot file with such devices.
         bus: their bus in it.
-        age_ticks: age limit of their samples in the robot file, in ticks.
+        age_ms: age limit of their samples in the robot file.
         changes: to the robot file.
+        tick_ms: length of its tick.
+        speed_m_s: of the probing run.
+        late_s: how much longer than others its arm takes to be activated: watchdogs are left to expire.
     """
 
     title: str
     robot: Path
     bus: str
-    age_ticks: int
+    age_ms: int
     changes: tuple[tuple[str, str], ...] = ()
+    late_s: float = 0.0
+    tick_ms: int = 1
+    speed_m_s: float = 0.12
 
 
 FAMILIES = {
     "dynamixel": Family("Dynamixel", DYNAMIXEL, "motors", 5),
     "odrive": Family("ODrive, CAN", ODRIVE, "motors", 5),
-    "mit": Family("MIT mode, CAN", CUBEMARS, "motors", 5),
+    "mit": Family("MIT mode, CubeMars, CAN", CUBEMARS, "motors", 5, late_s=0.16),
+    "damiao": Family("MIT mode, Damiao, CAN", DAMIAO, "motors", 5),
+    "feetech": Family("Feetech", SO101, "motors", 13, tick_ms=4, speed_m_s=0.03),
     "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10),
-    "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5),
+    "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5, late_s=0.16),
     "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (LINES,)),
+    "cell": Family("cell on a microcontroller, serial", ODRIVE, "load_cell", 10, (CELL,)),
 }
 
 
@@ -99,12 +109,12 @@ class Row:
         """What its limit is; 0 where somebody says at once what is wrong [ms]."""
         if self.limit in Limits.model_fields:
             return round(1e3 * Limits.model_fields[self.limit].default)
-        return FAMILIES[self.family].age_ticks if (self.ticks or 0) > SPARE_TICKS else 0
+        return FAMILIES[self.family].age_ms if (self.ticks or 0) > SPARE_TICKS else 0
 
     @property
     def prompt_ticks(self) -> int:
-        """What it may take without a reason, in ticks of 1 ms."""
-        return self.limit_ms + SPARE_TICKS
+        """What it may take without a reason, in ticks."""
+        return ceil(self.limit_ms / FAMILIES[self.family].tick_ms) + SPARE_TICKS
 
 
 K = FaultKind
@@ -116,12 +126,21 @@ _CONFIRMED = (
     "a reading that jumps by more than 1 % of the capacity counts with the next one, here 2 ms later: a lost "
     "byte must not look like a force"
 )
+_RARE = "a sample comes every 3.1 ms"
+_ELEVEN = f"{_RARE}, and eleven must be equal"
 _CONTRADICTED = (
     "a sensor that is pulled may be right: joint torques contradict it once they say a push, and it a pull, "
     "of more than 2 N each"
 )
 _HEARTBEAT = "an axis says what has become of it with its next heartbeat, at most 10 ms later"
 _CUT_OFF = "nothing reaches the drives: their own watchdogs let go"
+HOLDS = (
+    "these servos have no watchdog: they hold the last goal, so that the arm stands still and holds on until "
+    "its supply is switched off"
+)
+LAST_SEEN = "these servos hold where they were last seen while the brake lasts, and then let go"
+_SLOWLY = "the arm moves slowly: its reference needs so long to leave the steps and the tracking error behind"
+_WAITS = "the whole program stands still: these servos hold their last goal until it goes on, and then let go"
 _IDLE = (
     "the tool hangs straight down, and nothing is asked of its drive, so that nothing is missing: no harm, "
     "until it has to press"
@@ -185,8 +204,40 @@ _MOTOR_ROWS = {
         (2, 102, "bus-off, the adapter has left the bus", _CUT_OFF),
         (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
     ),
+    "damiao": (
+        (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
+        (OLD, BRAKED, "joint 3 (motor 3): nothing valid for"),
+        (OLD, OLD_OFF, "last was: motor state has 3 bytes, expected 8"),
+        GOES_ON,
+        GOES_ON,
+        (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
+        (2, BRAKED, "joint 3 (motor 3): MOSFET over temperature"),
+        (OLD, BRAKED, "joint 3 (motor 3): nothing valid for"),
+        (3, BRAKED, "joint 3 (motor 3): has left motor mode; has it restarted?"),
+        (2, 102, "bus-off, the adapter has left the bus", _CUT_OFF),
+        (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
+    ),
+    "feetech": (
+        (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
+        (4, BRAKED + 2, "did not answer in time", LAST_SEEN),
+        (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
+        GOES_ON,
+        GOES_ON,
+        (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
+        (2, BRAKED + 2, "servo 4 (joint 3): error: overload"),
+        (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
+        (2, BRAKED, "servo 4 (joint 3): has switched its torque off (error: none; has it restarted?)"),
+        (2, None, "the port has failed", HOLDS),
+        (102, BRAKED + 400, "encoder of joint 1: stuck at", _SLOWLY, _FROZEN_ENCODER),
+    ),
 }
-_NUMBERS = {"dynamixel": (1, 2, 3), "odrive": (0, 1, 2), "mit": (1, 2, 3)}  # of the devices, by joint
+_NUMBERS = {
+    "dynamixel": (1, 2, 3),
+    "odrive": (0, 1, 2),
+    "mit": (1, 2, 3),
+    "damiao": (1, 2, 3),
+    "feetech": (2, 3, 4),
+}  # of the devices, by joint
 
 _FORCE: tuple[tuple[str, FaultKind, dict[str, float]], ...] = (
     ("silent", K.DROP, {}),
@@ -234,6 +285,17 @@ _FORCE_ROWS = {
         _STUCK,
     ),
     "lines": _streamed(17, 22),
+    "cell": (
+        *[(11, BRAKED + 5, "no reading for")] * 3,
+        GOES_ON,
+        GOES_ON,
+        (11, BRAKED + 5, "no reading for"),
+        (2, BRAKED, "the port was unplugged"),
+        (11, BRAKED + 5, "no reading for"),
+        (4, BRAKED, "force sensor: at the end of its range", _RARE, "one reading"),
+        (24, BRAKED + 24, "is the sensor alive", _CONTRADICTED, "2 N"),
+        (36, BRAKED + 24, "force sensor: stuck at", _ELEVEN, _FROZEN_FORCE),
+    ),
 }
 
 _HELD_UP = (
@@ -252,11 +314,21 @@ _WATCHDOG_ROWS = {  # program killed (nobody is left to read), program held up
     "dynamixel": ((None, 62, "", _CUT_OFF), (501, 62, "the program was held up for 0.5", _HELD_UP)),
     "odrive": ((None, 52, "", _CUT_OFF), (501, 52, "the program was held up for 0.5", _HELD_UP)),
     "mit": ((None, 102, "", _CUT_OFF), (501, 102, "the program was held up for 0.5", _HELD_UP)),
+    "damiao": ((None, 102, "", _CUT_OFF), (501, 102, "the program was held up for 0.5", _HELD_UP)),
+    "feetech": ((None, None, "", HOLDS), (127, 510, "the program was held up for 0.5", _WAITS)),
 }
 
 
 def rows() -> Iterator[Row]:
     """All rows, family by family."""
+    for row in _rows():
+        at_s, fault = row.at_s + FAMILIES[row.family].late_s, row.fault
+        if isinstance(fault, Fault):
+            fault = fault.model_copy(update={"from_s": at_s})
+        yield replace(row, at_s=at_s, fault=fault)
+
+
+def _rows() -> Iterator[Row]:
     for family, expected in _MOTOR_ROWS.items():
         for (name, kind, details), ends in zip(_MOTORS, expected, strict=True):
             joint, at_s = (0, FAST_S) if kind is K.STUCK else (2, MOVING_S)

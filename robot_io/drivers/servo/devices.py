@@ -1,4 +1,4 @@
-"""Encoders and torque-controlled drives of a Dynamixel bus."""
+"""Encoders and drives of a bus of servos."""
 
 from collections.abc import Mapping
 from math import exp, pi
@@ -7,29 +7,30 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from robot_io.driver import DriverContext
-from robot_io.drivers.dynamixel.bus import DynamixelBus, ServoSample
+from robot_io.drivers.servo.bus import ServoBus
+from robot_io.drivers.servo.joints import ServoSample
 from robot_io.files.file_model import FileModel, Positive
 from robot_io.interfaces import JointEncoder, JointTorque
 from robot_io.types import FloatArray, Reading, Status
 
 
-class DynamixelEncoderSettings(FileModel):
+class ServoEncoderSettings(FileModel):
     """How the velocity is come by."""
 
-    # "servo" takes what the servo derives, in steps of 0.024 rad/s; "difference" differentiates the position,
-    # in steps of 0.0015 rad, and smooths it.
+    # "servo" takes what the servo derives; "difference" differentiates the position, in steps of 0.0015 rad,
+    # and smooths it.
     velocity: Literal["servo", "difference"] = "servo"
     bandwidth_hz: Positive = 60.0  # of the first-order low-pass on the difference [Hz]
 
 
-class DynamixelEncoder(JointEncoder):
-    """Positions and velocities from a `dynamixel_bus`."""
+class ServoEncoder(JointEncoder):
+    """Positions and velocities from a bus of servos."""
 
-    name: ClassVar[str] = "dynamixel_encoder"
+    bus_type: ClassVar[type[ServoBus]]
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        own = context.settings_as(DynamixelEncoderSettings, settings)
-        self._bus = context.bus_as(DynamixelBus)
+        own = context.settings_as(ServoEncoderSettings, settings)
+        self._bus = context.bus_as(self.bus_type)
         self._differentiate = own.velocity == "difference"
         self._bandwidth_hz = own.bandwidth_hz
         self._before: ServoSample | None = None
@@ -66,17 +67,14 @@ class DynamixelEncoder(JointEncoder):
         return self._smooth_rad_s
 
 
-class DynamixelTorque(JointTorque):
-    """The drives of a `dynamixel_bus`.
+class ServoTorque(JointTorque):
+    """The drives of a bus of servos."""
 
-    Both command and measurement are of the motor current; what the gears' friction takes is in neither.
-    """
-
-    name: ClassVar[str] = "dynamixel_torque"
+    bus_type: ClassVar[type[ServoBus]]
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         context.settings_as(FileModel, settings)
-        self._bus = context.bus_as(DynamixelBus)
+        self._bus = context.bus_as(self.bus_type)
 
     @property
     def joint_count(self) -> int:
@@ -97,4 +95,4 @@ class DynamixelTorque(JointTorque):
         return Reading(sample.torque_nm, sample.sampled_at_s, sample.torque_status)
 
     def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
-        return self._bus.stage(np.asarray(torque_nm, dtype=np.float64))
+        return self._bus.stage(torque_nm)

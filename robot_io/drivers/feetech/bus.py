@@ -1,0 +1,162 @@
+"""A bus of Feetech servos, whose own position control makes the torques.
+
+These servos have no torque mode, and no watchdog: in their mode without position control they would run on
+when the program has died. So a torque is commanded as a goal beside where the joint is, by the servo's own
+law (`tables`): however long nobody says anything, the joint stays near that goal. Torques are those of the
+motor by its duty cycle and speed; what the gears' friction takes is in none of them.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import ceil
+from typing import ClassVar
+
+import numpy as np
+
+from robot_io.driver import DriverContext
+from robot_io.drivers.feetech import protocol, tables
+from robot_io.drivers.feetech.examination import examine_servos
+from robot_io.drivers.feetech.feedback import (
+    Feedback,
+    Plausibility,
+    feedback_problem,
+    feedback_reader,
+    hardware_problem,
+)
+from robot_io.drivers.feetech.servos import LAST_RESORT, FeetechLine, ServoIdentity
+from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
+from robot_io.drivers.servo.bus import ServoBus
+from robot_io.drivers.servo.devices import ServoEncoder, ServoTorque
+from robot_io.drivers.servo.feedback import FeedbackReader
+from robot_io.drivers.servo.joints import ServoJoints, ServoSample, middle_of
+from robot_io.errors import LifecycleError
+from robot_io.examination import Finding
+from robot_io.serial_port import SerialPort
+from robot_io.types import FloatArray, Status
+
+_FASTEST = 2.0  # times the no-load speed: a joint that is thrown
+
+
+def count_steps(servos: Sequence[FeetechServo]) -> FloatArray:
+    """What one count of position [rad], speed [rad/s] and load [N m] is at the joints, shape (3, n)."""
+    direction = np.array([servo.direction for servo in servos])
+    stall_nm = np.array([servo.servo_model.stall_torque_nm for servo in servos])
+    step_rad = direction * tables.POSITION_STEP_RAD
+    return np.array((step_rad, step_rad, direction * stall_nm * tables.DUTY_PER_LOAD))
+
+
+class FeetechBus(ServoBus):
+    """Servos of the STS series; the last ones of the line may just hold."""
+
+    name: ClassVar[str] = "feetech_bus"
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        self._settings = own = context.settings_as(FeetechSettings, settings)
+        port = SerialPort(own.port, own.baud_rate, context.clock)
+        limits, models = context.robot_file.limits, [servo.servo_model for servo in own.servos]
+        middle_rad = middle_of(limits.position_min_rad, limits.position_max_rad, len(own.servos))
+        joints = ServoJoints(own.servos, middle_rad, count_steps(own.servos))
+        super().__init__(port, [servo.id for servo in own.servos], joints, context)
+        self._stall_nm = np.array([model.stall_torque_nm for model in models])
+        self._drag_nms_rad = self._stall_nm / [model.no_load_rad_s for model in models]
+        self._stiffness_nm_rad = self._stall_nm * own.duty_per_rad
+        self._ahead_s = (
+            1.0 / context.robot_file.control_rate_hz
+        )  # a goal is on its way and then lasts so long
+        most_nm = np.resize(limits.torque_nm, len(models)) + self._drag_nms_rad * np.resize(
+            limits.velocity_rad_s, len(models)
+        )
+        duty_limit = max((most_nm / self._stall_nm).max(), 0.1)
+        torque_limit = min(ceil(duty_limit / tables.DUTY_PER_LOAD), tables.LARGEST_LIMIT)
+        self._line = FeetechLine(own, torque_limit, port, context.clock)
+        fastest_counts_s = _FASTEST * max(model.no_load_rad_s for model in models) / tables.POSITION_STEP_RAD
+        self._plausibility = Plausibility(context.clock, (0, 0, 0, torque_limit, 1), fastest_counts_s)
+
+    @property
+    def identities(self) -> tuple[ServoIdentity, ...]:
+        """Who answered when the bus was configured."""
+        return self._line.identities
+
+    def examine(self) -> tuple[Finding, ...]:
+        """See `Examinable.examine`."""
+        return tuple(examine_servos(self._settings, self._line))
+
+    def _prepare_feedback(self) -> FeedbackReader[Feedback]:
+        self._line.identify()
+        self._line.prepare()
+        self._plausibility.restart()
+        return feedback_reader(self._port, self._clock, self._ids, self._plausibility.decode)
+
+    def _prepare_torque(self) -> None:
+        self._line.prepare()
+
+    def _counts(self, feedback: Sequence[Feedback]) -> Sequence[Sequence[int]]:
+        _, _, _, position, speed, load, _, _, _ = zip(*feedback, strict=True)
+        return position, speed, load
+
+    def _take(self, feedback: Sequence[Feedback], asked_at_s: float, torque_status: Status) -> None:
+        super()._take(feedback, asked_at_s, torque_status)
+        if self.sample is not None:
+            drag_nm = self._drag_nms_rad * self.sample.velocity_rad_s
+            on = np.array([servo.torque_on for servo in feedback])
+            torque_nm = on * (self.sample.torque_nm - drag_nm)
+            self.sample = self.sample._replace(torque_nm=torque_nm)
+
+    def _problem(self, feedback: Sequence[Feedback]) -> str | None:
+        return feedback_problem(feedback, self._ids, powered=self._powered)
+
+    def _hardware_problem(self, feedback: Sequence[Feedback]) -> str | None:
+        return hardware_problem(feedback, self._ids)
+
+    def _goals(self, torque_nm: FloatArray) -> tuple[bytes, FloatArray]:
+        """See `ServoBus._goals`: by the servos' law, from where the joints are while the goals last."""
+        sample, step_rad = self._newest(), self._joints.steps[0]
+        expected_rad = sample.position_rad + self._ahead_s * sample.velocity_rad_s
+        drag_nm = self._drag_nms_rad * sample.velocity_rad_s
+        motor_nm = np.minimum(np.maximum(torque_nm + drag_nm, -self._stall_nm), self._stall_nm)
+        goal_rad = expected_rad + motor_nm / self._stiffness_nm_rad
+        wanted = np.rint((goal_rad - self._joints.offset_rad) / step_rad)
+        counts = np.minimum(np.maximum(wanted, 0), tables.COUNTS_PER_REVOLUTION - 1)
+        goals = dict(zip(self._ids, map(int, counts.tolist()), strict=True))
+        self._plausibility.sent(goals)
+        data = {servo_id: tables.GOAL_POSITION.encode(goal) for servo_id, goal in goals.items()}
+        off_rad = counts * step_rad + self._joints.offset_rad - expected_rad
+        return protocol.sync_write(
+            tables.GOAL_POSITION.address, data
+        ), off_rad * self._stiffness_nm_rad - drag_nm
+
+    def _newest(self) -> ServoSample:
+        if self.sample is None:
+            raise LifecycleError(
+                "the servos have not been read yet: a torque is commanded from where they are"
+            )
+        return self.sample
+
+    @property
+    def _goals_size(self) -> int:
+        goals = dict.fromkeys(self._ids, bytes(tables.GOAL_POSITION.size))
+        return len(protocol.sync_write(tables.GOAL_POSITION.address, goals))
+
+    def _switch_on(self) -> None:
+        self._plausibility.restart()
+        self._plausibility.sent(self._line.switch_on())
+
+    def _switch_off(self) -> None:
+        self._line.switch_off()
+
+    @property
+    def _last_resort(self) -> str:
+        return LAST_RESORT
+
+
+class FeetechEncoder(ServoEncoder):
+    """Positions and velocities from a `feetech_bus`."""
+
+    name: ClassVar[str] = "feetech_encoder"
+    bus_type: ClassVar[type[ServoBus]] = FeetechBus
+
+
+class FeetechTorque(ServoTorque):
+    """Torques of a `feetech_bus`, commanded and measured as duty cycles of the motors; see there."""
+
+    name: ClassVar[str] = "feetech_torque"
+    bus_type: ClassVar[type[ServoBus]] = FeetechBus

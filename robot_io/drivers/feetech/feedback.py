@@ -1,0 +1,155 @@
+"""One sync read a tick: the state of all servos, and what it says of their health.
+
+The block begins before the torque switch and ends with the error byte. What it holds beside position, speed
+and load is known: the settings that were written, and the goal that was sent last. A byte that was lost or
+damaged and got past the protocol's eight bits of checksum shows there, as does a servo that has restarted.
+"""
+
+import struct
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from math import inf
+from typing import Final, NamedTuple
+
+from robot_io.clock import Clock
+from robot_io.drivers.feetech import protocol
+from robot_io.drivers.feetech.protocol import StatusReader, error_names
+from robot_io.drivers.feetech.tables import PRESENT_LOAD, PRESENT_POSITION, PRESENT_SPEED, TORQUE_ENABLE
+from robot_io.drivers.servo.dialect import Packet
+from robot_io.drivers.servo.feedback import FeedbackReader
+from robot_io.errors import ProtocolError
+from robot_io.serial_port import SerialPort
+
+# Torque enable, acceleration, goal, its time and speed, torque limit, five reserved bytes, lock, position,
+# speed, load, voltage, temperature, a flag, errors.
+_FORMAT: Final = struct.Struct("<BBHHHH5xBHHHBBxB")
+FEEDBACK_SIZE: Final = _FORMAT.size
+PADDING: Final = 7  # bytes before the block, by which the answers to different requests differ
+
+
+_GOALS = 32  # more than are sent while an answer is late
+_NEAR_COUNTS = 16  # beside what a joint can have turned
+
+Settings = tuple[int, int, int, int, int]
+"""Acceleration, goal time, goal speed, torque limit and lock."""
+
+
+class Feedback(NamedTuple):
+    """One servo's state, in its own units."""
+
+    torque_on: int
+    settings: Settings
+    goal: int
+    position: int
+    speed: int
+    load: int
+    voltage: int
+    temperature: int
+    errors: int  # bits, see `error_names`
+
+
+def decode_feedback(packet: Packet) -> Feedback:
+    """The block at the end of an answer. ProtocolError: the answer is too short."""
+    if len(packet.data) < FEEDBACK_SIZE:
+        raise ProtocolError(f"servo {packet.servo_id} answered {len(packet.data)} bytes, too few")
+    (
+        on,
+        acceleration,
+        goal,
+        time,
+        fastest,
+        limit,
+        lock,
+        position,
+        speed,
+        load,
+        voltage,
+        temperature,
+        errors,
+    ) = _FORMAT.unpack(packet.data[-FEEDBACK_SIZE:])
+    return Feedback(
+        on,
+        (acceleration, time, fastest, limit, lock),
+        goal,
+        PRESENT_POSITION.signed_value(position),
+        PRESENT_SPEED.signed_value(speed),
+        PRESENT_LOAD.signed_value(load),
+        voltage,
+        temperature,
+        errors,
+    )
+
+
+def feedback_reader(
+    port: SerialPort, clock: Clock, servo_ids: Sequence[int], decode: Callable[[Packet], Feedback]
+) -> FeedbackReader[Feedback]:
+    """What reads the block of all servos, which are given in the order of the joints."""
+    sizes = range(FEEDBACK_SIZE, FEEDBACK_SIZE + PADDING + 1)
+    end = TORQUE_ENABLE.address + FEEDBACK_SIZE
+    return FeedbackReader(
+        port,
+        clock,
+        servo_ids,
+        asking={size: protocol.sync_read(end - size, size, servo_ids) for size in sizes},
+        packets=StatusReader(largest=protocol.AROUND + FEEDBACK_SIZE + PADDING),
+        decode=decode,
+        around=protocol.AROUND,
+    )
+
+
+class Plausibility:
+    """Refuses feedback that cannot be what a servo of this bus says now.
+
+    Args:
+        clock: for how far a joint can have come.
+        settings: what every servo was told, as in `Feedback.settings`.
+        fastest_counts_s: no joint is faster [counts/s].
+    """
+
+    def __init__(self, clock: Clock, settings: Settings, fastest_counts_s: float) -> None:
+        self._clock, self._settings, self._fastest_counts_s = clock, settings, fastest_counts_s
+        self._goals: deque[Mapping[int, int]] = deque(maxlen=_GOALS)
+        self._last: dict[int, tuple[float, int]] = {}
+
+    def restart(self) -> None:
+        """Forget where the joints were, and what was sent."""
+        self._goals.clear()
+        self._last.clear()
+
+    def sent(self, goals: Mapping[int, int]) -> None:
+        """Goals are on their way, by servo id."""
+        self._goals.append(goals)
+
+    def decode(self, packet: Packet) -> Feedback:
+        """The feedback in an answer. ProtocolError: too short, or not to be believed."""
+        feedback, who = decode_feedback(packet), f"servo {packet.servo_id}"
+        if feedback.settings != self._settings:
+            raise ProtocolError(f"{who} shows other settings than it was sent: damaged, or it has restarted")
+        goals = {goals[packet.servo_id] for goals in self._goals}
+        if goals and feedback.torque_on and feedback.goal not in goals:
+            raise ProtocolError(f"{who} shows a goal that it was not sent: its answer is damaged")
+        now_s = self._clock.now_s()
+        before_s, before = self._last.get(packet.servo_id, (-inf, 0))
+        if abs(feedback.position - before) > _NEAR_COUNTS + self._fastest_counts_s * (now_s - before_s):
+            raise ProtocolError(f"{who} jumped from {before} to {feedback.position}: its answer is damaged")
+        self._last[packet.servo_id] = now_s, feedback.position
+        return feedback
+
+
+def feedback_problem(feedback: Sequence[Feedback], servo_ids: Sequence[int], *, powered: bool) -> str | None:
+    """Which servo has let go although it was `powered`, or None."""
+    for joint, (servo_id, servo) in enumerate(zip(servo_ids, feedback, strict=True), 1):
+        if powered and not servo.torque_on:
+            why = error_names(servo.errors) if servo.errors else "none; has it restarted?"
+            return f"servo {servo_id} (joint {joint}): has switched its torque off (error: {why})"
+    return None
+
+
+def hardware_problem(feedback: Sequence[Feedback], servo_ids: Sequence[int]) -> str | None:
+    """The errors of all servos, by name, or None."""
+    problems = [
+        f"servo {servo_id} (joint {joint}): error: {error_names(servo.errors)}"
+        for joint, (servo_id, servo) in enumerate(zip(servo_ids, feedback, strict=True), 1)
+        if servo.errors
+    ]
+    return "; ".join(problems) or None

@@ -1,0 +1,85 @@
+"""Reads a calibration file of LeRobot's, and prints what a robot file says of the same servos.
+
+Run: python -m robot_io.drivers.feetech.lerobot my_follower.json
+
+LeRobot writes the homing offsets into the servos, and keeps them in a JSON file with the ends of each joint's
+range; zero degrees is the middle of that range. Source: huggingface/lerobot, `MotorCalibration` and
+`MotorNormMode.DEGREES`.
+"""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+from robot_io.drivers.feetech.settings import HomingOffset
+from robot_io.drivers.feetech.tables import COUNTS_PER_REVOLUTION, POSITION_STEP_RAD
+from robot_io.errors import InputError
+from robot_io.files.file_model import FileModel
+from robot_io.files.safe_yaml import read_text
+
+Count = Annotated[int, Field(ge=0, lt=COUNTS_PER_REVOLUTION)]
+
+
+class LerobotMotor(FileModel):
+    """One joint of a LeRobot calibration."""
+
+    id: Annotated[int, Field(ge=0, le=252)]  # of its servo
+    drive_mode: Annotated[int, Field(ge=0, le=1)]  # 1: a positive count turns the joint backwards
+    homing_offset: HomingOffset  # as written into the servo
+    range_min: Count  # lowest position it shows
+    range_max: Count  # highest position it shows
+
+    @property
+    def zero_rad(self) -> float:
+        """The joint angle where the servo shows 0 [rad]."""
+        middle_rad = 0.5 * (self.range_min + self.range_max) * POSITION_STEP_RAD
+        return middle_rad if self.drive_mode else -middle_rad
+
+    def robot_file_entry(self, model: str) -> str:
+        """Its line in `servos`."""
+        turned = ", reversed: true" if self.drive_mode else ""
+        return (
+            f"{{id: {self.id}, model: {model}{turned}, zero_rad: {self.zero_rad:.5f}, "
+            f"homing_offset: {self.homing_offset}}}"
+        )
+
+
+_FILE = TypeAdapter(dict[str, LerobotMotor])
+
+
+def read_calibration(path: Path) -> dict[str, LerobotMotor]:
+    """The joints of a calibration file by LeRobot's names.
+
+    InputError: it cannot be read, or is no such file; with the first thing that is wrong.
+    """
+    try:
+        return _FILE.validate_python(json.loads(read_text(path)))
+    except (OSError, ValidationError, ValueError) as error:
+        reason = error.errors()[0] if isinstance(error, ValidationError) else str(error)
+        place = (
+            ".".join(map(str, reason["loc"])) + ": " + reason["msg"] if isinstance(reason, dict) else reason
+        )
+        raise InputError(f"{path}: no calibration of LeRobot's ({place})") from error
+
+
+def main(arguments: list[str]) -> int:
+    """Print a line for each joint."""
+    if len(arguments) != 1:
+        print("usage: python -m robot_io.drivers.feetech.lerobot CALIBRATION.json", file=sys.stderr)
+        return 2
+    try:
+        motors = read_calibration(Path(arguments[0]))
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
+    for name, motor in motors.items():
+        print(f"      - {motor.robot_file_entry('STS3215-12V')}   # {name}")
+    print("Next: take the lines of the joints that move into 'servos' of your robot file, base first.")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,148 @@
+"""Feetech's serial servo protocol as bytes, which is close to Dynamixel Protocol 1.0; no ports, no clocks.
+
+A packet is FF FF, id, length, instruction, parameters, checksum. The length counts everything after itself,
+and the checksum is the inverted sum of everything after the header. A servo answers with an error byte in
+place of the instruction, so that the echo of an instruction looks like an answer. STS servos are
+little-endian. Source: Feetech, "Magnetic encoder smart servo communication protocol" (SMS/STS series).
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Final, NamedTuple
+
+from robot_io.drivers.servo.stream import PacketStream, bit_names, equal_parts
+from robot_io.errors import ProtocolError
+
+HEADER: Final = b"\xff\xff"
+LARGEST_ID: Final = 0xFC
+BROADCAST_ID: Final = 0xFE
+AROUND: Final = 6  # bytes of an answer around its data
+
+_PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
+_LARGEST_LENGTH = 0xFA
+
+ERROR_NAMES: Final = {
+    0x01: "input voltage",
+    0x02: "position sensor",
+    0x04: "overheating",
+    0x08: "over current",
+    0x20: "overload",
+}
+
+
+def error_names(value: int) -> str:
+    """The errors in an error byte, by name."""
+    return bit_names(value, ERROR_NAMES)
+
+
+def checksum(content: bytes) -> int:
+    """The checksum of everything between header and itself."""
+    return ~sum(content) & 0xFF
+
+
+class StatusPacket(NamedTuple):
+    """What a servo answers."""
+
+    servo_id: int  # who answers
+    error: int  # error byte, see `error_names`
+    data: bytes  # parameters
+
+    @property
+    def alert(self) -> bool:
+        """Whether the servo has an error of its own."""
+        return self.error != 0
+
+    @property
+    def refusal(self) -> str | None:
+        """Nothing: these servos do not say that they refuse."""
+        return None
+
+
+def encode_packet(servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
+    """The instruction packet for a servo, or for all with `BROADCAST_ID`.
+
+    ProtocolError: no servo can have this id, or the packet would be too long.
+    """
+    if not (0 <= servo_id <= LARGEST_ID or servo_id == BROADCAST_ID):
+        raise ProtocolError(f"{servo_id} is no servo id: 0 to {LARGEST_ID}, or {BROADCAST_ID} for all")
+    length = len(parameters) + 2
+    if length > _LARGEST_LENGTH:
+        raise ProtocolError(f"{len(parameters)} parameters are too many, at most {_LARGEST_LENGTH - 2}")
+    content = bytes((servo_id, length, instruction)) + parameters
+    return HEADER + content + bytes((checksum(content),))
+
+
+def decode_status(packet: bytes) -> StatusPacket:
+    """The status packet that `packet` is, no more and no less.
+
+    ProtocolError: it is not one, or its checksum is wrong.
+    """
+    if len(packet) < AROUND or not packet.startswith(HEADER):
+        raise ProtocolError(f"not a packet: {packet[:16].hex(' ')}")
+    servo_id, length = packet[2], packet[3]
+    if length != len(packet) - 4:
+        raise ProtocolError(f"a packet of {len(packet)} bytes that says {4 + length}")
+    if checksum(packet[2:-1]) != packet[-1]:
+        raise ProtocolError(f"wrong checksum in a packet of servo {servo_id}")
+    if servo_id > LARGEST_ID:
+        raise ProtocolError(f"not an answer of a servo: id {servo_id}")
+    return StatusPacket(servo_id, packet[4], packet[5:-1])
+
+
+class StatusReader(PacketStream[StatusPacket]):
+    """Finds status packets in a stream; see `PacketStream`.
+
+    Args:
+        echo: an instruction that may come back on the one wire, and is no answer.
+        largest: no expected packet has more bytes; a damaged length is not waited for.
+    """
+
+    header: ClassVar[bytes] = HEADER
+    head: ClassVar[int] = AROUND
+
+    def __init__(self, echo: bytes = b"", largest: int = _LARGEST_LENGTH) -> None:
+        super().__init__(largest)
+        self._echo = echo
+
+    def _size(self, head: bytes) -> int:
+        return 4 + head[3]
+
+    def _decode(self, packet: bytes) -> StatusPacket | None:
+        status = decode_status(packet)
+        return None if packet == self._echo else status
+
+    def _is_suspect(self, packet: bytes) -> bool:
+        return packet[2:3] != bytes((BROADCAST_ID,))  # an echo of what all were sent
+
+
+def packet_reader(request: bytes) -> StatusReader:
+    """What finds the answers to a request, and not its echo."""
+    return StatusReader(request)
+
+
+def ping(servo_id: int) -> bytes:
+    """Are you there? The answer is empty."""
+    return encode_packet(servo_id, _PING)
+
+
+def read(servo_id: int, address: int, size: int) -> bytes:
+    """Read `size` bytes at `address`."""
+    return encode_packet(servo_id, _READ, bytes((address, size)))
+
+
+def write(servo_id: int, address: int, data: bytes) -> bytes:
+    """Write `data` at `address`; acknowledged with an empty answer."""
+    return encode_packet(servo_id, _WRITE, bytes((address,)) + data)
+
+
+def sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
+    """Read the same bytes of several servos; each answers with a packet of its own, in this order."""
+    return encode_packet(BROADCAST_ID, _SYNC_READ, bytes((address, size, *servo_ids)))
+
+
+def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
+    """Write at the same address of several servos, each its own bytes; nobody answers.
+
+    ProtocolError: the bytes are not of equal number.
+    """
+    size, parts = equal_parts(data)
+    return encode_packet(BROADCAST_ID, _SYNC_WRITE, bytes((address, size)) + parts)

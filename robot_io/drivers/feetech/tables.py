@@ -1,0 +1,89 @@
+"""Registers and models of the Feetech STS series, as data.
+
+The motor sees a duty cycle, share of the supply voltage. In position control the servo makes it of its
+position error e, with P the register "P coefficient":
+
+    duty = 0.166 P e [1/rad],    torque = stall (duty - speed / no-load speed)
+
+Sources: Feetech, memory table of the SMS/STS series (addresses, units, sign bits) and data sheets of STS3215
+(stall torque, no-load speed); the gain of the position error was measured by Rhoban ("BAM", feetech actuator,
+with an oscilloscope).
+"""
+
+from dataclasses import dataclass
+from math import pi
+from typing import Final
+
+from robot_io.drivers.servo.register import Register
+
+# Kept without power, where they are written while the lock is 0; with the lock at 1 they hold until then.
+FIRMWARE: Final = Register("firmware version", 0, 2)
+MODEL_NUMBER: Final = Register("model number", 3, 2)
+RETURN_DELAY: Final = Register("return delay time", 7, 1)  # 2 us
+RESPONSE_LEVEL: Final = Register("response status level", 8, 1)  # 1: answers everything
+MIN_POSITION: Final = Register("min position limit", 9, 2)
+MAX_POSITION: Final = Register("max position limit", 11, 2)
+MAX_VOLTAGE: Final = Register("max voltage limit", 14, 1)  # 0.1 V
+MIN_VOLTAGE: Final = Register("min voltage limit", 15, 1)  # 0.1 V
+PHASE: Final = Register("phase", 18, 1)  # bit 4: the position counts over several turns
+P_GAIN: Final = Register("P coefficient", 21, 1)
+D_GAIN: Final = Register("D coefficient", 22, 1)
+I_GAIN: Final = Register("I coefficient", 23, 1)
+STARTUP_FORCE: Final = Register("minimum startup force", 24, 2)
+CW_DEAD_ZONE: Final = Register("CW dead zone", 26, 1)
+CCW_DEAD_ZONE: Final = Register("CCW dead zone", 27, 1)
+HOMING_OFFSET: Final = Register("homing offset", 31, 2, sign_bit=11)  # taken off the position it shows
+OPERATING_MODE: Final = Register("operating mode", 33, 1)
+
+# Lost without power.
+TORQUE_ENABLE: Final = Register("torque enable", 40, 1)
+ACCELERATION: Final = Register("acceleration", 41, 1)
+GOAL_POSITION: Final = Register("goal position", 42, 2, sign_bit=15)
+GOAL_TIME: Final = Register("goal time", 44, 2)
+GOAL_SPEED: Final = Register("goal speed", 46, 2)
+TORQUE_LIMIT: Final = Register("torque limit", 48, 2)  # 0.1 % of the duty cycle
+LOCK: Final = Register("lock", 55, 1)
+PRESENT_POSITION: Final = Register("present position", 56, 2, sign_bit=15)
+PRESENT_SPEED: Final = Register("present speed", 58, 2, sign_bit=15)  # counts/s
+PRESENT_LOAD: Final = Register("present load", 60, 2, sign_bit=10)  # 0.1 % of the duty cycle
+PRESENT_VOLTAGE: Final = Register("present voltage", 62, 1)  # 0.1 V
+PRESENT_TEMPERATURE: Final = Register("present temperature", 63, 1)  # degrees Celsius
+STATUS: Final = Register("status", 65, 1)  # error bits, as in the error byte of every answer
+
+POSITION_CONTROL: Final = 0  # operating mode
+ANSWER_EVERYTHING: Final = 1
+SEVERAL_TURNS: Final = 0x10  # of the phase
+LARGEST_LIMIT: Final = 1000  # torque limit
+
+COUNTS_PER_REVOLUTION: Final = 4096
+POSITION_STEP_RAD: Final = 2.0 * pi / COUNTS_PER_REVOLUTION
+DUTY_PER_LOAD: Final = 1e-3
+DUTY_PER_RAD: Final = 0.166  # times the P coefficient
+
+
+@dataclass(frozen=True, slots=True)
+class ServoModel:
+    """One model."""
+
+    name: str  # as sold
+    number: int  # model number
+    voltage_v: float  # which the other two are stated for [V]
+    stall_torque_nm: float  # at the horn [N m]
+    no_load_rad_s: float  # [rad/s]
+
+
+_KG_CM_NM = 9.80665e-2
+
+MODELS: Final = {
+    model.name: model
+    for model in (
+        ServoModel("STS3215-7.4V", 777, 7.4, 19.5 * _KG_CM_NM, pi / 3 / 0.222),
+        ServoModel("STS3215-12V", 777, 12.0, 30.0 * _KG_CM_NM, pi / 3 / 0.222),
+    )
+}
+
+
+def model_name(number: int) -> str:
+    """What a model number means, for messages."""
+    names = [model.name for model in MODELS.values() if model.number == number]
+    return " or ".join(names) or f"model number {number}"

@@ -1,0 +1,84 @@
+"""What a robot file says of MIT-mode motors on a CAN bus."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from robot_io.drivers.can.line import CanLineSettings
+from robot_io.drivers.can.motors import MotorMounting
+from robot_io.drivers.mit.makers import DIALECTS, Dialect, Maker
+from robot_io.drivers.mit.protocol import MitRanges
+from robot_io.files.file_model import FileModel, Positive
+
+LARGEST_DAMIAO_ID, USUAL_ANSWER_OFFSET = 15, 16
+
+
+class MitRangeSettings(FileModel):
+    """Ranges of a motor whose parameters were changed."""
+
+    position_rad: Positive  # position range, plus and minus [rad]
+    velocity_rad_s: Positive  # velocity range, plus and minus [rad/s]
+    torque_nm: Positive  # torque range, plus and minus [N m]
+
+
+class MitMotor(MotorMounting):
+    """One motor. It reports at its output shaft, so that `gear_ratio` is only what comes after it."""
+
+    motor_id: Annotated[int, Field(ge=1, le=255, strict=True)]  # its CAN id
+    model: str  # which ranges it has, see `makers`
+    ranges: MitRangeSettings | None = None  # its ranges, if they are not those of the model
+    # Arbitration id of its answers (Damiao's "master id"); None is its own id and 16, as Damiao recommends.
+    answer_id: Annotated[int, Field(ge=1, le=0x7FF, strict=True)] | None = None
+
+
+class MitBusSettings(CanLineSettings):
+    """What the robot file says."""
+
+    maker: Maker = Maker.CUBEMARS  # whose motors they are
+    motors: Annotated[tuple[MitMotor, ...], Field(min_length=1)]  # one per joint, from base to tip
+    # Arbitration id of the motors' answers; an answer under the motor's own id is taken too. Damiao's motors
+    # have an `answer_id` each instead.
+    host_id: Annotated[int, Field(ge=0, le=0x7FF, strict=True)] = 0
+    # After how long without a command a motor lets go [s] (CAN timeout). It is written to Damiao's motors and
+    # read back. With others the protocol can do neither, so it is proven at each activation: every motor gets
+    # 1 % of its torque, and must have let go after a silence. Without commands for so long the host sends
+    # zero torque as well, for a motor can only be read by commanding it.
+    watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
+    # What makes a motor without torque say its state: "exit" keeps it off, as in the firmware that the
+    # protocol comes from, which answers every frame; "enter" is what the AK manual names for motors that are
+    # deaf to commands outside of motor mode, and zero torque and "exit" follow it.
+    ask_with: Literal["exit", "enter"] = "exit"
+
+    @model_validator(mode="after")
+    def _agree(self) -> "MitBusSettings":
+        ids = [motor.motor_id for motor in self.motors]
+        if len(set(ids)) != len(ids):
+            raise ValueError(f"motors: ids {ids} are not all different")
+        if self.maker is Maker.DAMIAO and max(ids) > LARGEST_DAMIAO_ID:
+            raise ValueError(f"motors: ids {ids}: a Damiao motor says four bits of its id, at most 15")
+        models = self.dialect.models
+        unknown = [motor.model for motor in self.motors if motor.ranges is None and motor.model not in models]
+        if unknown:
+            raise ValueError(
+                f"motors: no ranges are known for '{unknown[0]}' of maker '{self.maker}'. "
+                f"Valid: {', '.join(models)}, or state 'ranges'"
+            )
+        return self
+
+    @property
+    def dialect(self) -> Dialect:
+        """How these motors speak."""
+        return DIALECTS[self.maker]
+
+    def wire_ranges(self, motor: MitMotor) -> MitRanges:
+        """What the numbers on the wire mean."""
+        own = motor.ranges
+        if own is None:
+            return self.dialect.models[motor.model]
+        return MitRanges(own.position_rad, own.velocity_rad_s, own.torque_nm)
+
+    def answer_ids(self, motor: MitMotor) -> tuple[int, ...]:
+        """Arbitration ids under which a motor's answers are taken."""
+        if self.dialect.has_registers:
+            return (motor.answer_id or motor.motor_id + USUAL_ANSWER_OFFSET,)
+        return (self.host_id, motor.motor_id)

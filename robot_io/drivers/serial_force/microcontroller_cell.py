@@ -1,0 +1,167 @@
+"""A load cell for 20 dollars: HX711 or NAU7802 on a microcontroller, with the firmware of docs/firmware.
+
+The protocol is ours: lines of ASCII, each with `*` and the CRC-16 (CCITT, from FFFF) of what is before it as
+four hexadecimal digits, and ended by LF.
+
+    ?                              what the host sends, alone and without a CRC
+    cell 1 nau7802 320*162E        the answer: version of the protocol, converter, samples a second
+    17 -123456*B93E                each sample, unasked: counter modulo 256, and counts
+
+A line that has lost or gained a byte is none, and a counter that does not go on is no sample; where the
+converter fails, the firmware says `fault` and a word instead.
+"""
+
+import re
+from binascii import crc_hqx
+from collections.abc import Mapping
+from math import copysign
+from typing import Annotated, ClassVar
+
+from pydantic import Field, StrictBool
+
+from robot_io.driver import DriverContext
+from robot_io.drivers.serial_force.line import SerialLine
+from robot_io.drivers.serial_force.text import LineSplitter, text_of
+from robot_io.errors import DeviceError, ProtocolError
+from robot_io.examination import Examinable, Finding, ok
+from robot_io.files.file_model import FileModel, Number, Positive
+from robot_io.interfaces import ForceSensor
+from robot_io.types import Reading
+
+WHO = b"?\n"
+VERSION = "1"
+LARGEST_COUNTS = (1 << 23) - 1  # of a 24 bit converter; there, and one below zero, it is at its end
+
+_SAMPLE = re.compile(r"([0-9]{1,3}) (-?[0-9]{1,7})")
+_ANSWER_S, _QUESTIONS = 0.3, 4  # a board that is reset by opening its port takes a second to start
+_COUNTERS, _AHEAD = 256, 128  # a counter farther ahead than this is one that is behind
+
+
+def checked(line: bytes) -> str:
+    """What a line says before its CRC. ProtocolError: the CRC is not that of the text, or missing."""
+    text, star, digits = line.rpartition(b"*")
+    if not star or digits != b"%04X" % crc_hqx(text, 0xFFFF):
+        raise ProtocolError(f"damaged: {line[:40]!r}")
+    return text_of(text)
+
+
+def sample_of(line: bytes) -> tuple[int, int]:
+    """Counter and counts of a line. ProtocolError: it is damaged, or no sample."""
+    found = _SAMPLE.fullmatch(checked(line))
+    if (
+        found is None
+        or int(found[1]) >= _COUNTERS
+        or not -LARGEST_COUNTS - 1 <= int(found[2]) <= LARGEST_COUNTS
+    ):
+        raise ProtocolError(f"no sample: {line[:40]!r}")
+    return int(found[1]), int(found[2])
+
+
+class CellStream:
+    """Forces from the lines; one whose counter stands still or goes back is an old one, and left out.
+
+    Args:
+        newtons_per_count: negative where the cell counts tension as positive [N].
+        zero_counts: what it counts without a load.
+        capacity_n: what a converter at the end of its range shows at least [N].
+    """
+
+    def __init__(self, newtons_per_count: float, zero_counts: float, capacity_n: float) -> None:
+        self._scale, self._zero, self._capacity_n = newtons_per_count, zero_counts, capacity_n
+        self._lines = LineSplitter()
+        self._lines.resynchronise()  # the first line may have lost its beginning
+        self._counter: int | None = None
+        self._bad = 0
+
+    @property
+    def rejected(self) -> int:
+        """Lines that were damaged or old."""
+        return self._bad + self._lines.dropped
+
+    def feed(self, data: bytes) -> list[float]:
+        samples: list[float] = []
+        for line in self._lines.feed(data):
+            try:
+                counter, counts = sample_of(line)
+            except ProtocolError:
+                self._bad += 1
+                continue
+            if self._counter is not None and not 0 < (counter - self._counter) % _COUNTERS < _AHEAD:
+                self._bad += 1
+                continue
+            self._counter = counter
+            samples.append(self._force_n(counts))
+        return samples
+
+    def _force_n(self, counts: int) -> float:
+        force_n = (counts - self._zero) * self._scale
+        at_end = counts in (LARGEST_COUNTS, -LARGEST_COUNTS - 1)
+        return copysign(max(abs(force_n), self._capacity_n), force_n) if at_end else force_n
+
+
+class MicrocontrollerCellSettings(FileModel):
+    """What the robot file says."""
+
+    capacity_n: Positive  # capacity of the load cell [N]
+    # What one count is; from two known weights, or `palpate calibrate force` [N].
+    newtons_per_count: Positive
+    zero_counts: Number = 0.0  # what it counts without a load
+    reversed: StrictBool = False  # whether the cell counts tension as positive
+    rate_hz: Annotated[
+        int, Field(ge=1, le=1000, strict=True)
+    ]  # samples a second; the firmware must say so too
+
+
+class MicrocontrollerCell(ForceSensor, Examinable):
+    """The load cell, on a `serial_line`."""
+
+    name: ClassVar[str] = "microcontroller_cell"
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        self._own = context.settings_as(MicrocontrollerCellSettings, settings)
+        self._bus = context.bus_as(SerialLine)
+        self._found = ""
+
+    def configure(self) -> None:
+        """Ask who is there, and listen. DeviceError: no answer, another protocol or another rate."""
+        own = self._own
+        chip, rate_hz = self._identify()
+        if rate_hz != own.rate_hz:
+            raise DeviceError(
+                f"{self._bus.label}: the {chip} makes {rate_hz} samples/s, the robot file says {own.rate_hz}"
+            )
+        self._found = f"{chip}, {rate_hz} samples/s, load cell of {own.capacity_n:.4g} N by the robot file"
+        stream = CellStream(own.newtons_per_count, own.zero_counts, own.capacity_n)
+        self._bus.listen(stream, own.capacity_n, has_checksums=True)
+
+    def examine(self) -> tuple[Finding, ...]:
+        return (ok("force sensor", self._found),) if self._found else ()
+
+    def read_force(self) -> Reading:
+        return self._bus.reading(reversed_sign=self._own.reversed)
+
+    def _identify(self) -> tuple[str, int]:
+        for _ in range(_QUESTIONS):
+            lines = LineSplitter()
+
+            def answer(data: bytes, lines: LineSplitter = lines) -> list[str] | None:
+                return next((words for line in lines.feed(data) if (words := _identity(line))), None)
+
+            words = self._bus.ask(WHO, answer, _ANSWER_S)
+            if words is not None:
+                break
+        else:
+            raise DeviceError(f"{self._bus.label}: no cell answers; check port, baud rate and firmware")
+        version, chip, rate = words
+        if version != VERSION or not rate.isdecimal():
+            raise DeviceError(f"{self._bus.label}: speaks version {version}, this driver version {VERSION}")
+        return chip, int(rate)
+
+
+def _identity(line: bytes) -> list[str] | None:
+    """Version, converter and rate, if a line says so."""
+    try:
+        first, *words = checked(line).split()
+    except (ProtocolError, ValueError):
+        return None
+    return words if first == "cell" and len(words) == 3 else None

@@ -1,0 +1,112 @@
+"""One servo at a time: ask, wait for the answer, check it; may take milliseconds."""
+
+from robot_io.clock import Clock
+from robot_io.drivers.servo.dialect import Dialect, Packet
+from robot_io.drivers.servo.register import Register
+from robot_io.errors import DeviceError, DeviceTimeoutError
+from robot_io.serial_port import SerialPort
+
+_PATIENCE_S = 0.02  # beyond the time on the wire: USB adapters may hold bytes back for 16 ms
+_PACKET = 12  # bytes of a packet around its data, at most
+
+
+class RegisterAccess:
+    """Reads and writes registers, by any servo protocol.
+
+    Args:
+        dialect: the protocol.
+        port: an open port.
+        clock: for how long to wait.
+    """
+
+    def __init__(self, dialect: Dialect, port: SerialPort, clock: Clock) -> None:
+        self._dialect, self._port, self._clock = dialect, port, clock
+        self._alert = False  # of the last value that was read
+
+    def ping(self, servo_id: int, size: int = 0) -> bytes:
+        """What a servo says to a ping, `size` bytes.
+
+        DeviceTimeoutError: nobody answers; DeviceError: the port failed, or the servo refused.
+        """
+        packet = self._ask(servo_id, self._dialect.ping(servo_id), size)
+        self._check(packet, "ping")
+        return packet.data
+
+    def read(self, servo_id: int, register: Register) -> int:
+        """The value of a register.
+
+        DeviceTimeoutError: no answer; DeviceError: the port failed, or the servo refused.
+        """
+        packet = self._read(servo_id, register)
+        self._check(packet, f"reading {register.name}")
+        self._alert = packet.alert
+        return register.decode(packet.data)
+
+    def write(self, servo_id: int, register: Register, value: int) -> None:
+        """Set a register; the servo says that it has.
+
+        DeviceTimeoutError: no answer; DeviceError: the port failed, or the servo refused, with its hardware
+        error if it has one.
+        """
+        self.write_bytes(servo_id, register.address, register.encode(value), f"setting {register.name}")
+
+    def write_bytes(self, servo_id: int, address: int, data: bytes, what: str) -> None:
+        """Set bytes in a row; `what` is for the error. DeviceError: as `write`."""
+        packet = self._ask(servo_id, self._dialect.write(servo_id, address, data), 0)
+        self._check(packet, what)
+
+    def settle(self, servo_id: int, register: Register, value: int, *, keeps: bool = False) -> None:
+        """Set a register and read it back; one that keeps its value without power is only set if it differs.
+
+        DeviceError: as `write`, or it has another value afterwards.
+        """
+        if keeps and self.read(servo_id, register) == value:
+            return  # its memory wears out with each writing
+        self.write(servo_id, register, value)
+        self._confirm(servo_id, register, value)
+
+    def insist(self, servo_id: int, register: Register, value: int) -> None:
+        """Set a register of a servo that may not answer to writing, and read it back.
+
+        DeviceError: as `settle`.
+        """
+        self._port.write(self._dialect.write(servo_id, register.address, register.encode(value)))
+        self._confirm(servo_id, register, value)
+
+    def why_alert(self, servo_id: int) -> str:
+        """What is behind the alert bit of a servo's answers; for the end of a message."""
+        return ""
+
+    def _confirm(self, servo_id: int, register: Register, value: int) -> None:
+        found = self.read(servo_id, register)
+        if found != value:
+            why = self.why_alert(servo_id) if self._alert else ""
+            raise DeviceError(
+                f"servo {servo_id}: {register.name} is {found} after it was set to {value}{why}"
+            )
+
+    def _read(self, servo_id: int, register: Register) -> Packet:
+        request = self._dialect.read(servo_id, register.address, register.size)
+        return self._ask(servo_id, request, register.size)
+
+    def _ask(self, servo_id: int, request: bytes, size: int) -> Packet:
+        self._port.read_all()
+        reader = self._dialect.packet_reader(request)
+        self._port.write(request)
+        wire_s = self._port.duration_s(len(request) + _PACKET + size)
+        deadline_s = self._clock.now_s() + wire_s + _PATIENCE_S
+        while True:
+            for packet in reader.feed(self._port.wait(deadline_s)):
+                if packet.servo_id == servo_id and (packet.refusal or len(packet.data) == size):
+                    return packet
+            if self._clock.now_s() >= deadline_s:
+                damaged = f" ({reader.rejected} damaged answers)" if reader.rejected else ""
+                raise DeviceTimeoutError(f"servo {servo_id}: no answer{damaged}")
+
+    def _check(self, packet: Packet, what: str) -> None:
+        if not packet.refusal:
+            return
+        problem = f"servo {packet.servo_id}: {what}: {packet.refusal}"
+        if packet.alert:
+            problem += self.why_alert(packet.servo_id)
+        raise DeviceError(problem)

@@ -1,0 +1,172 @@
+"""A bus of servos: one sync read and one sync write in each tick; counts become SI units here."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robot_io.driver import DriverContext
+from robot_io.drivers.servo.feedback import FeedbackReader
+from robot_io.drivers.servo.joints import ServoJoints, ServoSample
+from robot_io.errors import DeviceError, LifecycleError
+from robot_io.examination import Examinable
+from robot_io.interfaces import Bus
+from robot_io.serial_port import SerialPort
+from robot_io.types import FloatArray, Status
+
+
+class ServoBus(Bus, Examinable):
+    """Servos on one half-duplex line, one per joint from base to tip; a maker's bus adds what is its own.
+
+    Args:
+        port: their port.
+        servo_ids: one per joint.
+        joints: makes SI units of their counts.
+        context: clock and robot file.
+
+    Attributes:
+        sample: what the last sync read brought that was answered by all, or None before the first.
+    """
+
+    def __init__(
+        self, port: SerialPort, servo_ids: Sequence[int], joints: ServoJoints, context: DriverContext
+    ) -> None:
+        self._port, self._ids, self._joints = port, list(servo_ids), joints
+        self._clock = context.clock
+        self._reader: FeedbackReader[Any] | None = None
+        self._turns_known = False
+        self._powered = False
+        self._staged: bytes | None = None
+        self.sample: ServoSample | None = None
+
+    # What a maker adds.
+
+    @abstractmethod
+    def _prepare_feedback(self) -> FeedbackReader[Any]:
+        """See that the servos are those of the robot file, and make ready to read; their torque is off."""
+
+    @abstractmethod
+    def _prepare_torque(self) -> None:
+        """Set what a run needs, and read it back. DeviceError: a servo did not do what it was told."""
+
+    @abstractmethod
+    def _counts(self, feedback: Sequence[Any]) -> Sequence[Sequence[int]]:
+        """Position, velocity and torque of all servos, shape (3, n)."""
+
+    @abstractmethod
+    def _problem(self, feedback: Sequence[Any]) -> str | None:
+        """Why some of the feedback cannot be trusted at all, or None."""
+
+    @abstractmethod
+    def _hardware_problem(self, feedback: Sequence[Any]) -> str | None:
+        """Which servos say that something is wrong with them, or None; their positions are sound."""
+
+    @abstractmethod
+    def _goals(self, torque_nm: FloatArray) -> tuple[bytes, FloatArray]:
+        """The sync write for joint torques (n) [N m], and what they become (n) [N m]."""
+
+    @property
+    @abstractmethod
+    def _goals_size(self) -> int:
+        """Bytes of such a sync write."""
+
+    @abstractmethod
+    def _switch_on(self) -> None:
+        """Torque on, at zero. DeviceError: a servo refused."""
+
+    @abstractmethod
+    def _switch_off(self) -> None:
+        """Torque off. DeviceError: some servos did not confirm it."""
+
+    @property
+    @abstractmethod
+    def _last_resort(self) -> str:
+        """What happens where a servo cannot be told anything."""
+
+    # What is common.
+
+    @property
+    def joint_count(self) -> int:
+        return len(self._ids)
+
+    def configure(self) -> None:
+        """Open the port, see that the servos are those of the robot file, and switch their torque off."""
+        self._port.open()
+        self._reader = self._prepare_feedback()
+        self._turns_known = False
+
+    def activate(self) -> None:
+        """Set what a run needs, and read it back."""
+        self._prepare_torque()
+        self._turns_known = False
+
+    def close(self) -> None:
+        """Let the port go."""
+        self._reader = None
+        self._port.close()
+
+    def tick_wire_s(self) -> float | None:
+        """See `Examinable.tick_wire_s`: one sync read with its answers, and one sync write."""
+        if self._reader is None:
+            return None
+        return self._port.duration_s(self._reader.byte_count + self._goals_size)
+
+    def poll(self, deadline_s: float) -> None:
+        """See `Bus.poll`; the samples are of all servos or of none.
+
+        DeviceTimeoutError: a servo did not answer properly in time, by id; DeviceError: the port failed, a
+        servo has restarted, let go or has a hardware error, by name.
+        """
+        if self._reader is None:
+            raise LifecycleError("the servos can be read from configure to close")
+        feedback, asked_at_s = self._reader.read(deadline_s)
+        problem = self._problem(feedback)
+        if problem:
+            raise DeviceError(problem)
+        hardware = self._hardware_problem(feedback)
+        self._take(feedback, asked_at_s, Status.FAULT if hardware else Status.OK)
+        if hardware:
+            raise DeviceError(hardware)
+
+    def _take(self, feedback: Sequence[Any], asked_at_s: float, torque_status: Status) -> None:
+        joints, counts = self._joints, self._counts(feedback)
+        if not self._turns_known:
+            joints.choose_turns(counts)
+            self._turns_known = True
+        position_rad, velocity_rad_s, torque_nm = joints.motion(counts)
+        self.sample = ServoSample(asked_at_s, position_rad, velocity_rad_s, torque_nm, torque_status)
+
+    def stage(self, torque_nm: FloatArray) -> FloatArray:
+        """Keep torques (n) [N m] for the next flush; returns what the servos' range and step make of them.
+
+        LifecycleError: the torque is off.
+        """
+        if not self._powered:
+            raise LifecycleError("the drives are off: activate them before the first command")
+        self._staged, torque_nm = self._goals(np.asarray(torque_nm, dtype=np.float64))
+        return torque_nm
+
+    def flush(self, deadline_s: float) -> None:
+        """See `Bus.flush`; nobody answers, but the next poll shows whether the servos still obey."""
+        if self._staged is not None:
+            staged, self._staged = self._staged, None
+            self._port.write(staged)
+
+    def torque_on(self) -> None:
+        """Torque on, at zero. DeviceError: a servo refused."""
+        self._switch_on()
+        self._powered = True
+
+    def torque_off(self) -> None:
+        """Torque off, and a staged command is dropped; does nothing on a port that was never opened.
+
+        DeviceError: some servos did not confirm it.
+        """
+        self._staged = None
+        powered, self._powered = self._powered, False
+        if self._port.is_open:
+            self._switch_off()
+        elif powered:
+            reason = self._port.failure or "the port is closed"
+            raise DeviceError(f"{self._port.path}: {reason}: torque not known to be off; {self._last_resort}")

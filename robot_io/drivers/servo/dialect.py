@@ -1,0 +1,54 @@
+"""What a servo protocol must offer for the rest to be the same; the module of its codec is one."""
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+
+class Packet(Protocol):
+    """What a servo answers."""
+
+    @property
+    def servo_id(self) -> int:
+        """Who answers."""
+
+    @property
+    def data(self) -> bytes:
+        """What it was asked for."""
+
+    @property
+    def alert(self) -> bool:
+        """Whether the servo has an error of its own."""
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the instruction was refused, or None if it was not."""
+
+
+class PacketReader(Protocol):
+    """Finds answers in a stream of bytes that comes in pieces and may be damaged anywhere."""
+
+    @property
+    def rejected(self) -> int:
+        """How many things looked like an answer and were none."""
+
+    def feed(self, data: bytes) -> Sequence[Packet]:
+        """Take more bytes; return the answers that are complete now."""
+
+
+class Dialect(Protocol):
+    """Instructions as bytes, and what finds the answers to them."""
+
+    def ping(self, servo_id: int) -> bytes:
+        """Who are you?"""
+
+    def read(self, servo_id: int, address: int, size: int) -> bytes:
+        """Read bytes in a row."""
+
+    def write(self, servo_id: int, address: int, data: bytes) -> bytes:
+        """Write bytes in a row."""
+
+    def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
+        """Write at the same address of several servos; nobody answers."""
+
+    def packet_reader(self, request: bytes) -> PacketReader:
+        """What finds the answers to a request, and not its echo."""

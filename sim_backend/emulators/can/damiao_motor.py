@@ -1,0 +1,120 @@
+"""A Damiao motor as its manual describes it: MIT frames, a status in its answers, and registers.
+
+Written from Damiao's "DM-J4310-2EC user manual": the status stands above the id's four bits (0 off, 1 on,
+8 and more errors), the last two bytes are temperatures, registers are read and written through id 7FF, and a
+CAN timeout that fires switches the motor off with error 13.
+"""
+
+import struct
+
+import can
+
+from sim_backend.emulators.can.mit_motor import EmulatedMitMotor
+from sim_backend.emulators.faults import Fault, FaultKind
+from sim_backend.emulators.plant import Plant
+
+_LOST, _HOT = 13, 11
+_TIMEOUT, _MODE, _PMAX, _VMAX, _TMAX = 9, 10, 21, 22, 23
+_FLOATS = (_PMAX, _VMAX, _TMAX)
+MIT, _STEP_S = 1, 50e-6
+
+# Damiao's table of defaults: PMAX [rad], VMAX [rad/s], TMAX [N m].
+LIMITS = {
+    "DM-J3507": (12.566, 50.0, 5.0),
+    "DM-J4310": (12.5, 30.0, 10.0),
+    "DM-J4340": (12.5, 8.0, 28.0),
+    "DM-J6006": (12.5, 45.0, 20.0),
+    "DM-J8006": (12.5, 45.0, 40.0),
+    "DM-J8009": (12.5, 45.0, 54.0),
+    "DM-J10010": (12.5, 20.0, 200.0),
+    "DM-J10010L": (12.5, 25.0, 200.0),
+}
+
+
+class EmulatedDamiao(EmulatedMitMotor):
+    """One motor.
+
+    Args:
+        number: motor id.
+        joint: which joint of the plant it moves, from 0.
+        plant: the arm.
+        limits: ends of the ranges of position [rad], velocity [rad/s] and torque [N m].
+        gear_ratio: turns of its output for one turn of the joint, negative if it is reversed.
+        zero_rad: joint angle where its output is at zero [rad].
+        answer_id: arbitration id of its answers.
+
+    Attributes:
+        registers: what it keeps, by number.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        joint: int,
+        plant: Plant,
+        *,
+        limits: tuple[float, float, float],
+        gear_ratio: float,
+        zero_rad: float,
+        answer_id: int,
+    ) -> None:
+        super().__init__(
+            number, joint, plant, limits=limits, gear_ratio=gear_ratio, zero_rad=zero_rad, host_id=answer_id
+        )
+        self._answer_id = answer_id
+        self.timeout_s = None
+        self.registers: dict[int, float] = {
+            _TIMEOUT: 0,
+            _MODE: MIT,
+            **dict(zip(_FLOATS, limits, strict=True)),
+        }
+
+    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+        data = bytes(message.data)
+        if now_s < self._silent_until_s or message.is_extended_id:
+            return []
+        if message.arbitration_id == 0x7FF:
+            return self._keep(data)
+        if message.arbitration_id == self.number and data == b"\xff" * 7 + b"\xfb":
+            self.error = 0
+            return [self._reply()]
+        return super().hear(message, now_s) if self.registers[_MODE] == MIT else []
+
+    def _keep(self, data: bytes) -> list[can.Message]:
+        if len(data) != 8 or data[0] + 256 * data[1] != self.number or data[3] not in self.registers:
+            return []
+        layout = "<f" if data[3] in _FLOATS else "<I"
+        if data[2] == 0x55:
+            (self.registers[data[3]],) = struct.unpack(layout, data[4:])
+            timeout_s = self.registers[_TIMEOUT] * _STEP_S
+            self.timeout_s = timeout_s or None
+        elif data[2] != 0x33:
+            return []
+        value = self.registers[data[3]]
+        kept = struct.pack(layout, value if data[3] in _FLOATS else int(value))
+        return [can.Message(arbitration_id=self._answer_id, is_extended_id=False, data=data[:4] + kept)]
+
+    def tell(self, now_s: float) -> list[can.Message]:
+        """See `CanNode.tell`: nothing unasked, but here its timeout runs."""
+        if self.enabled and self.timeout_s is not None and now_s - self._heard_s > self.timeout_s:
+            self._fail(_LOST)
+        return []
+
+    def strike(self, fault: Fault, now_s: float) -> None:
+        if fault.kind is FaultKind.ALERT:
+            self._fail(_HOT)
+        else:
+            super().strike(fault, now_s)
+        if fault.kind is FaultKind.REBOOT:
+            self.registers[_TIMEOUT], self.timeout_s, self.error = 0, None, 0
+
+    def _fail(self, error: int) -> None:
+        self.error, self.enabled = error, False
+        self._drive()
+
+    def _reply(self) -> can.Message:
+        message = super()._reply()
+        status = self.error or int(self.enabled)
+        message.data[0] = self.number & 0xF | status << 4
+        message.data[6:8] = bytes((30, 28))
+        return message

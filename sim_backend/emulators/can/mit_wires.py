@@ -1,0 +1,90 @@
+"""Emulated MIT-mode motors for a `mit_bus`."""
+
+from typing import Any, ClassVar
+
+from robot_io.errors import InputError
+from robot_io.files.file_model import FileModel, Number, Positive, validate
+from sim_backend.emulators.bench import EmulatedWire
+from sim_backend.emulators.can import damiao_motor, mit_motor
+from sim_backend.emulators.can.damiao_motor import EmulatedDamiao
+from sim_backend.emulators.can.mit_motor import EmulatedMitMotor
+from sim_backend.emulators.can.wire import CanWire, open_virtual_bus
+from sim_backend.emulators.plant import Plant
+from sim_backend.emulators.wiring import WireMaker, WireRequest
+
+
+class _Ranges(FileModel):
+    position_rad: Positive
+    velocity_rad_s: Positive
+    torque_nm: Positive
+
+
+class _Motor(FileModel, extra="ignore"):
+    motor_id: int
+    model: str
+    gear_ratio: Positive = 1.0
+    reversed: bool = False
+    zero_rad: Number = 0.0
+    ranges: _Ranges | None = None
+
+    answer_id: int | None = None
+
+    @property
+    def limits(self) -> tuple[float, float, float]:
+        if self.ranges is not None:
+            return (self.ranges.position_rad, self.ranges.velocity_rad_s, self.ranges.torque_nm)
+        known = mit_motor.LIMITS | damiao_motor.LIMITS
+        if self.model not in known:
+            raise InputError(f"no emulated motor is a '{self.model}'. Valid: {', '.join(known)}")
+        return known[self.model]
+
+    @property
+    def signed_ratio(self) -> float:
+        return -self.gear_ratio if self.reversed else self.gear_ratio
+
+
+class _Settings(FileModel, extra="ignore"):
+    motors: tuple[_Motor, ...]
+    maker: str = "cubemars"
+    host_id: int = 0
+    watchdog_s: Positive = 0.1
+    ask_with: str = "exit"
+
+
+class MitWires(WireMaker):
+    """Motors that are set up as the robot file says."""
+
+    name: ClassVar[str] = "mit_bus"
+
+    def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
+        own = validate(_Settings, request.section.settings)
+        make = _damiao if own.maker == "damiao" else _mini_cheetah
+        nodes = [make(motor, joint, request.plant, own) for joint, motor in enumerate(own.motors)]
+        bus, reach = open_virtual_bus(in_lock_step=request.in_lock_step)
+        return CanWire(bus, nodes, request.faults), reach
+
+
+def _mini_cheetah(motor: _Motor, joint: int, plant: Plant, own: _Settings) -> EmulatedMitMotor:
+    return EmulatedMitMotor(
+        motor.motor_id,
+        joint,
+        plant,
+        limits=motor.limits,
+        gear_ratio=motor.signed_ratio,
+        zero_rad=motor.zero_rad,
+        host_id=own.host_id,
+        timeout_s=own.watchdog_s,
+        deaf_when_off=own.ask_with == "enter",
+    )
+
+
+def _damiao(motor: _Motor, joint: int, plant: Plant, own: _Settings) -> EmulatedMitMotor:
+    return EmulatedDamiao(
+        motor.motor_id,
+        joint,
+        plant,
+        limits=motor.limits,
+        gear_ratio=motor.signed_ratio,
+        zero_rad=motor.zero_rad,
+        answer_id=motor.answer_id or motor.motor_id + 16,
+    )

@@ -1,0 +1,192 @@
+"""One STS3215: its memory, its motor and its own position control.
+
+Written from Feetech's memory table of the SMS/STS series and the data sheet of STS3215; how the duty cycle
+follows from the position error is Rhoban's measurement (BAM). What its D coefficient does is not known, and
+left out. Values below address 40 outlive a restart if they were written while the lock was 0.
+"""
+
+from math import isfinite, pi
+from typing import Annotated
+
+from pydantic import Field, field_validator
+
+from robot_io.files.file_model import FileModel, Number
+from sim_backend.emulators.plant import JointState, Plant
+from sim_backend.emulators.servo_wire import LineServo
+
+_KG_CM = 0.0980665
+MODELS = {  # supply [V], stall torque [N m], no-load speed [rad/s]
+    "STS3215-7.4V": (7.4, 19.5 * _KG_CM, 60 / 0.222 * pi / 180),
+    "STS3215-12V": (12.0, 30.0 * _KG_CM, 60 / 0.222 * pi / 180),
+}
+COUNTS = 4096
+EPROM_END = 40
+OVERLOAD = 0x20
+_PROTECTED = 0.2  # of the duty cycle, once it is overloaded
+_HELD = JointState(0.0, 0.0, 0.0)
+
+# Address, size, value as delivered.
+_TABLE = (
+    *(
+        (0, 1, 3),
+        (1, 1, 9),
+        (3, 2, 777),
+        (5, 1, 1),
+        (6, 1, 0),
+        (7, 1, 0),
+        (8, 1, 1),
+        (9, 2, 0),
+        (11, 2, 4095),
+    ),
+    *((13, 1, 70), (14, 1, 140), (15, 1, 40), (16, 2, 1000), (18, 1, 12), (19, 1, 44), (20, 1, 47)),
+    *((21, 1, 32), (22, 1, 32), (23, 1, 0), (24, 2, 16), (26, 1, 1), (27, 1, 1), (28, 2, 500), (30, 1, 1)),
+    *((31, 2, 0), (33, 1, 0), (34, 1, 20), (35, 1, 200), (36, 1, 80), (37, 1, 10), (38, 1, 200), (39, 1, 10)),
+    *((40, 1, 0), (41, 1, 0), (42, 2, 2048), (44, 2, 0), (46, 2, 0), (48, 2, 1000), (55, 1, 1)),
+    *((56, 2, 2048), (58, 2, 0), (60, 2, 0), (62, 1, 0), (63, 1, 30), (65, 1, 0), (66, 1, 0), (69, 2, 0)),
+)
+_READ_ONLY = {0, 1, 3, 4, *range(56, 71)}
+
+
+class Mounting(FileModel, extra="ignore"):
+    """One servo as it is bolted to the arm, which is not always what the robot file says."""
+
+    id: Annotated[int, Field(ge=0, le=252)]  # its id
+    model: str  # such as STS3215-12V
+    reversed: bool = False  # whether a positive count turns the joint backwards
+    zero_rad: Number = pi  # joint angle where the servo shows position 0, whole turns aside [rad]
+    homing_offset: int | None = None  # what its calibration has written into it
+
+    @field_validator("model")
+    @classmethod
+    def _know_the_model(cls, name: str) -> str:
+        if name not in MODELS:
+            raise ValueError(f"no such model is emulated. Valid: {', '.join(MODELS)}")
+        return name
+
+
+class EmulatedSts(LineServo):
+    """A servo that turns one joint of a plant, or one that just holds.
+
+    Args:
+        mounting: which servo, and how it sits on its joint.
+        plant: the arm.
+        joint: which joint, from 0; None: it turns nothing here.
+        now_s: when it gets power [s].
+
+    Attributes:
+        error: its error bits.
+        return_delay_s: see `LineServo`.
+    """
+
+    def __init__(self, mounting: Mounting, plant: Plant, joint: int | None, now_s: float) -> None:
+        self.id = mounting.id
+        self._mounting, self._plant, self._joint = mounting, plant, joint
+        self._voltage_v, self._stall_nm, self._no_load_rad_s = MODELS[mounting.model]
+        self._direction = -1 if mounting.reversed else 1
+        self._memory = bytearray(90)
+        for address, size, value in _TABLE:
+            self.put(address, value, size)
+        self.put(5, mounting.id, 1)
+        offset = mounting.homing_offset or 0
+        self.put(31, abs(offset) | (0x800 if offset < 0 else 0))
+        self._saved = bytes(self._memory[:EPROM_END])
+        self._awake_s = now_s
+        self._frozen: JointState | None = None
+        self.stuck = False
+        self.error = 0
+        self.supply_v = self._voltage_v
+        self._look()
+
+    def get(self, address: int, size: int = 2) -> int:
+        """A value of its memory, without a sign."""
+        return int.from_bytes(self._memory[address : address + size], "little")
+
+    def put(self, address: int, value: int, size: int = 2) -> None:
+        """Set a value from inside."""
+        self._memory[address : address + size] = value.to_bytes(size, "little")
+
+    def is_awake(self, now_s: float) -> bool:
+        return now_s >= self._awake_s
+
+    @property
+    def return_delay_s(self) -> float:
+        return 2e-6 * self.get(7, 1)
+
+    def read(self, address: int, size: int) -> bytes:
+        """What it answers to a read."""
+        return bytes(self._memory[address : address + size])
+
+    def write(self, address: int, data: bytes) -> None:
+        """Take a write; what cannot be written stays as it is."""
+        was_on = self.get(40, 1)
+        for place, byte in enumerate(data, address):
+            if place < len(self._memory) and place not in _READ_ONLY:
+                self._memory[place] = byte
+        if address < EPROM_END and not self.get(55, 1):
+            self._saved = bytes(self._memory[:EPROM_END])
+        if self.get(40, 1) and not was_on:
+            self.error &= ~OVERLOAD
+        self._drive()
+
+    def watch(self, now_s: float) -> None:
+        """Look at its position sensor, and control it."""
+        self._look()
+        self._drive()
+
+    def fail(self) -> None:
+        self.error |= OVERLOAD
+
+    def reboot(self, now_s: float, away_s: float) -> None:
+        delivered = {address: (size, value) for address, size, value in _TABLE if address >= EPROM_END}
+        self._memory[:EPROM_END] = self._saved
+        for address, (size, value) in delivered.items():
+            self.put(address, value, size)
+        self.put(48, self.get(16))
+        self.error = 0
+        self._awake_s = now_s + away_s
+        self._look()
+        self._drive()
+
+    def _look(self) -> None:
+        state = self._state()
+        if not isfinite(state.position_rad):
+            return  # the plant has not sampled yet
+        self._frozen = (self._frozen or state) if self.stuck else None
+        seen = self._frozen or state
+        turned_rad = self._direction * (seen.position_rad - self._mounting.zero_rad)
+        self.put(56, round(turned_rad * COUNTS / (2 * pi)) % COUNTS)
+        speed = 0.0 if self.stuck else seen.velocity_rad_s
+        self.put(58, _signed(round(self._direction * speed * COUNTS / (2 * pi)), 15))
+        self.put(62, round(10 * self.supply_v), 1)
+        self.put(65, self.error, 1)
+
+    def _state(self) -> JointState:
+        if self._joint is None:
+            return _HELD
+        return self._plant.joint(self._joint)
+
+    def _drive(self) -> None:
+        duty = self._duty() if self.get(40, 1) else 0.0
+        self.put(60, _signed(round(1000 * duty), 10))
+        if self._joint is not None:
+            state = self._state()
+            drag = self._direction * state.velocity_rad_s / self._no_load_rad_s
+            effort = duty - drag if self.get(40, 1) and isfinite(drag) else 0.0
+            self._plant.set_torque(self._joint, self._direction * effort * self._stall_nm)
+
+    def _duty(self) -> float:
+        goal = self.get(42)
+        wanted = -(goal & 0x7FFF) if goal & 0x8000 else goal
+        wanted = min(max(wanted, self.get(9)), self.get(11))
+        error = wanted - self.get(56)
+        if -self.get(27, 1) < error < self.get(26, 1):
+            return 0.0
+        duty = 0.166 * self.get(21, 1) * error * 2 * pi / COUNTS
+        most = min(self.get(48), 1000) / 1000
+        most = min(most, _PROTECTED) if self.error & OVERLOAD else most
+        return min(max(duty, -most), most)
+
+
+def _signed(value: int, bit: int) -> int:
+    """Sign and magnitude; one that does not fit is the largest."""
+    return min(abs(value), (1 << bit) - 1) | (1 << bit if value < 0 else 0)

@@ -1,0 +1,174 @@
+"""A half-duplex line of servos at the end of a pseudo terminal, with the time that bytes take, and faults."""
+
+import errno
+import os
+import pty
+import tty
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf
+
+from sim_backend.emulators.bench import EmulatedWire, heard_at
+from sim_backend.emulators.faults import Fault, FaultKind, Faults
+
+REBOOT_S = 0.3  # how long a servo is away, unless a fault says otherwise
+
+
+class LineServo(ABC):
+    """One servo of a line.
+
+    Attributes:
+        id: its id.
+        stuck: whether its position sensor has frozen.
+    """
+
+    id: int
+    stuck: bool
+
+    @property
+    @abstractmethod
+    def return_delay_s(self) -> float:
+        """From the end of an instruction to the start of its answer [s]."""
+
+    @abstractmethod
+    def is_awake(self, now_s: float) -> bool:
+        """Whether it has power and has started."""
+
+    @abstractmethod
+    def watch(self, now_s: float) -> None:
+        """Do what it does by itself, in each step."""
+
+    @abstractmethod
+    def fail(self) -> None:
+        """Have an error of its own."""
+
+    @abstractmethod
+    def reboot(self, now_s: float, away_s: float) -> None:
+        """Lose power for `away_s` [s]."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Bytes for the wire, from whom, and when the last of them is out."""
+
+    device: int
+    data: bytes
+    due_s: float
+
+
+class ServoWire(EmulatedWire):
+    """Servos on one line. `path` is the port for the driver.
+
+    Args:
+        servos: by id.
+        faults: what goes wrong; devices are called by their ids.
+        baud_rate: for the time on the wire [bit/s]; None: bytes take no time.
+        start_s: when the servos get power [s].
+
+    Attributes:
+        path: device file of the port.
+        faults: may be added to at any time.
+    """
+
+    def __init__(
+        self, servos: Mapping[int, LineServo], faults: Faults | None, baud_rate: int | None, start_s: float
+    ) -> None:
+        self._master, slave = pty.openpty()
+        tty.setraw(slave)
+        self.path = os.ttyname(slave)
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        self._everybody = tuple(servos.values())
+        self.faults = faults or Faults(start_s=start_s)
+        self._baud_rate = baud_rate
+        self._byte_s = 10.0 / baud_rate if baud_rate else 0.0
+        self._outgoing: list[Frame] = []
+        self._in_use = False
+        self._quiet_s = start_s  # when the line is free again
+
+    @abstractmethod
+    def _hear(self, data: bytes, now_s: float) -> None:
+        """Act on what has come over the line."""
+
+    def fileno(self) -> int:
+        """See `EmulatedWire.fileno`; a port that nobody has opened would always be readable."""
+        return self._master if self._in_use else -1
+
+    def next_due_s(self) -> float:
+        return min((frame.due_s for frame in self._outgoing), default=inf)
+
+    def receive(self, now_s: float) -> None:
+        for servo in self._everybody:
+            self._befall(servo, now_s)
+            servo.watch(now_s)
+        if self.faults.strikes(FaultKind.UNPLUG, "line", now_s):
+            self.close()
+        self._hear(self._incoming(), now_s)
+
+    def send(self, now_s: float) -> None:
+        due = [frame for frame in self._outgoing if frame.due_s <= now_s]
+        if due and self._master >= 0:
+            self._outgoing = [frame for frame in self._outgoing if frame.due_s > now_s]
+            for frame in sorted(due, key=lambda frame: frame.due_s):
+                os.write(self._master, frame.data)
+
+    def close(self) -> None:
+        """See `EmulatedWire.close`; for the driver, the cable is pulled."""
+        if self._master >= 0:
+            os.close(self._master)
+            self._master = -1
+        self._outgoing = []
+
+    def _incoming(self) -> bytes:
+        try:
+            data = os.read(self._master, 4096) if self._master >= 0 else b""
+        except BlockingIOError:
+            data = b""
+        except OSError as error:
+            if error.errno != errno.EIO:
+                raise
+            self._in_use = False  # nobody has opened the port
+            return b""
+        self._in_use = True
+        return data if data and heard_at(self._master, self._baud_rate) else b""
+
+    def _befall(self, servo: LineServo, now_s: float) -> None:
+        """What happens to a servo itself."""
+        strikes = self.faults.strikes
+        if strikes(FaultKind.ALERT, servo.id, now_s):
+            servo.fail()
+        reboot = strikes(FaultKind.REBOOT, servo.id, now_s)
+        if reboot:
+            servo.reboot(now_s, reboot.delay_s or REBOOT_S)
+        servo.stuck = strikes(FaultKind.STUCK, servo.id, now_s) is not None
+
+    def _transmit(self, speaking: Sequence[LineServo], packet: bytes, now_s: float) -> Frame:
+        """Put what some servos say on the line, after what is on it already."""
+
+        def strikes(kind: FaultKind) -> list[Fault]:
+            found = (self.faults.strikes(kind, servo.id, now_s) for servo in speaking)
+            return [fault for fault in found if fault]
+
+        if strikes(FaultKind.CORRUPT):
+            packet = self.faults.flip_a_bit(packet)
+        if strikes(FaultKind.LOSE):
+            packet = self.faults.lose_a_byte(packet)
+        if strikes(FaultKind.DUPLICATE):
+            packet += packet
+        self._quiet_s = max(self._quiet_s, now_s) + speaking[0].return_delay_s
+        self._quiet_s += self._byte_s * len(packet)
+        late_s = max((fault.delay_s for fault in strikes(FaultKind.DELAY)), default=0.0)
+        return Frame(speaking[0].id, packet, self._quiet_s + late_s)
+
+    def _said_id(self, servo_id: int, now_s: float) -> int:
+        wrong = self.faults.strikes(FaultKind.WRONG_ID, servo_id, now_s)
+        return (servo_id + 100) % 253 if wrong else servo_id
+
+    def _misordered(self, frames: list[Frame], now_s: float) -> list[Frame]:
+        for k in range(len(frames) - 1):
+            if self.faults.strikes(FaultKind.REORDER, frames[k].device, now_s):
+                first, second = frames[k], frames[k + 1]
+                frames[k] = replace(second, due_s=first.due_s)
+                frames[k + 1] = replace(first, due_s=second.due_s)
+        return frames

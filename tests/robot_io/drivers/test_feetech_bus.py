@@ -1,0 +1,223 @@
+"""Feetech servos: what is set, what is refused, and what a torque becomes without a torque mode."""
+
+import json
+from math import pi
+
+import numpy as np
+import pytest
+
+from robot_io.drivers.feetech.lerobot import main, read_calibration
+from robot_io.errors import DeviceError, InputError, LifecycleError
+from robot_io.types import Status
+from sim_backend.emulators import FaultKind
+from tests.wire.parts import SO101, WireBench
+
+STALL_NM, NO_LOAD_RAD_S = 30 * 0.0980665, pi / 3 / 0.222
+LOCK, PHASE, OFFSET, LEVEL, P_GAIN, TORQUE_ON, GOAL, LIMIT = 55, 18, 31, 8, 21, 40, 42, 48  # addresses
+
+
+@pytest.fixture
+def arm():
+    made = WireBench(SO101)
+    yield made
+    made.faults["motors"].clear()
+    made.close()
+
+
+def servos(arm):
+    return arm.arm.wires["motors"].servos
+
+
+def test_activating_sets_the_plain_law_and_loses_nothing_that_was_saved(arm):
+    arm.start()
+    for servo in servos(arm).values():
+        assert [servo.get(place, 1) for place in (P_GAIN, 22, 23, 26, 27, 33, LEVEL)] == [
+            16,
+            0,
+            0,
+            0,
+            0,
+            0,
+            1,
+        ]
+        assert servo.get(TORQUE_ON, 1) == 1
+        servo.reboot(arm.clock.now_s(), 0.0)
+        assert [servo.get(place, 1) for place in (P_GAIN, 22, 26)] == [32, 32, 1]  # as its owner has it
+
+
+def test_those_that_hold_stay_where_they_are(arm):
+    arm.start()
+    arm.ticks(20, (0.5, 0.3, 0.1))
+    assert [servos(arm)[one].get(GOAL) for one in (1, 5)] == [2048, 2048]
+    arm.robot.deactivate()
+    assert not any(servo.get(TORQUE_ON, 1) for servo in servos(arm).values())
+
+
+def test_a_torque_is_a_goal_beside_the_joint(arm):
+    """By the law of the tables; in free air the joint turns, and the goal goes with it."""
+    arm.start()
+    arm.arm.plant.world.held = True
+    sent = arm.ticks(5, (0.02, 0.0, 0.0))
+    servo = servos(arm)[2]
+    off = servo.get(GOAL) - servo.get(56)
+    assert off == round(0.02 / (STALL_NM * 0.166 * 16) * 4096 / (2 * pi))
+    assert sent.joint_torque_nm[0] == pytest.approx(0.02, abs=0.01)
+
+
+def test_the_load_of_a_turning_motor_is_no_torque(arm):
+    """Its duty cycle holds what the speed takes; that is taken off."""
+    arm.start()
+    arm.ticks(60, (0.9, 0.4, 0.1))
+    for _ in range(20):
+        measurement = arm.tick((0.9, 0.4, 0.1))
+        truth_nm = arm.arm.plant.world.truth().drive_torque_nm
+        np.testing.assert_allclose(measurement.joint_torque_nm, truth_nm, atol=0.15)
+    assert np.abs(measurement.joint_velocity_rad_s).max() > 0.1
+
+
+def test_without_a_word_the_joints_stay_near_where_they_were(arm):
+    """There is no watchdog: the program may die, and the arm stands."""
+    arm.start()
+    before_rad = arm.ticks(30, (0.45, 0.15, 0.0)).joint_position_rad
+    arm.clock.sleep_until(arm.clock.now_s() + 2.0)
+    truth = arm.arm.plant.world.truth()
+    assert np.abs(truth.joint_velocity_rad_s).max() < 0.01
+    assert np.abs(truth.joint_position_rad - before_rad).max() < 0.5
+
+
+def test_no_torque_before_the_first_reading(arm):
+    arm.robot.configure()
+    arm.robot.buses["motors"]._powered = True
+    arm.robot.buses["motors"].sample = None
+    with pytest.raises(LifecycleError, match="from where they are"):
+        arm.robot.torque.stage_torque(np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("break_it", "problem"),
+    [
+        (lambda servo: servo.put(3, 2825), "servo 3 is a model number 2825, the robot file says STS3215-12V"),
+        (lambda servo: servo.put(PHASE, 28, 1), "servo 3 counts over several turns"),
+        (lambda servo: setattr(servo, "supply_v", 7.4), r"servo 3: is supplied with 7.4 V, .* needs 12 V"),
+        (
+            lambda servo: setattr(servo, "is_awake", lambda now_s: False),
+            r"no answer from servo 3 .*1, 2, 4, 5|2, 4",
+        ),
+    ],
+)
+def test_a_servo_that_does_not_fit_is_refused(arm, break_it, problem):
+    break_it(servos(arm)[3])
+    with pytest.raises(DeviceError, match=problem):
+        arm.robot.configure()
+
+
+@pytest.mark.parametrize(("found", "refused"), [(85, False), (-85, True)])
+def test_a_servo_that_was_calibrated_anew_is_refused(found, refused):
+    """Its positions mean other angles than the robot file says."""
+    stated = "- {id: 3, model: STS3215-12V,"
+    arm = WireBench(SO101, [(stated, f"{stated} homing_offset: 85,")])
+    servo = servos(arm)[3]
+    servo.put(OFFSET, abs(found) | (0x800 if found < 0 else 0))
+    try:
+        if refused:
+            with pytest.raises(DeviceError, match="homing offset of -85, the robot file says 85"):
+                arm.robot.configure()
+        else:
+            arm.robot.configure()
+    finally:
+        arm.close()
+
+
+def test_a_servo_that_answers_nothing_but_reading_is_made_to_answer(arm):
+    for servo in servos(arm).values():
+        servo.put(LEVEL, 0, 1)
+    arm.start()
+    assert arm.tick().encoder_status is Status.OK
+
+
+def test_an_adapter_that_hears_itself_disturbs_nothing(arm):
+    arm.arm.wires["motors"].echoes = True
+    arm.start()
+    assert arm.ticks(10, (0.2, 0.1, 0.0)).encoder_status is Status.OK
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "problem"),
+    [(LIMIT, 300, "other settings than it was sent"), (GOAL, 77, "a goal that it was not sent")],
+)
+def test_what_a_servo_cannot_say_now_is_a_damaged_answer(arm, place, value, problem):
+    """Eight bits of checksum let one damaged answer in 256 pass."""
+    arm.start()
+    arm.tick()
+    arm.tick(None)
+    servos(arm)[2].put(place, value)
+    assert arm.tick(None).encoder_status is Status.STALE
+    assert problem in arm.problem
+
+
+def test_a_jump_that_no_joint_can_make_is_a_damaged_answer(arm):
+    arm.start()
+    servo = servos(arm)[2]
+    arm.tick()
+    read = servo.read
+    servo.read = lambda address, size: read(address, size)[:-10] + b"\x34\x02" + read(address, size)[-8:]
+    assert arm.tick().encoder_status is Status.STALE
+    assert "jumped from" in arm.problem
+    del servo.read
+
+
+def test_an_overload_is_named_and_its_position_still_sound(arm):
+    arm.start()
+    arm.strike("motors", FaultKind.ALERT, device=4, times=1)
+    measurement = arm.ticks(2)
+    assert measurement.torque_status is Status.FAULT
+    assert "servo 4 (joint 3): error: overload" in arm.problem
+
+
+def test_answers_that_are_constantly_late_are_as_old_as_their_requests(arm):
+    arm.start()
+    arm.strike("motors", FaultKind.DELAY, delay_s=0.009)
+    seen = 0
+    for _ in range(60):
+        measurement = arm.tick(None)
+        seen += measurement.encoder_status is Status.OK
+        if np.isfinite(measurement.encoder_at_s):
+            assert measurement.time_s - measurement.encoder_at_s >= -1e-9
+            truth = arm.arm.plant.world.truth()
+            assert np.abs(measurement.joint_position_rad - truth.joint_position_rad).max() < 0.05
+    assert seen
+
+
+CALIBRATION = {
+    "shoulder_lift": {"id": 2, "drive_mode": 0, "homing_offset": -85, "range_min": 850, "range_max": 3246},
+    "elbow_flex": {"id": 3, "drive_mode": 1, "homing_offset": 1020, "range_min": 0, "range_max": 4095},
+}
+
+
+def test_a_calibration_of_lerobot_s_becomes_lines_of_a_robot_file(tmp_path, capsys):
+    path = tmp_path / "follower.json"
+    path.write_text(json.dumps(CALIBRATION), encoding="utf-8")
+    motors = read_calibration(path)
+    assert motors["shoulder_lift"].zero_rad == pytest.approx(-pi)  # 2048 is the middle
+    assert main([str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "- {id: 2, model: STS3215-12V, zero_rad: -3.14159, homing_offset: -85}   # shoulder_lift" in said
+    assert "- {id: 3, model: STS3215-12V, reversed: true, zero_rad: 3.14083, homing_offset: 1020}" in said
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("{", "no calibration"),
+        ("[1]", "dictionary"),
+        ('{"a": {"id": 1}}', "a.drive_mode"),
+        (json.dumps({"a": CALIBRATION["elbow_flex"] | {"range_max": 5000}}), "a.range_max"),
+    ],
+)
+def test_another_file_is_one_line(tmp_path, capsys, text, problem):
+    path = tmp_path / "other.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=problem):
+        read_calibration(path)
+    assert main([str(path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,157 @@
+"""A load cell on a microcontroller: its lines against the firmware itself, and what damage makes of them."""
+
+import shutil
+import subprocess
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_io.drivers.serial_force.microcontroller_cell import CellStream, checked, sample_of
+from robot_io.errors import DeviceError, ProtocolError
+from robot_io.types import Status
+from sim_backend.emulators.serial.cell import line
+from tests.wire.parts import CELL, ODRIVE, ROOT, WireBench
+
+FIRMWARE = ROOT / "docs" / "firmware" / "load_cell" / "load_cell.ino"
+COUNTS = (0, -1, 123456, -123456, 8388607, -8388608)
+ARDUINO = """#pragma once
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
+struct Stream {
+  const char* heard = "??";
+  void begin(long) {}
+  int available() { return *heard; }
+  int read() { return *heard++; }
+  void print(const char* text) { fputs(text, stdout); }
+};
+extern Stream Serial;
+struct Bus {  // a converter whose samples come from the command line
+  uint8_t place = 0; long counts = 0; int at = 0; bool fresh = true;
+  void begin() {} void setClock(long) {} void beginTransmission(int) { at = 0; }
+  void write(int value) { if (at++ == 0) place = value; }
+  int endTransmission(bool = true) { return 0; }
+  int requestFrom(int, int count) { at = 0; return count; }
+  int read() { return place == 0 ? (fresh ? 0x20 : 0) : counts >> (16 - 8 * at++) & 0xFF; }
+};
+extern Bus Wire;
+inline void delay(int) {}
+inline unsigned long millis() { return 0; }
+"""
+MAIN = """#include <cstdlib>
+#include "Arduino.h"
+Stream Serial; Bus Wire;
+#include "load_cell.ino"
+int main(int n, char** values) {
+  setup();
+  for (int i = 1; i < n; ++i) { Wire.counts = atol(values[i]); loop(); }
+}
+"""
+
+
+def test_the_firmware_and_the_driver_understand_each_other(tmp_path):
+    if shutil.which("g++") is None:
+        pytest.skip("no g++ to compile the firmware")
+    (tmp_path / "Arduino.h").write_text(ARDUINO, encoding="utf-8")
+    (tmp_path / "Wire.h").write_text("", encoding="utf-8")
+    (tmp_path / "main.cpp").write_text(MAIN, encoding="utf-8")
+    include = ("-I", tmp_path, "-I", FIRMWARE.parent)
+    program = tmp_path / "cell"
+    subprocess.run(["g++", "-Wall", "-Werror", *include, "-o", program, tmp_path / "main.cpp"], check=True)
+    said = subprocess.run([program, *map(str, COUNTS)], check=True, capture_output=True).stdout
+    who, again, *samples = said.splitlines()
+    assert checked(who) == checked(again) == "cell 1 nau7802 320"
+    assert [sample_of(one) for one in samples] == list(enumerate(COUNTS, 1))
+
+
+@pytest.mark.parametrize(
+    "text", ["1 2 3", "1", "256 1", "-1 1", "1 8388608", "1 -8388609", "1 1.0", "fault converter", ""]
+)
+def test_what_is_no_sample_is_refused(text):
+    with pytest.raises(ProtocolError):
+        sample_of(line(text)[:-1])
+
+
+@given(st.integers(0, 255), st.integers(-8388608, 8388607), st.data())
+def test_no_single_damaged_byte_goes_unnoticed(counter, counts, data):
+    whole = line(f"{counter} {counts}")[:-1]
+    place = data.draw(st.integers(0, len(whole) - 1))
+    bit = 1 << data.draw(st.integers(0, 7))
+    for damaged in (
+        whole[:place] + whole[place + 1 :],
+        whole[:place] + bytes((whole[place] ^ bit,)) + whole[place + 1 :],
+    ):
+        with suppress(ProtocolError):
+            assert sample_of(damaged) == (counter, counts)
+
+
+def stream(*texts):
+    made = CellStream(0.5, 10.0, 100.0)
+    return made, made.feed(b"\n" + b"".join(map(line, texts)))
+
+
+def test_a_force_is_counts_above_zero():
+    assert stream("7 30", "8 -10")[1] == [10.0, -10.0]
+
+
+@pytest.mark.parametrize("counters", [(7, 7), (7, 6), (7, 7 - 127), (255, 255)])
+def test_a_counter_that_does_not_go_on_is_an_old_sample(counters):
+    made, samples = stream(*(f"{counter % 256} 30" for counter in counters))
+    assert (len(samples), made.rejected) == (1, 1)
+
+
+@pytest.mark.parametrize("counters", [(7, 9), (255, 0), (250, 20)])
+def test_lost_samples_are_just_lost(counters):
+    made, samples = stream(*(f"{counter} 30" for counter in counters))
+    assert (len(samples), made.rejected) == (2, 0)
+
+
+def test_a_converter_at_its_end_is_saturated():
+    assert stream("1 8388607", "2 -8388608", "3 8388606")[1][:2] == [4194298.5, -4194309.0]
+    made = CellStream(1e-6, 0.0, 100.0)
+    assert made.feed(b"\n" + line("1 8388607") + line("2 -8388608")) == [100.0, -100.0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("rate_hz: 320", "rate_hz: 80", "makes 320 samples/s, the robot file says 80"),
+        ("", "", "no cell answers"),
+    ],
+)
+def test_another_cell_than_stated_is_refused(old, new, problem, monkeypatch):
+    from robot_io.driver import DriverCatalogue
+    from robot_io.robot import build_robot
+    from robot_io.robot_file import parse_robot_file
+
+    arm = WireBench(ODRIVE, (CELL,))
+    try:
+        if not old:
+            monkeypatch.setattr(
+                arm.arm.wires["load_cell"]._sensor, "hear", lambda data, now_s: b"cell 1 x 320*0000\n"
+            )
+        stated = parse_robot_file(arm.arm.robot_file.text.replace(old, new), ODRIVE)
+        with pytest.raises(DeviceError, match=problem):
+            build_robot(stated, DriverCatalogue(), arm.clock).configure()
+    finally:
+        arm.close()
+
+
+def test_a_damaged_line_costs_itself_alone():
+    """Where lines have checksums the next one is believed at once, however far it is from the last."""
+    arm = WireBench(ODRIVE, (CELL,))
+    try:
+        arm.robot.configure()
+        arm.ticks(20, None)
+        sensor = arm.arm.wires["load_cell"]._sensor
+        reading = sensor.reading
+        sensor.reading = lambda force_n: b"#" + reading(50.0)
+        arm.ticks(4, None)
+        sensor.reading = lambda force_n: reading(50.0)
+        assert arm.ticks(5, None).force_n == pytest.approx(50.0, abs=0.01)
+        sensor.reading = lambda force_n: reading(float("inf"))
+        assert arm.ticks(5, None).force_status is Status.SATURATED
+    finally:
+        arm.close()
