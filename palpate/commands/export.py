@@ -11,7 +11,7 @@ from palpate.data_options import DataArguments, FolderOption, JsonOption, takes_
 from palpate.derived import derived_folder, folder_to_read
 from palpate.export import Export
 from palpate.export.layout import ENDINGS, Program, layout_of
-from palpate.export.table import check_ending, table_of, write_table
+from palpate.export.table import check_ending, recorded_table, write_table
 from palpate.files import existing_data, open_session, output_file, write_text
 from palpate.words import count, safe, shown, typed
 from robot_io.errors import InputError
@@ -92,7 +92,7 @@ def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bo
     existing_data(data.file)
     path = out or derived_folder(data.file) / f"{name}.csv"
     check_ending(path)
-    table = table_of(data.file, data.options, name)
+    table = recorded_table(data.file, data.options, name)
     write_table(table, output_file(path, force=force or out is None, keep=[data.file]))
     if as_json:
         columns = table.column_names
@@ -115,6 +115,9 @@ def _export_layout(file: Path, program: Program, out: Path | None, *, force: boo
         return
     console.stdout().print(f"layout  [bold]{shown(path)}[/bold]", soft_wrap=True)
     said = f"open {shown(file)} in {PROGRAMS[program]}, and then this layout"
+    long = [one for name in session.stream_names if (one := session.samples(name).stream).batch > 1]
+    if long:
+        said += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
     console.stderr().print(said, soft_wrap=True)
 
 
