@@ -12,6 +12,13 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 _SLOW = 0.05  # of the usual speed, below which something is held
 _SPRINGY = 0.5  # correlation of position and force: in free air they have nothing to do with each other
 _LASTING = 9  # samples that decide together, so that noise makes no phases
+_PHASES = np.array(  # of what is free and what is pressed, by the way it moves
+    [
+        [Phase.RETRACT, Phase.FREE_AIR, Phase.APPROACH],
+        [Phase.UNLOADING, Phase.HOLD, Phase.LOADING],
+    ],
+    dtype=np.int64,
+)
 
 
 def press_phases(position: FloatArray, velocity: FloatArray, force: FloatArray, run: IntArray) -> IntArray:
@@ -28,16 +35,12 @@ def press_phases(position: FloatArray, velocity: FloatArray, force: FloatArray, 
     pressed = _pressed(position, force)
     moving = np.abs(velocity[np.abs(velocity) > 0.0])
     slow = _SLOW * float(np.quantile(moving, 0.9)) if len(moving) else 0.0
-    way = np.where(velocity > slow, 1, np.where(velocity < -slow, -1, 0))
+    way = (velocity > slow).astype(np.int8) - (velocity < -slow).astype(np.int8)
     phase = np.empty(len(position), dtype=np.int64)
     for rows in blocks(run):
         of_run = np.asarray(median_filter(way[rows], min(_LASTING, rows.stop - rows.start), mode="nearest"))
-        touching = np.asarray(median_filter(pressed[rows].astype(np.int8), 3, mode="nearest")) > 0
-        phase[rows] = np.where(
-            touching,
-            np.choose(of_run + 1, (Phase.UNLOADING, Phase.HOLD, Phase.LOADING)),
-            np.choose(of_run + 1, (Phase.RETRACT, Phase.FREE_AIR, Phase.APPROACH)),
-        )
+        touching = np.asarray(median_filter(pressed[rows].astype(np.int8), 3, mode="nearest"))
+        phase[rows] = _PHASES[touching, of_run + 1]
     return phase
 
 

@@ -11,7 +11,7 @@ from estimation.signals.blocks import blocks
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, IntArray
 
-FEWEST_ROWS = 20  # of a press, that is cut out by itself
+FEWEST_ROWS = 20  # of a run that nobody named: a press that is cut out, or a block of equal numbers
 _MOST_PRESSES = 1000
 # of the usual range of the force: a press goes from below the one above the other
 _PRESSED, _RELEASED = 0.1, 0.05

@@ -66,7 +66,12 @@ def shortened(data: ChannelData) -> tuple[ChannelData, str]:
 
 
 def within_blocks(data: ChannelData, block: int) -> Within:
-    """What the effort of a channel does within blocks of at least 4 samples."""
+    """What the effort of a channel does within blocks.
+
+    Args:
+        data: the channel, n samples.
+        block: samples in each, at least 4.
+    """
     effort = data.effort[_rows(data, block)]
     place = np.arange(block) - 0.5 * (block - 1)
     left = effort - effort.mean(axis=1, keepdims=True)
