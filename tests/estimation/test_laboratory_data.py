@@ -85,6 +85,19 @@ def test_small_presses_are_found_beside_large_ones(press):
     assert len(channel.runs) == 4
 
 
+def test_noise_is_no_press(press):
+    t, x, f = (column[: len(column) // 4] for column in presses())
+    one = press(**{TIME: t, WAY: 1e3 * x, LOAD: f})
+    assert len(contact_of(one, runs=1).runs) == 1
+    with pytest.raises(InputError, match="--runs 3: 1 press can be told apart at most"):
+        contact_of(one, runs=3)
+
+
+def test_a_force_below_every_level_is_one_run(press):
+    load = np.where(np.arange(len(presses()[0])) % 50, 0.0, -1.0)
+    assert len(contact_of(press(**{LOAD: load})).runs) == 1
+
+
 def test_more_runs_than_presses_are_refused(press):
     with pytest.raises(InputError, match=r"--runs 5000: \d+ presses can be told apart at most"):
         contact_of(press(), runs=5000)
@@ -240,6 +253,25 @@ def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch)
 def test_text_is_the_same_in_every_encoding(tmp_path, encoding):
     text = "Zeit [s];Weg [µm];Prüfkraft [N]\r\n1,5;2;3\r\n"
     assert as_utf8(text.encode(encoding), tmp_path)[0].decode() == text
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"\x89PNG\r\n\x1a\n\0\0", "is a picture"),
+        (b"\xff\xd8\xff\xe0\0\x10JFIF", "is a picture"),
+        (b"%PDF-1.7\n\0\xff\x81", "is a PDF"),
+        (b"PK\x03\x04\x14\0\0", "end in .xlsx"),
+        (b"\x1f\x8b\x08\0\x81", "end in .gz"),
+        (b"PAR1\x15\0\x81", "end in .parquet"),
+        (b"\0\x81\x82", "is no text; save it as CSV"),
+    ],
+)
+def test_what_is_no_text_is_named(tmp_path, content, words):
+    path = tmp_path / "a.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        import_file(path)
 
 
 @given(st.binary(max_size=300))
