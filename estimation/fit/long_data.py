@@ -11,7 +11,7 @@ from estimation.signals.runwise import sample_time
 from robot_io.types import IntArray
 
 LONG = 500_000  # samples; shorter recordings are taken as they are
-_ENOUGH = 100_000  # samples that need not be made fewer
+_ENOUGH = 25_000  # samples that need not be made fewer
 _MOST = 100_000  # samples that are searched in bearable time
 _LOST = 0.1  # of the variance of a mean's noise, that a signal may have within the samples it is the mean of
 _SURE = 3.0  # standard errors of that
