@@ -84,7 +84,9 @@ def command(
         console.print_json(content | {"used": export.used, "left_out": export.left_out})
         return
     numbers, own = [str(each.number) for each in kept], own_effects(kept)
-    _print(data.typed(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own]), path, export)
+    again = data.typed(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own])
+    recorded = data.file if study.source.probed and data.file.is_file() else None
+    _print(again, path, export, recorded)
 
 
 def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bool, as_json: bool) -> None:
@@ -121,14 +123,16 @@ def _export_layout(file: Path, program: Program, out: Path | None, *, force: boo
     console.stderr().print(said, soft_wrap=True)
 
 
-def _print(again: str, path: Path, export: Export) -> None:
+def _print(again: str, path: Path, export: Export, recorded: Path | None) -> None:
     out = console.stdout()
     out.print(f"scenario  [bold]{shown(path)}[/bold]", soft_wrap=True)
     for line in export.used:
         out.print(f"  [green]in[/green]   {safe(line)}")
     for line in export.left_out:
         out.print(f"  [yellow]out[/yellow]  {safe(line)}")
+    twin = f"palpate replay {typed(recorded)} --scenario {typed(path)}" if recorded else ""
     console.next_steps(
         (f"palpate probe --scenario {typed(path)}", "probe the model as if it were the object"),
+        *([(twin, "the recorded motion again, on the model")] if twin else []),
         (f"palpate compare {again}", "where the model still fails"),
     )
