@@ -5,7 +5,7 @@ import pytest
 
 from estimation.diagnosis.candidates import Candidate
 from estimation.diagnosis.established import simplest
-from estimation.diagnosis.search import search_of
+from estimation.diagnosis.search import LEVEL, search_of
 from estimation.effects import EFFECTS
 from estimation.fit.inner_search import Attempts
 from estimation.fit.readings import readings_of
@@ -48,3 +48,18 @@ def test_the_simplest_law_bears_the_name_where_the_data_and_what_is_left_allow(
     end = search.with_candidate(tried["asymmetric_friction"])
     found = simplest(search, end, readings_of(data), lambda one: is_as_complete or one is end)
     assert search.added(found) == [expected if is_as_complete else "asymmetric_friction"]
+
+
+@pytest.mark.parametrize(("friction_nm", "needed"), [(0.004, False), (0.03, True)])
+def test_what_is_certain_but_small_is_not_needed(friction_nm, needed):
+    """Both take away more than chance would; one of them less than a twentieth of the error."""
+    data = swings(1, lambda q, v, a: friction_nm * np.tanh(v / 0.01))
+    good = np.ones(len(data), dtype=np.bool_)
+    search = search_of(
+        data, Model("pendulum", BASE), good, (EFFECTS["coulomb_friction"](),), np.random.default_rng(0)
+    )
+    (candidate,) = search.screened(search.start)
+    end = search.with_candidate(candidate)
+    assert search.p_value(search.start, end) <= LEVEL
+    assert (end.rmse < 0.95 * search.start.rmse) == needed
+    assert search.is_needed(search.start, end) == needed
