@@ -1,6 +1,6 @@
 """Gives commands files that are damaged or hostile, and says which of them were not refused as they should.
 
-    python benchmarks/fuzz_files.py [files of each kind, default 100] [sessions | numbers | texts ...]
+    python benchmarks/fuzz_files.py [files of each kind (100), or FIRST-LAST] [sessions | numbers | texts ...]
 
 Each command runs in a process forked from this one. It has to end by itself within 30 s and 2 GB, with one
 line where it refuses; what it reads must be what an independent reader finds in the file.
@@ -93,11 +93,11 @@ def _be_palpate(arguments: list[str], said: Path) -> None:
     os._exit(code)
 
 
-def fire(kind: str, count: int, folder: Path) -> bool:
-    """Try so many files of one kind; true if all was well."""
+def fire(kind: str, seeds: range, folder: Path) -> bool:
+    """Try files of one kind; true if all was well."""
     ends, well = Counter[int](), True
     slowest_s, most_bytes = 0.0, 0
-    for seed in range(count):
+    for seed in seeds:
         place = folder / f"{kind}{seed}"
         place.mkdir()
         case = KINDS[kind](place, np.random.default_rng([seed, *kind.encode()]))
@@ -110,7 +110,10 @@ def fire(kind: str, count: int, folder: Path) -> bool:
             print(f"  {kind} {seed}, {case.what}: {fault}\n    palpate {' '.join(case.arguments)}")
             print(f"    {ended.said.strip()[-300:]}", flush=True)
     codes = ", ".join(f"{number} ended with {code}" for code, number in sorted(ends.items()))
-    print(f"{kind}: {count} files; {codes}; at most {slowest_s:.1f} s, {most_bytes / 1e6:.0f} MB", flush=True)
+    print(
+        f"{kind}: {len(seeds)} files; {codes}; at most {slowest_s:.1f} s, {most_bytes / 1e6:.0f} MB",
+        flush=True,
+    )
     return well
 
 
@@ -119,9 +122,10 @@ def main() -> None:
     import palpate.app  # noqa: PLC0415, once for all children
     import palpate.commands.inspect  # noqa: F401, PLC0415
 
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+    first, _, last = (sys.argv[1] if len(sys.argv) > 1 else "100").rpartition("-")
+    seeds = range(int(first or 0), int(last))
     with TemporaryDirectory() as folder:
-        results = [fire(kind, count, Path(folder)) for kind in sys.argv[2:] or KINDS]
+        results = [fire(kind, seeds, Path(folder)) for kind in sys.argv[2:] or KINDS]
     sys.exit(not all(results))
 
 
