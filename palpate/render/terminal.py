@@ -174,7 +174,8 @@ def parameter_table(parameters: Sequence[ParameterView]) -> RenderableType:
         name = f"[dim]{safe(one.effect)}.[/dim]{safe(one.name)}"
         made.add_row(name, value, half, safe(one.unit))
     if any(one.effect == ContactOffset.name for one in parameters):
-        made.caption = f"{ContactOffset.name}: so much deeper lies the surface than the touch was felt"
+        made.caption = f"{ContactOffset.name}: how much deeper the surface lies than it was first taken to be"
+        made.caption_justify = "left"
     return made
 
 
