@@ -63,3 +63,22 @@ def test_what_is_certain_but_small_is_not_needed(friction_nm, needed):
     assert search.p_value(search.start, end) <= LEVEL
     assert (end.rmse < 0.95 * search.start.rmse) == needed
     assert search.is_needed(search.start, end) == needed
+
+
+@pytest.mark.parametrize(
+    ("driven_before", "driven_after", "sound"),
+    [(False, False, True), (False, True, False), (True, True, True), (True, False, True)],
+)
+def test_a_base_gain_may_be_beyond_its_bounds_only_if_it_was_from_the_start(
+    driven_before, driven_after, sound
+):
+    """A joint that something drives has a negative friction."""
+
+    def search(driven):
+        data = swings(1, lambda q, v, a: -0.5 * driven * v)
+        good, rng = np.ones(len(data), dtype=np.bool_), np.random.default_rng(0)
+        return search_of(data, Model("pendulum", BASE), good, (), rng)
+
+    after = search(driven_after).start
+    assert search(driven_before).is_sound(after, "viscous_friction") == sound
+    assert search(driven_before).is_sensible(after) == sound
