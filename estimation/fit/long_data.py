@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.fit.frame import Frame, block_length, coarse_copy
-from estimation.signals.blocks import rows_of_runs
+from estimation.signals.blocks import blocks, rows_of_runs
 from estimation.signals.runwise import sample_time
 from robot_io.types import IntArray
 
@@ -148,11 +148,10 @@ def _fewer_stretches(data: ChannelData) -> tuple[ChannelData, str]:
 
 
 def _in_stretches(data: ChannelData, length: int) -> tuple[ChannelData, IntArray]:
-    """The data with runs of about this many samples, numbered from 0, and where all but the first begin."""
-    parts = [np.arange(len(rows)) // length for rows in rows_of_runs(data.run)]
-    begins = [np.diff(np.minimum(part, max(len(part) // length, 1) - 1), prepend=-1) > 0 for part in parts]
-    run = np.cumsum(np.concatenate(begins)) - 1
-    return replace(data, run=run), np.flatnonzero(np.diff(run)) + 1
+    """The data with runs of this many samples or a little more, and where all but the first begin."""
+    counts = [rows.stop - rows.start for rows in blocks(data.run)]
+    sizes = [len(part) for count in counts for part in np.array_split(range(count), max(count // length, 1))]
+    return replace(data, run=np.repeat(np.arange(len(sizes)), sizes)), np.cumsum(sizes)[:-1]
 
 
 def _coarser(data: ChannelData) -> tuple[ChannelData, str]:

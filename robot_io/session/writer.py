@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robot_io.errors import InputError, SessionError, UnknownNameError
+from robot_io.errors import InputError, SessionError, UnknownNameError, UnloggedError
 from robot_io.files.whole_file import whole_file
 from robot_io.session.event import EVENT_STREAM, Event, encode_event
 from robot_io.session.mcap_file import McapFile
@@ -121,7 +121,7 @@ class SessionWriter:
         while ring.full and self._process.poll() is None:
             if time.monotonic() > give_up_s:
                 self._wait_for_room = False  # from here on records are dropped, and counted
-                raise SessionError(f"{self.path}: {_STALLED}")
+                raise UnloggedError(f"{self.path}: {_STALLED}")
             time.sleep(_POLL_S)
 
     def _no_ring(self, stream_name: str) -> InputError:
@@ -147,7 +147,7 @@ class SessionWriter:
     def close(self) -> None:
         """Empty the rings, finish the file and wait for it. A second call does nothing.
 
-        SessionError: not all of it reached the disk.
+        UnloggedError: not all of it reached the disk.
         """
         if self._closed:
             return
@@ -159,10 +159,10 @@ class SessionWriter:
             self._process.kill()
             with suppress(subprocess.TimeoutExpired):  # nothing ends a process that a disk holds
                 self._process.wait(_KILL_LIMIT_S)
-            raise SessionError(f"{self.path}: {_STALLED}; the end is missing")
+            raise UnloggedError(f"{self.path}: {_STALLED}; the end is missing")
         self._process.wait()
         if self.failure is not None:
-            raise SessionError(f"{self.path} is not complete: {self.failure}") from self._log.system_error
+            raise UnloggedError(f"{self.path} is not complete: {self.failure}") from self._log.system_error
 
     def __enter__(self) -> Self:
         return self
