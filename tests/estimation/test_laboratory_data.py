@@ -85,6 +85,18 @@ def test_small_presses_are_found_beside_large_ones(press):
     assert len(channel.runs) == 4
 
 
+@pytest.mark.parametrize("noise_mm", [0.0, 0.001, 0.02])
+def test_a_hold_between_sharp_ramps_is_as_long_as_it_was(press, noise_mm):
+    parts = (np.full(30, -1.0), np.linspace(-1, 5, 60), np.full(200, 5.0), np.linspace(5, -1, 60))
+    way_mm = np.concatenate([*parts, parts[0]])
+    load = 0.5 * np.maximum(way_mm, 0.0)
+    way_mm = way_mm + np.random.default_rng(0).normal(0.0, noise_mm, len(way_mm))
+    time_s = np.round(0.01 * np.arange(len(way_mm)), 2)
+    phase = contact_of(press(**{TIME: time_s, WAY: way_mm, LOAD: load})).phase
+    assert np.sum(phase == Phase.HOLD) * 0.01 == pytest.approx(2.0, abs=0.2)
+    assert np.sum(phase == Phase.APPROACH) * 0.01 == pytest.approx(0.1, abs=0.05)
+
+
 def test_noise_is_no_press(press):
     t, x, f = (column[: len(column) // 4] for column in presses())
     one = press(**{TIME: t, WAY: 1e3 * x, LOAD: f})
