@@ -58,6 +58,7 @@ class SessionWriter:
         wait_for_room: bool = False,
     ) -> None:
         check_streams(streams)
+        streams = [replace(stream, batch=1) for stream in streams]  # none waits in memory for others
         if ring_slots < 1:
             raise InputError(f"ring_slots {ring_slots}: at least 1")
         self.path = new_session_path(path)
