@@ -82,3 +82,13 @@ def test_a_base_gain_may_be_beyond_its_bounds_only_if_it_was_from_the_start(
     after = search(driven_after).start
     assert search(driven_before).is_sound(after, "viscous_friction") == sound
     assert search(driven_before).is_sensible(after) == sound
+
+
+def test_of_models_that_leave_as_much_the_simpler_is_better():
+    data = swings(1)
+    good, rng = np.ones(len(data), dtype=np.bool_), np.random.default_rng(0)
+    search = search_of(data, Model("pendulum", BASE), good, (EFFECTS["coulomb_friction"](),), rng)
+    larger = search.with_candidate(search.screened(search.start)[0])
+    assert larger.trial.held_out == pytest.approx(search.start.trial.held_out, rel=0.02)
+    assert search.is_better(search.start, larger)
+    assert not search.is_better(larger, search.start)
