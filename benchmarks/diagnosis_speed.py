@@ -1,4 +1,4 @@
-"""How long a diagnosis takes: a short session, a minute with all joints, a long joint, many short runs.
+"""How long a diagnosis takes: a short session, a minute with all joints, an hour of a joint, many short runs.
 
     OPENBLAS_NUM_THREADS=1 python benchmarks/diagnosis_speed.py
 
@@ -86,6 +86,21 @@ def long_joint() -> ChannelData:
     return made.data.select(np.arange(50_000))
 
 
+def hour_of_joint(swing_hz: float, moving_s: float) -> str:
+    """Diagnose one run of 3.6 million samples with Coulomb friction; so long of 600 s the joint swings."""
+    rng, time_s, step_s = np.random.default_rng(0), np.arange(3_600_000) * 1e-3, 1e-3
+    share = np.clip(time_s % 600.0 / moving_s, 0.0, 1.0)
+    position = 0.8 * np.sin(np.pi * share) ** 2 * np.sin(2.0 * np.pi * swing_hz * time_s)
+    velocity = np.gradient(position, step_s)
+    torque = 0.05 * np.gradient(velocity, step_s) + 0.2 * velocity + 1.5 * np.sin(position)
+    torque += 0.1 * np.tanh(velocity / 1e-3) + 0.02 * rng.standard_normal(len(time_s))
+    read = position + 1e-5 * rng.standard_normal(len(time_s))
+    study = Study({"time_s": time_s, "position_rad": read, "torque_Nm": torque}, model="pendulum")
+    (found,) = study.diagnose().channels
+    names = " + ".join(one.effect for one in found.accepted)
+    return f"{study.source.notes[0]}\n  {names or found.verdict.value}"
+
+
 def short_runs(count: int = 2000, length: int = 25) -> ChannelData:
     """Many short presses of one object that stiffens, at 100 Hz."""
     rng = np.random.default_rng(0)
@@ -109,6 +124,9 @@ def directly(data: ChannelData, model: str) -> str:
 def main() -> None:
     """Measure all."""
     timed("one joint, 50,000 samples", lambda: directly(long_joint(), "pendulum"))
+    for swing_hz, moving_s in ((0.5, 600.0), (0.5, 20.0), (1 / 1800, 1e9)):
+        what = f"one joint, an hour at 1 kHz, swinging at {swing_hz:.2g} Hz"
+        timed(what, lambda swing_hz=swing_hz, moving_s=moving_s: hour_of_joint(swing_hz, moving_s))
     timed("2,000 short runs", lambda: directly(short_runs(), "kelvin_voigt"))
     with TemporaryDirectory() as folder:
         for name, hidden in (("nothing", []), ("one effect", ONE)):

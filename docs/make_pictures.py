@@ -19,7 +19,7 @@ from estimation.data.import_options import ImportOptions
 from estimation.study.estimates import BEST, estimate_with
 from palpate.demo import HIDDEN_PLAN, hide_one, probe_demo, show_demo, solve
 from palpate.render.estimates import estimates_view
-from palpate.render.figures import fall_figure, state_figure
+from palpate.render.figures import fall_figure, position_figure
 from palpate.render.recording.viewer import take_picture
 from palpate.study_view import result_view
 from sim_backend.scenario import load_scenario
@@ -64,7 +64,7 @@ def draw_measured(file: Path, folder: Path) -> None:
     options = ImportOptions(where={"source_file": "230515_hold"})
     channel = import_file(file, options).channels[0]
     found = estimate_with(channel, "kelvin_voigt", BEST)
-    draw(state_figure(estimates_view(found, {})), 900, PICTURES / "soft-indentation.png", folder)
+    draw(position_figure(estimates_view(found, {})), 900, PICTURES / "soft-indentation.png", folder)
 
 
 def draw(figure: go.Figure, width: int, picture: Path, folder: Path) -> None:

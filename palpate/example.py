@@ -40,8 +40,7 @@ class Example:
 
         Beside a spring and damper, or a mass with viscous friction; if it is one of these, beside the other.
         """
-        data, model = plain(kind)
-        values = {name: _PLAIN.get(name, 0.0) for name in (*model.gains, *model.inner)}
+        data, model, values = plain(kind)
         if not effect.applies_to(data):
             return None
         if effect.name in {one.name for one in model.effects}:
@@ -64,8 +63,8 @@ class Example:
         return self.model.predict(self.data, self.values)
 
 
-def plain(kind: ChannelKind) -> tuple[ChannelData, Model]:
-    """A plain motion, two presses or swings, and a plain model of it."""
+def plain(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, float]]:
+    """A plain motion, two presses or swings, a plain model of it, and that model's parameters."""
     t = np.arange(0.0, _PLAIN_S, _TIME_S)
     rate = 4.0 * np.pi / _PLAIN_S
     x, v, a = np.sin(rate * t), rate * np.cos(rate * t), -(rate**2) * np.sin(rate * t)
@@ -79,7 +78,7 @@ def plain(kind: ChannelKind) -> tuple[ChannelData, Model]:
     context = {} if kind is ChannelKind.CONTACT else {"load": np.cos(rate * t)}
     data = ChannelData("plain", kind, t, x, v, a, still, run, run - 1, context)
     values = {name: _PLAIN.get(name, 0.0) for name in (*model.gains, *model.inner)}
-    return replace(data, effort=model.predict(data, values)), model
+    return replace(data, effort=model.predict(data, values)), model, values
 
 
 def sized(data: ChannelData, model: Model, base: Mapping[str, float], effect: Effect) -> dict[str, float]:

@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 from palpate.answer import Answer
 from palpate.made_folders import remove_empty_folders
 from palpate.preflight import library_remedy
-from robot_io.errors import DeviceError, InputError, PalpateError
+from robot_io.errors import DeviceError, InputError, PalpateError, UnloggedError
 from robot_io.files.safe_yaml import one_line
 
 BAD_INPUT = 2
@@ -61,6 +61,8 @@ def _in_words(error: Exception) -> tuple[str, int]:
     where = f"set {DEBUG_VARIABLE}=1 to see where; please report it"
     text, code = f"internal error, {type(error).__name__}: {error} ({where})", FAILED
     match error:
+        case UnloggedError():
+            text = str(error)
         case InputError():
             text, code = str(error), BAD_INPUT
         case PalpateError():

@@ -13,6 +13,7 @@ from estimation.data.table import Table, read_table
 from estimation.gate.motion_and_effort import mistaken_units
 from estimation.signals.runwise import sample_time
 from palpate import console
+from palpate.render.palette import phase
 from palpate.words import count, duration, safe, shown
 from robot_io.errors import InputError
 
@@ -21,8 +22,8 @@ _MOST_COLUMNS = 60
 _MOST_RUNS = 30
 
 
-def look_at(path: Path, options: ImportOptions) -> Imported:
-    """Print what is in a file, and return it as it would be imported.
+def look_at(path: Path, options: ImportOptions) -> None:
+    """Print what is in a file, as it would be imported.
 
     Raises:
         InputError: it cannot be read; its columns are shown before where they could be.
@@ -42,7 +43,6 @@ def look_at(path: Path, options: ImportOptions) -> Imported:
             out.print(f"phases: {phases}")
     for note in (*imported.notes, *doubts(imported)):
         out.print(f"[yellow]{safe(note)}[/yellow]")
-    return imported
 
 
 def doubts(imported: Imported) -> list[str]:
@@ -82,10 +82,9 @@ def _runs(channel: ChannelData, labels: dict[int, str]) -> Printed:
 
 def _phases(channel: ChannelData) -> str:
     """How long each phase took in all runs together, in the order in which they came first."""
-    known = {phase.value: phase.name.lower().replace("_", " ") for phase in Phase}
     step_s = sample_time(channel.time_s, channel.run)
-    there = [number for number in dict.fromkeys(channel.phase.tolist()) if number in known]
-    return ", ".join(f"{known[n]} {duration(step_s * np.sum(channel.phase == n))}" for n in there)
+    there = [number for number in dict.fromkeys(channel.phase.tolist()) if number in set(Phase)]
+    return ", ".join(f"{phase(n)[0]} {duration(step_s * np.sum(channel.phase == n))}" for n in there)
 
 
 def _value(value: object) -> str:

@@ -11,7 +11,7 @@ from estimation.data.tick_channels import joined
 from palpate.runs.hiding import SEAL
 from palpate.runs.session import SOURCE
 from robot_io.errors import InputError
-from robot_io.session import Event, Session, SessionMetadata, Stream
+from robot_io.session import Session, SessionMetadata, Stream
 
 RUN = "run"
 Merged = tuple[Stream, Mapping[str, NDArray[np.generic]]]
@@ -34,11 +34,6 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
         columns = {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
         merged.append((parts[0].stream, columns))
     return merged
-
-
-def merged_events(sessions: Sequence[Session]) -> list[Event]:
-    """What happened, session by session."""
-    return [event for session in sessions for event in session.events]
 
 
 def merged_metadata(sessions: Sequence[Session], command_line: str, software_version: str) -> SessionMetadata:

@@ -72,8 +72,13 @@ def chance(p_value: float) -> str:
 
 
 def significant(value: float, uncertainty: float | None = None) -> str:
-    """A value with as many digits as its uncertainty allows (two of the uncertainty's), or five in all."""
-    if uncertainty is None or not 0 < uncertainty < float("inf"):
+    """A value with as many digits as its uncertainty allows (two of the uncertainty's), or five in all.
+
+    Of what is not determined, with an uncertainty without bound, two digits show the size.
+    """
+    if uncertainty == float("inf"):
+        return f"{value:.2g}"
+    if uncertainty is None or not uncertainty > 0:
         return f"{value:.5g}"
     decimals = max(0, 1 - _exponent(uncertainty))
     if decimals > _MOST_DECIMALS:

@@ -42,6 +42,10 @@ class SessionError(InputError):
     """A session file cannot be written, or what was read is not a whole session."""
 
 
+class UnloggedError(SessionError):
+    """What happened in a session did not all reach its file, whatever the user supplied; exits with 1."""
+
+
 def in_words(error: BaseException) -> str:
     """Kind, message and place of an error, such as "ZeroDivisionError: division by zero (my.py, line 2)".
 

@@ -11,9 +11,9 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from estimation.data.file_columns import FileColumns
+from estimation.data.file_size import check_size
 from estimation.data.lerobot_table import flat_table, is_lerobot
 from estimation.data.quantities import parse_role
-from estimation.data.text_table import most_bytes
 from robot_io.errors import InputError
 
 _LEAST_CELL = 4  # bytes of a value, of whatever type
@@ -21,13 +21,17 @@ _BATCH_ROWS = 256
 
 
 def read_parquet(path: Path) -> FileColumns:
-    """The columns of a Parquet file; arrays of a LeRobot data set element by element."""
+    """The columns of a Parquet file; arrays of a LeRobot data set element by element.
+
+    Raises:
+        InputError: it holds too much.
+    """
     with pa.parquet.ParquetFile(path) as file:
-        _check_size(path, _LEAST_CELL * file.metadata.num_rows * file.metadata.num_columns)
+        check_size(path, _LEAST_CELL * file.metadata.num_rows * file.metadata.num_columns)
         batches, size = [], 0
         for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):  # what a row takes is known only then
             size += batch.nbytes
-            _check_size(path, size)
+            check_size(path, size)
             batches.append(batch)
         table = pa.Table.from_batches(batches, file.schema_arrow)
     if not is_lerobot(table):
@@ -37,9 +41,13 @@ def read_parquet(path: Path) -> FileColumns:
 
 
 def read_npz(path: Path) -> FileColumns:
-    """The arrays of an NPZ file that are columns; objects are not unpickled."""
+    """The arrays of an NPZ file that are columns; objects are not unpickled.
+
+    Raises:
+        InputError: it holds too much, or arrays of objects or of different lengths.
+    """
     with zipfile.ZipFile(path) as archive:
-        _check_size(path, sum(entry.file_size for entry in archive.infolist()))
+        check_size(path, sum(entry.file_size for entry in archive.infolist()))
     arrays = {}
     with np.load(path, allow_pickle=False) as archive:
         for name in archive.files:
@@ -78,9 +86,3 @@ def arrow_of(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
                 f"{place}: column '{name}' holds values of type {kinds}, expected numbers or text"
             ) from error
     return pa.table(columns)
-
-
-def _check_size(path: Path, size: int) -> None:
-    most = most_bytes(path)
-    if size > most:
-        raise InputError(f"{path}: holds more than {most // 2**20} MiB; cut it into pieces")

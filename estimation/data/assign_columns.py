@@ -27,6 +27,7 @@ from estimation.data.column_units import (
 from estimation.data.compression_sign import counted_negative
 from estimation.data.import_options import ImportOptions
 from estimation.data.mixed_rates import with_one_rate
+from estimation.data.press_runs import FEWEST_ROWS
 from estimation.data.quantities import (
     PHASE,
     RUN,
@@ -38,8 +39,6 @@ from estimation.data.quantities import (
 from estimation.data.table import Table
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
-
-_FEWEST_A_RUN = 20  # rows on average, where a column of whole numbers looks like that of the runs
 
 
 @dataclass(frozen=True)
@@ -128,7 +127,7 @@ def in_blocks(values: FloatArray) -> bool:
     if np.any(values != np.round(values)):
         return False
     blocks = 1 + np.count_nonzero(np.diff(values))
-    return bool(blocks == len(np.unique(values)) and blocks * _FEWEST_A_RUN <= len(values))
+    return bool(blocks == len(np.unique(values)) and blocks * FEWEST_ROWS <= len(values))
 
 
 def assign_columns(table: Table, options: ImportOptions) -> Columns:

@@ -104,7 +104,11 @@ def _said_unit(options: ImportOptions, role: Role, column: str) -> str:
 
 
 def check_units_are_used(options: ImportOptions, chosen: dict[Key, tuple[Role, str]]) -> None:
-    """Refuse a unit for something that is not there: it would be lost without a word."""
+    """Refuse a unit for something that is not there: it would be lost without a word.
+
+    Raises:
+        InputError: the user named one.
+    """
     for name in options.units:
         if not any(is_meant(name, key, column) for key, (_, column) in chosen.items()):
             there = ", ".join(column for _, column in chosen.values()) or "none"

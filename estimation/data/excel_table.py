@@ -14,10 +14,10 @@ import pyarrow as pa
 from python_calamine import CalamineSheet, CalamineWorkbook
 
 from estimation.data.file_columns import FileColumns
+from estimation.data.file_size import check_size
 from estimation.data.header_rows import find_layout, preamble_words
 from estimation.data.quantities import RUN
 from estimation.data.text_dialect import commas_decide
-from estimation.data.text_table import most_bytes
 from robot_io.errors import InputError
 
 _LOOKED_AT = 200  # rows of a sheet, among which its table begins
@@ -47,7 +47,7 @@ def read_excel_table(path: Path) -> FileColumns:
     if zipfile.is_zipfile(path):
         _check_sizes(path)
     book = CalamineWorkbook.from_path(path)
-    sheets = [_table_of(book.get_sheet_by_name(name)) for name in book.sheet_names[:_MOST_SHEETS]]
+    sheets = [_sheet_of(book.get_sheet_by_name(name)) for name in book.sheet_names[:_MOST_SHEETS]]
     found = [sheet for sheet in sheets if sheet is not None]
     if not found:
         raise InputError(f"{path}: no sheet has names of columns above rows of numbers")
@@ -81,8 +81,7 @@ def _check_is_workbook(path: Path) -> None:
 def _check_sizes(path: Path) -> None:
     """Refuse what takes much memory: long sheets, and few cells that are far apart."""
     with zipfile.ZipFile(path) as archive:
-        if sum(entry.file_size for entry in archive.infolist()) > most_bytes(path):
-            raise InputError(f"{path}: holds more than {most_bytes(path) // 2**20} MiB; cut it into pieces")
+        check_size(path, sum(entry.file_size for entry in archive.infolist()))
         for entry in archive.infolist():  # any of them may be a sheet
             rows, columns = _extent(archive.read(entry))
             if rows * columns > _MOST_CELLS:
@@ -108,7 +107,7 @@ def _extent(sheet: bytes) -> tuple[int, int]:
     return last[0], last[1]
 
 
-def _table_of(sheet: CalamineSheet) -> _Sheet | None:
+def _sheet_of(sheet: CalamineSheet) -> _Sheet | None:
     rows: list[list[Any]] = sheet.to_python(skip_empty_area=True)
     head = [[_text(cell) for cell in row] for row in rows[:_LOOKED_AT]]
     decimal = "," if commas_decide(head) else "."

@@ -52,7 +52,7 @@ class Imported:
 
 
 def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT) -> Imported:
-    """Read a CSV (also .gz), Parquet or NPZ file.
+    """Read a data file of any kind that `read_table` knows.
 
     Contact: `time_s, displacement_m` (positive into the object), `force_N` (positive in compression). Joint:
     `time_s, position_rad, torque_Nm`, or `position_m, force_N` for a prismatic one; several joints number

@@ -7,6 +7,7 @@ import numpy as np
 from control.loop.phases import Phase
 from estimation.data.assign_columns import Columns
 from estimation.data.choose_columns import DISPLACEMENT, FORCE, TIME
+from estimation.data.numbers import FINEST_S
 from estimation.data.press_runs import cut_into, cut_presses, restarts
 from estimation.data.table import Table
 from estimation.signals.blocks import since_their_start
@@ -123,7 +124,7 @@ def _phases(table: Table, column: str | None) -> IntArray:
 
 
 def _check_times(columns: Columns, rows: Rows) -> None:
-    late = np.flatnonzero((np.diff(rows.time_s) <= 0) & (np.diff(rows.run) == 0))
+    late = np.flatnonzero((np.diff(rows.time_s) < FINEST_S) & (np.diff(rows.run) == 0))
     if not len(late):
         return
     if (np.diff(rows.time_s)[np.diff(rows.run) == 0] < 0).all():

@@ -31,11 +31,15 @@ def is_lerobot(table: pa.Table) -> bool:
 def flat_table(table: pa.Table, path: Path) -> tuple[pa.Table, tuple[str, ...]]:
     """Each array's elements as columns of their own, time and run by palpate's names, and words on it.
 
-    The data set says no units: of positions and torques the user does.
+    The data set says no units: of positions and torques the user does. Arrays whose length changes from row
+    to row are left out.
 
     Args:
-        table: as the Parquet file holds it.
+        table: as the Parquet file holds it, n rows.
         path: of the file, beside whose folders the data set's description lies.
+
+    Returns:
+        A table of n rows, one number a cell; and words on it for people.
     """
     columns: dict[str, Any] = {"time_s": table.column(_TIME)}
     if _EPISODE in table.column_names:

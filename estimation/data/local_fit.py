@@ -102,10 +102,18 @@ def _uneven_fit(
                 products[order] += power * value
             power = power * away
     matrix = moments[np.add.outer(np.arange(terms), np.arange(terms))].transpose(2, 0, 1)
-    inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    inverse = _inverse(matrix)
     fitted, variance = np.zeros((len(centres), 3)), np.zeros((len(centres), 3))
     fitted[:, : min(3, terms)] = np.einsum("nij,jn->ni", inverse, products)[:, :3]
     fitted[:, 0] += position[centres]
     variance[:, : min(3, terms)] = np.einsum("nii->ni", inverse)[:, :3]
     per_second = np.array([1.0, 1 / unit, 2 / unit**2])
     return LocalFit(fitted * per_second, variance * per_second**2)
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """Of each symmetric matrix (n, k, k); where times repeat, so that one has none, that of least norm."""
+    try:
+        return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(matrix, hermitian=True), dtype=np.float64)

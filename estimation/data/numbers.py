@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from robot_io.types import FloatArray
 
 LARGEST = 1e30  # in any unit; squares of what is larger overflow
+FINEST_S = 1e-12  # from sample to sample, far below any clock's step; what is finer does not increase
 
 
 def useless_rows(values: FloatArray) -> NDArray[np.int64]:

@@ -10,8 +10,16 @@ from estimation.statistics.likeness import likeness
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _SLOW = 0.05  # of the usual speed, below which something is held
+_EDGE = 0.5  # of the usual speed, which a smoothed velocity has where the motion begins
 _SPRINGY = 0.5  # correlation of position and force: in free air they have nothing to do with each other
 _LASTING = 9  # samples that decide together, so that noise makes no phases
+_PHASES = np.array(  # of what is free and what is pressed, by the way it moves
+    [
+        [Phase.RETRACT, Phase.FREE_AIR, Phase.APPROACH],
+        [Phase.UNLOADING, Phase.HOLD, Phase.LOADING],
+    ],
+    dtype=np.int64,
+)
 
 
 def press_phases(position: FloatArray, velocity: FloatArray, force: FloatArray, run: IntArray) -> IntArray:
@@ -26,19 +34,30 @@ def press_phases(position: FloatArray, velocity: FloatArray, force: FloatArray, 
         run: shape (n,), one block of samples for each run.
     """
     pressed = _pressed(position, force)
-    moving = np.abs(velocity[np.abs(velocity) > 0.0])
-    slow = _SLOW * float(np.quantile(moving, 0.9)) if len(moving) else 0.0
-    way = np.where(velocity > slow, 1, np.where(velocity < -slow, -1, 0))
+    usual = _usual(velocity)
+    moves = np.abs(velocity) > _SLOW * usual
+    # A velocity that was derived over many samples begins before the motion, and ends after it.
+    change = np.concatenate([_change(position[rows]) for rows in blocks(run)])
+    moves &= (np.abs(velocity) > _EDGE * usual) | (np.abs(change) > _SLOW * _usual(change))
+    way = np.sign(velocity).astype(np.int8) * moves
     phase = np.empty(len(position), dtype=np.int64)
     for rows in blocks(run):
         of_run = np.asarray(median_filter(way[rows], min(_LASTING, rows.stop - rows.start), mode="nearest"))
-        touching = np.asarray(median_filter(pressed[rows].astype(np.int8), 3, mode="nearest")) > 0
-        phase[rows] = np.where(
-            touching,
-            np.choose(of_run + 1, (Phase.UNLOADING, Phase.HOLD, Phase.LOADING)),
-            np.choose(of_run + 1, (Phase.RETRACT, Phase.FREE_AIR, Phase.APPROACH)),
-        )
+        touching = np.asarray(median_filter(pressed[rows].astype(np.int8), 3, mode="nearest"))
+        phase[rows] = _PHASES[touching, of_run + 1]
     return phase
+
+
+def _usual(signal: FloatArray) -> float:
+    """Size of a signal (n,) where there is one."""
+    there = np.abs(signal[signal != 0.0])
+    return float(np.quantile(there, 0.9)) if len(there) else 0.0
+
+
+def _change(position: FloatArray) -> FloatArray:
+    """From some samples before to some after each one of a run, shape (n,)."""
+    padded = np.pad(position, _LASTING // 2, mode="edge")
+    return padded[2 * (_LASTING // 2) :] - padded[: len(position)]
 
 
 def _pressed(position: FloatArray, force: FloatArray) -> BoolArray:

@@ -10,7 +10,7 @@ from estimation.signals.blocks import blocks
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, IntArray
 
-FEWEST_ROWS = 20  # of a press, that is cut out by itself
+FEWEST_ROWS = 20  # of a run that nobody named: a press that is cut out, or a block of equal numbers
 _MOST_PRESSES = 1000
 # of the usual range of the force: a press goes from below the one above the other
 _PRESSED, _RELEASED = 0.1, 0.05
@@ -86,12 +86,15 @@ def cut_into(force: FloatArray, piece: IntArray, count: int, where: str) -> IntA
     smooth = np.asarray(median_filter(force, 5))
     peaks = find_peaks(np.concatenate([[smooth.min()], smooth, [smooth.min()]]))[0] - 1
     prominence = peak_prominences(smooth, peaks)[0] if len(peaks) else np.zeros(0)
+    noise = _TO_SIGMA * float(np.median(np.abs(np.diff(force)))) if len(force) > 1 else 0.0
     edge = (peaks == 0) | (peaks == len(smooth) - 1)  # nothing is known of what lies beyond
     prominence[edge] = smooth[peaks[edge]] - smooth.min()
-    tops = np.sort(peaks[np.argsort(prominence)[::-1][:count]])
-    run = _cut(force, piece, tops, 1)
+    stand_out = np.argsort(prominence)[::-1][:count]
+    tops = np.sort(peaks[stand_out[prominence[stand_out] > _SIGMAS[1] * noise]])
+    run = _cut(force, piece, tops, 1) if len(tops) else piece
     if run[-1] + 1 != count:
-        raise InputError(f"{where}: {run[-1] + 1} presses can be told apart at most")
+        presses = f"{run[-1] + 1} press{'es' if run[-1] else ''}"
+        raise InputError(f"{where}: {presses} can be told apart at most")
     return run
 
 
@@ -102,7 +105,7 @@ def _tops(force: FloatArray, levels: Levels) -> IntArray:
     if not len(met):
         return np.zeros(0, dtype=np.int64)
     begins = met[np.flatnonzero((sides[met] > 0) & np.append(True, sides[met][:-1] < 0))]
-    ends = np.append(begins[1:], len(force))
+    ends = np.append(begins, len(force))[1:]
     return np.array(
         [a + int(np.argmax(force[a:b])) for a, b in zip(begins, ends, strict=True)], dtype=np.int64
     )

@@ -15,7 +15,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_ros2.decoder import DecoderFactory
 
 from estimation.data.file_columns import FileColumns
-from estimation.data.text_table import most_bytes
+from estimation.data.file_size import check_size
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -86,17 +86,14 @@ def _messages(path: Path) -> dict[str, list[Any]]:
 
 def _records(path: Path) -> Iterator[Any]:
     """All records, with those in chunks that unpack to a bounded size."""
-    left = most_bytes(path)
+    size = 0
     with path.open("rb") as file:
         for record in StreamReader(file, emit_chunks=True).records:
             if not isinstance(record, Chunk):
                 yield record
                 continue
-            left -= record.uncompressed_size
-            if left < 0:
-                raise InputError(
-                    f"{path}: holds more than {most_bytes(path) // 2**20} MiB; cut it into pieces"
-                )
+            size += record.uncompressed_size
+            check_size(path, size)
             yield from breakup_chunk(_unpacked(record))
 
 

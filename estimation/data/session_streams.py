@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.arm_context import with_arm
 from estimation.data.import_file import Imported
-from estimation.data.numbers import fault_of, more_like_it, useless_rows
+from estimation.data.numbers import FINEST_S, fault_of, more_like_it, useless_rows
 from robot_io.errors import InputError, SessionError
 from robot_io.session import Column, Samples, Session, Stream
 
@@ -84,7 +84,9 @@ def _channel(name: str, samples: Samples) -> ChannelData:
     if not kinds:
         raise SessionError(f"stream '{name}' is no channel: it has columns {', '.join(samples)}")
     _check(name, samples, ("time_s", "run", "phase", *_COLUMNS[kinds[0]]))
-    if ((np.diff(samples["time_s"]) <= 0.0) & (np.diff(samples["run"]) == 0)).any():  # as the import has it
+    if (
+        (np.diff(samples["time_s"]) < FINEST_S) & (np.diff(samples["run"]) == 0)
+    ).any():  # as the import has it
         raise InputError(f"stream '{name}', column 'time_s': times must increase within a run")
     position, velocity, acceleration, effort = (samples[column] for column in _COLUMNS[kinds[0]])
     context = {

@@ -1,9 +1,10 @@
-"""A file of measurements as named columns: text (also .gz), Excel, Parquet, or NPZ."""
+"""A file of measurements as named columns: text (also .gz), Excel, Parquet, NPZ, or ROS 2 joint states."""
 
 import os
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
@@ -44,6 +45,7 @@ class Table:
     rows: IntArray
     decimal: str = "."
     words: tuple[str, ...] = ()
+    _numbers: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -60,15 +62,23 @@ class Table:
         return tuple(self.columns.column_names)
 
     def numbers(self, name: str) -> FloatArray:
-        """A column of numbers, shape (n,).
+        """A column of numbers, shape (n,), read-only: text is turned into numbers once.
 
         Raises:
             InputError: there is no such column, or a value is missing or no finite number.
         """
-        column = _with_points(self._column(name), self.decimal)
+        if name not in self._numbers:
+            self._numbers[name] = self._converted(name)
+            self._numbers[name].setflags(write=False)
+        return self._numbers[name]
+
+    def _converted(self, name: str) -> FloatArray:
+        column = self._column(name)
         try:
-            values = np.asarray(_as_numbers(column).to_numpy(zero_copy_only=False), dtype=np.float64)
+            numbers = _as_numbers(column, self.decimal)
+            values = np.asarray(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
         except (pa.ArrowException, TypeError, ValueError):
+            column = _with_points(column, self.decimal)
             values = np.array([number_of(text) for text in column.to_pylist()], dtype=np.float64)
         bad = useless_rows(values)
         if len(bad):
@@ -119,7 +129,7 @@ class Table:
         """In which rows a column holds something, shape (n,)."""
         column = self._column(name)
         held = pc.is_valid(column)
-        if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        if _is_text(column):
             held = pc.and_kleene(held, pc.not_equal(pc.utf8_trim_whitespace(column), ""))
         return np.asarray(pc.fill_null(held, False).to_numpy(zero_copy_only=False), dtype=np.bool_)
 
@@ -211,7 +221,7 @@ def _remedy(shown: str, *, whole: bool) -> str:
 
 def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
     """Text of numbers with a decimal point and without marks between thousands; all else as it is."""
-    if not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
+    if not _is_text(column):
         return column
     if decimal == ",":
         grouped = pc.any(pc.match_substring_regex(column, _GROUPED_BY_POINTS)).as_py()
@@ -223,10 +233,15 @@ def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
     return pc.replace_substring(trimmed, ",", "")
 
 
-def _as_numbers(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
-        return pc.cast(pc.utf8_trim_whitespace(column), pa.float64())
-    return pc.cast(column, pa.float64())
+def _as_numbers(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
+    if decimal == "." or not _is_text(column):
+        with suppress(pa.ArrowInvalid):  # as plain numbers, which need no search for marks and blanks
+            return pc.cast(column, pa.float64())
+    return pc.cast(pc.utf8_trim_whitespace(_with_points(column, decimal)), pa.float64())
+
+
+def _is_text(column: pa.ChunkedArray) -> bool:
+    return bool(pa.types.is_string(column.type) or pa.types.is_large_string(column.type))
 
 
 def _text(value: object) -> str:

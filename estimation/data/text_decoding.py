@@ -8,6 +8,14 @@ from robot_io.errors import InputError
 _MARKS = ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 _CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # none in a text
 _LOOKED_AT = 1 << 16  # bytes
+_OTHERS = (  # how files begin that are called text by mistake, and what to do with them
+    (b"\x89PNG", "is a picture; save the measurements themselves"),
+    (b"\xff\xd8\xff", "is a picture; save the measurements themselves"),
+    (b"%PDF", "is a PDF; save the measurements themselves"),
+    (b"PK\x03\x04", "is a packed archive, perhaps a workbook: let its name end in .xlsx or .npz"),
+    (b"\x1f\x8b", "is packed: let its name end in .gz"),
+    (b"PAR1", "is a Parquet file: let its name end in .parquet"),
+)
 
 
 def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
@@ -29,11 +37,16 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
             content.decode()
     except UnicodeDecodeError:
         if encoding or any(byte in _CONTROLS for byte in content[:_LOOKED_AT]):
-            raise InputError(f"{path}: is no text; save it as CSV in UTF-8") from None
+            raise _no_text(content, path) from None
         return content.decode("cp1252", errors="replace").encode(), "cp1252"
     if b"\0" in content:
-        raise InputError(f"{path}: is no text; save it as CSV in UTF-8")
+        raise _no_text(content, path)
     return content, ""
+
+
+def _no_text(content: bytes, path: Path) -> InputError:
+    other = (words for begins, words in _OTHERS if content.startswith(begins))
+    return InputError(f"{path}: {next(other, 'is no text; save it as CSV in UTF-8')}")
 
 
 def _encoding(content: bytes) -> str:

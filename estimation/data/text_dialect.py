@@ -54,7 +54,8 @@ def find_dialect(content: bytes) -> Dialect | None:
     first = max(DELIMITERS, key=lines[0][1].count)
     names = [" ".join(name.split()) for name in next(_cells([lines[0][1]], first), [])]
     if any(role and role.unit for role in map(parse_role, names)):
-        decimal = "," if first != "," and _has_decimal_commas(lines[1:], first) else "."
+        rows = list(_cells([text for _, text in lines[1:]], first))
+        decimal = "," if first != "," and commas_decide(rows) else "."
         named = tuple(name or f"column {number}" for number, name in enumerate(names, 1))
         end = re.compile(rb"\r\n|\r|\n|$").search(content, lines[0][0])
         return Dialect(first, decimal, named, end.end() if end else len(content))
@@ -109,10 +110,6 @@ def _cells(lines: list[str], delimiter: str) -> Iterator[list[str]]:
             yield next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
         except csv.Error:  # a cell of more than 128 KiB
             yield [line]
-
-
-def _has_decimal_commas(lines: list[tuple[int, str]], delimiter: str) -> bool:
-    return commas_decide(list(_cells([text for _, text in lines], delimiter)))
 
 
 def commas_decide(rows: list[list[str]]) -> bool:

@@ -8,12 +8,11 @@ import pyarrow as pa
 import pyarrow.csv
 
 from estimation.data.file_columns import FileColumns
+from estimation.data.file_size import check_size, most_bytes
 from estimation.data.text_decoding import as_utf8
 from estimation.data.text_dialect import BLANKS, DELIMITERS, Dialect, blanks_as_tabs, find_dialect
 from robot_io.errors import InputError
-from robot_io.files.unpacked import most_unpacked
 
-MOST_BYTES = 2**30  # unpacked: ten hours at 1 kHz; more is refused before the memory is full
 _LONGEST_LINE = 2**20 - 1  # bytes; the reader takes blocks of 1 MiB, and the line must end in one
 _SHOWN = 60  # characters of a line that is refused
 
@@ -41,11 +40,6 @@ def read_text_table(path: Path) -> FileColumns:
         raise InputError(f"{path}: {problem}") from error
 
 
-def most_bytes(path: Path) -> int:
-    """What a file may hold once it is unpacked."""
-    return min(MOST_BYTES, most_unpacked(path.stat().st_size))
-
-
 def number_of(text: object) -> float:
     """The number that a cell says, NaN if it says none."""
     written = str(text).strip()
@@ -59,8 +53,7 @@ def _content(path: Path) -> bytes:
     open_file = gzip.open if path.name.lower().endswith(".gz") else open
     with open_file(path, "rb") as file:
         content: bytes = file.read(most_bytes(path) + 1)
-    if len(content) > most_bytes(path):
-        raise InputError(f"{path}: more than {most_bytes(path) // 2**20} MiB of text; cut it into pieces")
+    check_size(path, len(content))
     return content
 
 

@@ -12,6 +12,7 @@ from robot_io.types import BoolArray, Status
 
 USELESS = (Phase.IDLE, Phase.STOPPED)
 _MOST_JOINTS = 100
+_FAR_S = 60.0  # between a tick and a sample in it, which no age limit allows
 _MAY_LACK = {  # what nothing is worked out from
     "tick",
     "guard_tripped",
@@ -46,6 +47,7 @@ def checked_ticks(session: Session) -> Samples:
     for status, names in _BY_DEVICE.items():
         for name in names:
             _check_values(session, ticks, name, good[status])
+        _check_clock(session, ticks, names[1], good[status])
     in_run = good["encoder_status"] & (ticks["run"] != NO_RUN) & ~np.isin(ticks["phase"], USELESS)
     for name in _OF_A_RUN:
         _check_values(session, ticks, name, in_run)
@@ -71,6 +73,17 @@ def _check_form(ticks: Samples, wanted: Column, place: str) -> None:
         )
     if values.dtype.kind != np.dtype(wanted.dtype).kind:
         raise SessionError(f"{place}, column '{wanted.name}': is {values.dtype}, expected {wanted.dtype}")
+
+
+def _check_clock(session: Session, ticks: Samples, name: str, rows: BoolArray) -> None:
+    """Refuse times of samples that are far from their tick's: no clock jumps so, and no motion has it."""
+    far = np.flatnonzero(rows & (np.abs(ticks[name] - ticks["time_s"]) > _FAR_S))
+    if len(far):
+        row = far[0]
+        raise InputError(
+            f"{session.path}: tick {row + 1}, column '{name}': {ticks[name][row]:g} s is far from the tick's "
+            f"own time, {ticks['time_s'][row]:g} s"
+        )
 
 
 def _check_values(session: Session, ticks: Samples, name: str, rows: BoolArray) -> None:

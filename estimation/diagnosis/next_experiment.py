@@ -81,6 +81,4 @@ def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
         words = _RUNS
     elif FEW_READINGS in reason:
         words = _COARSE
-    return NextExperiment(
-        purpose="make a diagnosis possible: " + reason, separates=[], instruction=words, probe={}
-    )
+    return NextExperiment(purpose="make a diagnosis possible", separates=[], instruction=words, probe={})

@@ -6,20 +6,21 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.fit.frame import Frame, block_length, coarse_copy
-from estimation.signals.blocks import rows_of_runs
+from estimation.signals.blocks import blocks, rows_of_runs
 from estimation.signals.runwise import sample_time
 from robot_io.types import IntArray
 
 LONG = 500_000  # samples; shorter recordings are taken as they are
-_ENOUGH = 100_000  # samples that need not be made fewer
+_ENOUGH = 25_000  # samples that need not be made fewer
 _MOST = 100_000  # samples that are searched in bearable time
 _LOST = 0.1  # of the variance of a mean's noise, that a signal may have within the samples it is the mean of
 _SURE = 3.0  # standard errors of that
 _FEWEST_IN_BLOCK = 8  # samples, that tell noise from a signal
 _FEWEST_IN_RUN = 50  # means
 _FEWEST_RUNS = 6  # that are left, so that some can be held out
-_STRETCHES = 40  # that a single run is cut into
+_STRETCHES = 40  # that a joint's runs are cut into, or more
 _COVERED = 0.3  # of the range of positions, that each of them goes through
+_BEARABLE = 2  # times `_MOST`, beyond which something is rather lost
 _THIRD = 20.0  # sum of the squares of (1, -3, 3, -1), the weights of a third difference
 
 
@@ -50,7 +51,8 @@ def shortened(data: ChannelData) -> tuple[ChannelData, str]:
     as long again and again, as long as the effort within them departs from a straight line by no more than
     the white noise of its readings: then motion and effort change evenly within a block, the mean of any
     smooth law is the law of the means, and what is averaged away is noise. Slow noise counts as signal, so
-    that the rate is rather too high. If that is still too much, evenly spread runs are taken, which is said.
+    that the rate is rather too high. If that is still too much, evenly spread runs are taken, or stretches of
+    a joint's runs, and where there are none it is averaged although that loses something. All this is said.
 
     Args:
         data: the channel; velocity and acceleration were derived at its full rate.
@@ -62,11 +64,21 @@ def shortened(data: ChannelData) -> tuple[ChannelData, str]:
         return data, ""
     block, seen = _longest_block(data)
     short = _means(data, block)
-    return _fewer_runs(short, _sentence(data, short, block, seen))
+    said = _sentence(data, short, block, seen)
+    for fewer in (_fewer_runs, _fewer_stretches, _coarser):
+        if len(short) > _MOST:
+            short, more = fewer(short)
+            said += more
+    return short, said
 
 
 def within_blocks(data: ChannelData, block: int) -> Within:
-    """What the effort of a channel does within blocks of at least 4 samples."""
+    """What the effort of a channel does within blocks.
+
+    Args:
+        data: the channel, n samples.
+        block: samples in each, at least 4.
+    """
     effort = data.effort[_rows(data, block)]
     place = np.arange(block) - 0.5 * (block - 1)
     left = effort - effort.mean(axis=1, keepdims=True)
@@ -100,33 +112,67 @@ def _means(data: ChannelData, block: int) -> ChannelData:
     rows = _rows(data, block)
     whole = np.ones(len(rows), dtype=np.bool_)
     frame = Frame(data, rows, data.run[rows[:, 0]], np.zeros(len(rows), dtype=np.int64), whole)
-    return replace(coarse_copy(frame), averaged=block)
+    return replace(coarse_copy(frame), averaged=block * data.averaged)
 
 
-def _fewer_runs(data: ChannelData, said: str) -> tuple[ChannelData, str]:
+def _fewer_runs(data: ChannelData) -> tuple[ChannelData, str]:
     """Every second, third ... run, so that the others are few enough to be searched."""
-    every = -(-len(data) // _MOST)
+    runs = data.runs
+    every = min(_times_too_long(data), len(runs) // _FEWEST_RUNS)
     if every < 2:
-        return data, said
-    whole, what = (data, "runs") if len(data.runs) > 1 else (_in_stretches(data), "stretches")
-    runs = whole.runs
-    every = min(every, len(runs) // _FEWEST_RUNS)
-    if every < 2:
-        return data, said
-    some = whole.of_runs(runs[::every])
-    return some, (
-        f"{said}; of its {len(runs)} {what} {len(some.runs)} are taken, evenly spread, which makes intervals "
-        f"{np.sqrt(len(data) / len(some)):.2g} times as wide"
+        return data, ""
+    some = data.of_runs(runs[::every])
+    return some, f"; of its {len(runs)} runs {_taken(data, some)}"
+
+
+def _fewer_stretches(data: ChannelData) -> tuple[ChannelData, str]:
+    """Some of the stretches of a joint's runs that go through a fair part of the motion, as runs.
+
+    Where it rests, or moves little, nothing is learnt of its friction; a contact remembers what came before.
+    """
+    if data.kind is ChannelKind.CONTACT:
+        return data, ""
+    length = len(data) // max(_STRETCHES, _FEWEST_RUNS * _times_too_long(data))
+    whole, ends = _in_stretches(data, max(length, _FEWEST_IN_RUN))
+    wide = _COVERED * float(np.ptp(data.position))
+    stretches = np.split(data.position, ends)
+    moving = np.flatnonzero([np.ptp(part) >= wide for part in stretches])
+    if len(moving) < _FEWEST_RUNS:
+        return data, ""
+    there = whole if len(moving) == len(stretches) else whole.of_runs(moving)
+    every = max(1, min(_times_too_long(there), len(moving) // _FEWEST_RUNS))
+    some, where = there.of_runs(moving[::every]), ""
+    if len(moving) < len(stretches):
+        where = f" {len(moving)} go through {100 * _COVERED:.0f} % of the motion or more, and of these"
+    return some, f"; of its {len(stretches)} stretches{where} {_taken(there, some)}"
+
+
+def _in_stretches(data: ChannelData, length: int) -> tuple[ChannelData, IntArray]:
+    """The data with runs of this many samples or a little more, and where all but the first begin."""
+    counts = [rows.stop - rows.start for rows in blocks(data.run)]
+    sizes = [len(part) for count in counts for part in np.array_split(range(count), max(count // length, 1))]
+    return replace(data, run=np.repeat(np.arange(len(sizes)), sizes)), np.cumsum(sizes)[:-1]
+
+
+def _coarser(data: ChannelData) -> tuple[ChannelData, str]:
+    """Means over so many samples that the search ends, although something is lost."""
+    times = _times_too_long(data)
+    if times <= _BEARABLE:
+        return data, ""
+    rate_hz = 1.0 / (sample_time(data.time_s, data.run) * times)
+    return _means(data, times), (
+        f"; that is more than can be searched: averaged further by {times} to {rate_hz:.4g} Hz, which loses "
+        "what is quicker; choose a part with --where to keep it"
     )
 
 
-def _in_stretches(data: ChannelData) -> ChannelData:
-    """A joint's single run cut into stretches as runs, if each goes through a fair part of the motion."""
-    run = np.arange(len(data)) * _STRETCHES // len(data)
-    ranges = [np.ptp(part) for part in np.array_split(data.position, _STRETCHES)]
-    if data.kind is ChannelKind.CONTACT or min(ranges) < _COVERED * np.ptp(data.position):
-        return data
-    return replace(data, run=run)
+def _times_too_long(data: ChannelData) -> int:
+    return -(-len(data) // _MOST)
+
+
+def _taken(data: ChannelData, some: ChannelData) -> str:
+    wider = f", which makes intervals {np.sqrt(len(data) / len(some)):.2g} times as wide"
+    return f"{len(some.runs)} are taken" + (f", evenly spread{wider}" if len(some) < len(data) else "")
 
 
 def _sentence(data: ChannelData, short: ChannelData, block: int, seen: Within | None) -> str:

@@ -8,7 +8,6 @@ Application (1997), ch. 4).
 """
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid

@@ -1,7 +1,6 @@
 """`palpate compare`: where does the model fail?"""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -103,8 +102,7 @@ def command(
     grown = {"revision": [str(one.number) for one in kept], "folder": folder}
     again = f"palpate compare {data.typed(channel=channel, model=model, **grown)}"
     if target is not None:
-        known = [replace(one, diagnosis=study.known_diagnosis(one.channel)) for one in results]
-        written = write_outcome(target, study, known, [again], {RESULT: json_text(content)})
+        written = write_outcome(target, study, results, [again], {RESULT: json_text(content)})
         console.stderr().print(f"\nreport  [bold]{shown(written['report'])}[/bold]")
     if not as_json:
         zoom = (f"{again} --out FOLDER", "a report to zoom into")

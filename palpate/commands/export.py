@@ -11,7 +11,7 @@ from palpate.data_options import DataArguments, FolderOption, JsonOption, takes_
 from palpate.derived import derived_folder, folder_to_read
 from palpate.export import Export
 from palpate.export.layout import ENDINGS, Program, layout_of
-from palpate.export.table import check_ending, table_of, write_table
+from palpate.export.table import check_ending, recorded_table, write_table
 from palpate.files import existing_data, open_session, output_file, write_text
 from palpate.words import count, safe, shown, typed
 from robot_io.errors import InputError
@@ -84,7 +84,9 @@ def command(
         console.print_json(content | {"used": export.used, "left_out": export.left_out})
         return
     numbers, own = [str(each.number) for each in kept], own_effects(kept)
-    _print(data.typed(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own]), path, export)
+    again = data.typed(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own])
+    recorded = data.file if study.source.probed and data.file.is_file() else None
+    _print(again, path, export, recorded)
 
 
 def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bool, as_json: bool) -> None:
@@ -92,7 +94,7 @@ def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bo
     existing_data(data.file)
     path = out or derived_folder(data.file) / f"{name}.csv"
     check_ending(path)
-    table = table_of(data.file, data.options, name)
+    table = recorded_table(data.file, data.options, name)
     write_table(table, output_file(path, force=force or out is None, keep=[data.file]))
     if as_json:
         columns = table.column_names
@@ -115,17 +117,22 @@ def _export_layout(file: Path, program: Program, out: Path | None, *, force: boo
         return
     console.stdout().print(f"layout  [bold]{shown(path)}[/bold]", soft_wrap=True)
     said = f"open {shown(file)} in {PROGRAMS[program]}, and then this layout"
+    long = [one for name in session.stream_names if (one := session.samples(name).stream).batch > 1]
+    if long:
+        said += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
     console.stderr().print(said, soft_wrap=True)
 
 
-def _print(again: str, path: Path, export: Export) -> None:
+def _print(again: str, path: Path, export: Export, recorded: Path | None) -> None:
     out = console.stdout()
     out.print(f"scenario  [bold]{shown(path)}[/bold]", soft_wrap=True)
     for line in export.used:
         out.print(f"  [green]in[/green]   {safe(line)}")
     for line in export.left_out:
         out.print(f"  [yellow]out[/yellow]  {safe(line)}")
+    twin = f"palpate replay {typed(recorded)} --scenario {typed(path)}" if recorded else ""
     console.next_steps(
         (f"palpate probe --scenario {typed(path)}", "probe the model as if it were the object"),
+        *([(twin, "the recorded motion again, on the model")] if twin else []),
         (f"palpate compare {again}", "where the model still fails"),
     )

@@ -11,7 +11,7 @@ import typer
 from palpate import console
 from palpate.data_options import JsonOption
 from palpate.files import open_session, output_file
-from palpate.merging import merged_events, merged_metadata, merged_streams
+from palpate.merging import merged_metadata, merged_streams
 from palpate.words import count, shown, typed
 from robot_io.errors import InputError
 from robot_io.session import write_session
@@ -34,7 +34,7 @@ def command(
     found = [open_session(path) for path in sessions]
     streams = merged_streams(found)
     metadata = merged_metadata(found, shlex.join(["palpate", *sys.argv[1:]]), version("palpate"))
-    write_session(file, streams, metadata, merged_events(found))
+    write_session(file, streams, metadata, [event for session in found for event in session.events])
     samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
     if as_json:
         console.print_json(

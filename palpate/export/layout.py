@@ -26,7 +26,7 @@ class Program(StrEnum):
 
 
 ENDINGS = {Program.FOXGLOVE: ".json", Program.PLOTJUGGLER: ".xml"}
-Plots = Mapping[str, Sequence[tuple[str, Column]]]  # by title: stream and column
+Plots = Mapping[str, Sequence[tuple[Stream, Column]]]  # by title
 
 
 def layout_of(session: Session, program: Program) -> str:
@@ -42,20 +42,23 @@ def layout_of(session: Session, program: Program) -> str:
 
 
 def _plots(streams: Sequence[Stream]) -> Plots:
-    found: dict[str, list[tuple[str, Column]]] = {}
+    found: dict[str, list[tuple[Stream, Column]]] = {}
     for stream in streams:
         for column in stream.columns:
             if column.unit not in _LEFT_OUT:
-                found.setdefault(f"{stream.name} [{column.unit}]", []).append((stream.name, column))
+                found.setdefault(f"{stream.name} [{column.unit}]", []).append((stream, column))
             elif column.name in _STEPS:
-                found.setdefault(f"{stream.name}: run and phase", []).append((stream.name, column))
+                found.setdefault(f"{stream.name}: run and phase", []).append((stream, column))
     return found
 
 
-def _series(plot: Sequence[tuple[str, Column]], name: Callable[[str, str], str]) -> list[str]:
-    """What a program calls each curve of a plot; of a wide column each of its values."""
+def _series(plot: Sequence[tuple[Stream, Column]], name: Callable[[str, str], str]) -> list[str]:
+    """What a program calls each curve of a plot; of a wide column each of its values.
+
+    Where a message holds many records of a long stream, the first of each is shown.
+    """
     return [
-        name(stream, column.name) + ("" if column.width == 1 else f"[{number}]")
+        name(stream.name, column.name) + ("" if column.width * stream.batch == 1 else f"[{number}]")
         for stream, column in plot
         for number in range(column.width)
     ]

@@ -28,7 +28,7 @@ _NAMES = {
 }
 
 
-def table_of(path: Path, options: ImportOptions, name: str) -> pa.Table:
+def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
     """A stream of a session, its events, or a channel of any data, as a table.
 
     Args:
@@ -65,7 +65,7 @@ def stream_table(samples: Samples) -> pa.Table:
 
 
 def channel_table(channel: ChannelData) -> pa.Table:
-    """A channel with the names and units that `palpate import` takes."""
+    """A channel of n samples with the names and units that `palpate import` takes; no rows before run 0."""
     motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
     columns = {"time_s": channel.time_s, "run": channel.run}
     columns |= dict(zip(_NAMES[channel.kind], motion, strict=True))

@@ -28,6 +28,8 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 
 _MILLI = 1e3
 _GAP = 0.05  # of the mean run, left between two runs on the time axis
+_SHOWS = 0.1  # of the inward motion, that an approach must be to show its speed
+_SAME_SPEED = 1.06  # times the slowest of those that were meant to be one
 _QUICK = 0.9  # the quantile of inward velocity that stands for the speed of a run without phases
 _TERM = re.compile(r"[,;] (?![^(]*\))")  # between a term and its conditions, not within parentheses
 
@@ -160,19 +162,22 @@ def run_speeds(data: ChannelData) -> dict[int, str]:
         for first, past in stretches(data.run)
         if data.run[first] >= 0
     }
-    words = {
-        run: f"{speed:.0f} mm/s" if speed >= 10 else f"{speed:.2g} mm/s"
-        for run, speed in sorted(speeds.items(), key=lambda pair: pair[1])
-    }
-    return words if len(set(words.values())) > 1 else {}
+    groups = list[list[tuple[int, float]]]()
+    for run, speed in sorted(speeds.items(), key=lambda pair: pair[1]):
+        if not groups or speed > _SAME_SPEED * groups[-1][0][1]:
+            groups.append([])
+        groups[-1].append((run, speed))
+    means = [float(np.mean([speed for _, speed in group])) for group in groups]
+    words = [f"{mean:.0f} mm/s" if mean >= 10 else f"{mean:.2g} mm/s" for mean in means]
+    alike = len(groups) < 2
+    return {} if alike else {run: word for word, group in zip(words, groups, strict=True) for run, _ in group}
 
 
 def _approach_speed(velocity: FloatArray, phase: IntArray) -> float:
-    """Inward speed of a run before the touch, or the quick part of it where phases are unknown [m/s]."""
-    approaching = velocity[phase == Phase.APPROACH]
-    if len(approaching):
+    """Inward speed of a run before the touch, or the quick part of it where that hardly shows [m/s]."""
+    approaching, inward = velocity[phase == Phase.APPROACH], velocity[velocity > 0.0]
+    if len(approaching) > _SHOWS * len(inward):
         return float(np.median(approaching))
-    inward = velocity[velocity > 0.0]
     return float(np.quantile(inward, _QUICK)) if len(inward) else 0.0
 
 

@@ -70,6 +70,13 @@ def time_figure(channel: ChannelView) -> go.Figure:
     return styled(made, 520)
 
 
+def position_figure(channel: ChannelView) -> go.Figure:
+    """Measured effort and each model over position."""
+    made = make_subplots(1, 1)
+    _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
+    return styled(made, 400)
+
+
 def state_figure(channel: ChannelView) -> go.Figure:
     """Measured effort and each model over position and over velocity; those between are in the legend."""
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.03)

@@ -19,6 +19,7 @@ from palpate.words import safe, significant
 
 LETTERS = ("A", "B")
 _CHANCE = 0.05  # of the lags outside a 99 % band; what is above is no chance
+_POOR, _ONLY_NOISE = 80.0, 1.2  # a fit [%], and an error in noise floors, that together are worth a word
 _PERCENT = 100.0
 
 
@@ -28,14 +29,12 @@ class SidesView:
 
     Attributes:
         channel: its name.
-        names: of the two sides.
         views: both, with measurement and model.
         found: what was compared.
         words: what comes of it, in sentences.
     """
 
     channel: str
-    names: tuple[str, str]
     views: tuple[ChannelView, ChannelView]
     found: Sides
     words: tuple[str, ...]
@@ -82,8 +81,7 @@ class PairView:
 
 def sides_view(found: Sides, views: tuple[ChannelView, ChannelView]) -> SidesView:
     """The view of what was compared in one channel."""
-    names = (found.first.name, found.second.name)
-    return SidesView(found.channel, names, views, found, tuple(_words(found)))
+    return SidesView(found.channel, views, found, tuple(_words(found)))
 
 
 def _words(found: Sides) -> Iterator[str]:
@@ -98,6 +96,9 @@ def _words(found: Sides) -> Iterator[str]:
     elif np.isfinite(a_of_b) or np.isfinite(b_of_a):
         yield f"A's model describes B to {a_of_b:.1f} % (A to {own_a:.1f} %)."
         yield f"B's model describes A to {b_of_a:.1f} % (B to {own_b:.1f} %)."
+    for letter, side, fit in zip(LETTERS, (found.first, found.second), (own_a, own_b), strict=True):
+        if side.compared is not None and fit < _POOR and side.compared.lack_of_fit < _ONLY_NOISE:
+            yield f"What {letter}'s model leaves is noise, which keeps every fit to {letter} this low."
     yield from _of_parameters(found)
     for letter, side in zip(LETTERS, (found.first, found.second), strict=True):
         for what, one in (

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from estimation.diagnosis.result import Accepted
+from estimation.effects.contact_offset import ContactOffset
 from estimation.study import Revision
 from palpate.console import table
 from palpate.render.view import (
@@ -172,6 +173,9 @@ def parameter_table(parameters: Sequence[ParameterView]) -> RenderableType:
         value, half = with_interval(one)
         name = f"[dim]{safe(one.effect)}.[/dim]{safe(one.name)}"
         made.add_row(name, value, half, safe(one.unit))
+    if any(one.effect == ContactOffset.name for one in parameters):
+        made.caption = f"{ContactOffset.name}: how much deeper the surface lies than it was first taken to be"
+        made.caption_justify = "left"
     return made
 
 

@@ -101,10 +101,10 @@ def drawn(example: Example, width: int) -> Iterator[Text]:
     sides = 2 if room >= 2 * _NARROWEST + 3 else 1
     wide = min((room - 3 * (sides - 1)) // sides, _WIDEST)
     curves = [(f"over {axes.position}", position), ("over time", one_after_the_other(data))][:sides]
-    yield Text.from_markup(
-        f"{safe(axes.effort)}, {np.min([before, after]):.3g} to {np.max([before, after]):.3g}: "
-        f"[{palette.BASE}]· without it[/], [{palette.MODEL}]⣿ with {safe(example.effect.name)}[/]"
-    )
+    what = f"{safe(axes.effort)}, {np.min([before, after]):.3g} to {np.max([before, after]):.3g}:"
+    marks = f"[{palette.BASE}]· without it[/], [{palette.MODEL}]⣿ with {safe(example.effect.name)}[/]"
+    caption = Text.from_markup(f"{what} {marks}")
+    yield from [caption] if caption.cell_len <= room else map(Text.from_markup, (what, marks))
     panels = [
         drawing((x, before, palette.BASE), (x, after, palette.MODEL), wide, _TALLEST) for _, x in curves
     ]

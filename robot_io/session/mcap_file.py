@@ -16,7 +16,7 @@ from robot_io.session.stream import TIME_COLUMN, RecordArray, Stream, streams_to
 from robot_io.session.wire import PACKAGE, WireFormat
 
 PROFILE = "palpate"
-FORMAT_VERSION = "1"
+FORMAT_VERSIONS = ("1", "2")  # the second with messages that hold several records of a stream
 HEADER_RECORD = "palpate.session"
 EXTRA_RECORD = "palpate.extra"
 END_RECORD = "palpate.end"
@@ -48,7 +48,8 @@ class McapFile:
             enable_data_crcs=True,
         )
         self._mcap.start(profile=PROFILE)
-        header = {"format_version": FORMAT_VERSION, "streams": streams_to_json(tuple(streams))}
+        version = FORMAT_VERSIONS[any(stream.batch > 1 for stream in streams)]
+        header = {"format_version": version, "streams": streams_to_json(tuple(streams))}
         self._mcap.add_metadata(HEADER_RECORD, header | metadata.to_strings())
         self._mcap.add_metadata(EXTRA_RECORD, dict(metadata.extra))
         self._channels = {EVENT_STREAM: self._register(EVENT_STREAM, event_descriptor_set(), {"time_s": "s"})}
@@ -63,10 +64,11 @@ class McapFile:
         return channel
 
     def write_records(self, stream_name: str, sequence: NDArray[np.uint64], records: RecordArray) -> None:
-        """Add records, shape (n,), with their sequence numbers, shape (n,)."""
-        messages = self._formats[stream_name].encode(records)
-        times_ns = _nanoseconds(records[TIME_COLUMN])
-        for message, number, time_ns in zip(messages, sequence.tolist(), times_ns, strict=True):
+        """Add records, shape (n,), with their sequence numbers, shape (n,); a message has its first one's."""
+        wire = self._formats[stream_name]
+        first = slice(None, None, wire.stream.batch)
+        times_ns, numbers = _nanoseconds(records[TIME_COLUMN][first]), sequence[first].tolist()
+        for message, number, time_ns in zip(wire.encode(records), numbers, times_ns, strict=True):
             self._write(stream_name, number, time_ns, message)
 
     def write_events(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from robot_io.errors import InputError, SessionError, UnknownNameError
 from robot_io.session.event import EVENT_STREAM, Event, decode_event, says_unclosed
-from robot_io.session.mcap_file import END_RECORD, EXTRA_RECORD, FORMAT_VERSION, HEADER_RECORD
+from robot_io.session.mcap_file import END_RECORD, EXTRA_RECORD, FORMAT_VERSIONS, HEADER_RECORD
 from robot_io.session.metadata import SessionMetadata
 from robot_io.session.samples import Samples
 from robot_io.session.scan import Growing, Scan, scan
@@ -54,17 +54,18 @@ class Session:
         header = found.metadata.get(HEADER_RECORD)
         if header is None:
             raise SessionError("no session of palpate, or cut off at its very beginning")
-        if header.get("format_version") != FORMAT_VERSION:
+        if header.get("format_version") not in FORMAT_VERSIONS:
             version = header.get("format_version", "")[:20]
-            raise SessionError(f"format version '{version}'; this palpate reads {FORMAT_VERSION}")
-        streams = _streams(header)
+            raise SessionError(f"format version '{version}'; this palpate reads {', '.join(FORMAT_VERSIONS)}")
+        samples = {one.name: _samples(one, found.messages.get(one.name, [])) for one in _streams(header)}
+        dropped = sum(_dropped(found, name, len(one), one.stream.batch) for name, one in samples.items())
         return cls(
             path=path,
             metadata=SessionMetadata.from_strings(header, found.metadata.get(EXTRA_RECORD, {})),
             events=tuple(decode_event(message) for message in found.messages.get(EVENT_STREAM, [])),
             truncated=not found.complete,
-            dropped=sum(_dropped(found, name) for name in (EVENT_STREAM, *(s.name for s in streams))),
-            _samples={s.name: _samples(s, found.messages.get(s.name, [])) for s in streams},
+            dropped=dropped + _dropped(found, EVENT_STREAM, len(found.messages.get(EVENT_STREAM, []))),
+            _samples=samples,
         )
 
     @property
@@ -122,7 +123,7 @@ class Follower:
             self._wire = WireFormat(streams[self._name]) if self._name in streams else None
         if self._wire is None or not self._records:
             return None
-        return Samples.from_records(self._wire.stream, self._wire.decode(b"".join(self._records)))
+        return Samples.of(self._wire.stream, self._wire.decode(b"".join(self._records)))
 
 
 def _read(path: Path) -> bytes:
@@ -147,13 +148,14 @@ def _streams(header: Mapping[str, str]) -> tuple[Stream, ...]:
 
 
 def _samples(stream: Stream, messages: list[bytes]) -> Samples:
-    return Samples.from_records(stream, WireFormat(stream).decode(b"".join(messages)))
+    return Samples.of(stream, WireFormat(stream).decode(b"".join(messages)))
 
 
-def _dropped(found: Scan, stream_name: str) -> int:
-    """Sequence numbers without a message: in the gaps, and after the last one if the file knows its end."""
-    count = len(found.messages.get(stream_name, []))
-    offered = found.sequence[stream_name][-1] + 1 if count else 0
+def _dropped(found: Scan, stream_name: str, count: int, batch: int = 1) -> int:
+    """Sequence numbers without a record: in the gaps, and after the last one if the file knows its end."""
+    numbers = found.sequence[stream_name]
+    in_last = count - (len(numbers) - 1) * batch
+    offered = numbers[-1] + in_last if count else 0
     stated = found.metadata.get(END_RECORD, {}).get(stream_name, "")
     if len(stated) < 20 and stated.isdecimal():
         offered = max(offered, int(stated))

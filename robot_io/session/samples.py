@@ -21,10 +21,14 @@ class Samples:
     columns: Mapping[str, NDArray[Any]]  # each column, shape (n,) for a scalar or (n, width), in its unit
 
     @classmethod
+    def of(cls, stream: Stream, columns: dict[str, NDArray[Any]]) -> "Samples":
+        """Samples of columns that nobody else changes."""
+        return cls(stream, _read_only(columns))
+
+    @classmethod
     def from_records(cls, stream: Stream, records: RecordArray) -> "Samples":
         """Take the columns out of records of shape (n,)."""
-        columns = {column.name: records[column.name].astype(column.dtype) for column in stream.columns}
-        return cls(stream, _read_only(columns))
+        return cls.of(stream, {c.name: records[c.name].astype(c.dtype) for c in stream.columns})
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))

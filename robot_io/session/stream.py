@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -64,12 +64,14 @@ class Stream:
     """A named sequence of records that all have the same columns.
 
     Raises:
-        InputError: a name twice, no time, or a record of more than `MAX_RECORD_BYTES`.
+        InputError: a name twice, no time, or a message of more than `MAX_RECORD_BYTES`.
     """
 
     name: str  # letters, digits and underscores
     # In the order of a record's values; one of them is the scalar float64 `time_s` [s].
     columns: tuple[Column, ...]
+    # Records that a message of the session file holds, its last one perhaps less; a matter of the file only.
+    batch: int = field(default=1, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))
@@ -83,10 +85,11 @@ class Stream:
             raise InputError(f"stream '{self.name}': needs a scalar float64 column '{TIME_COLUMN}'")
         if len(names) > MAX_COLUMNS:
             raise InputError(f"stream '{self.name}': {len(names)} columns, at most {MAX_COLUMNS}")
-        if self.dtype.itemsize > MAX_RECORD_BYTES:
-            raise InputError(
-                f"stream '{self.name}': a record of {self.dtype.itemsize} bytes, at most {MAX_RECORD_BYTES}"
-            )
+        if not isinstance(self.batch, int) or self.batch < 1:
+            raise InputError(f"stream '{self.name}': {self.batch!r:.20} records in a message")
+        if (size := self.batch * self.dtype.itemsize) > MAX_RECORD_BYTES:
+            what = "a record" if self.batch == 1 else f"{self.batch} records"
+            raise InputError(f"stream '{self.name}': {what} of {size} bytes, at most {MAX_RECORD_BYTES}")
 
     @cached_property
     def dtype(self) -> np.dtype[np.void]:
@@ -105,28 +108,34 @@ class Stream:
         Raises:
             InputError: a column is missing, unknown, of another length or shape, or not a number.
         """
+        arrays = self.arrays(columns)
+        records = np.zeros(len(arrays[TIME_COLUMN]), self.dtype)
+        for name, array in arrays.items():
+            records[name] = array
+        return records
+
+    def arrays(self, columns: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
+        """Whole columns as arrays that fit the stream; see `records`."""
         names = {column.name for column in self.columns}
         if names != set(columns):
             raise InputError(
                 f"stream '{self.name}': columns missing: {sorted(names - set(columns))}, "
                 f"unknown: {sorted(set(columns) - names)}"
             )
-        records = np.zeros(np.shape(columns[TIME_COLUMN])[:1] or (1,), self.dtype)
-        for column in self.columns:
-            self._fill(records[column.name], columns[column.name], column)
-        return records
+        count = np.shape(columns[TIME_COLUMN])[:1] or (1,)
+        return {column.name: self._array(columns[column.name], column, count) for column in self.columns}
 
-    def _fill(self, target: NDArray[Any], values: ArrayLike, column: Column) -> None:
+    def _array(self, values: ArrayLike, column: Column, count: tuple[int, ...]) -> NDArray[Any]:
         where = f"stream '{self.name}', column '{column.name}'"
         try:
             array = np.asarray(values)
         except ValueError as error:
             raise InputError(f"{where}: no rectangular array") from error
-        if array.shape != target.shape:
-            raise InputError(f"{where}: shape {array.shape}, expected {target.shape}")
-        if not np.can_cast(array.dtype, target.dtype, casting="same_kind"):
+        if array.shape != count + column.shape:
+            raise InputError(f"{where}: shape {array.shape}, expected {count + column.shape}")
+        if not np.can_cast(array.dtype, column.scalar_dtype, casting="same_kind"):
             raise InputError(f"{where}: {array.dtype} does not fit {column.dtype}")
-        target[...] = array
+        return array
 
 
 def streams_to_json(streams: tuple[Stream, ...]) -> str:
@@ -138,8 +147,10 @@ def streams_from_json(text: str) -> tuple[Stream, ...]:
     """Read back what `streams_to_json` wrote. SessionError: the text describes no valid streams."""
     try:
         return tuple(
-            Stream(entry["name"], tuple(Column(**column) for column in entry["columns"]))
+            Stream(
+                entry["name"], tuple(Column(**column) for column in entry["columns"]), entry.get("batch", 1)
+            )
             for entry in json.loads(text)
         )
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise SessionError(f"the description of the streams is not valid: {error}") from error

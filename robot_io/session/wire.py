@@ -2,13 +2,16 @@
 
 Every column is written in every message, in order, and only with types of fixed size. All messages of a
 stream then have the same length, with the same tag bytes at the same places, and a numpy structured type with
-gaps for the tags reads and writes them as whole arrays. Any protobuf library reads the messages with the
+gaps for the tags reads and writes them as whole arrays. Where a message holds several records, each field has
+the values of all, and the last message alone may be shorter. Any protobuf library reads the messages with the
 descriptor that is stored beside them.
 
 Encoding: https://protobuf.dev/programming-guides/encoding/
 """
 
+from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from google.protobuf import descriptor_pb2
@@ -41,15 +44,15 @@ class WireFormat:
 
     @cached_property
     def dtype(self) -> np.dtype[np.void]:
-        """The stream's columns at their places in a message, with gaps where the tags are."""
+        """The columns at their places in a message, (batch,) or (batch, width), with gaps for the tags."""
         offsets, end = [], 0
         for column, tag in zip(self.stream.columns, self._tags, strict=True):
             offsets.append(end + len(tag))
-            end = offsets[-1] + column.width * column.scalar_dtype.itemsize
+            end = offsets[-1] + self._value_bytes(column)
         return np.dtype(
             {
                 "names": [c.name for c in self.stream.columns],
-                "formats": [(c.scalar_dtype, c.shape) for c in self.stream.columns],
+                "formats": [(c.scalar_dtype, (self.stream.batch, *c.shape)) for c in self.stream.columns],
                 "offsets": offsets,
                 "itemsize": end,
             }
@@ -57,43 +60,76 @@ class WireFormat:
 
     @cached_property
     def _tags(self) -> list[bytes]:
-        return [_tag(number, column) for number, column in enumerate(self.stream.columns, start=1)]
+        return [self._tag(number, column) for number, column in enumerate(self.stream.columns, start=1)]
+
+    def _value_bytes(self, column: Column) -> int:
+        return self.stream.batch * column.width * column.scalar_dtype.itemsize
+
+    def _is_packed(self, column: Column) -> bool:
+        return self.stream.batch * column.width > 1
+
+    def _tag(self, number: int, column: Column) -> bytes:
+        if self._is_packed(column):
+            return _varint(number << 3 | _LENGTH) + _varint(self._value_bytes(column))
+        return _varint(number << 3 | _WIRE_TYPE[column.scalar_dtype.itemsize])
 
     @cached_property
     def _template(self) -> NDArray[np.uint8]:
         """A message with all values zero."""
-        zeros = (bytes(c.width * c.scalar_dtype.itemsize) for c in self.stream.columns)
+        zeros = (bytes(self._value_bytes(c)) for c in self.stream.columns)
         parts = (tag + zero for tag, zero in zip(self._tags, zeros, strict=True))
         return np.frombuffer(b"".join(parts), np.uint8)
 
     @cached_property
     def _is_tag(self) -> NDArray[np.bool_]:
         parts = [
-            np.arange(len(tag) + c.width * c.scalar_dtype.itemsize) < len(tag)
+            np.arange(len(tag) + self._value_bytes(c)) < len(tag)
             for tag, c in zip(self._tags, self.stream.columns, strict=True)
         ]
         return np.concatenate(parts)
 
     def encode(self, records: RecordArray) -> list[bytes]:
-        """One message for each record of the stream's dtype, shape (n,)."""
-        size = self.dtype.itemsize
-        messages = np.tile(self._template, len(records)).view(self.dtype)
-        for name in self.stream.dtype.names or ():
-            messages[name] = records[name]
-        data = messages.tobytes()
-        return [data[start : start + size] for start in range(0, len(data), size)]
+        """Messages of records of the stream's dtype, shape (n,); only the last may hold less than a batch."""
+        size, whole = self.dtype.itemsize, len(records) // self.stream.batch
+        messages = np.tile(self._template, whole).view(self.dtype)
+        for column in self.stream.columns:
+            values = records[column.name][: whole * self.stream.batch]
+            messages[column.name] = values.reshape(-1, self.stream.batch, *column.shape)
+        data, rest = messages.tobytes(), records[whole * self.stream.batch :]
+        last = self._of(len(rest)).encode(rest) if len(rest) else []
+        return [data[start : start + size] for start in range(0, len(data), size)] + last
 
-    def decode(self, messages: bytes) -> RecordArray:
-        """Records, shape (n,), from n messages one after the other; a view with the gaps of `dtype`.
+    def decode(self, messages: bytes) -> dict[str, NDArray[Any]]:
+        """The columns, each (n,) or (n, width), of messages one after the other.
 
         SessionError: the bytes are not messages of this form.
         """
-        where, size, tags = f"stream '{self.stream.name}'", self.dtype.itemsize, self._is_tag
-        if len(messages) % size:
-            raise SessionError(f"{where}: a message is not {size} bytes long")
-        raw = np.frombuffer(messages, np.uint8).reshape(-1, size)
+        whole = len(messages) // self.dtype.itemsize * self.dtype.itemsize
+        parts = [self._view(memoryview(messages)[:whole])]
+        if rest := memoryview(messages)[whole:]:
+            shorter = map(self._of, range(1, self.stream.batch))
+            last = next((one for one in shorter if one.dtype.itemsize == len(rest)), None)
+            if last is None:
+                raise SessionError(
+                    f"stream '{self.stream.name}': a message is not {self.dtype.itemsize} bytes long"
+                )
+            parts.append(last._view(rest))
+        return {
+            column.name: np.concatenate([part[column.name].reshape(-1, *column.shape) for part in parts])
+            for column in self.stream.columns
+        }
+
+    def _of(self, batch: int) -> "WireFormat":
+        """The same stream's format with so many records in a message."""
+        return WireFormat(replace(self.stream, batch=batch))
+
+    def _view(self, messages: memoryview) -> RecordArray:
+        """Whole messages as a view of `dtype`."""
+        raw, tags = np.frombuffer(messages, np.uint8).reshape(-1, self.dtype.itemsize), self._is_tag
         if (raw[:, tags] != self._template[tags]).any():
-            raise SessionError(f"{where}: a message's fields are not those of its columns")
+            raise SessionError(
+                f"stream '{self.stream.name}': a message's fields are not those of its columns"
+            )
         return raw.reshape(-1).view(self.dtype)
 
     def descriptor_set(self) -> bytes:
@@ -105,7 +141,7 @@ class WireFormat:
                 json_name=column.name,
                 number=number,
                 type=_PROTOBUF_TYPE[str(column.dtype)],
-                label=_FIELD.LABEL_OPTIONAL if column.width == 1 else _FIELD.LABEL_REPEATED,
+                label=_FIELD.LABEL_REPEATED if self._is_packed(column) else _FIELD.LABEL_OPTIONAL,
             )
         return file_descriptor_set(message)
 
@@ -117,13 +153,6 @@ def file_descriptor_set(message: descriptor_pb2.DescriptorProto) -> bytes:
     )
     data: bytes = descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
     return data
-
-
-def _tag(number: int, column: Column) -> bytes:
-    size = column.scalar_dtype.itemsize
-    if column.width == 1:
-        return _varint(number << 3 | _WIRE_TYPE[size])
-    return _varint(number << 3 | _LENGTH) + _varint(column.width * size)
 
 
 def _varint(value: int) -> bytes:

@@ -5,24 +5,27 @@ import subprocess
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from robot_io.errors import InputError, SessionError, UnknownNameError
+from robot_io.errors import InputError, SessionError, UnknownNameError, UnloggedError
 from robot_io.files.whole_file import whole_file
 from robot_io.session.event import EVENT_STREAM, Event, encode_event
 from robot_io.session.mcap_file import McapFile
 from robot_io.session.metadata import SessionMetadata
 from robot_io.session.ring import RingBuffer
 from robot_io.session.shared_log import FINISHED, STARTING, Job, SharedLog, check_streams, open_memory
-from robot_io.session.stream import Record, RecordArray, Stream, streams_to_json
+from robot_io.session.stream import MAX_RECORD_BYTES, TIME_COLUMN, Record, Stream, streams_to_json
 
 START_LIMIT_S = 60.0
 _AT_ONCE = 16_384  # records, to bound memory
+_MANY = 500_000  # records of a stream, beyond which a message holds several: one a message takes 6 us
+_BATCH = 100  # records in such a message, if they fit
 STALL_LIMIT_S = 30.0  # at close, without a single record reaching the disk
 _STALLED = f"the disk took nothing for {STALL_LIMIT_S:.0f} s"
 _KILL_LIMIT_S = 2.0
@@ -55,6 +58,7 @@ class SessionWriter:
         wait_for_room: bool = False,
     ) -> None:
         check_streams(streams)
+        streams = [replace(stream, batch=1) for stream in streams]  # none waits in memory for others
         if ring_slots < 1:
             raise InputError(f"ring_slots {ring_slots}: at least 1")
         self.path = new_session_path(path)
@@ -118,7 +122,7 @@ class SessionWriter:
         while ring.full and self._process.poll() is None:
             if time.monotonic() > give_up_s:
                 self._wait_for_room = False  # from here on records are dropped, and counted
-                raise SessionError(f"{self.path}: {_STALLED}")
+                raise UnloggedError(f"{self.path}: {_STALLED}")
             time.sleep(_POLL_S)
 
     def _no_ring(self, stream_name: str) -> InputError:
@@ -144,7 +148,7 @@ class SessionWriter:
     def close(self) -> None:
         """Empty the rings, finish the file and wait for it. A second call does nothing.
 
-        SessionError: not all of it reached the disk.
+        UnloggedError: not all of it reached the disk.
         """
         if self._closed:
             return
@@ -156,10 +160,10 @@ class SessionWriter:
             self._process.kill()
             with suppress(subprocess.TimeoutExpired):  # nothing ends a process that a disk holds
                 self._process.wait(_KILL_LIMIT_S)
-            raise SessionError(f"{self.path}: {_STALLED}; the end is missing")
+            raise UnloggedError(f"{self.path}: {_STALLED}; the end is missing")
         self._process.wait()
         if self.failure is not None:
-            raise SessionError(f"{self.path} is not complete: {self.failure}") from self._log.system_error
+            raise UnloggedError(f"{self.path} is not complete: {self.failure}") from self._log.system_error
 
     def __enter__(self) -> Self:
         return self
@@ -241,12 +245,12 @@ def write_session(
         SessionError: the file exists already or cannot be written.
     """
     check_streams([stream for stream, _ in streams])
-    records = {stream.name: stream.records(columns) for stream, columns in streams}
+    tables = [_in_batches(stream, stream.arrays(columns)) for stream, columns in streams]
     new = new_session_path(path)
     try:
         with whole_file(new, replace=False) as unfinished, unfinished.open("wb") as file:
-            mcap = McapFile(file, [stream for stream, _ in streams], metadata)
-            _write_all(mcap, records, tuple(events), progress)
+            mcap = McapFile(file, [stream for stream, _ in tables], metadata)
+            _write_all(mcap, tables, tuple(events), progress)
             os.fsync(file.fileno())
     except FileExistsError:
         raise _exists(new) from None
@@ -255,19 +259,30 @@ def write_session(
     return new
 
 
+_Table = tuple[Stream, Mapping[str, NDArray[Any]]]
+
+
+def _in_batches(stream: Stream, columns: Mapping[str, NDArray[Any]]) -> _Table:
+    """The stream with as many records in a message as its length asks for."""
+    most = min(_BATCH, MAX_RECORD_BYTES // stream.dtype.itemsize)
+    return replace(stream, batch=most if len(columns[TIME_COLUMN]) > _MANY else 1), columns
+
+
 def _write_all(
     mcap: McapFile,
-    records: Mapping[str, RecordArray],
+    tables: Sequence[_Table],
     events: Sequence[Event],
     progress: Callable[[float], None],
 ) -> None:
     messages = [encode_event(event) for event in events]
     mcap.write_events(range(len(events)), [event.time_s for event in events], messages)
-    written, count = 0, sum(map(len, records.values()))
-    for name, array in records.items():
-        for start in range(0, len(array), _AT_ONCE):
-            part = array[start : start + _AT_ONCE]
-            mcap.write_records(name, np.arange(start, start + len(part), dtype=np.uint64), part)
+    counts = {stream.name: len(columns[TIME_COLUMN]) for stream, columns in tables}
+    written = 0
+    for stream, columns in tables:
+        step = _AT_ONCE // stream.batch * stream.batch
+        for start in range(0, counts[stream.name], step):
+            part = stream.records({name: array[start : start + step] for name, array in columns.items()})
+            mcap.write_records(stream.name, np.arange(start, start + len(part), dtype=np.uint64), part)
             written += len(part)
-            progress(written / count)
-    mcap.finish({EVENT_STREAM: len(events)} | {name: len(array) for name, array in records.items()})
+            progress(written / sum(counts.values()))
+    mcap.finish({EVENT_STREAM: len(events)} | counts)

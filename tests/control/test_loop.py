@@ -301,3 +301,8 @@ def test_ctrl_c_in_a_terminal_ends_the_arm_safely_and_leaves_a_whole_session(tmp
     assert not session.truncated
     assert (session.samples(STREAM_NAME)["torque_sent_nm"][-1] == 0).all()
     assert any("interrupted by the user (SIGINT)" in event.text for event in session.events)
+
+
+def test_the_numbers_of_phases_are_those_in_the_files_that_are_there():
+    names = ("idle", "move", "approach", "loading", "hold", "unloading", "retract", "free_air", "stopped")
+    assert [Phase(number).name.lower() for number in range(len(names))] == list(names)

@@ -22,8 +22,17 @@ def switches():
     return policy, os.sched_getparam(0).sched_priority, locked, gc.get_freeze_count(), slack_ns
 
 
-def test_everything_is_put_back():
+@pytest.fixture(params=[os.SCHED_OTHER, os.SCHED_BATCH] if sys.platform == "linux" else [])
+def policy(request):
+    """The policy of whoever asks for help, which need not be the system's usual one."""
+    os.sched_setscheduler(0, request.param, os.sched_param(0))
+    yield request.param
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def test_everything_is_put_back(policy):
     before = switches()
+    assert before[0] == policy
     with realtime() as report:
         during = switches()
     assert switches() == before

@@ -1,6 +1,7 @@
 """Histogram percentiles against numpy's, and the grid of ticks against exact fractions."""
 
 import math
+import tracemalloc
 from fractions import Fraction
 from math import ceil
 
@@ -72,6 +73,22 @@ def test_each_section_is_kept_apart_and_a_tick_is_all_of_them_but_lateness(count
         assert summary[name].max_s == pytest.approx(1e-6 * (i + 1) * (2 - 1 / count))
     assert summary["tick"].max_s == pytest.approx(21e-6 * (2 - 1 / count))
     assert timing.summary()["tick"].count == count
+
+
+def test_hours_of_ticks_take_no_more_memory_than_a_minute():
+    timing, durations = LoopTiming(), [TickDurations(*(1e-6 * n + i for i in range(7))) for n in range(500)]
+
+    def grown_bytes(ticks):
+        tracemalloc.start()
+        for number in range(ticks):
+            timing.add(durations[number % len(durations)])
+        grown, _ = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return grown
+
+    grown_bytes(5_000)
+    assert grown_bytes(50_000) < 100_000
+    assert timing.summary()["tick"].count == 55_000
 
 
 def test_ends_where_the_periods_end_after_a_hundred_thousand_ticks():

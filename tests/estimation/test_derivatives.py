@@ -78,6 +78,14 @@ def test_no_other_window_would_be_much_better(rate, noise):
     assert np.std(found.acceleration - a) < 1.25 * min(np.std(other.acceleration - a) for other in others)
 
 
+def test_where_times_repeat_a_fit_stays_within_its_samples():
+    t = np.repeat(np.arange(12) * 0.01, 4)
+    x = np.tile([-1.0, 1.0, -2.0, 2.0], 12) + 3.0 * t
+    fitted = local_fit(t, x, np.arange(len(t)), 3).fitted
+    assert np.isfinite(fitted).all()
+    assert np.max(np.abs(fitted[:, 0] - 3.0 * t)) <= 2.0 + 1e-9
+
+
 @pytest.mark.parametrize("steps", [np.full(30, 0.01), np.linspace(0.008, 0.012, 30)])
 def test_a_fit_knows_what_noise_does_to_it(steps):
     t, centres = np.cumsum(steps), np.array([0, 3, 15, 29])

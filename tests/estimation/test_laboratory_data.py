@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from control.loop.phases import Phase
-from estimation.data import excel_table
+from estimation.data import file_size
 from estimation.data.import_file import import_file
 from estimation.data.import_files import data_files, import_files
 from estimation.data.import_options import ImportOptions
@@ -83,6 +83,31 @@ def test_small_presses_are_found_beside_large_ones(press):
         press(**{WAY: np.where(small & (x > 0.0), 0.2, 1.0) * 1e3 * x, LOAD: f * (1 - 0.8 * small)})
     )
     assert len(channel.runs) == 4
+
+
+@pytest.mark.parametrize("noise_mm", [0.0, 0.001, 0.02])
+def test_a_hold_between_sharp_ramps_is_as_long_as_it_was(press, noise_mm):
+    parts = (np.full(30, -1.0), np.linspace(-1, 5, 60), np.full(200, 5.0), np.linspace(5, -1, 60))
+    way_mm = np.concatenate([*parts, parts[0]])
+    load = 0.5 * np.maximum(way_mm, 0.0)
+    way_mm = way_mm + np.random.default_rng(0).normal(0.0, noise_mm, len(way_mm))
+    time_s = np.round(0.01 * np.arange(len(way_mm)), 2)
+    phase = contact_of(press(**{TIME: time_s, WAY: way_mm, LOAD: load})).phase
+    assert np.sum(phase == Phase.HOLD) * 0.01 == pytest.approx(2.0, abs=0.2)
+    assert np.sum(phase == Phase.APPROACH) * 0.01 == pytest.approx(0.1, abs=0.05)
+
+
+def test_noise_is_no_press(press):
+    t, x, f = (column[: len(column) // 4] for column in presses())
+    one = press(**{TIME: t, WAY: 1e3 * x, LOAD: f})
+    assert len(contact_of(one, runs=1).runs) == 1
+    with pytest.raises(InputError, match="--runs 3: 1 press can be told apart at most"):
+        contact_of(one, runs=3)
+
+
+def test_a_force_below_every_level_is_one_run(press):
+    load = np.where(np.arange(len(presses()[0])) % 50, 0.0, -1.0)
+    assert len(contact_of(press(**{LOAD: load})).runs) == 1
 
 
 def test_more_runs_than_presses_are_refused(press):
@@ -231,7 +256,7 @@ def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch)
     book.save(path)
     with pytest.raises(InputError, match="a sheet of 1048576 rows, 16384 columns; cut it into pieces"):
         read_table(path)
-    monkeypatch.setattr(excel_table, "most_bytes", lambda path: 100)
+    monkeypatch.setattr(file_size, "MOST_BYTES", 100)
     with pytest.raises(InputError, match="holds more than 0 MiB; cut it into pieces"):
         read_table(path)
 
@@ -240,6 +265,25 @@ def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch)
 def test_text_is_the_same_in_every_encoding(tmp_path, encoding):
     text = "Zeit [s];Weg [µm];Prüfkraft [N]\r\n1,5;2;3\r\n"
     assert as_utf8(text.encode(encoding), tmp_path)[0].decode() == text
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"\x89PNG\r\n\x1a\n\0\0", "is a picture"),
+        (b"\xff\xd8\xff\xe0\0\x10JFIF", "is a picture"),
+        (b"%PDF-1.7\n\0\xff\x81", "is a PDF"),
+        (b"PK\x03\x04\x14\0\0", "end in .xlsx"),
+        (b"\x1f\x8b\x08\0\x81", "end in .gz"),
+        (b"PAR1\x15\0\x81", "end in .parquet"),
+        (b"\0\x81\x82", "is no text; save it as CSV"),
+    ],
+)
+def test_what_is_no_text_is_named(tmp_path, content, words):
+    path = tmp_path / "a.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        import_file(path)
 
 
 @given(st.binary(max_size=300))

@@ -63,6 +63,7 @@ def test_lists_and_drawings_fit_the_terminal_and_break_no_name(width):
         effect = EFFECTS[name]()
         print_effect(console, effect, Example.plain(effect, kind_of(effect)))
     assert max(map(len, out.getvalue().splitlines())) <= width
+    assert "⣿ with cubic_stiffness\n" in "".join(line.rstrip() + "\n" for line in out.getvalue().splitlines())
     assert set(EFFECTS) <= set(out.getvalue().split())
 
 

@@ -250,6 +250,7 @@ def test_names_of_estimators():
         (1234.5678, None, "1234.6"),
         (1234.5678, float("nan"), "1234.6"),
         (7.0, 0.0, "7"),
+        (1234.5678, float("inf"), "1.2e+03"),
     ],
 )
 def test_a_value_has_as_many_digits_as_its_uncertainty_allows(value, uncertainty, text):

@@ -17,7 +17,7 @@ from robot_io.errors import InputError
 from robot_io.session import Session
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import Scenario, load_scenario
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import assert_refused, next_commands, run
 from tests.palpate.presses import write_presses
 
 
@@ -147,8 +147,8 @@ def test_the_world_reproduces_the_force_that_was_measured(tmp_path):
     probe = ("probe", "--speed-mm-s", "150,90", "--hold-s", "0.4", "--seed")
     assert run(*probe, 5, "--out", first, "--hidden", hidden).exit_code == 0
     assert run("add", first, "stress_relaxation").exit_code == 0
-    assert run("export", first).exit_code == 0
-    world = tmp_path / "first" / "scenario.yaml"
+    exported, world = run("export", first), tmp_path / "first" / "scenario.yaml"
+    assert ["replay", str(first), "--scenario", str(world)] in next_commands(exported)
     assert run(*probe, 6, "--out", again, "--scenario", world).exit_code == 0
     for number in range(2):
         measured, simulated = (force_of(path, number) for path in (first, again))

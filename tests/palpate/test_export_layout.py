@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from robot_io.session import Session, SessionMetadata, write_session
+from robot_io.session import Session, SessionMetadata, write_session, writer
 from tests.palpate.cli import assert_refused, run
 from tests.palpate.sessions import synthetic_session
 
@@ -34,6 +34,15 @@ def test_every_curve_is_a_value_of_the_session(program, session, tmp_path):
         name, _, number = one.partition(".")[2].rstrip("]").partition("[")
         assert ticks.vector(name).shape[1] > int(number or 0)
         assert (number == "") == (ticks.vector(name).shape[1] == 1)
+
+
+@pytest.mark.parametrize("program", ["foxglove", "plotjuggler"])
+def test_of_a_long_session_the_first_value_of_each_message_is_shown(program, tmp_path, monkeypatch):
+    monkeypatch.setattr(writer, "_MANY", 10)
+    session = synthetic_session(tmp_path / "long.mcap")
+    result = run("export", session, "--layout", program, "-o", tmp_path / "layout")
+    assert "it shows every " in result.stderr
+    assert {"tick.force_n[0]", "tick.joint_position_rad[2]"} <= set(series_of(program, tmp_path / "layout"))
 
 
 def test_every_panel_of_foxglove_has_its_place(session, tmp_path):

@@ -44,6 +44,15 @@ def test_a_column_that_is_missing_is_named(name, reader, tmp_path):
         reader(session)
 
 
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("name", ["encoder_at_s", "torque_at_s", "force_at_s"])
+def test_a_sample_of_another_clock_is_named(name, reader, tmp_path):
+    columns, data = columns_and_data()
+    data[name][7] = 1e18
+    with pytest.raises(InputError, match=rf"tick 8, column .{name}.: 1e\+18 s is far"):
+        reader(session_of(tmp_path / "x.mcap", columns, data))
+
+
 def test_what_nothing_is_worked_out_from_may_be_missing(tmp_path):
     columns, data = columns_and_data()
     for name in ("tick", "lateness_s", "log_s", "joint_velocity_rad_s"):

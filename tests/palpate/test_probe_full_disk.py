@@ -1,4 +1,4 @@
-"""`palpate probe` when the disk is full: the arm comes to its end, and the user is told."""
+"""`palpate probe` when nothing is kept any longer: the simulated arm comes to its end, the user is told."""
 
 import resource
 import sys
@@ -42,3 +42,18 @@ def test_a_full_disk_stops_no_arm_and_is_one_line(tmp_path, monkeypatch):
     ticks = session.samples("tick")
     assert len(ticks) > 300
     assert (ticks["phase"] > 0).any()
+
+
+class DeadWriter(SessionWriter):
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self._process.kill()
+        self._process.wait()
+
+
+def test_a_writer_that_was_killed_is_no_bad_input(tmp_path, monkeypatch):
+    monkeypatch.setattr(run_session, "SessionWriter", DeadWriter)
+    path = tmp_path / "s.mcap"
+    said = run("probe", "-o", path, "--speed-mm-s", 150, "--hold-s", 0.2, "--online", "none")
+    assert said.exit_code == 1
+    assert said.stderr.strip().endswith("s.mcap is not complete: the writer process ended with -9")

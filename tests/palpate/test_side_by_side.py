@@ -126,6 +126,13 @@ def test_the_command_that_leads_there_can_be_typed_again(hardening):
     assert run(*words[:-2]).stdout == result.stdout
 
 
+def test_of_a_fit_that_noise_keeps_low_that_is_said(soft, tmp_path):
+    weak = write_presses(tmp_path / "weak.csv", force_of=lambda x, v: 10.0 * x + 0.0 * v, seed=5)
+    said = run("compare", soft, weak).stdout
+    assert "What B's model leaves is noise, which keeps every fit to B this low." in " ".join(said.split())
+    assert "every fit to A" not in said
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from control.loop.phases import Phase
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis
 from palpate.render import palette, sentences, terminal
@@ -138,6 +139,19 @@ def test_runs_are_named_by_their_speed_from_slow_to_fast(contact):
     assert run_speeds(contact.select(contact.run == 0)) == {}
     unphased = replace(contact, phase=np.full(len(contact), -1))
     assert list(run_speeds(unphased)) == [2, 1, 0]
+
+
+def test_speeds_that_were_meant_to_be_one_have_one_name(contact):
+    nearly = np.where(contact.run == 1, 0.98 * 150 / 90, 1.0) * contact.velocity
+    words = run_speeds(replace(contact, velocity=nearly))
+    assert words[0] == words[1] != words[2]
+
+
+def test_an_approach_that_hardly_shows_says_no_speed(contact):
+    short = (contact.phase != Phase.APPROACH) | (np.arange(len(contact.run)) % 40 == 0)
+    slow = contact.select(short)
+    slow = replace(slow, velocity=np.where(slow.phase == Phase.APPROACH, 1e-6, slow.velocity))
+    assert min(float(word.split()[0]) for word in run_speeds(slow).values()) > 1.0
 
 
 def test_runs_that_each_begin_at_zero_are_shown_one_after_the_other(contact):

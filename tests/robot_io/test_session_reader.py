@@ -1,6 +1,7 @@
 import os
 import stat
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,17 @@ from mcap.writer import CompressionType, Writer
 
 from robot_io.errors import InputError, SessionError, UnknownNameError
 from robot_io.files import unpacked
-from robot_io.session import Column, Event, Follower, Session, SessionMetadata, Stream, scan, write_session
+from robot_io.session import (
+    Column,
+    Event,
+    Follower,
+    Session,
+    SessionMetadata,
+    Stream,
+    scan,
+    write_session,
+    writer,
+)
 from robot_io.session.mcap_file import CHUNK_BYTES, EXTRA_RECORD, HEADER_RECORD, McapFile
 from robot_io.session.stream import streams_to_json
 from robot_io.session.wire import WireFormat
@@ -75,6 +86,57 @@ def test_any_streams_come_back_bit_by_bit(tmp_path, one, two):
             assert samples[name].dtype == values.dtype
             assert samples[name].shape == values.shape
             assert samples[name].tobytes() == values.tobytes()
+
+
+@pytest.fixture
+def in_batches(monkeypatch):
+    """A stream of more than 1,000 records is written with several in a message."""
+    monkeypatch.setattr(writer, "_MANY", 1000)
+
+
+@pytest.mark.parametrize("count", [1001, 1500, 20_000])
+def test_a_long_session_has_many_records_in_a_message_and_is_read_back(tmp_path, in_batches, count):
+    path = written(tmp_path / "s.mcap", count)
+    session = Session.open(path)
+    assert (session.truncated, session.dropped, session.events) == (False, 0, EVENTS)
+    assert_ticks(session.samples("tick"), range(count))
+    assert (session.samples("tick").stream, session.samples("slow").stream) == (TICK, SLOW)
+    with path.open("rb") as file:
+        summary = make_reader(file, validate_crcs=True).get_summary()
+    assert max(index.uncompressed_size for index in summary.chunk_indexes) <= CHUNK_BYTES
+    assert summary.statistics.message_count < count / 20
+    again = write_session(
+        tmp_path / "short.mcap", [(session.samples("slow").stream, session.samples("slow").columns)], METADATA
+    )
+    assert scan.scan(path.read_bytes()).metadata[HEADER_RECORD]["format_version"] == "2"
+    assert scan.scan(again.read_bytes()).metadata[HEADER_RECORD]["format_version"] == "1"
+
+
+@within_one_folder
+@given(share=st.floats(0.05, 0.99))
+def test_a_long_session_that_was_cut_off_gives_what_came_before(tmp_path, in_batches, share):
+    whole = tmp_path / "whole.mcap"
+    content = (whole if whole.exists() else written(whole, 5000)).read_bytes()
+    path = tmp_path / "s.mcap"
+    path.write_bytes(content[: int(share * len(content))])
+    session = Session.open(path)
+    assert (session.truncated, session.dropped) == (True, 0)
+    assert_ticks(session.samples("tick"), range(len(session.samples("tick"))))
+    assert len(session.samples("tick")) > 5000 * share - 700
+
+
+def test_a_message_of_many_records_that_is_lost_is_counted_record_by_record(tmp_path, in_batches):
+    path, batch = tmp_path / "s.mcap", 16
+    stream = replace(SLOW, batch=batch)
+    rows = SLOW.records({"time_s": np.arange(40.0), "x": np.zeros(40)})
+    with path.open("wb") as file:
+        mcap = McapFile(file, [stream], METADATA)
+        mcap.write_records("slow", np.arange(16, dtype=np.uint64), rows[:16])
+        mcap.write_records("slow", np.arange(32, 40, dtype=np.uint64), rows[32:])
+        mcap.finish({"slow": 40})
+    session = Session.open(path)
+    assert session.samples("slow")["time_s"].tolist() == [*range(16), *range(32, 40)]
+    assert session.dropped == 16
 
 
 def test_other_programs_can_read_it(tmp_path):
@@ -183,10 +245,20 @@ def test_a_session_made_by_others_is_read(tmp_path):
     ("arguments", "word"),
     [
         ({"header": None}, "no session of palpate"),
-        ({"header": {"format_version": "2"}}, "format version '2'"),
+        ({"header": {"format_version": "3"}}, "format version '3'"),
         ({"header": {"streams": "nonsense"}}, "streams"),
         ({"header": {"streams": streams_to_json((SLOW, SLOW))}}, "slow is there twice"),
         ({"header": {"streams": "[" * 50_000}}, "streams"),
+        (
+            {"header": {"streams": streams_to_json((SLOW,)).replace('"batch": 1', '"batch": 0')}},
+            "0 records in",
+        ),
+        ({"header": {"streams": streams_to_json((SLOW,)).replace('"batch": 1', '"batch": "9"')}}, "'9' rec"),
+        (
+            {"header": {"streams": streams_to_json((SLOW,)).replace('"batch": 1', '"batch": 9999')}},
+            "9999 rec",
+        ),
+        ({"header": {"streams": '["slow"]'}}, "streams"),
         ({"header": {"seed": "many"}}, "many"),
         ({"header": {"created_utc": "yesterday"}}, "yesterday"),
         ({"header": {}, "messages": [("slow", MESSAGE[:-1])]}, "slow"),

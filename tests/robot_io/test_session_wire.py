@@ -1,9 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from hypothesis import given
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from robot_io.errors import SessionError
+from robot_io.session.stream import MAX_RECORD_BYTES
 from robot_io.session.wire import PACKAGE, WireFormat
 from tests.robot_io.session_parts import TICK, streams_with_columns, ticks
 
@@ -17,21 +21,23 @@ def parsed_by_protobuf(wire, messages):
     return [kind.FromString(message) for message in messages]
 
 
-@given(streams_with_columns())
-def test_protobuf_and_decode_both_read_what_was_encoded(stream_and_columns):
+@given(streams_with_columns(), st.sampled_from([1, 1, 2, 7]))
+def test_protobuf_and_decode_both_read_what_was_encoded(stream_and_columns, batch):
     stream, columns = stream_and_columns
-    wire = WireFormat(stream)
+    assume(batch * stream.dtype.itemsize <= MAX_RECORD_BYTES)
+    wire = WireFormat(replace(stream, batch=batch))
     messages = wire.encode(stream.records(columns))
+    assert len(messages) == -(-len(columns["time_s"]) // batch)
 
     decoded = wire.decode(b"".join(messages))
     for name, values in columns.items():
         assert decoded[name].tobytes() == values.tobytes()
 
-    for row, message in enumerate(parsed_by_protobuf(wire, messages)):
+    for number, message in enumerate(parsed_by_protobuf(wire, messages)):
         for column in stream.columns:
-            value = getattr(message, column.name)
-            got = np.array(value if column.width == 1 else list(value), column.dtype)
-            np.testing.assert_array_equal(got, columns[column.name][row])
+            value, rows = getattr(message, column.name), slice(number * batch, (number + 1) * batch)
+            got = np.array(list(value) if column.width * batch > 1 else [value], column.dtype)
+            np.testing.assert_array_equal(got, columns[column.name][rows].ravel())
 
 
 @pytest.mark.parametrize("damage", [lambda m: m[:-1], lambda m: m + m[:5], lambda m: b"\x7a" + m[1:]])

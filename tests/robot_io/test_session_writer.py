@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -137,6 +138,13 @@ def test_simulated_time_waits_instead_of_dropping(tmp_path):
     session = Session.open(tmp_path / "s.mcap")
     assert session.dropped == 0
     assert_ticks(session.samples("tick"), range(300))
+
+
+def test_a_stream_of_a_long_session_is_logged_record_by_record(tmp_path):
+    with SessionWriter(tmp_path / "s.mcap", [replace(SLOW, batch=50)], METADATA) as log:
+        for number in range(130):
+            log.append("slow", (float(number), 0.0))
+    assert Session.open(tmp_path / "s.mcap").samples("slow")["time_s"].tolist() == list(range(130))
 
 
 def test_a_slow_stream_reaches_the_disk_while_the_session_goes_on(tmp_path):

@@ -202,3 +202,14 @@ def test_frames_that_are_constantly_late_are_as_old_as_they_are(bench, path, lat
         measurement = arm.tick(None)
         for sampled_at_s in (measurement.encoder_at_s, measurement.torque_at_s):
             assert late_ms - 1e-6 <= 1e3 * (measurement.time_s - sampled_at_s) <= late_ms + 2.6
+
+
+def test_a_motor_that_answers_late_is_examined_as_one_that_answers(bench):
+    arm = bench(CUBEMARS)
+    arm.strike("motors", FaultKind.DELAY, delay_s=4.2e-3)
+    arm.robot.configure()
+    findings = [
+        one for one in arm.robot.buses["motors"].examine() if "motor" in one.subject or "node" in one.subject
+    ]
+    assert findings
+    assert not [one.text for one in findings if "does not answer" in one.text]

@@ -43,6 +43,17 @@ def test_the_force_arrives_in_newtons(sensor):
     assert sensor.tick(None).force_n == pytest.approx(5.0, abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("path", "words"), [(ODRIVE, "DI-1000, counts in lb, load cell of 100 N"), (CUBEMARS, "100 N")]
+)
+def test_what_the_sensor_says_of_itself_is_told_once_it_was_asked(bench, path, words):
+    robot = bench(path).robot
+    assert robot.force.examine() == ()
+    robot.configure()
+    (finding,) = robot.force.examine()
+    assert words in finding.text
+
+
 def test_a_sensor_that_counts_tension_as_positive_is_reversed(bench):
     arm = bench(ODRIVE, [("capacity_n: 100.0}", "capacity_n: 100.0, reversed: true}")])
     arm.robot.configure()

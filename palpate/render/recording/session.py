@@ -74,9 +74,11 @@ def _log_joints(recording: rr.RecordingStream, scene: Scene) -> None:
     lines = zip((position - wanted).T, cycle(palette.JOINTS), strict=False)
     tracking = {f"joint {n}": (error, color, 1.5) for n, (error, color) in enumerate(lines, 1)}
     send_lines(recording, _TRACKING, scene.time_s, tracking)
+    torque_nm = ticks["torque_measured_nm"].copy()
+    torque_nm[0] = np.nan  # it was still off, and from 0 the axes would begin
     for joint in range(scene.joints):
         for entity, measured, commanded, name in (
-            (_TORQUE, ticks["torque_measured_nm"], ticks["torque_sent_nm"], "commanded"),
+            (_TORQUE, torque_nm, ticks["torque_sent_nm"], "commanded"),
             (_POSITION, position, wanted, "aimed at"),
         ):
             curves = {

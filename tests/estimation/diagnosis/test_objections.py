@@ -74,3 +74,15 @@ def test_a_run_of_another_scale_is_found_also_beside_one_too_short_to_be_judged(
     found = disagreement(fitted.plain.frame, fitted.trial)
     assert found.run == 2
     assert found.run_alone < 1.2 * NOISE_N < found.run_predicted
+
+
+def test_a_swing_of_its_own_in_each_run_is_told_with_its_size_and_what_is_left_beside_it():
+    data, size_n = session(7), 0.05
+    phase = np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, int(data.run.max()) + 1)
+    swung = data.effort + size_n * np.sin(2.0 * np.pi * 7.0 * data.time_s + phase[data.run])
+    found = objection(replace(data, effort=np.where(data.effort > 5 * NOISE_N, swung, data.effort)))
+    frequency_hz, told_n = (float(found.reason.split(word)[0].split()[-1]) for word in (" Hz", " N,"))
+    assert frequency_hz == pytest.approx(7.0, rel=0.02)
+    assert told_n == pytest.approx(size_n / np.sqrt(2.0), rel=0.15)
+    assert found.depends_on == "time"
+    assert found.floor == pytest.approx(NOISE_N, rel=0.2)

@@ -8,7 +8,7 @@ import pytest
 from estimation.data.derivatives import differentiate
 from estimation.diagnosis.candidates import Candidate
 from estimation.diagnosis.established import rivals, simplest
-from estimation.diagnosis.search import looked_back, search_of
+from estimation.diagnosis.search import LEVEL, looked_back, search_of
 from estimation.effects import EFFECTS
 from estimation.fit.inner_search import Attempts
 from estimation.fit.readings import readings_of
@@ -117,3 +117,40 @@ def test_elasticity_is_as_large_as_it_is_behind_an_acceleration_with_smooth_erro
     (tried,) = search.screened(search.start)
     found = search.with_candidate(tried).trial.parameters["joint_elasticity.compliance"]
     assert found == pytest.approx(compliance, rel=0.06)
+
+
+@pytest.mark.parametrize(("friction_nm", "needed"), [(0.004, False), (0.03, True)])
+def test_what_is_certain_but_small_is_not_needed(friction_nm, needed):
+    """Both take away more than chance would; one of them less than a twentieth of the error."""
+    data = swings(1, lambda q, v, a: friction_nm * np.tanh(v / 0.01))
+    search = searched(data, "coulomb_friction")
+    (candidate,) = search.screened(search.start)
+    end = search.with_candidate(candidate)
+    assert search.p_value(search.start, end) <= LEVEL
+    assert (end.rmse < 0.95 * search.start.rmse) == needed
+    assert search.is_needed(search.start, end) == needed
+
+
+@pytest.mark.parametrize(
+    ("driven_before", "driven_after", "sound"),
+    [(False, False, True), (False, True, False), (True, True, True), (True, False, True)],
+)
+def test_a_base_gain_may_be_beyond_its_bounds_only_if_it_was_from_the_start(
+    driven_before, driven_after, sound
+):
+    """A joint that something drives has a negative friction."""
+
+    def search(driven):
+        return searched(swings(1, lambda q, v, a: -0.5 * driven * v))
+
+    after = search(driven_after).start
+    assert search(driven_before).is_sound(after, "viscous_friction") == sound
+    assert search(driven_before).is_sensible(after) == sound
+
+
+def test_of_models_that_leave_as_much_the_simpler_is_better():
+    search = searched(swings(1), "coulomb_friction")
+    larger = search.with_candidate(search.screened(search.start)[0])
+    assert larger.trial.held_out == pytest.approx(search.start.trial.held_out, rel=0.02)
+    assert search.is_better(search.start, larger)
+    assert not search.is_better(larger, search.start)

@@ -124,6 +124,47 @@ def test_a_joints_single_run_is_thinned_by_stretches_that_go_through_its_motion(
     assert len(shortened(one)[0].runs) == runs
 
 
+def quick(time_s, runs, kind):
+    """A motion whose effort changes too quickly for means over more than two samples."""
+    rng, swing = np.random.default_rng(3), np.sin(2 * np.pi * 0.7 * time_s)
+    effort = 2.0 * swing + np.sin(2 * np.pi * 230.0 * time_s) + rng.normal(0, 0.01, len(time_s))
+    return channel(swing, effort, np.arange(len(time_s)) * runs // len(time_s), kind)
+
+
+@pytest.mark.parametrize(
+    ("kind", "runs", "words"),
+    [
+        (ChannelKind.REVOLUTE, 1, "stretches 6 are taken, evenly spread"),
+        (ChannelKind.REVOLUTE, 7, "stretches 6 are taken, evenly spread"),
+        (ChannelKind.REVOLUTE, 300, "of its 300 runs"),
+        (ChannelKind.CONTACT, 1, "which loses what is quicker"),
+        (ChannelKind.CONTACT, 7, "which loses what is quicker"),
+    ],
+)
+def test_however_quick_and_long_a_recording_is_it_gets_short_enough_and_says_how(
+    kind, runs, words, monkeypatch
+):
+    monkeypatch.setattr(long_data, "_MOST", 3_000)
+    whole = quick(np.arange(200_000) / RATE_HZ, runs, kind)
+    short, said = shortened(whole)
+    assert len(short) <= 2 * 3_000
+    assert words in said
+    assert len(short.runs) >= min(runs, 6)
+    assert np.ptp(short.position) > 0.8 * np.ptp(whole.position)
+
+
+def test_of_a_joint_that_mostly_rests_the_stretches_in_which_it_moves_are_taken(monkeypatch):
+    monkeypatch.setattr(long_data, "_MOST", 3_000)
+    time_s = np.arange(200_000) / RATE_HZ
+    moves = (time_s % 25.0) < 10.0
+    one = quick(time_s, 1, ChannelKind.REVOLUTE)
+    rests = channel(one.position * moves, one.effort * moves, one.run, ChannelKind.REVOLUTE)
+    short, said = shortened(rests)
+    assert "go through 30 % of the motion or more, and of these 6 are taken" in said
+    assert len(short) <= 3_000
+    assert np.mean(np.abs(short.position) > 0.0) > 0.6
+
+
 def test_a_study_says_what_was_averaged(recording):
     source = of_bearable_length(Source("presses.csv", (recording,), notes=("first",)))
     first, said = source.notes

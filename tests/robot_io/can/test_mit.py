@@ -40,6 +40,18 @@ def test_full_range_of_each_model(model, ranges):
     assert (lowest.position_rad, lowest.velocity_rad_s, lowest.torque_nm) == tuple(-end for end in ranges)
 
 
+@pytest.mark.parametrize(
+    ("position", "velocity", "at_end"),
+    [
+        *((0, 2048, True), (65535, 2048, True), (32768, 0, True), (32768, 4095, True)),
+        *((1, 2048, False), (65534, 2048, False), (32768, 1, False), (32768, 4094, False)),
+    ],
+)
+def test_the_end_of_a_range_is_known_on_either_side(position, velocity, at_end):
+    data = bitstruct.pack("u8u16u12u12", 3, position, velocity, 0)
+    assert mit.decode_state(CanFrame(0, data), AK80_9).at_range_end == at_end
+
+
 @given(*(st.floats(-1, 1) for _ in range(3)), st.floats(0, 500), st.floats(0, 5))
 def test_a_command_against_a_bit_packer(position, velocity, torque, stiffness, damping):
     frame = mit.encode_command(7, 12.5 * position, 50 * velocity, stiffness, damping, 18 * torque, AK80_9)

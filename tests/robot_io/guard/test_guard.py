@@ -56,6 +56,15 @@ def limited(guard, command, measurement, dt_s=DT):
     return guard.limit(command, measurement, dt_s).joint_torque_nm.tolist()
 
 
+@pytest.mark.parametrize(("joints", "damped"), [(3, (2.0, 1.0)), (2, (2.0, 1.0, 0.5)), (3, (2.0, 1.0, 0.5))])
+def test_limits_and_safe_state_of_another_number_of_joints_are_refused(joints, damped):
+    safe_state = SafeState(damping_nms_rad=damped, stop_time_s=0.05)
+    with pytest.raises(
+        InputError, match=f"the arm has {joints} joints, its limits 2 and its safe state {len(damped)}"
+    ):
+        Guard(LIMITS, safe_state, joints)
+
+
 @pytest.fixture
 def guard():
     return Guard(LIMITS, SAFE_STATE, 2)

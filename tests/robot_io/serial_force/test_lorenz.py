@@ -29,6 +29,12 @@ def test_a_telegram_summed_by_hand():
     assert data.hex() == "024001ff00" + "40" + "0202"
 
 
+@pytest.mark.parametrize("rate_hz", [20, 25, 50, 100, 200, 250, 500, 1000, 1250, 2500])
+def test_a_rate_code_is_the_time_between_samples_in_steps_of_200_us(rate_hz):
+    (telegram,) = TelegramReader().feed(lorenz.encode_start_stream(1, rate_hz))
+    assert telegram.parameters[1] * 200e-6 == pytest.approx(1 / rate_hz)
+
+
 def test_the_stream_is_asked_for_with_its_rate_code():
     (telegram,) = TelegramReader().feed(lorenz.encode_start_stream(1, 1000))
     assert telegram == Telegram(0x5A, 1, 0xFF, bytes((3, 5, 0, 0, ord("A"))))

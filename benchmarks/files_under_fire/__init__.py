@@ -1,0 +1,1 @@
+"""Damaged and hostile files, kind by kind; see `fuzz_files.py`."""

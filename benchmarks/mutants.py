@@ -1,0 +1,266 @@
+"""Changes one place of the program at a time, and says which changes the tests do not notice.
+
+    python benchmarks/mutants.py [mutants, default 200] [--seed N] [--only session,guard,...]
+
+A mutant is one changed operator, number, condition, result or left out statement, drawn evenly over areas.
+The tests that name the changed module run first, then the others of its area, in a copy of the tree. mutmut
+wants the whole suite before it begins, and cosmic-ray one test command for all: both take days here.
+"""
+
+import argparse
+import ast
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+AREAS = {  # where the program is, and the tests that are to notice
+    "guard": ("robot_io/guard", ("tests/robot_io/guard", "tests/control/test_loop_failures.py")),
+    "loop": (
+        "control/loop",
+        ("tests/control/test_loop*.py", "tests/control/test_timing.py", "tests/control/test_realtime.py"),
+    ),
+    "session": ("robot_io/session", ("tests/robot_io/test_session_*.py",)),
+    "drivers": (
+        "robot_io/drivers",
+        ("tests/robot_io/drivers", "tests/robot_io/can", "tests/robot_io/serial_force", "tests/wire"),
+    ),
+    "fit": (
+        "estimation/fit",
+        ("tests/estimation/fit", "tests/estimation/study", "tests/estimation/diagnosis"),
+    ),
+    "diagnosis": ("estimation/diagnosis", ("tests/estimation/diagnosis", "tests/estimation/design")),
+}
+GOAL = 0.95
+MOST_S = 900.0  # that the tests of a mutant may take; one that takes longer is noticed
+_COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "=="}
+_REVERSED = {ast.In: "not in", ast.NotIn: "in", ast.Is: "is not", ast.IsNot: "is"}
+_COMPUTED = {
+    ast.Add: "-",
+    ast.Sub: "+",
+    ast.Mult: "/",
+    ast.Div: "*",
+    ast.FloorDiv: "*",
+    ast.Pow: "*",
+    ast.Mod: "*",
+}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change: the file, which characters of it, and what stands there instead."""
+
+    area: str
+    file: Path
+    line: int
+    start: int
+    end: int
+    old: str
+    new: str
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}: {' '.join(self.old.split())} -> {' '.join(self.new.split())}"
+
+
+def mutants_of(area: str, file: Path) -> list[Mutant]:
+    """All that can be changed in a file, whose path is from the root."""
+    source = (ROOT / file).read_text(encoding="utf-8")
+    lines = source.encode().splitlines(keepends=True)
+    begins = [0]
+    for line in lines:
+        begins.append(begins[-1] + len(line))
+    found = []
+    for node, new in _changes(ast.parse(source)):
+        start = begins[node.lineno - 1] + node.col_offset
+        end = begins[node.end_lineno - 1] + node.end_col_offset
+        old = source.encode()[start:end].decode()
+        found.append(Mutant(area, file, node.lineno, start, end, old, new))
+    return found
+
+
+def _changes(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
+    """Nodes with the text that stands for them in a mutant; types, texts and imports are left alone."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(tree, ast.AnnAssign | ast.arg) and node is tree.annotation:
+            continue
+        if isinstance(tree, ast.FunctionDef) and (node is tree.returns or node in tree.decorator_list):
+            continue
+        if isinstance(tree, ast.Raise | ast.JoinedStr | ast.Import | ast.ImportFrom):
+            continue
+        new = _changed(node)
+        if new:
+            yield node, new
+        yield from _changes(node)
+
+
+def _changed(node: ast.AST) -> str:
+    """The other text of one node; empty if there is none."""
+    text = ast.unparse
+    match node:
+        case ast.Compare(left, [operator], [right]):
+            other = (_COMPARED | _REVERSED)[type(operator)]
+            return f"({text(left)} {other} {text(right)})"
+        case ast.BoolOp(operator, values):
+            return (
+                "("
+                + (" or " if isinstance(operator, ast.And) else " and ").join(f"({text(v)})" for v in values)
+                + ")"
+            )
+        case ast.BinOp(left, operator, right) if type(operator) in _COMPUTED:
+            return f"(({text(left)}) {_COMPUTED[type(operator)]} ({text(right)}))"
+        case ast.UnaryOp(ast.Not() | ast.USub(), operand):
+            return f"({text(operand)})"
+        case ast.Constant(bool() as value):
+            return str(not value)
+        case ast.Constant(int() | float() as value):
+            return str(value + 1 if isinstance(value, int) else 2.0 * value or 1.0)
+        case ast.IfExp(test, body, other):
+            return f"({text(other)} if {text(test)} else {text(body)})"
+        case ast.Return(value) if value is not None and not isinstance(value, ast.Constant):
+            return "return None"
+        case ast.Expr(ast.Call()) | ast.AugAssign() | ast.Raise():
+            return "pass"
+    return ""
+
+
+def sampled(count: int, areas: list[str], seed: int) -> list[Mutant]:
+    """As many of each area, at random, no place twice."""
+    random, drawn = Random(seed), list[Mutant]()
+    for number, area in enumerate(areas):
+        files = sorted(path.relative_to(ROOT) for path in (ROOT / AREAS[area][0]).rglob("*.py"))
+        every = [one for file in files for one in mutants_of(area, file)]
+        drawn += random.sample(every, count // len(areas) + (number < count % len(areas)))
+    random.shuffle(drawn)
+    return drawn
+
+
+class Trial:
+    """A copy of the tree, in which one mutant at a time is tried.
+
+    Args:
+        tree: the copy.
+    """
+
+    def __init__(self, tree: Path) -> None:
+        self._tree = tree
+        listed = subprocess.run(
+            ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
+        )
+        for name in filter(None, listed.stdout.split("\0")):
+            if (ROOT / name).is_file():
+                (tree / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(ROOT / name, tree / name)
+
+    def check(self, area: str) -> None:
+        """Refuse tests that fail without a mutant: they notice nothing."""
+        if by := self._failing([str(path) for path in self._files(area)]):
+            raise SystemExit(f"{area}: the tests fail as it is: {by}")
+
+    def noticed_by(self, mutant: Mutant) -> str:
+        """What noticed: a test, or that none came to an end; empty if nothing did."""
+        whole = (self._tree / mutant.file).read_bytes()
+        (self._tree / mutant.file).write_bytes(
+            whole[: mutant.start] + mutant.new.encode() + whole[mutant.end :]
+        )
+        try:
+            near, far = self._tests(mutant)
+            return self._failing(near) or self._failing(far)
+        finally:
+            (self._tree / mutant.file).write_bytes(whole)
+
+    def _tests(self, mutant: Mutant) -> tuple[list[str], list[str]]:
+        """Files of tests that name the module or its folder, and the others of the area."""
+        files = self._files(mutant.area)
+        module = ".".join(mutant.file.with_suffix("").parts)
+        names = (module, f"{module.rpartition('.')[0]} import", f"import {mutant.file.stem}")
+        near = [path for path in files if any(name in path.read_text(encoding="utf-8") for name in names)]
+        near.sort(key=lambda path: module not in path.read_text(encoding="utf-8"))
+        return [str(path) for path in near], [str(path) for path in files if path not in near]
+
+    def _files(self, area: str) -> list[Path]:
+        found = (place for pattern in AREAS[area][1] for place in self._tree.glob(pattern))
+        return sorted(path for one in found for path in ([one] if one.is_file() else one.rglob("test_*.py")))
+
+    def _failing(self, tests: list[str]) -> str:
+        if not tests:
+            return ""
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-x",
+            "-q",
+            "--no-header",
+            "-p",
+            "no:cacheprovider",
+            "-n",
+            "0",
+            *tests,
+        ]
+        environment = os.environ | {
+            "PYTHONPATH": str(self._tree),
+            "OPENBLAS_NUM_THREADS": "1",
+            "PYTHONDONTWRITEBYTECODE": "1",
+        }
+        with subprocess.Popen(
+            command,
+            cwd=self._tree,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        ) as process:
+            try:
+                said, _ = process.communicate(timeout=MOST_S)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                return "no end"
+        if process.returncode == 0:
+            return ""
+        failed = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        return (failed or said.splitlines()[-1:] or ["no end"])[0][:150]
+
+
+def main() -> None:
+    """Try the mutants, print a line for each and the share that was noticed; exit with 1 below the goal."""
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    options.add_argument("count", nargs="?", type=int, default=200)
+    options.add_argument("--seed", type=int, default=0)
+    options.add_argument("--only", default=",".join(AREAS))
+    given = options.parse_args()
+    noticed: dict[str, list[bool]] = defaultdict(list)
+    with TemporaryDirectory() as folder:
+        trial = Trial(Path(folder))
+        for area in given.only.split(","):
+            trial.check(area)
+        for mutant in sampled(given.count, given.only.split(","), given.seed):
+            started = time.perf_counter()
+            by = trial.noticed_by(mutant)
+            noticed[mutant.area].append(bool(by))
+            print(
+                f"{'noticed' if by else 'MISSED '} {time.perf_counter() - started:5.0f} s  {mutant}  {by}",
+                flush=True,
+            )
+    for area, results in noticed.items():
+        print(f"{area}: {sum(results)} of {len(results)}")
+    every = [one for results in noticed.values() for one in results]
+    print(f"noticed: {sum(every)} of {len(every)}, {100 * np.mean(every):.0f} % (goal {100 * GOAL:.0f} %)")
+    sys.exit(sum(every) < GOAL * len(every))
+
+
+if __name__ == "__main__":
+    main()
