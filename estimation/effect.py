@@ -91,6 +91,7 @@ class Effect(ABC):
         needs: signals of `ChannelData.context` without which the effect cannot be tried.
         confused_with: effects that data often cannot tell from this one, with the experiment that can.
         parts: effects that may together draw the same curve as this one.
+        form: which of its forms it is, see `forms`.
     """
 
     name: ClassVar[str]
@@ -106,6 +107,7 @@ class Effect(ABC):
     needs: ClassVar[tuple[str, ...]] = ()
     confused_with: ClassVar[Mapping[str, str]] = {}
     parts: ClassVar[tuple[str, ...]] = ()
+    form: int = 0
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """Inner values from which a search begins; an effect whose scale depends on the data says its own.

@@ -13,6 +13,7 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.data.derivatives import grid_step
+from estimation.effect import Effect
 from estimation.fit.flexible import flexible
 from estimation.fit.inner_search import look
 from estimation.fit.memory import Memory
@@ -20,6 +21,7 @@ from estimation.fit.polish import polish
 from estimation.fit.readings import Readings, shuffled
 from estimation.fit.standing import Standing
 from estimation.fit.trial import Bench, Trial, attempt
+from estimation.model import Model
 from robot_io.types import FloatArray
 
 SMALL = 0.05  # of an error: a smaller change is told, and changes no verdict
@@ -94,7 +96,10 @@ def gained(
         starts = added.starts(before.data)
         found = {one.name: known[f"{effect}.{one.name}"] for one in added.inner}
         tried = [found, *starts[:: max(len(starts) // _STARTS, 1)]]
-        looked = look(bench, model, added, parameters, tried)
+        looked = min(
+            (look(bench, one, form, parameters, tried) for one, form in _forms(model, added)),
+            key=lambda one: one.best.sse,
+        )
         return looked.best, float(looked.held_out.sum())
 
     def gain(bench: Bench, trial: Trial) -> float:
@@ -144,6 +149,15 @@ def draws(
         data = replace(_with_derived(readings.draw(rng), standing.data), effort=effort)
         bench = Bench(replace(frame, data=data, memory=Memory(), of_load=Memory()), standing.plain.colour)
         yield bench, attempt(bench, model, known, rounds=2)
+
+
+def _forms(model: Model, effect: Effect) -> list[tuple[Model, Effect]]:
+    """A model with one of its effects in each of its forms, and that."""
+    forms = effect.forms()
+    if len(forms) == 1:
+        return [(model, effect)]
+    without = model.without(effect.name)
+    return [(without.with_effect(form), form) for form in forms]
 
 
 def _own_noise(

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from estimation.data.derivatives import grid_step
-from estimation.diagnosis.candidates import Candidate, size, try_all
+from estimation.diagnosis.candidates import Candidate, size
 from estimation.diagnosis.doubt import SMALL, gained
 from estimation.diagnosis.search import NEAR, Search, looked_back
 from estimation.effect import SIGNALS, Effect
@@ -160,7 +160,7 @@ def _with_whole(search: Search, end: Standing, whole: Effect) -> Standing:
     """A model with an effect in the place of all its parts."""
     for part in whole.parts:
         end = search.without(end, part)
-    return search.with_candidate(try_all(end, [whole.suited_to(end.data)])[0])
+    return search.with_each(end, [whole])
 
 
 def simplest(search: Search, end: Standing, readings: Readings, is_complete: Complete) -> Standing:

@@ -53,7 +53,7 @@ _LITTLE = 0.2  # of the error, beyond which draws that show as much prove no mor
 FEW_STARTS = 4  # places where a second effect is tried
 _ENOUGH, _ENOUGH_RUNS = 4000, 12  # blocks and runs of a sketch
 Progress = Callable[[str, float], None]
-_Key = tuple[frozenset[str], tuple[str, ...]]
+_Key = tuple[frozenset[tuple[str, int]], tuple[str, ...]]
 
 
 @dataclass(frozen=True)
@@ -253,7 +253,7 @@ class Search:
         tried = self.instead(standing, name)
         roughly = [one.held_out for one in tried if one.effect.name == name]  # in as few places as the others
         near = NEAR * max([standing.trial.held_out, *roughly])
-        others = [one for one in tried if one.effect.name != name]
+        others = [one for one in tried if _key(one.search.best.model) != _key(standing.trial.model)]
         made = [self.with_candidate(one) for one in others[:2] if one.held_out < near]
         made += self._in_parts(standing, name)
         return self.ordered([one for one in made if self.is_sensible(one)])
@@ -261,11 +261,17 @@ class Search:
     def _in_parts(self, standing: Standing, name: str) -> list[Standing]:
         """The model with the parts of an effect in its place, if it has any."""
         (effect,) = (one for one in standing.trial.model.effects if one.name == name)
-        added, made = self.added(standing), self.without(standing, name)
+        added = self.added(standing)
         parts = [one for one in self.effects if one.name in effect.parts and one.name not in added]
-        for part in parts:
-            made = self.with_candidate(try_all(made, [part.suited_to(made.data)])[0])
-        return [made] if parts else []
+        return [self.with_each(self.without(standing, name), parts)] if parts else []
+
+    def with_each(self, standing: Standing, effects: Sequence[Effect]) -> Standing:
+        """A model with these effects, one after the other, as far as the channel can have them."""
+        for effect in effects:
+            if effect.applies_to(standing.data):
+                (tried,) = try_all(standing, [effect.suited_to(standing.data)])
+                standing = self.with_candidate(tried)
+        return standing
 
     def is_better(self, one: Standing, other: Standing) -> bool:
         """Whether a model leaves less than another; or about as much, with fewer parameters.
@@ -422,4 +428,4 @@ def _glance(beside: Fit, effects: Sequence[Effect]) -> list[Candidate]:
 def _key(model: Model) -> _Key:
     """Effects add up in any order; what sensors do does not."""
     sensors = tuple(effect.name for effect in model.effects if isinstance(effect, SensorEffect))
-    return frozenset(effect.name for effect in model.effects), sensors
+    return frozenset((effect.name, effect.form) for effect in model.effects), sensors

@@ -71,3 +71,4 @@ class DryFriction(AdditiveEffect):
 
 class _AtTheSides(DryFriction):
     one_sided = False
+    form = 1

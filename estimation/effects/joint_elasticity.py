@@ -29,9 +29,9 @@ class JointElasticity(MotionEffect):
         "inertia": "move at two frequencies: elasticity grows with the fourth power",
     }
 
-    def __init__(self, wider: int = 0) -> None:
-        """`wider`: windows for the load's derivatives, by so many of `HALF_WINDOWS`."""
-        self.wider = wider
+    def __init__(self, form: int = 0) -> None:
+        """`form`: by how many of `HALF_WINDOWS` the windows of the load's derivatives are wider."""
+        self.form = form
 
     def forms(self) -> tuple["JointElasticity", ...]:
         """See `Effect.forms`: how far errors of the load's acceleration reach is not known."""
@@ -39,7 +39,7 @@ class JointElasticity(MotionEffect):
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
         c, load = inner["compliance"], data.context["load"]
-        changes = _CHANGES[self.wider](data)
+        changes = _CHANGES[self.form](data)
         return moved(
             data, position=-c * load, velocity=-c * changes.velocity, acceleration=-c * changes.acceleration
         )

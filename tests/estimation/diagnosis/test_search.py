@@ -154,3 +154,11 @@ def test_of_models_that_leave_as_much_the_simpler_is_better():
     assert larger.trial.held_out == pytest.approx(search.start.trial.held_out, rel=0.02)
     assert search.is_better(search.start, larger)
     assert not search.is_better(larger, search.start)
+
+
+def test_each_form_of_an_effect_is_a_model_of_its_own():
+    search = searched(swings(1))
+    first, *others = EFFECTS["joint_elasticity"]().forms()
+    made = [search.fitted(SWING.with_effect(form), {}) for form in (first, *others, first)]
+    assert made[0] is made[-1]
+    assert len({id(one) for one in made}) == 1 + len(others)

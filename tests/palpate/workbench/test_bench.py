@@ -205,10 +205,8 @@ def test_curves_are_short_and_keep_their_peaks(press):
 
 @pytest.mark.parametrize("kind", list(ChannelKind))
 def test_every_effect_that_applies_to_a_plain_motion_is_seen_in_its_picture(kind):
-    data, model = plain(kind)
+    data, model, base = plain(kind)
     names = {one.name for one in model.effects}
-    base = dict.fromkeys(model.inner, 0.0) | {"stiffness.k": 500.0, "damping.c": 4.0}
-    base |= {"inertia.m": 0.02, "viscous_friction.d": 0.3}
     for effect in (one() for name, one in EFFECTS.items() if name not in names):
         if effect.applies_to(data) and effect.gains and not effect.name.startswith("run_"):
             drawn = model.with_effect(effect).predict(data, sized(data, model, base, effect))
