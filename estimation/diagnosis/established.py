@@ -17,6 +17,7 @@ from estimation.diagnosis.doubt import SMALL, gained
 from estimation.diagnosis.search import NEAR, Search, looked_back
 from estimation.effect import SIGNALS, Effect
 from estimation.fit.flexible import flexible
+from estimation.fit.intervals import final, values
 from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
 
@@ -114,7 +115,8 @@ def _without_needless(search: Search, end: Standing, readings: Readings, *, comp
         before = search.without(end, name)
         is_small = before.rmse - end.rmse < SMALL * (search.start.rmse - end.rmse)
         is_small = is_small or not (complete or _outweighs_the_rest(before, end))
-        needed = not (is_small or _is_below_a_step(search, end, name)) and search.is_needed(before, end)
+        is_nothing = is_small or _is_below_a_step(search, end, name) or _may_be_nothing(end, name)
+        needed = not is_nothing and search.is_needed(before, end)
         if needed and gained(before, end, readings, search.rng, name).is_unusual:
             continue
         if search.is_sensible(before):  # or another effect would take over what this one says
@@ -242,6 +244,17 @@ def _outweighs_the_rest(before: Standing, end: Standing) -> bool:
     """Whether an effect takes away more than a smooth law still could: less may be a part of that rest."""
     rest = end.trial.held_out - float(end.flexible.held_out.sum())
     return before.trial.held_out - end.trial.held_out >= rest
+
+
+def _may_be_nothing(end: Standing, name: str) -> bool:
+    """Whether the interval of each parameter that says how large an effect is holds zero.
+
+    These are its gains, or the first inner parameter of one without gains: a gap, a compliance, a time.
+    """
+    (effect,) = (one for one in end.trial.model.effects if one.name == name)
+    found = values(*final(end))
+    sizes = [found[f"{name}.{one.name}"] for one in effect.gains or effect.inner[:1]]
+    return all(one.interval[0] <= 0.0 <= one.interval[1] for one in sizes)
 
 
 def _is_below_a_step(search: Search, end: Standing, name: str) -> bool:

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from estimation.data.derivatives import differentiate
+from estimation.diagnosis import established
 from estimation.diagnosis.candidates import Candidate
 from estimation.diagnosis.established import rivals, simplest
 from estimation.diagnosis.search import LEVEL, looked_back, search_of
 from estimation.effects import EFFECTS
+from estimation.estimate import ParameterEstimate
 from estimation.fit.inner_search import Attempts
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import fit
@@ -162,3 +164,17 @@ def test_each_form_of_an_effect_is_a_model_of_its_own():
     made = [search.fitted(SWING.with_effect(form), {}) for form in (first, *others, first)]
     assert made[0] is made[-1]
     assert len({id(one) for one in made}) == 1 + len(others)
+
+
+@pytest.mark.parametrize(("gap_error", "may_be"), [(0.004, False), (0.012, True)])
+def test_an_effect_whose_size_may_be_nothing_is_not_established(monkeypatch, gap_error, may_be):
+    """However sure its other parameters are: without a gap there is no backlash."""
+    end = searched(swings(1)).fitted(SWING.with_effect(EFFECTS["backlash"]()), {})
+
+    def one(name, value, error):
+        interval = (value - 2.0 * error, value + 2.0 * error)
+        return ParameterEstimate(f"backlash.{name}", "rad", value, error, interval)
+
+    known = [one("gap", 0.01, gap_error), one("motor_inertia", 0.4, 0.01), one("motor_friction", 0.4, 0.01)]
+    monkeypatch.setattr(established, "values", lambda *_: {each.name: each for each in known})
+    assert established._may_be_nothing(end, "backlash") is may_be
