@@ -105,7 +105,7 @@ def test_runs_that_are_held_out_are_not_fitted_and_alone_judge(bench, press):
     )
     assert shown.fitted.values == alone.values
     assert set(shown.fitted.data.run[shown.fitted.judged]) == {2}
-    assert held.python().startswith("study = palpate.Study([one.of_runs(np.setdiff1d(one.runs, [0]))")
+    assert held.python().startswith("study = palpate.Study(study.source.without([0]), held_out=[2])")
     again = bench.with_runs((), (2,))
     assert again.command() == (
         "palpate add press.csv --held-out 2 cubic_stiffness --fresh --model kelvin_voigt --channel contact"
@@ -115,6 +115,17 @@ def test_runs_that_are_held_out_are_not_fitted_and_alone_judge(bench, press):
     )
     assert told.fit("contact", ["cubic_stiffness"]).rmse == again.show().fitted.rmse
     assert again.with_runs((), ()).study is bench.study
+
+
+def test_runs_are_used_otherwise_with_the_model_that_was_chosen(press):
+    bench = Bench(Study(press, model="hunt_crossley", keep=False), "press.csv").with_runs((0,), (2,))
+    assert bench.channel.model.name == "hunt_crossley"
+    told = eval(
+        bench.python().split("; ")[0].removeprefix("study = "),
+        {"palpate": palpate, "study": bench.whole.study},
+    )
+    assert told.channel().model.name == "hunt_crossley"
+    assert told.fit("contact").rmse == bench.show().fitted.rmse
 
 
 def test_effects_that_do_the_same_stand_together(bench):
@@ -205,7 +216,7 @@ def test_curves_are_short_and_keep_their_peaks(press):
 
 @pytest.mark.parametrize("kind", list(ChannelKind))
 def test_every_effect_that_applies_to_a_plain_motion_is_seen_in_its_picture(kind):
-    data, model = plain(kind)
+    data, model, _ = plain(kind)
     names = {one.name for one in model.effects}
     base = dict.fromkeys(model.inner, 0.0) | {"stiffness.k": 500.0, "damping.c": 4.0}
     base |= {"inertia.m": 0.02, "viscous_friction.d": 0.3}
