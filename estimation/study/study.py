@@ -119,14 +119,14 @@ class Study(Fits):
         """The error that a complete model would leave: one number for a channel, in the unit of the effort.
 
         What a diagnosis found, which is the error of the final model where that is complete; before there is
-        one, an estimate beside the base model.
+        one, or where runs are held out by choice, an estimate beside the base model.
 
         Raises:
             InputError: the channel cannot be judged.
         """
         one = self.channel(channel) if isinstance(channel, str) else channel
         found = self.known_diagnosis(one)
-        if found is not None and found.noise_floor is not None:
+        if found is not None and found.noise_floor is not None and not one.held_out:
             return found.noise_floor
         return super().noise_floor(one)
 
