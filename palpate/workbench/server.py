@@ -8,7 +8,7 @@ from fastapi import FastAPI
 from nicegui import app, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
-from palpate.workbench.door import STYLE
+from palpate.workbench.early_server import STYLE
 from palpate.workbench.home import Home
 from palpate.workbench.plot import Plot
 
