@@ -89,7 +89,7 @@ class Fitted(Shown):
         return residual
 
     @property
-    def left_on_blocks(self) -> FloatArray:
+    def residual_on_blocks(self) -> FloatArray:
         """What the fit leaves on short blocks of samples, (m,), zero where not judged; known at once."""
         return np.where(self.standing.plain.frame.trusted, self.standing.trial.residual, 0.0)
 

@@ -314,7 +314,7 @@ def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effe
         InputError: it cannot be fitted.
     """
     before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
-    change = before.left_on_blocks - fitted.left_on_blocks
+    change = before.residual_on_blocks - fitted.residual_on_blocks
     length = float(np.linalg.norm(change))
     return Evidence(effect, 1.0 - fitted.rmse / before.rmse, change / length if length > 0.0 else change)
 
