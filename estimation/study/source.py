@@ -166,7 +166,7 @@ def of_bearable_length(source: Source, held_out: Sequence[int] = ()) -> Source:
     return replace(
         source,
         channels=tuple(channel for channel, _, _ in short),
-        averaged=said,
+        averaged={**source.averaged, **said},
         notes=(*source.notes, *said.values()),
         stretches={**source.stretches, **{channel.name: cut for channel, _, cut in short if cut}},
     )
