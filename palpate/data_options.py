@@ -105,7 +105,8 @@ class DataArguments(ReadOptions):
     held_out: Annotated[
         str | None,
         typer.Option(
-            help="Runs to judge models on, which they are not fitted to; default: each by the others.",
+            help="Runs that nothing is fitted to, and which alone judge models in compare and add; "
+            "default: each by the others.",
             metavar="RUNS",
         ),
     ] = None
@@ -140,6 +141,14 @@ class DataArguments(ReadOptions):
         )
         console.say_read(study.source.read, study.source.notes)
         return study
+
+    def say_left_out(self) -> None:
+        """Say that runs held out by choice are left out, in a command that judges no model on them."""
+        if self.held_out:
+            words = (
+                f"--held-out {self.held_out}: left out here; palpate compare and add judge models on these"
+            )
+            console.stderr().print(words)
 
     def typed(self, **more: str | Path | list[str] | bool | None) -> str:
         """The file with these and all further options as one would type them again; see `retyped`."""

@@ -75,8 +75,8 @@ class Study(StudyBase):
         effects: of your own, beside palpate's: objects, or "my_effects.py:MyEffect".
         folder: where revisions and the diagnosis are kept; None for the usual place.
         keep: False to keep them in memory only.
-        held_out: numbers of runs that no model is fitted to, and on which alone models are judged; without
-            any, each run is judged by the others.
+        held_out: numbers of runs that nothing is fitted to, and on which alone `compare` and `add` judge
+            models; `diagnose` and `estimate` leave them out. Without any, each run is judged by the others.
 
     Raises:
         InputError: the data cannot be used, or the model does not describe it.

@@ -1,5 +1,6 @@
 """Makes a recording of millions of samples short enough to be searched, where that loses nothing."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,7 +45,7 @@ class Within:
         return bool(self.departure**2 <= self.noise**2 * (1.0 + _LOST / block + error))
 
 
-def shortened(data: ChannelData) -> tuple[ChannelData, str]:
+def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelData, str, Mapping[int, int]]:
     """A long recording as means over blocks of neighbouring samples, and a sentence on it; else as it is.
 
     Blocks of 5 ms (10 ms of a joint's effort) are what a diagnosis works on in any case. They are made twice
@@ -56,20 +57,23 @@ def shortened(data: ChannelData) -> tuple[ChannelData, str]:
 
     Args:
         data: the channel; velocity and acceleration were derived at its full rate.
+        held_out: runs that nothing is fitted to: they are averaged, and otherwise kept as they are.
 
     Returns:
-        The channel with `averaged` set, and the sentence; the very channel and "" if it is short.
+        The channel with `averaged` set, the sentence, and the run that each stretch is of, by its number,
+        which no run has; the very channel, "" and nothing if it is short.
     """
     if len(data) <= LONG:
-        return data, ""
+        return data, "", {}
+    held, run_of = np.array(held_out, dtype=np.int64), dict[int, int]()
     block, seen = _longest_block(data)
     short = _means(data, block)
     said = _sentence(data, short, block, seen)
     for fewer in (_fewer_runs, _fewer_stretches, _coarser):
-        if len(short) > _MOST:
-            short, more = fewer(short)
-            said += more
-    return short, said
+        if _times_too_long(short, held) > 1:
+            short, more, cut = fewer(short, held)
+            said, run_of = said + more, run_of | cut
+    return short, said, run_of
 
 
 def within_blocks(data: ChannelData, block: int) -> Within:
@@ -115,64 +119,80 @@ def _means(data: ChannelData, block: int) -> ChannelData:
     return replace(coarse_copy(frame), averaged=block * data.averaged)
 
 
-def _fewer_runs(data: ChannelData) -> tuple[ChannelData, str]:
+def _fewer_runs(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
     """Every second, third ... run, so that the others are few enough to be searched."""
-    runs = data.runs
-    every = min(_times_too_long(data), len(runs) // _FEWEST_RUNS)
+    runs = np.setdiff1d(data.runs, held)
+    every = min(_times_too_long(data, held), len(runs) // _FEWEST_RUNS)
     if every < 2:
-        return data, ""
-    some = data.of_runs(runs[::every])
-    return some, f"; of its {len(runs)} runs {_taken(data, some)}"
+        return data, "", {}
+    some = data.of_runs(np.concatenate([runs[::every], held]))
+    return some, f"; of {_its(held)} {len(runs)} runs {_taken(data, some, held)}", {}
 
 
-def _fewer_stretches(data: ChannelData) -> tuple[ChannelData, str]:
+def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
     """Some of the stretches of a joint's runs that go through a fair part of the motion, as runs.
 
     Where it rests, or moves little, nothing is learnt of its friction; a contact remembers what came before.
     """
     if data.kind is ChannelKind.CONTACT:
-        return data, ""
-    length = len(data) // max(_STRETCHES, _FEWEST_RUNS * _times_too_long(data))
-    whole, ends = _in_stretches(data, max(length, _FEWEST_IN_RUN))
+        return data, "", {}
+    length = _fitted(data, held) // max(_STRETCHES, _FEWEST_RUNS * _times_too_long(data, held))
+    whole, run_of = _in_stretches(data, max(length, _FEWEST_IN_RUN), held)
     wide = _COVERED * float(np.ptp(data.position))
-    stretches = np.split(data.position, ends)
-    moving = np.flatnonzero([np.ptp(part) >= wide for part in stretches])
+    parts = [rows for rows in blocks(whole.run) if whole.run[rows.start] in run_of]
+    moving = np.array([whole.run[rows.start] for rows in parts if np.ptp(whole.position[rows]) >= wide])
     if len(moving) < _FEWEST_RUNS:
-        return data, ""
-    there = whole if len(moving) == len(stretches) else whole.of_runs(moving)
-    every = max(1, min(_times_too_long(there), len(moving) // _FEWEST_RUNS))
-    some, where = there.of_runs(moving[::every]), ""
-    if len(moving) < len(stretches):
+        return data, "", {}
+    there = whole.of_runs(np.concatenate([moving, held]))
+    every = max(1, min(_times_too_long(there, held), len(moving) // _FEWEST_RUNS))
+    some, where = there.of_runs(np.concatenate([moving[::every], held])), ""
+    if len(moving) < len(parts):
         where = f" {len(moving)} go through {100 * _COVERED:.0f} % of the motion or more, and of these"
-    return some, f"; of its {len(stretches)} stretches{where} {_taken(there, some)}"
+    return some, f"; of {_its(held)} {len(parts)} stretches{where} {_taken(there, some, held)}", run_of
 
 
-def _in_stretches(data: ChannelData, length: int) -> tuple[ChannelData, IntArray]:
-    """The data with runs of this many samples or a little more, and where all but the first begin."""
-    counts = [rows.stop - rows.start for rows in blocks(data.run)]
-    sizes = [len(part) for count in counts for part in np.array_split(range(count), max(count // length, 1))]
-    return replace(data, run=np.repeat(np.arange(len(sizes)), sizes)), np.cumsum(sizes)[:-1]
+def _in_stretches(data: ChannelData, length: int, held: IntArray) -> tuple[ChannelData, dict[int, int]]:
+    """The data with runs of this many samples or a little more but for those held out, and whose they are."""
+    run, run_of, number = data.run.copy(), dict[int, int](), int(data.run.max())
+    for rows in blocks(data.run):
+        count, old = rows.stop - rows.start, int(data.run[rows.start])
+        for part in [] if old in held else np.array_split(np.arange(count), max(count // length, 1)):
+            number += 1
+            run[rows.start + part], run_of[number] = number, old
+    return replace(data, run=run), run_of
 
 
-def _coarser(data: ChannelData) -> tuple[ChannelData, str]:
+def _coarser(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
     """Means over so many samples that the search ends, although something is lost."""
-    times = _times_too_long(data)
+    times = _times_too_long(data, held)
     if times <= _BEARABLE:
-        return data, ""
+        return data, "", {}
     rate_hz = 1.0 / (sample_time(data.time_s, data.run) * times)
-    return _means(data, times), (
+    said = (
         f"; that is more than can be searched: averaged further by {times} to {rate_hz:.4g} Hz, which loses "
         "what is quicker; choose a part with --where to keep it"
     )
+    return _means(data, times), said, {}
 
 
-def _times_too_long(data: ChannelData) -> int:
-    return -(-len(data) // _MOST)
+def _fitted(data: ChannelData, held: IntArray) -> int:
+    """Samples that models are fitted to."""
+    return len(data) - int(np.isin(data.run, held).sum())
 
 
-def _taken(data: ChannelData, some: ChannelData) -> str:
-    wider = f", which makes intervals {np.sqrt(len(data) / len(some)):.2g} times as wide"
-    return f"{len(some.runs)} are taken" + (f", evenly spread{wider}" if len(some) < len(data) else "")
+def _times_too_long(data: ChannelData, held: IntArray) -> int:
+    return -(-_fitted(data, held) // _MOST)
+
+
+def _its(held: IntArray) -> str:
+    return "the fitted" if len(held) else "its"
+
+
+def _taken(data: ChannelData, some: ChannelData, held: IntArray) -> str:
+    before, after = _fitted(data, held), _fitted(some, held)
+    wider = f", which makes intervals {np.sqrt(before / after):.2g} times as wide"
+    taken = f"{len(np.setdiff1d(some.runs, held))} are taken"
+    return taken + (f", evenly spread{wider}" if after < before else "")
 
 
 def _sentence(data: ChannelData, short: ChannelData, block: int, seen: Within | None) -> str:

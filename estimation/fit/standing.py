@@ -16,7 +16,7 @@ from estimation.fit.memory import Memory
 from estimation.fit.polish import polish
 from estimation.fit.trial import Bench, Trial, attempt
 from estimation.model import Model
-from robot_io.types import BoolArray
+from robot_io.types import BoolArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,14 @@ class Standing(Fit):
         explainable = self.trial.held_out - float(self.flexible.held_out.sum())
         count = max(int(self.plain.frame.trusted.sum()), 1)
         return float(np.sqrt(max(self.rmse**2 - max(explainable, 0.0) / count, 0.0)))
+
+    def floor_in(self, runs: IntArray) -> float:
+        """The same in some of the runs alone, each still judged by the others."""
+        frame = self.plain.frame
+        chosen = frame.trusted & np.isin(frame.run, runs)
+        left = held_out_residual(frame, self.trial)[frame.rows[chosen]]
+        explainable = np.mean(left.mean(axis=1) ** 2 - self.flexible.residual[chosen] ** 2)
+        return float(np.sqrt(max(np.mean(left**2) - max(explainable, 0.0), 0.0)))
 
     def left_of_blocks(self) -> float:
         """Share of the error in held-out runs, on blocks, that can be explained; see `floor`."""

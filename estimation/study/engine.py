@@ -89,7 +89,7 @@ class Fitted(Shown):
         return residual
 
     @property
-    def left_on_blocks(self) -> FloatArray:
+    def residual_on_blocks(self) -> FloatArray:
         """What the fit leaves on short blocks of samples, (m,), zero where not judged; known at once."""
         return np.where(self.standing.plain.frame.trusted, self.standing.trial.residual, 0.0)
 
@@ -108,11 +108,14 @@ class Fitted(Shown):
         with threadpool_limits(1):
             return final(self.standing)
 
-    @property
+    @cached_property
     def noise_floor(self) -> float:
-        """Error that a complete model would leave, as a flexible regression beside this model has it."""
+        """Error that a complete model would leave where this is judged; see `Standing.floor`."""
         with threadpool_limits(1):
-            return self.standing.floor()
+            if self.whole is None:
+                return self.standing.floor()
+            every = stand(self.whole, self.model, self.standing.trial.parameters, usable(self.whole))
+            return every.floor_in(np.setdiff1d(self.whole.runs, self.standing.data.runs))
 
     def _table(self) -> Table:
         rows = [(name, f"{p.value:.5g} {p.unit}", interval_text(p)) for name, p in self.parameters.items()]

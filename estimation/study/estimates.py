@@ -13,7 +13,7 @@ from estimation.fit.trial import Trial
 from estimation.model import Model
 from estimation.models import MODELS
 from estimation.study.shown import Shown, Table, interval_text
-from estimation.study.source import NO_ARM, Arm
+from estimation.study.source import NO_ARM, Arm, Source
 from estimation.surface import Surface
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
@@ -103,25 +103,24 @@ def choose_estimators(names: str | Sequence[str]) -> list[str]:
     return [ESTIMATORS[name].name for name in chosen]
 
 
-def only_runs(channel: ChannelData, runs: Sequence[int] | None) -> ChannelData:
-    """The channel with only these runs; all for None.
+def only_runs(channel: ChannelData, runs: Sequence[int], source: Source) -> ChannelData:
+    """The channel with only these runs, as they were recorded.
 
     Raises:
         InputError: the channel has no such run, or a run is there twice.
     """
-    if runs is None:
-        return channel
     if not (isinstance(runs, list | tuple) and all(isinstance(run, int) for run in runs)):
         raise InputError(f"runs {runs!r}: give a list of run numbers, such as [0, 2]")
     typed = ",".join(map(str, runs))
     if len(set(runs)) < len(runs):
         raise InputError(f"--run {typed}: a run is there twice")
-    if missing := sorted(set(runs) - set(channel.runs.tolist())):
-        there = ", ".join(str(run) for run in channel.runs.tolist()[:20])
+    recorded = sorted(set(source.recorded(channel)))
+    if missing := sorted(set(runs).difference(recorded)):
+        there = ", ".join(map(str, recorded[:20]))
         raise InputError(
             f"--run {typed}: channel '{channel.name}' has no run {missing[0]}. There are: {there}"
         )
-    return channel.of_runs(np.array(runs))
+    return channel.of_runs(np.array(source.runs_of(channel, runs)))
 
 
 def estimate_with(

@@ -46,8 +46,7 @@ class Fits(Shown):
         held_out: runs that no model is fitted to, and which alone judge models; none for each in turn.
 
     Raises:
-        InputError: the model is unknown, does not describe the data, or lacks something; or there is no such
-            run, or none is left.
+        InputError: the model is unknown, does not describe the data, or lacks something; or no run is left.
     """
 
     def __init__(
@@ -55,11 +54,7 @@ class Fits(Shown):
     ) -> None:
         self.source = source
         self.held_out = tuple(sorted(set(held_out)))
-        there = sorted({run for one in source.channels for run in one.runs.tolist()})
-        if unknown := set(self.held_out).difference(there):
-            named = ", ".join(map(str, there))
-            raise InputError(f"held_out={list(held_out)}: no run {unknown.pop()}. There are: {named}")
-        self._model = model
+        self.model = model
         self._library = {effect.name: effect for effect in (*library(), *effects)}
         self._lock = RLock()
         self._channels: dict[tuple[str, str], StudyChannel] = {}
@@ -233,7 +228,8 @@ class Fits(Shown):
     def _channel(self, data: ChannelData, model: str | None) -> StudyChannel:
         name = model or usual_model(data, self.source.arm)
         if (data.name, name) not in self._channels:
-            self._channels[data.name, name] = channel_of(data, name, self.source.arm, self.held_out)
+            held_out = self.source.runs_of(data, self.held_out)
+            self._channels[data.name, name] = channel_of(data, name, self.source.arm, held_out)
         return self._channels[data.name, name]
 
     def _of_one_arm(self, channels: tuple[StudyChannel, ...]) -> tuple[StudyChannel, ...]:

@@ -17,8 +17,8 @@ MOST_FITTED = 3  # candidates that are fitted as `add` would
 
 def reconcile(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
     """The answer with errors, parameters and floor from the fits that all other commands show."""
-    if found.baseline is None or found.noise_floor is None:
-        return found
+    if found.baseline is None or found.noise_floor is None or channel.held_out:
+        return found  # a diagnosis judges each run that is fitted by the others
     names = [entry.effect for entry in found.accepted]
     fits = [study.fit(channel, names[:count]) for count in range(len(names) + 1)]
     accepted = [_accepted(*one) for one in zip(found.accepted, fits, fits[1:], strict=False)]

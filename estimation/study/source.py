@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -85,6 +85,7 @@ class Source:
         notes: sentences on the data that the reader should see.
         read: what was taken for what in a data file; empty for a session.
         averaged: a sentence for each channel that was too long to be searched as it was recorded, by name.
+        stretches: of channels whose runs were cut for that, the run that each stretch is of, by its number.
     """
 
     name: str
@@ -97,18 +98,37 @@ class Source:
     more: tuple[Session, ...] = ()
     read: str = ""
     averaged: Mapping[str, str] = field(default_factory=dict)
+    stretches: Mapping[str, Mapping[int, int]] = field(default_factory=dict)
 
     @property
     def probed(self) -> bool:
         """Whether an arm was to touch something."""
         return self.session is not None and STREAM_NAME in self.session.stream_names
 
+    @property
+    def runs(self) -> tuple[int, ...]:
+        """Numbers of the runs as they were recorded, of all channels."""
+        return tuple(sorted({run for one in self.channels for run in self.recorded(one)}))
+
+    def recorded(self, channel: ChannelData) -> list[int]:
+        """For each of a channel's runs the one that was recorded: another where it is a stretch of that."""
+        run_of = self.stretches.get(channel.name, {})
+        return [run_of.get(run, run) for run in channel.runs.tolist()]
+
+    def runs_of(self, channel: ChannelData, recorded: Sequence[int]) -> tuple[int, ...]:
+        """Numbers of a channel's runs, or stretches of runs, that were recorded as these."""
+        return tuple(channel.runs[np.isin(self.recorded(channel), recorded)].tolist())
+
+    def without(self, runs: Sequence[int]) -> "Source":
+        """The source without these runs."""
+        left = (one.of_runs(np.setdiff1d(one.runs, self.runs_of(one, runs))) for one in self.channels)
+        return replace(self, channels=tuple(left))
+
     def tared(self) -> tuple[ChannelData, ...]:
         """The channels with the force in free air taken off that of a probing, which a stiffness needs."""
         if self.session is None:
             return self.channels
-        runs = np.unique(np.concatenate([one.runs for one in self.channels]))
-        return _of_runs(session_channels(self.session, *self.more, tared=True), runs)
+        return _of_runs(session_channels(self.session, *self.more, tared=True), np.array(self.runs))
 
 
 def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None = None) -> Source:  # noqa: ANN401
@@ -128,12 +148,28 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
     return source if arm is None else replace(source, arm=arm, notes=(*source.notes, *arm.notes))
 
 
-def of_bearable_length(source: Source) -> Source:
-    """The source with long recordings averaged where that loses nothing, and a note on each."""
-    pairs = [shortened(channel) for channel in source.channels]
-    said = {channel.name: words for channel, words in pairs if words}
-    channels = tuple(channel for channel, _ in pairs)
-    return replace(source, channels=channels, averaged=said, notes=(*source.notes, *said.values()))
+def of_bearable_length(source: Source, held_out: Sequence[int] = ()) -> Source:
+    """The source with long recordings averaged where that loses nothing, and a note on each.
+
+    Args:
+        source: what was measured.
+        held_out: runs that no model is fitted to.
+
+    Raises:
+        InputError: there is no such run.
+    """
+    if unknown := sorted(set(held_out).difference(source.runs)):
+        named = ", ".join(map(str, source.runs))
+        raise InputError(f"runs to hold out: there is no run {unknown[0]}. There are: {named}")
+    short = [shortened(channel, source.runs_of(channel, held_out)) for channel in source.channels]
+    said = {channel.name: words for channel, words, _ in short if words}
+    return replace(
+        source,
+        channels=tuple(channel for channel, _, _ in short),
+        averaged={**source.averaged, **said},
+        notes=(*source.notes, *said.values()),
+        stretches={**source.stretches, **{channel.name: cut for channel, _, cut in short if cut}},
+    )
 
 
 def joined(first: Source, second: Source) -> Source:

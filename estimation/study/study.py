@@ -1,14 +1,13 @@
 """One study: data, models, revisions and results, in which each number is computed once."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from estimation.channel import ChannelKind
+from estimation.channel import ChannelData, ChannelKind
 from estimation.data.import_options import ImportOptions
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.effect import Effect
@@ -59,7 +58,7 @@ class Study(Fits):
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
         own = effects or {}
-        source = of_bearable_length(open_source(data, options, arm))
+        source = of_bearable_length(open_source(data, options, arm), held_out)
         super().__init__(source, model, list(own.values()), held_out)
         self.folder = folder
         self._own = {effect.name: place for place, effect in own.items()}
@@ -120,14 +119,14 @@ class Study(Fits):
         """The error that a complete model would leave: one number for a channel, in the unit of the effort.
 
         What a diagnosis found, which is the error of the final model where that is complete; before there is
-        one, an estimate beside the base model.
+        one, or where runs are held out by choice, an estimate beside the base model.
 
         Raises:
             InputError: the channel cannot be judged.
         """
         one = self.channel(channel) if isinstance(channel, str) else channel
         found = self.known_diagnosis(one)
-        if found is not None and found.noise_floor is not None:
+        if found is not None and found.noise_floor is not None and not one.held_out:
             return found.noise_floor
         return super().noise_floor(one)
 
@@ -170,7 +169,7 @@ class Study(Fits):
                 parent = None if fresh else self.latest(one)
             else:
                 parent = self._revisions.get(start)
-                given = {"--fresh": fresh, "--model": self._model, "--channel": channel}
+                given = {"--fresh": fresh, "--model": self.model, "--channel": channel}
                 if extra := [option for option, value in given.items() if value]:
                     raise InputError(f"--from {start} says channel and model already: leave out {extra[0]}")
                 one = self.channel_of(parent)
@@ -223,14 +222,16 @@ class Study(Fits):
         Raises:
             InputError: a name or run is unknown, or no estimator can work.
         """
-        names, models = choose_estimators(estimators), model_to_estimate(self.source, self._model)
-        wanted = [one for one in self.source.tared() if one.name in models and channel in {None, one.name}]
+        names, models = choose_estimators(estimators), model_to_estimate(self.source, self.model)
+        wanted: Sequence[ChannelData] = [
+            one for one in self.source.tared() if one.name in models and channel in {None, one.name}
+        ]
         if self.held_out:
-            wanted = [one.of_runs(np.setdiff1d(one.runs, self.held_out)) for one in wanted]
+            wanted = replace(self.source, channels=tuple(wanted)).without(self.held_out).channels
         if not wanted:
             raise InputError(f"no channel '{channel}' to estimate. There are: {', '.join(models)}")
-        arm = self.source.arm
-        return tuple(estimate_with(only_runs(one, runs), models[one.name], names, arm) for one in wanted)
+        chosen = [one if runs is None else only_runs(one, runs, self.source) for one in wanted]
+        return tuple(estimate_with(one, models[one.name], names, self.source.arm) for one in chosen)
 
     def results(self) -> tuple[ChannelResult, ...]:
         """All that is known of each channel, with the newest revision of this data.
@@ -278,7 +279,7 @@ class Study(Fits):
 
     def newest(self, channel: StudyChannel) -> Revision | None:
         """The newest revision of a channel's data, whatever its base model unless one was asked for."""
-        if self._model is not None:
+        if self.model is not None:
             return self.latest(channel)
         same = (channel.name, channel.sha256)
         kept = (one for one in reversed(self.revisions) if (one.channel, one.data_sha256) == same)

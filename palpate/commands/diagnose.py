@@ -66,6 +66,7 @@ def command(
     is renewed.
     """
     study = data.study(model, out)
+    data.say_left_out()
     wanted = out is not None or apply or (study.source.session is not None and not as_json)
     names = (RESULT, PLAN, *NAMES)
     folder = output_folder(folder_to_fill(data.file, out, names, force=force)) if wanted else None

@@ -32,6 +32,7 @@ def command(
     Takes a session or a data file. Where the session was simulated, the truth and the errors are shown too.
     """
     study = data.study(model)
+    data.say_left_out()
     found = study.estimate(estimator, runs=_runs(run))
     if as_json:
         results = [as_data(each, study.truth_of(each.channel)) for each in found]

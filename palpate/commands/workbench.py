@@ -13,7 +13,7 @@ from estimation.data.import_options import ImportOptions
 from palpate import console
 from palpate.data_options import DataArguments, ModelOption, may_take_data
 from palpate.files import existing_file, output_folder
-from palpate.workbench.door import Door
+from palpate.workbench.early_server import EarlyServer
 from palpate.workbench.home import Home
 from palpate.workbench.picture import raw_curves
 from robot_io.errors import InputError, PalpateError
@@ -53,12 +53,12 @@ def command(
         raise InputError("--riddle probes an object of its own: leave out the file")
     if not data.file.is_dir():
         existing_file(data.file, "session or data file")
-    door = _door(port)
+    early = _early_server(port)
     is_folder = data.file.is_dir()
     folder, file = (data.file, None) if is_folder else (data.file.parent, data.file)
     home = Home(folder, file, riddle)
     home.open = lambda path, options: _bench(data, path, options, model)
-    address = f"http://{LOOPBACK}:{door.port}"
+    address = f"http://{LOOPBACK}:{early.port}"
     console.stdout().print(f"workbench: [bold]{address}[/bold]  (Ctrl-C ends it)")
     if foxglove is not None:
         from palpate.workbench.foxglove_feed import Feed  # noqa: PLC0415, rarely wanted
@@ -74,11 +74,11 @@ def command(
         home.read(lambda: _bench(data, _posed(), ImportOptions(), model or _MODEL), "probing an object")
     elif file is not None:
         home.read(lambda: _bench(data, file, data.options, model), f"reading {file.name}")
-    door.show(home.waiting)
+    early.answer_with(home.waiting)
     # a second or two to import; whoever asks meanwhile sees what was measured
     from palpate.workbench.server import serve  # noqa: PLC0415
 
-    serve(home, door.handed_over())
+    serve(home, early.release_socket())
 
 
 def _bench(data: DataArguments, path: Path, options: ImportOptions, model: str | None) -> "Bench":
@@ -104,14 +104,14 @@ def _posed() -> Path:
     return pose(output_folder(SESSIONS))
 
 
-def _door(port: int) -> Door:
+def _early_server(port: int) -> EarlyServer:
     """The page's address, open from now on.
 
     Raises:
         InputError: somebody has the port.
     """
     try:
-        return Door(LOOPBACK, port)
+        return EarlyServer(LOOPBACK, port)
     except OSError as error:
         said = f"--port {port}: {error.strerror or error}; another, or 0 for any free one"
         raise InputError(said) from error

@@ -238,23 +238,22 @@ class Bench:
         held = sorted(set(held_out) - set(out))
         if not (out or held):
             return whole
-        channels = [one.of_runs(np.setdiff1d(one.runs, out)) for one in whole.study.source.channels]
-        if not all(map(len, channels)):
+        source = whole.study.source.without(out)
+        if not all(map(len, source.channels)):
             raise InputError("leave at least one run of each channel in")
-        model = None if len(self.study.channels) == len(channels) else self.channel.model.name
-        source = replace(whole.study.source, channels=tuple(channels))
-        bench = Bench(Study(source, model, held_out=held), self.source)
+        bench = Bench(Study(source, whole.study.model, held_out=held), self.source)
         bench.whole, bench.out = whole, tuple(sorted(out))
         bench.choice = Choice(self.choice.channel, self.choice.effects)
         return bench
 
     def command(self) -> str:
         """The command that does what the page shows; empty where none does."""
-        session = self.study.source.session
-        if (self.out and session is None) or self.choice.held or self.choice.bounds or not self.source:
+        measured = self.study.source
+        if (self.out and measured.session is None) or self.choice.held or self.choice.bounds:
             return ""
-        there = sorted({run for one in self.study.channels for run in one.measured.runs.tolist()})
-        source = f"{self.source} --where run={_listed(there)}" if self.out else self.source
+        if not self.source or (self.whole is not None and measured.averaged):  # that would average other runs
+            return ""
+        source = f"{self.source} --where run={_listed(measured.runs)}" if self.out else self.source
         held = self.study.held_out
         source += f" --held-out {_listed(held)}" if held else ""
         model, where = self.channel.model.name, f"--channel {as_shell_word(self.choice.channel)}"
@@ -264,11 +263,12 @@ class Bench:
 
     def python(self) -> str:
         """The Python line that does what the page shows."""
+        if not (self.out or self.study.held_out):
+            return self._python()
+        source = f"study.source.without({list(self.out)})" if self.out else "study.source"
+        model = f", model={self.study.model!r}" if self.study.model else ""
         held = f", held_out={list(self.study.held_out)}" if self.study.held_out else ""
-        if self.out:
-            left = f"[one.of_runs(np.setdiff1d(one.runs, {list(self.out)})) for one in study.source.channels]"
-            return f"study = palpate.Study({left}, arm=study.source.arm{held}); " + self._python()
-        return (f"study = palpate.Study(study.source{held}); " if held else "") + self._python()
+        return f"study = palpate.Study({source}{model}{held}); " + self._python()
 
     def _python(self) -> str:
         effects = "".join(f'"{name}", ' for name in self.choice.effects)
@@ -314,7 +314,7 @@ def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effe
         InputError: it cannot be fitted.
     """
     before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
-    change = before.left_on_blocks - fitted.left_on_blocks
+    change = before.residual_on_blocks - fitted.residual_on_blocks
     length = float(np.linalg.norm(change))
     return Evidence(effect, 1.0 - fitted.rmse / before.rmse, change / length if length > 0.0 else change)
 

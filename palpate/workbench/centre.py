@@ -99,15 +99,15 @@ class Centre:
         self._state.replace(curves.state_figure(self._motion, self._drawn[0]))
 
     def _runs(self) -> None:
-        there = (self._bench.whole or self._bench).study.channel(self._data.name).data.runs.tolist()
-        if not 1 < len(there) <= MOST_RUNS:
+        measured = (self._bench.whole or self._bench).study.source
+        if not 1 < len(measured.runs) <= MOST_RUNS:
             return
-        names = {run: f"run {run}" for run in there}
-        drawn = {run: name for run, name in names.items() if run not in self._bench.out}
-        _select(drawn, "drawn: all", "runs to draw", words.RUNS).on_value_change(self._chose_runs)
+        names = {run: f"run {run}" for run in measured.runs}
+        left = {run: name for run, name in names.items() if run not in self._bench.out}
+        _select(left, "drawn: all", "runs to draw", words.RUNS).on_value_change(self._chose_runs)
         out = _select(names, "runs left out", "runs to leave out", words.LEFT_OUT, self._bench.out)
         held = self._bench.study.held_out
-        judged = _select(drawn, "runs held out", "runs to hold out", words.HELD_OUT, held)
+        judged = _select(left, "runs held out", "runs to hold out", words.HELD_OUT, held)
 
         choosing = False
 
@@ -122,7 +122,8 @@ class Centre:
             one.on_value_change(lambda: use(still=choosing))
 
     def _chose_runs(self, event: events.ValueChangeEventArguments[Any]) -> None:
-        self._motion = Motion.of(self._data, event.value or ())
+        drawn = self._bench.study.source.runs_of(self._data, event.value or ())
+        self._motion = Motion.of(self._data, drawn)
         self._span_s = None
         self._redraw()
         if self._map is not None and self._shown is not None:

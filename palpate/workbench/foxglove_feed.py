@@ -1,12 +1,14 @@
 """A probing that goes on, served to Foxglove: for who has that open, beside the page."""
 
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 
 from palpate.workbench.online import online_residual
 from robot_io.errors import InputError
 from robot_io.session import Samples
+from robot_io.types import IntArray
 
 TOPIC = "/probing"
 _NUMBERS = {
@@ -53,7 +55,8 @@ class Feed:
             raise InputError(f"--foxglove {port}: {error}; another, or 0 for any free one") from error
         self._channel = foxglove.Channel(TOPIC, schema=_SCHEMA)
         self.port = int(self._server.port)
-        self._sent: tuple[Path, float] = (Path(), -np.inf)  # of which session, and until when [s]
+        self._lock = Lock()  # pages follow a session in threads of their own
+        self._sent: dict[Path, float] = {}  # until when of each session [s]
 
     @property
     def is_watched(self) -> bool:
@@ -61,15 +64,22 @@ class Feed:
         return bool(self._channel.has_sinks())
 
     def send(self, session: Path, ticks: Samples) -> None:
-        """Send what is newer than what was sent of the session before."""
-        time_s = ticks["time_s"]
-        new = time_s > (self._sent[1] if self._sent[0] == session else -np.inf)
-        if not new.any():
+        """Send what is newer than what was sent of the session before; to nobody, nothing is sent."""
+        if not self.is_watched:
             return
-        self._sent = (session, float(time_s.max()))
+        time_s = ticks["time_s"]
+        with self._lock:
+            new = time_s > self._sent.get(session, -np.inf)
+            if not new.any():
+                return
+            self._sent[session] = float(time_s.max())
+            self._send(ticks, np.flatnonzero(new))
+
+    def _send(self, ticks: Samples, rows: IntArray) -> None:
         columns = {n: online_residual(ticks) if n == "residual_n" else ticks[n] for n in _NUMBERS}
         torques = ticks.vector("torque_measured_nm")
-        for row in np.flatnonzero(new):
+        time_s = ticks["time_s"]
+        for row in rows:
             # what is not there yet, such as an estimate in free air, is left out: JSON has no NaN
             message: dict[str, object] = {
                 name: float(values[row]) for name, values in columns.items() if np.isfinite(values[row])

@@ -8,7 +8,7 @@ from fastapi import FastAPI
 from nicegui import app, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
-from palpate.workbench.door import STYLE
+from palpate.workbench.early_server import STYLE
 from palpate.workbench.home import Home
 from palpate.workbench.plot import Plot
 
@@ -35,7 +35,7 @@ def serve(home: Home, listening: socket) -> None:
         await compose(home)
         ui.run_javascript("document.getElementById('waiting')?.remove()")
 
-    app.on_shutdown(_end)
+    app.on_shutdown(lambda: _end(home))
     served = FastAPI()
     # A foreign page whose name points here (DNS rebinding) must not press buttons: one powers an arm.
     served.add_middleware(TrustedHostMiddleware, allowed_hosts=[listening.getsockname()[0], "localhost"])
@@ -60,7 +60,9 @@ async def _wait(home: Home) -> None:
         await asyncio.sleep(_POLL_S)
 
 
-def _end() -> None:
+def _end(home: Home) -> None:
     from palpate.workbench.ahead import close_all  # noqa: PLC0415, as above
 
     close_all()
+    if home.feed is not None:
+        home.feed.close()

@@ -12,8 +12,10 @@ from estimation.fit import long_data
 from estimation.fit.frame import frame_of
 from estimation.fit.long_data import shortened, within_blocks
 from estimation.model import Model
+from estimation.study import Study
 from estimation.study.engine import fit
 from estimation.study.source import Source, of_bearable_length
+from robot_io.errors import InputError
 
 RATE_HZ, RUN_S, RUNS, NOISE_N = 1000.0, 20.0, 8, 0.02
 TRUTH = {"stiffness.k": 800.0, "damping.c": 6.0, "cubic_stiffness.k3": 5e6}
@@ -60,11 +62,11 @@ def recording():
 
 def test_a_short_recording_is_the_very_same(recording):
     short = recording.of_runs(np.array([0, 1]))
-    assert shortened(short) == (short, "")
+    assert shortened(short) == (short, "", {})
 
 
 def test_stiffness_damping_and_cubic_are_those_of_the_full_recording(recording):
-    short, said = shortened(recording)
+    short, said, _ = shortened(recording)
     assert short.averaged >= 40
     assert len(short) == len(recording) // short.averaged
     assert f"averaged by {short.averaged} to {len(short):,} at {RATE_HZ / short.averaged:.4g} Hz" in said
@@ -80,7 +82,7 @@ def test_stiffness_damping_and_cubic_are_those_of_the_full_recording(recording):
     ("quick_hz", "least_hz", "most_hz"), [(0.4, 5, 26), (5.0, 50, 110), (20.0, 190, 210)]
 )
 def test_the_quicker_the_motion_the_higher_the_rate(quick_hz, least_hz, most_hz):
-    short, _ = shortened(presses(quick_hz))
+    short, *_ = shortened(presses(quick_hz))
     assert least_hz <= RATE_HZ / short.averaged <= most_hz
 
 
@@ -95,7 +97,7 @@ def test_a_tone_above_the_new_rate_is_no_noise(recording):
 
 
 def test_neither_sample_at_a_surface_is_trusted(recording):
-    short, _ = shortened(recording)
+    short, *_ = shortened(recording)
     touches = np.flatnonzero(short.engaged[1:] != short.engaged[:-1])
     trusted = frame_of(short).trusted
     assert len(touches) >= RUNS
@@ -107,9 +109,9 @@ def test_of_very_many_runs_evenly_spread_ones_are_taken(recording, monkeypatch):
     long = channel(
         np.tile(recording.position, 2), np.tile(recording.effort, 2), np.repeat(np.arange(16), 20_000)
     )
-    whole, _ = shortened(long)
+    whole, *_ = shortened(long)
     monkeypatch.setattr(long_data, "_MOST", len(whole) // 2)
-    some, said = shortened(long)
+    some, said, _ = shortened(long)
     assert some.runs.tolist() == list(range(0, 16, 2))
     assert "of its 16 runs 8 are taken, evenly spread, which makes intervals 1.4 times as wide" in said
 
@@ -146,7 +148,7 @@ def test_however_quick_and_long_a_recording_is_it_gets_short_enough_and_says_how
 ):
     monkeypatch.setattr(long_data, "_MOST", 3_000)
     whole = quick(np.arange(200_000) / RATE_HZ, runs, kind)
-    short, said = shortened(whole)
+    short, said, _ = shortened(whole)
     assert len(short) <= 2 * 3_000
     assert words in said
     assert len(short.runs) >= min(runs, 6)
@@ -159,7 +161,7 @@ def test_of_a_joint_that_mostly_rests_the_stretches_in_which_it_moves_are_taken(
     moves = (time_s % 25.0) < 10.0
     one = quick(time_s, 1, ChannelKind.REVOLUTE)
     rests = channel(one.position * moves, one.effort * moves, one.run, ChannelKind.REVOLUTE)
-    short, said = shortened(rests)
+    short, said, _ = shortened(rests)
     assert "go through 30 % of the motion or more, and of these 6 are taken" in said
     assert len(short) <= 3_000
     assert np.mean(np.abs(short.position) > 0.0) > 0.6
@@ -171,3 +173,33 @@ def test_a_study_says_what_was_averaged(recording):
     assert first == "first"
     assert source.averaged == {"contact": said}
     assert source.channels[0].averaged > 1
+
+
+@pytest.mark.parametrize("runs", [3, 40])
+def test_held_out_are_the_runs_that_were_recorded_and_all_of_them(runs, monkeypatch):
+    monkeypatch.setattr(long_data, "_MOST", 5_000)
+    whole = quick(np.arange(200_000) / RATE_HZ, runs, ChannelKind.REVOLUTE)
+    source = Source("swings.csv", (whole,))
+    study = Study(source, held_out=(1,))
+    one = study.channel()
+    begin_s, end_s = whole.time_s[whole.run == 1][[0, -1]]
+    inside = (begin_s <= one.measured.time_s) & (one.measured.time_s <= end_s)
+    assert np.array_equal(one.measured.run == 1, inside)
+    assert np.sum(inside) == np.sum(whole.run == 1) // one.measured.averaged
+    assert len(one.to_fit) <= 2 * 5_000
+    assert len(one.to_fit.runs) >= 6
+    assert set(one.measured.run[study.fit(one).judged]) == {1}
+    (found,) = study.estimate("lsq", runs=[0])
+    assert found.channel.time_s.max() < begin_s
+    with pytest.raises(InputError, match="no run 77"):
+        Study(source, held_out=(77,))
+
+
+def test_of_a_recording_that_was_cut_a_recorded_run_is_left_out_or_held_out(monkeypatch):
+    monkeypatch.setattr(long_data, "_MOST", 5_000)
+    whole = quick(np.arange(200_000) / RATE_HZ, 3, ChannelKind.REVOLUTE)
+    source = Study(Source("swings.csv", (whole,))).source
+    assert source.runs == (0, 1, 2)
+    assert source.without([2]).channels[0].time_s.max() < whole.time_s[whole.run == 2][0]
+    held = Study(source, held_out=[2]).channel()
+    assert held.to_fit.time_s.max() < whole.time_s[whole.run == 2][0] < held.data.time_s.max()

@@ -9,6 +9,7 @@ import palpate
 from estimation.channel import ChannelKind
 from estimation.data.table import read_table
 from estimation.effects import EFFECTS
+from estimation.fit import long_data
 from estimation.gate import checklist
 from estimation.study.source import joined, open_source
 from palpate.example import plain, sized
@@ -105,7 +106,7 @@ def test_runs_that_are_held_out_are_not_fitted_and_alone_judge(bench, press):
     )
     assert shown.fitted.values == alone.values
     assert set(shown.fitted.data.run[shown.fitted.judged]) == {2}
-    assert held.python().startswith("study = palpate.Study([one.of_runs(np.setdiff1d(one.runs, [0]))")
+    assert held.python().startswith("study = palpate.Study(study.source.without([0]), held_out=[2])")
     again = bench.with_runs((), (2,))
     assert again.command() == (
         "palpate add press.csv --held-out 2 cubic_stiffness --fresh --model kelvin_voigt --channel contact"
@@ -115,6 +116,25 @@ def test_runs_that_are_held_out_are_not_fitted_and_alone_judge(bench, press):
     )
     assert told.fit("contact", ["cubic_stiffness"]).rmse == again.show().fitted.rmse
     assert again.with_runs((), ()).study is bench.study
+
+
+def test_of_a_recording_that_was_averaged_no_command_uses_the_same_runs(press, monkeypatch):
+    monkeypatch.setattr(long_data, "LONG", 1000)
+    monkeypatch.setattr(long_data, "_MOST", 300)
+    bench = Bench(Study(press, keep=False), "press.csv")
+    assert bench.command()
+    assert not bench.with_runs((), (2,)).command()
+
+
+def test_runs_are_used_otherwise_with_the_model_that_was_chosen(press):
+    bench = Bench(Study(press, model="hunt_crossley", keep=False), "press.csv").with_runs((0,), (2,))
+    assert bench.channel.model.name == "hunt_crossley"
+    told = eval(
+        bench.python().split("; ")[0].removeprefix("study = "),
+        {"palpate": palpate, "study": bench.whole.study},
+    )
+    assert told.channel().model.name == "hunt_crossley"
+    assert told.fit("contact").rmse == bench.show().fitted.rmse
 
 
 def test_effects_that_do_the_same_stand_together(bench):

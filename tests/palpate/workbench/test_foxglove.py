@@ -1,14 +1,20 @@
 """What a client of Foxglove's WebSocket protocol receives while a probing goes on."""
 
 import json
+import socket
 import struct
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
 import numpy as np
 import pytest
 
 from control.loop.tick_record import tick_stream
 from palpate.workbench.foxglove_feed import TOPIC, Feed
+from palpate.workbench.home import Home
+from palpate.workbench.server import _end
 from robot_io.errors import InputError
 from robot_io.session import Samples
 
@@ -38,9 +44,9 @@ def feed():
     made.close()
 
 
-def received(socket):
+def received(viewer):
     """Time [s] and content of the next message."""
-    while isinstance(data := socket.recv(timeout=WAIT_S), str):
+    while isinstance(data := viewer.recv(timeout=WAIT_S), str):
         pass
     opcode, _, time_ns = struct.unpack_from("<BIQ", data)
     assert opcode == 1
@@ -49,10 +55,10 @@ def received(socket):
 
 def test_a_client_gets_the_schema_and_each_tick_once(feed):
     address = f"ws://127.0.0.1:{feed.port}"
-    with client.connect(address, subprotocols=["foxglove.sdk.v1"], open_timeout=WAIT_S) as socket:
+    with client.connect(address, subprotocols=["foxglove.sdk.v1"], open_timeout=WAIT_S) as viewer:
         said = {}
         while "advertise" not in said:
-            text = json.loads(socket.recv(timeout=WAIT_S))
+            text = json.loads(viewer.recv(timeout=WAIT_S))
             said[text["op"]] = text
         (channel,) = said["advertise"]["channels"]
         assert channel["topic"] == TOPIC
@@ -60,18 +66,78 @@ def test_a_client_gets_the_schema_and_each_tick_once(feed):
             json.loads(channel["schema"])["properties"]
         )
         subscription = {"id": 1, "channelId": channel["id"]}
-        socket.send(json.dumps({"op": "subscribe", "subscriptions": [subscription]}))
+        viewer.send(json.dumps({"op": "subscribe", "subscriptions": [subscription]}))
+        until_s = time.monotonic() + WAIT_S
         while not feed.is_watched:
-            pass
+            assert time.monotonic() < until_s
+            time.sleep(0.01)
         feed.send(Path("a.mcap"), pressing(2))
         feed.send(Path("a.mcap"), pressing(3))
         feed.send(Path("b.mcap"), pressing(1))
-        first, second, third, other = (received(socket) for _ in range(4))
+        first, second, third, other = (received(viewer) for _ in range(4))
     assert first == (0.0, {"force_n": 0.6, "damping_n_s_m": 0.0, "torque_nm": [1.5, -0.5]})
     assert second[0] == 0.001
     assert second[1]["stiffness_n_m"] == 500.0
     assert second[1]["residual_n"] == pytest.approx(0.1)
     assert (third[0], other[0]) == (0.002, 0.0)
+
+
+class SlowToCompare(np.ndarray):
+    """Gives another thread time to come between what was read and what is kept."""
+
+    def max(self, *args, **options):
+        time.sleep(0.05)
+        return super().max(*args, **options)
+
+
+class SlowTicks:
+    """Ticks whose columns are such."""
+
+    def __init__(self, ticks):
+        self._ticks, self.vector = ticks, ticks.vector
+
+    def __getitem__(self, name):
+        return self._ticks[name].view(SlowToCompare)
+
+
+class Subscribed:
+    """A channel that somebody has subscribed to."""
+
+    def __init__(self):
+        self.times_ns = []
+
+    def has_sinks(self):
+        return True
+
+    def log(self, message, log_time):
+        self.times_ns.append(log_time)
+
+    def close(self):
+        pass
+
+
+def test_two_pages_that_follow_one_session_send_each_tick_once(feed):
+    feed._channel.close()
+    feed._channel, ticks, both = Subscribed(), pressing(50), Barrier(2)
+
+    def follow():
+        both.wait(WAIT_S)
+        feed.send(Path("a.mcap"), SlowTicks(ticks))
+
+    with ThreadPoolExecutor(2) as pages:
+        for page in [pages.submit(follow) for _ in range(2)]:
+            page.result()
+    assert len(feed._channel.times_ns) == 50
+
+
+def test_what_nobody_watches_is_not_made(feed):
+    feed.send(Path("a.mcap"), None)
+
+
+def test_the_feed_ends_with_the_page(feed):
+    _end(Home(Path(), None, feed=feed))
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(("127.0.0.1", feed.port), WAIT_S)
 
 
 def test_a_port_that_somebody_has_is_named(feed):

@@ -20,7 +20,7 @@ _PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>pal
 <script>addEventListener("load", () => setTimeout(() => location.reload(), 200))</script></body></html>"""
 
 
-class Door(ThreadingTCPServer):
+class EarlyServer(ThreadingTCPServer):
     """A port of this machine that is open, and whose first visitor is answered.
 
     Args:
@@ -32,20 +32,23 @@ class Door(ThreadingTCPServer):
     """
 
     allow_reuse_address = daemon_threads = True
+    request_queue_size = 128  # all who ask before the page's server is there wait in the socket
     page = b""
 
     def __init__(self, host: str, port: int) -> None:
         super().__init__((host, port), _Reply)
         self.port = int(self.server_address[1])
+        self._answers = False
 
-    def show(self, body: str) -> None:
+    def answer_with(self, body: str) -> None:
         """Answer the first visitor with this HTML."""
-        self.page = _PAGE.format(body=body, style=STYLE).encode()
+        self.page, self._answers = _PAGE.format(body=body, style=STYLE).encode(), True
         Thread(target=self.serve_forever, args=(_POLL_S,), daemon=True).start()
 
-    def handed_over(self) -> socket.socket:
+    def release_socket(self) -> socket.socket:
         """The open socket; nobody is answered here any longer."""
-        self.shutdown()
+        if self._answers:  # else it would wait for ever
+            self.shutdown()
         return self.socket
 
     def handle_error(self, *_: object) -> None:
@@ -53,16 +56,22 @@ class Door(ThreadingTCPServer):
 
 
 class _Reply(BaseHTTPRequestHandler):
-    server: Door
+    server: EarlyServer
     timeout = _PATIENCE_S
 
     def do_GET(self) -> None:
-        """The page, once: whoever asks after that waits for the server that comes."""
+        """The page, once: whoever asks after that waits for the server that comes.
+
+        A page of an earlier server asks for other places, to be connected again: it is told to come back.
+        """
         if self.headers.get("Host", "").rpartition(":")[0] not in {
             self.server.server_address[0],
             "localhost",
         }:
             self.send_error(HTTPStatus.BAD_REQUEST, "Invalid host header")  # see `palpate.workbench.server`
+            return
+        if self.path.partition("?")[0] != "/":
+            self.send_error(HTTPStatus.SERVICE_UNAVAILABLE)
             return
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", "text/html; charset=utf-8")
