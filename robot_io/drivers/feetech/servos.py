@@ -15,10 +15,12 @@ LAST_RESORT = "it has no watchdog and holds its last goal: switch its supply off
 _VOLTAGE_SHARE = 0.25  # of the model's voltage; 7.4 and 12 V are told apart
 
 # What makes the servo's own law the plain one of `tables`, beside the P coefficient; held until it restarts,
-# for the lock is set first.
+# for the lock is set first. A goal beyond limits that its calibration left would be another torque.
 _PLAIN_LAW = (
     (tables.OPERATING_MODE, tables.POSITION_CONTROL),
     (tables.RETURN_DELAY, 0),
+    (tables.MIN_POSITION, 0),
+    (tables.MAX_POSITION, tables.COUNTS_PER_REVOLUTION - 1),
     (tables.D_GAIN, 0),
     (tables.I_GAIN, 0),
     (tables.STARTUP_FORCE, 0),
@@ -41,7 +43,6 @@ class ServoIdentity:
     voltage_limits_v: tuple[float, float]  # lowest and highest that it takes [V]
     temperature_c: float  # inside it [degrees Celsius]
     homing_offset: int  # what is taken off its position [counts]
-    position_limits: tuple[int, int]  # no goal is beyond them [counts]
 
 
 class FeetechLine:
@@ -98,7 +99,6 @@ class FeetechLine:
             voltage_limits_v=(0.1 * limits_v[0], 0.1 * limits_v[1]),
             temperature_c=float(read(servo_id, tables.PRESENT_TEMPERATURE)),
             homing_offset=read(servo_id, tables.HOMING_OFFSET),
-            position_limits=(read(servo_id, tables.MIN_POSITION), read(servo_id, tables.MAX_POSITION)),
         )
 
     def prepare(self) -> None:

@@ -45,6 +45,18 @@ def test_activating_sets_the_plain_law_and_loses_nothing_that_was_saved(arm):
         assert [servo.get(place, 1) for place in (P_GAIN, 22, 26)] == [32, 32, 1]  # as its owner has it
 
 
+@pytest.mark.parametrize(("address", "beside"), [(9, 100), (11, -100)], ids=["lowest", "highest"])
+def test_limits_that_a_calibration_left_make_no_torque(arm, address, beside):
+    """LeRobot writes the ends of each joint's range; a servo beyond one would be driven back into it."""
+    servo = servos(arm)[4]
+    arm.robot.configure()
+    arm.arm.plant.world.held = True
+    servo.put(address, servo.get(56) + beside)
+    arm.robot.activate()
+    arm.ticks(5)
+    np.testing.assert_allclose(arm.drive_torque_nm, 0.0, atol=0.01)
+
+
 def test_those_that_hold_stay_where_they_are(arm):
     arm.start()
     arm.ticks(20, (0.5, 0.3, 0.1))
