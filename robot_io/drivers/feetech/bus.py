@@ -59,9 +59,7 @@ class FeetechBus(ServoBus):
         self._stall_nm = np.array([model.stall_torque_nm for model in models])
         self._drag_nms_rad = self._stall_nm / [model.no_load_rad_s for model in models]
         self._stiffness_nm_rad = self._stall_nm * own.duty_per_rad
-        self._ahead_s = (
-            1.0 / context.robot_file.control_rate_hz
-        )  # a goal is on its way and then lasts so long
+        self._half_tick_s = 0.5 / context.robot_file.control_rate_hz
         most_nm = np.resize(limits.torque_nm, len(models)) + self._drag_nms_rad * np.resize(
             limits.velocity_rad_s, len(models)
         )
@@ -108,9 +106,10 @@ class FeetechBus(ServoBus):
         return hardware_problem(feedback, self._ids)
 
     def _goals(self, torque_nm: FloatArray) -> tuple[bytes, FloatArray]:
-        """See `ServoBus._goals`: by the servos' law, from where the joints are while the goals last."""
+        """See `ServoBus._goals`: by the servos' law, from where the joints are while the goals last, a tick."""
         sample, step_rad = self._newest(), self._joints.steps[0]
-        expected_rad = sample.position_rad + self._ahead_s * sample.velocity_rad_s
+        ahead_s = self._clock.now_s() - sample.sampled_at_s + self._half_tick_s
+        expected_rad = sample.position_rad + ahead_s * sample.velocity_rad_s
         drag_nm = self._drag_nms_rad * sample.velocity_rad_s
         motor_nm = np.minimum(np.maximum(torque_nm + drag_nm, -self._stall_nm), self._stall_nm)
         goal_rad = expected_rad + motor_nm / self._stiffness_nm_rad

@@ -8,7 +8,7 @@ import pytest
 
 from robot_io.drivers.feetech.lerobot import main, read_calibration
 from robot_io.errors import DeviceError, InputError, LifecycleError
-from robot_io.types import Status
+from robot_io.types import Command, Status
 from sim_backend.emulators import FaultKind
 from tests.wire.parts import SO101, WireBench
 
@@ -198,6 +198,21 @@ def test_answers_that_are_constantly_late_are_as_old_as_their_requests(arm):
             truth = arm.arm.plant.world.truth()
             assert np.abs(measurement.joint_position_rad - truth.joint_position_rad).max() < 0.05
     assert seen
+
+
+def test_a_goal_of_an_old_sample_is_beside_where_the_joint_is_now(arm):
+    """Thrown at 3 rad/s and coasting, the arm turns by 0.03 rad while a sample gets 9 ms old: 0.2 N m."""
+    arm.start()
+    arm.strike("motors", FaultKind.DELAY, delay_s=0.009)
+    arm.ticks(15, (1.5, 0.7, 0.3))
+    arm.ticks(5)
+    for _ in range(5):
+        measurement = arm.tick(None)
+        sent = arm.robot.write(Command(np.zeros(3)), arm.clock.now_s())
+        arm.clock.sleep_until(arm.clock.now_s() + 0.5 * arm.period_s)
+        np.testing.assert_allclose(arm.drive_torque_nm, sent.joint_torque_nm, atol=0.1)
+    assert measurement.joint_velocity_rad_s[0] > 2.0
+    assert measurement.time_s - measurement.encoder_at_s > 0.008
 
 
 CALIBRATION = {
