@@ -10,11 +10,9 @@ from robot_io.examination import Finding, fail, ok
 
 def examine_servos(settings: FeetechSettings, line: FeetechLine) -> list[Finding]:
     """What every servo of the robot file says of itself. DeviceError: the port failed."""
-    findings = [
-        _look_at(line, servo, f"servo {servo.id} (joint {joint})")
-        for joint, servo in enumerate(settings.servos, 1)
-    ]
-    return findings + [_is_there(line, servo_id, f"servo {servo_id} (holds)") for servo_id in settings.hold]
+    labels = dict(zip(settings.ids, settings.labels, strict=True))
+    findings = [_look_at(line, servo, labels[servo.id]) for servo in settings.servos]
+    return findings + [_is_there(line, servo_id, labels[servo_id]) for servo_id in settings.hold]
 
 
 def _look_at(line: FeetechLine, servo: FeetechServo, label: str) -> Finding:

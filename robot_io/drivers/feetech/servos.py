@@ -1,5 +1,6 @@
 """Setting up the servos of one Feetech bus, from the first ping to torque on and off."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from robot_io.clock import Clock
@@ -50,16 +51,19 @@ class FeetechLine:
 
     Args:
         settings: the bus.
-        torque_limit: largest duty cycle, in the servos' unit.
+        torque_limits: largest duty cycle of each servo, in its unit, by id.
         port: its port.
         clock: for how long to wait.
 
     Attributes:
+        torque_limits: as above.
         identities: one per servo of a joint, once they have been looked at.
     """
 
-    def __init__(self, settings: FeetechSettings, torque_limit: int, port: SerialPort, clock: Clock) -> None:
-        self._settings, self._torque_limit, self._port = settings, torque_limit, port
+    def __init__(
+        self, settings: FeetechSettings, torque_limits: Mapping[int, int], port: SerialPort, clock: Clock
+    ) -> None:
+        self._settings, self.torque_limits, self._port = settings, torque_limits, port
         self.registers = RegisterAccess(protocol, port, clock)
         self.identities: tuple[ServoIdentity, ...] = ()
 
@@ -111,7 +115,7 @@ class FeetechLine:
             settle(servo_id, tables.TORQUE_ENABLE, 0)
             for register, value in (*_PLAIN_LAW, (tables.P_GAIN, own.p_gain)):
                 settle(servo_id, register, value)
-            settle(servo_id, tables.TORQUE_LIMIT, self._torque_limit)
+            settle(servo_id, tables.TORQUE_LIMIT, self.torque_limits[servo_id])
 
     def switch_on(self) -> dict[int, int]:
         """Torque on, each servo where it stands; returns these goals by id.

@@ -1,6 +1,7 @@
 """Feetech servos: what is set, what is refused, and what a torque becomes without a torque mode."""
 
 import json
+import re
 from math import pi
 
 import numpy as np
@@ -79,7 +80,7 @@ def test_a_torque_is_a_goal_beside_the_joint(arm):
 def test_the_load_of_a_turning_motor_is_no_torque(arm):
     """Its duty cycle holds what the speed takes; that is taken off."""
     arm.start()
-    arm.ticks(60, (0.9, 0.4, 0.1))
+    arm.ticks(50, (0.9, 0.4, 0.1))
     for _ in range(20):
         measurement = arm.tick((0.9, 0.4, 0.1))
         truth_nm = arm.arm.plant.world.truth().drive_torque_nm
@@ -155,7 +156,7 @@ def test_an_adapter_that_hears_itself_disturbs_nothing(arm):
 
 @pytest.mark.parametrize(
     ("place", "value", "problem"),
-    [(LIMIT, 300, "other settings than it was sent"), (GOAL, 77, "a goal that it was not sent")],
+    [(LIMIT, 300, "torque limit is 300 in place of"), (GOAL, 77, "goal position is 77 in place of 18")],
 )
 def test_what_a_servo_cannot_say_now_is_a_damaged_answer(arm, place, value, problem):
     """Eight bits of checksum let one damaged answer in 256 pass."""
@@ -184,6 +185,35 @@ def test_an_overload_is_named_and_its_position_still_sound(arm):
     measurement = arm.ticks(2)
     assert measurement.torque_status is Status.FAULT
     assert "servo 4 (joint 3): error: overload" in arm.problem
+
+
+@pytest.mark.parametrize(
+    ("strike", "problem"),
+    [
+        (lambda servo: servo.put(TORQUE_ON, 0, 1), r"servo 1 \(holds\): has switched its torque off"),
+        (lambda servo: servo.fail(), r"servo 1 \(holds\): error: overload"),
+        (lambda servo: servo.put(GOAL, 1000), r"servo 1: goal position is 1000 in place of 2048"),
+        (lambda servo: servo.put(LIMIT, 900), r"servo 1: torque limit is 900"),
+    ],
+    ids=["off", "overloaded", "other goal", "other limit"],
+)
+def test_a_servo_that_holds_is_watched_as_the_joints_are(arm, strike, problem):
+    arm.start()
+    strike(servos(arm)[1])
+    arm.ticks(2)
+    assert re.search(problem, arm.problem)
+
+
+def test_each_servo_has_the_torque_limit_of_what_it_drives():
+    """Torque, and what its speed takes beside it; those that hold stand still."""
+    arm = WireBench(SO101, [("velocity_rad_s: [3.0, 3.0, 3.0]", "velocity_rad_s: [3.0, 1.0, 0.5]")])
+    try:
+        arm.robot.configure()
+        duty = {2: 1.0, 3: 2.0 / STALL_NM + 1.0 / NO_LOAD_RAD_S, 4: 1.2 / STALL_NM + 0.5 / NO_LOAD_RAD_S}
+        for servo_id, share in (duty | dict.fromkeys((1, 5), 2.0 / STALL_NM)).items():
+            assert servos(arm)[servo_id].get(LIMIT) == pytest.approx(1000 * share, abs=1)
+    finally:
+        arm.close()
 
 
 def test_answers_that_are_constantly_late_are_as_old_as_their_requests(arm):
