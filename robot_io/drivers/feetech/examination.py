@@ -1,6 +1,6 @@
 """Looks at the servos of a Feetech line one by one."""
 
-from robot_io.drivers.feetech.protocol import error_names
+from robot_io.drivers.feetech.protocol import ID_SIZE, error_names
 from robot_io.drivers.feetech.servos import FeetechLine, identity_trouble
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
 from robot_io.drivers.feetech.tables import STATUS
@@ -39,7 +39,7 @@ def _look_at(line: FeetechLine, servo: FeetechServo, label: str) -> Finding:
 
 def _is_there(line: FeetechLine, servo_id: int, label: str) -> Finding:
     try:
-        line.registers.ping(servo_id)
+        line.registers.ping(servo_id, ID_SIZE)
     except DeviceTimeoutError:
         remedy = "check its cable, power, id and baud rate (1 Mbit/s as delivered)"
         return fail(label, "does not answer", remedy)

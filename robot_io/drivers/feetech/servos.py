@@ -72,7 +72,7 @@ class FeetechLine:
 
         DeviceError: a servo is missing, is another model, or does not fit as it is set up.
         """
-        check_all_there(self.registers, self._settings.ids, self._settings.baud_rate, 0)
+        check_all_there(self.registers, self._settings.ids, self._settings.baud_rate, protocol.ID_SIZE)
         for servo_id in self._settings.ids:
             self.registers.insist(servo_id, tables.LOCK, 1)
             self.registers.insist(servo_id, tables.RESPONSE_LEVEL, tables.ANSWER_EVERYTHING)
