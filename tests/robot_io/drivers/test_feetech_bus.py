@@ -120,6 +120,12 @@ def test_no_torque_before_the_first_reading(arm):
         arm.robot.torque.stage_torque(np.zeros(3))
 
 
+def test_a_torque_that_is_no_number_is_refused(arm):
+    arm.start()
+    with pytest.raises(InputError, match="not a number"):
+        arm.robot.torque.stage_torque(np.array((0.1, np.nan, 0.1)))
+
+
 @pytest.mark.parametrize(
     ("break_it", "problem"),
     [
@@ -232,6 +238,8 @@ def test_each_servo_has_the_torque_limit_of_what_it_drives():
     arm = WireBench(SO101, [("velocity_rad_s: [3.0, 3.0, 3.0]", "velocity_rad_s: [3.0, 1.0, 0.5]")])
     try:
         arm.robot.configure()
+        at_stall = ["at stall" in finding.text for finding in arm.robot.buses["motors"].examine()]
+        assert at_stall == [True, *4 * [False]]
         duty = {2: 1.0, 3: 2.0 / STALL_NM + 1.0 / NO_LOAD_RAD_S, 4: 1.2 / STALL_NM + 0.5 / NO_LOAD_RAD_S}
         for servo_id, share in (duty | dict.fromkeys((1, 5), 2.0 / STALL_NM)).items():
             assert servos(arm)[servo_id].get(LIMIT) == pytest.approx(1000 * share, abs=1)
