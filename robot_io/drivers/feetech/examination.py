@@ -3,7 +3,7 @@
 from robot_io.drivers.feetech.protocol import ID_SIZE, error_names
 from robot_io.drivers.feetech.servos import FeetechLine, identity_trouble
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
-from robot_io.drivers.feetech.tables import STATUS
+from robot_io.drivers.feetech.tables import LARGEST_LIMIT, STATUS
 from robot_io.errors import DeviceError, DeviceTimeoutError
 from robot_io.examination import Finding, fail, ok
 
@@ -34,6 +34,8 @@ def _look_at(line: FeetechLine, servo: FeetechServo, label: str) -> Finding:
     trouble = identity_trouble(servo, found)
     if trouble:
         return fail(label, f"{value}; {trouble}", "correct the robot file, or the supply")
+    if line.torque_limits[servo.id] == LARGEST_LIMIT:
+        value += "; its torque limit is at stall, so that the guard alone holds it to 'limits'"
     return ok(label, f"{value}; no watchdog: it holds its last goal when the program dies")
 
 
