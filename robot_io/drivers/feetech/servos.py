@@ -74,8 +74,8 @@ class FeetechLine:
         """
         check_all_there(self.registers, self._settings.ids, self._settings.baud_rate, protocol.ID_SIZE)
         for servo_id in self._settings.ids:
-            self.registers.insist(servo_id, tables.LOCK, 1)
-            self.registers.insist(servo_id, tables.RESPONSE_LEVEL, tables.ANSWER_EVERYTHING)
+            self.registers.settle_unanswered(servo_id, tables.LOCK, 1)
+            self.registers.settle_unanswered(servo_id, tables.RESPONSE_LEVEL, tables.ANSWER_EVERYTHING)
             self.registers.settle(servo_id, tables.TORQUE_ENABLE, 0)
         self.identities = tuple(self.identify_one(servo) for servo in self._settings.servos)
         for servo, found in zip(self._settings.servos, self.identities, strict=True):
