@@ -152,7 +152,8 @@ class MitBus(MotorBus):
         self._leave_motor_mode()
         fired = self._dialect.timeout_error
         self._refuse_errors([0 if error == fired else error for error in self._errors])
-        self._send_all(self._to_every_motor(mit.CLEAR_ERROR))
+        clear = self._to_every_motor(mit.CLEAR_ERROR)
+        self._send_all([frame for frame, error in zip(clear, self._errors, strict=True) if error == fired])
 
     def _register(self, joint: int, register: MotorRegister, value: float | None = None) -> float:
         """A register's value, after it was set to `value` if there is one. DeviceError: no answer."""

@@ -291,7 +291,7 @@ _FORCE_ROWS = {
         GOES_ON,
         (11, BRAKED + 5, "no reading for"),
         (2, BRAKED, "the port was unplugged"),
-        (4, BRAKED, "the cell says 'fault converter'"),
+        (4, BRAKED, "the cell says 'fault converter'", _RARE, "one reading"),
         (4, BRAKED, "force sensor: at the end of its range", _RARE, "one reading"),
         (24, BRAKED + 24, "is the sensor alive", _CONTRADICTED, "2 N"),
         (36, BRAKED + 24, "force sensor: stuck at", _ELEVEN, _FROZEN_FORCE),
