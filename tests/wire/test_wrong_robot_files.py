@@ -7,7 +7,7 @@ from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError
 from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
-from tests.wire.parts import CUBEMARS, LINES, ODRIVE
+from tests.wire.parts import CUBEMARS, DAMIAO, LINES, ODRIVE
 
 
 @pytest.mark.parametrize(
@@ -24,6 +24,13 @@ from tests.wire.parts import CUBEMARS, LINES, ODRIVE
         (CUBEMARS, "model: AK60-6", "model: AK60-7", "AK60-6"),
         (CUBEMARS, "motor_id: 2", "motor_id: 1", "not all different"),
         (CUBEMARS, "motor_id: 2", "motor_id: 0", "motor_id"),
+        (CUBEMARS, "motor_id: 2,", "motor_id: 2, answer_id: 18,", "'answer_id' is Damiao's"),
+        (CUBEMARS, "watchdog_s: 0.1", "watchdog_s: 0.1\n    host_id: 3", "3 is a motor's id"),
+        (DAMIAO, "watchdog_s: 0.1", "watchdog_s: 0.1\n    host_id: 0", "host_id"),
+        (DAMIAO, "motor_id: 1,", "motor_id: 1, answer_id: 2,", "2 is a motor's id"),
+        (DAMIAO, "motor_id: 1,", "motor_id: 1, answer_id: 18,", "18 is .* two motors"),
+        (DAMIAO, "motor_id: 1,", "motor_id: 1, answer_id: 0x7ff,", "answer_id"),
+        (DAMIAO, "watchdog_s: 0.1", "watchdog_s: 0.00002", "watchdog_s"),
         (CUBEMARS, "watchdog_s: 0.1", "watchdog_s: 0.1\n    check_watchdog: false", "check_watchdog"),
         (CUBEMARS, "unit: N", "unit: bar", "not a known unit"),
         (CUBEMARS, "load_code: 100", "load_code: 100, rate_hz: 999", "1000"),

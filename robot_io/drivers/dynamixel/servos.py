@@ -89,7 +89,7 @@ class ServoLine:
                 f"servo {servo.id} has firmware {firmware}: update it, there is no bus watchdog before "
                 f"{WATCHDOG_FIRMWARE}"
             )
-        self._registers.insist(servo.id, tables.STATUS_RETURN_LEVEL, tables.ANSWER_EVERYTHING)
+        self._registers.settle_unanswered(servo.id, tables.STATUS_RETURN_LEVEL, tables.ANSWER_EVERYTHING)
         read = self._registers.read
         trouble = tables.drive_mode_trouble(read(servo.id, tables.DRIVE_MODE))
         if trouble:

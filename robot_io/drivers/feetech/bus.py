@@ -7,7 +7,6 @@ motor by its duty cycle and speed; what the gears' friction takes is in none of 
 """
 
 from collections.abc import Mapping, Sequence
-from math import ceil
 from typing import ClassVar
 
 import numpy as np
@@ -30,9 +29,11 @@ from robot_io.drivers.servo.feedback import FeedbackReader
 from robot_io.drivers.servo.joints import ServoJoints, ServoSample, middle_of
 from robot_io.errors import LifecycleError
 from robot_io.examination import Finding
+from robot_io.guard.limits import Limits
 from robot_io.serial_port import SerialPort
 from robot_io.types import FloatArray, Status
 
+_LEAST_DUTY = 0.1  # of a torque limit
 _FASTEST = 2.0  # times the no-load speed: a joint that is thrown
 
 
@@ -45,7 +46,7 @@ def count_steps(servos: Sequence[FeetechServo]) -> FloatArray:
 
 
 class FeetechBus(ServoBus):
-    """Servos of the STS series; the last ones of the line may just hold."""
+    """Servos of the STS series; those that just hold are read and watched as the joints are."""
 
     name: ClassVar[str] = "feetech_bus"
 
@@ -59,17 +60,25 @@ class FeetechBus(ServoBus):
         self._stall_nm = np.array([model.stall_torque_nm for model in models])
         self._drag_nms_rad = self._stall_nm / [model.no_load_rad_s for model in models]
         self._stiffness_nm_rad = self._stall_nm * own.duty_per_rad
-        self._ahead_s = (
-            1.0 / context.robot_file.control_rate_hz
-        )  # a goal is on its way and then lasts so long
-        most_nm = np.resize(limits.torque_nm, len(models)) + self._drag_nms_rad * np.resize(
-            limits.velocity_rad_s, len(models)
-        )
-        duty_limit = max((most_nm / self._stall_nm).max(), 0.1)
-        torque_limit = min(ceil(duty_limit / tables.DUTY_PER_LOAD), tables.LARGEST_LIMIT)
-        self._line = FeetechLine(own, torque_limit, port, context.clock)
+        self._half_tick_s = 0.5 / context.robot_file.control_rate_hz
+        torque_limits = self._torque_limits(limits)
+        self._line = FeetechLine(own, torque_limits, port, context.clock)
         fastest_counts_s = _FASTEST * max(model.no_load_rad_s for model in models) / tables.POSITION_STEP_RAD
-        self._plausibility = Plausibility(context.clock, (0, 0, 0, torque_limit, 1), fastest_counts_s)
+        told = {servo_id: (0, 0, 0, limit, 1) for servo_id, limit in torque_limits.items()}
+        self._plausibility = Plausibility(context.clock, told, fastest_counts_s)
+
+    def _torque_limits(self, limits: Limits) -> dict[int, int]:
+        """Largest duty cycle of each servo, in its unit, by id: for its torque at its speed.
+
+        Those that hold stand still, and may bear what the strongest joint may.
+        """
+        own = self._settings
+        joint_nm = np.resize(limits.torque_nm, len(own.servos))
+        turning_nm = joint_nm + self._drag_nms_rad * np.resize(limits.velocity_rad_s, len(own.servos))
+        held = [(joint_nm / self._stall_nm).max()] * len(own.hold)
+        duty = np.maximum([*(turning_nm / self._stall_nm), *held], _LEAST_DUTY)
+        counts = np.minimum(np.ceil(duty / tables.DUTY_PER_LOAD), tables.LARGEST_LIMIT)
+        return dict(zip(own.ids, map(int, counts.tolist()), strict=True))
 
     @property
     def identities(self) -> tuple[ServoIdentity, ...]:
@@ -84,7 +93,7 @@ class FeetechBus(ServoBus):
         self._line.identify()
         self._line.prepare()
         self._plausibility.restart()
-        return feedback_reader(self._port, self._clock, self._ids, self._plausibility.decode)
+        return feedback_reader(self._port, self._clock, self._settings.ids, self._plausibility.decode)
 
     def _prepare_torque(self) -> None:
         self._line.prepare()
@@ -94,6 +103,7 @@ class FeetechBus(ServoBus):
         return position, speed, load
 
     def _take(self, feedback: Sequence[Feedback], asked_at_s: float, torque_status: Status) -> None:
+        feedback = feedback[: self.joint_count]  # those that hold come last
         super()._take(feedback, asked_at_s, torque_status)
         if self.sample is not None:
             drag_nm = self._drag_nms_rad * self.sample.velocity_rad_s
@@ -102,15 +112,16 @@ class FeetechBus(ServoBus):
             self.sample = self.sample._replace(torque_nm=torque_nm)
 
     def _problem(self, feedback: Sequence[Feedback]) -> str | None:
-        return feedback_problem(feedback, self._ids, powered=self._powered)
+        return feedback_problem(feedback, self._settings.labels, powered=self._powered)
 
     def _hardware_problem(self, feedback: Sequence[Feedback]) -> str | None:
-        return hardware_problem(feedback, self._ids)
+        return hardware_problem(feedback, self._settings.labels)
 
     def _goals(self, torque_nm: FloatArray) -> tuple[bytes, FloatArray]:
-        """See `ServoBus._goals`: by the servos' law, from where the joints are while the goals last."""
+        """See `ServoBus._goals`: by the servos' law, from where the joints are during the next tick."""
         sample, step_rad = self._newest(), self._joints.steps[0]
-        expected_rad = sample.position_rad + self._ahead_s * sample.velocity_rad_s
+        ahead_s = self._clock.now_s() - sample.sampled_at_s + self._half_tick_s
+        expected_rad = sample.position_rad + ahead_s * sample.velocity_rad_s
         drag_nm = self._drag_nms_rad * sample.velocity_rad_s
         motor_nm = np.minimum(np.maximum(torque_nm + drag_nm, -self._stall_nm), self._stall_nm)
         goal_rad = expected_rad + motor_nm / self._stiffness_nm_rad

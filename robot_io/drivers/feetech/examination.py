@@ -1,20 +1,18 @@
 """Looks at the servos of a Feetech line one by one."""
 
-from robot_io.drivers.feetech.protocol import error_names
+from robot_io.drivers.feetech.protocol import ID_SIZE, error_names
 from robot_io.drivers.feetech.servos import FeetechLine, identity_trouble
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
-from robot_io.drivers.feetech.tables import STATUS
+from robot_io.drivers.feetech.tables import LARGEST_LIMIT, STATUS
 from robot_io.errors import DeviceError, DeviceTimeoutError
 from robot_io.examination import Finding, fail, ok
 
 
 def examine_servos(settings: FeetechSettings, line: FeetechLine) -> list[Finding]:
     """What every servo of the robot file says of itself. DeviceError: the port failed."""
-    findings = [
-        _look_at(line, servo, f"servo {servo.id} (joint {joint})")
-        for joint, servo in enumerate(settings.servos, 1)
-    ]
-    return findings + [_is_there(line, servo_id, f"servo {servo_id} (holds)") for servo_id in settings.hold]
+    labels = dict(zip(settings.ids, settings.labels, strict=True))
+    findings = [_look_at(line, servo, labels[servo.id]) for servo in settings.servos]
+    return findings + [_is_there(line, servo_id, labels[servo_id]) for servo_id in settings.hold]
 
 
 def _look_at(line: FeetechLine, servo: FeetechServo, label: str) -> Finding:
@@ -36,12 +34,14 @@ def _look_at(line: FeetechLine, servo: FeetechServo, label: str) -> Finding:
     trouble = identity_trouble(servo, found)
     if trouble:
         return fail(label, f"{value}; {trouble}", "correct the robot file, or the supply")
+    if line.torque_limits[servo.id] == LARGEST_LIMIT:
+        value += "; its torque limit is at stall, so that the guard alone holds it to 'limits'"
     return ok(label, f"{value}; no watchdog: it holds its last goal when the program dies")
 
 
 def _is_there(line: FeetechLine, servo_id: int, label: str) -> Finding:
     try:
-        line.registers.ping(servo_id)
+        line.registers.ping(servo_id, ID_SIZE)
     except DeviceTimeoutError:
         remedy = "check its cable, power, id and baud rate (1 Mbit/s as delivered)"
         return fail(label, "does not answer", remedy)

@@ -30,8 +30,8 @@ PADDING: Final = 7  # bytes before the block, by which the answers to different 
 _GOALS = 32  # more than are sent while an answer is late
 _NEAR_COUNTS = 16  # beside what a joint can have turned
 
-Settings = tuple[int, int, int, int, int]
-"""Acceleration, goal time, goal speed, torque limit and lock."""
+_SETTINGS = ("acceleration", "goal time", "goal speed", "torque limit", "lock")
+Settings = tuple[int, int, int, int, int]  # the values of these
 
 
 class Feedback(NamedTuple):
@@ -83,7 +83,7 @@ def decode_feedback(packet: Packet) -> Feedback:
 def feedback_reader(
     port: SerialPort, clock: Clock, servo_ids: Sequence[int], decode: Callable[[Packet], Feedback]
 ) -> FeedbackReader[Feedback]:
-    """What reads the block of all servos, which are given in the order of the joints."""
+    """What reads the block of these servos, in this order."""
     sizes = range(FEEDBACK_SIZE, FEEDBACK_SIZE + PADDING + 1)
     end = TORQUE_ENABLE.address + FEEDBACK_SIZE
     return FeedbackReader(
@@ -102,32 +102,41 @@ class Plausibility:
 
     Args:
         clock: for how far a joint can have come.
-        settings: what every servo was told, as in `Feedback.settings`.
+        settings: what each servo was told, as in `Feedback.settings`, by its id.
         fastest_counts_s: no joint is faster [counts/s].
     """
 
-    def __init__(self, clock: Clock, settings: Settings, fastest_counts_s: float) -> None:
+    def __init__(self, clock: Clock, settings: Mapping[int, Settings], fastest_counts_s: float) -> None:
         self._clock, self._settings, self._fastest_counts_s = clock, settings, fastest_counts_s
-        self._goals: deque[Mapping[int, int]] = deque(maxlen=_GOALS)
+        self._goals = {servo_id: deque[int](maxlen=_GOALS) for servo_id in settings}
         self._last: dict[int, tuple[float, int]] = {}
 
     def restart(self) -> None:
         """Forget where the joints were, and what was sent."""
-        self._goals.clear()
+        for goals in self._goals.values():
+            goals.clear()
         self._last.clear()
 
     def sent(self, goals: Mapping[int, int]) -> None:
         """Goals are on their way, by servo id."""
-        self._goals.append(goals)
+        for servo_id, goal in goals.items():
+            self._goals[servo_id].append(goal)
 
     def decode(self, packet: Packet) -> Feedback:
         """The feedback in an answer. ProtocolError: too short, or not to be believed."""
         feedback, who = decode_feedback(packet), f"servo {packet.servo_id}"
-        if feedback.settings != self._settings:
-            raise ProtocolError(f"{who} shows other settings than it was sent: damaged, or it has restarted")
-        goals = {goals[packet.servo_id] for goals in self._goals}
+        for name, found, told in zip(
+            _SETTINGS, feedback.settings, self._settings[packet.servo_id], strict=True
+        ):
+            if found != told:
+                raise ProtocolError(
+                    f"{who}: {name} is {found} in place of {told}: damaged, or it has restarted"
+                )
+        goals = self._goals[packet.servo_id]
         if goals and feedback.torque_on and feedback.goal not in goals:
-            raise ProtocolError(f"{who} shows a goal that it was not sent: its answer is damaged")
+            raise ProtocolError(
+                f"{who}: goal position is {feedback.goal} in place of {goals[-1]}: its answer is damaged"
+            )
         now_s = self._clock.now_s()
         before_s, before = self._last.get(packet.servo_id, (-inf, 0))
         if abs(feedback.position - before) > _NEAR_COUNTS + self._fastest_counts_s * (now_s - before_s):
@@ -136,20 +145,20 @@ class Plausibility:
         return feedback
 
 
-def feedback_problem(feedback: Sequence[Feedback], servo_ids: Sequence[int], *, powered: bool) -> str | None:
+def feedback_problem(feedback: Sequence[Feedback], labels: Sequence[str], *, powered: bool) -> str | None:
     """Which servo has let go although it was `powered`, or None."""
-    for joint, (servo_id, servo) in enumerate(zip(servo_ids, feedback, strict=True), 1):
+    for label, servo in zip(labels, feedback, strict=True):
         if powered and not servo.torque_on:
             why = error_names(servo.errors) if servo.errors else "none; has it restarted?"
-            return f"servo {servo_id} (joint {joint}): has switched its torque off (error: {why})"
+            return f"{label}: has switched its torque off (error: {why})"
     return None
 
 
-def hardware_problem(feedback: Sequence[Feedback], servo_ids: Sequence[int]) -> str | None:
+def hardware_problem(feedback: Sequence[Feedback], labels: Sequence[str]) -> str | None:
     """The errors of all servos, by name, or None."""
     problems = [
-        f"servo {servo_id} (joint {joint}): error: {error_names(servo.errors)}"
-        for joint, (servo_id, servo) in enumerate(zip(servo_ids, feedback, strict=True), 1)
+        f"{label}: error: {error_names(servo.errors)}"
+        for label, servo in zip(labels, feedback, strict=True)
         if servo.errors
     ]
     return "; ".join(problems) or None

@@ -12,12 +12,12 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, RootModel
 
 from robot_io.drivers.feetech.settings import HomingOffset
 from robot_io.drivers.feetech.tables import COUNTS_PER_REVOLUTION, POSITION_STEP_RAD
 from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel
+from robot_io.files.file_model import FileModel, validate
 from robot_io.files.safe_yaml import read_text
 
 Count = Annotated[int, Field(ge=0, lt=COUNTS_PER_REVOLUTION)]
@@ -47,7 +47,8 @@ class LerobotMotor(FileModel):
         )
 
 
-_FILE = TypeAdapter(dict[str, LerobotMotor])
+class LerobotCalibration(RootModel[dict[str, LerobotMotor]]):
+    """The whole file: joints by LeRobot's names."""
 
 
 def read_calibration(path: Path) -> dict[str, LerobotMotor]:
@@ -56,13 +57,9 @@ def read_calibration(path: Path) -> dict[str, LerobotMotor]:
     InputError: it cannot be read, or is no such file; with the first thing that is wrong.
     """
     try:
-        return _FILE.validate_python(json.loads(read_text(path)))
-    except (OSError, ValidationError, ValueError) as error:
-        reason = error.errors()[0] if isinstance(error, ValidationError) else str(error)
-        place = (
-            ".".join(map(str, reason["loc"])) + ": " + reason["msg"] if isinstance(reason, dict) else reason
-        )
-        raise InputError(f"{path}: no calibration of LeRobot's ({place})") from error
+        return validate(LerobotCalibration, json.loads(read_text(path))).root
+    except (OSError, ValueError, InputError) as error:
+        raise InputError(f"{path}: no calibration of LeRobot's ({error})") from error
 
 
 def main(arguments: list[str]) -> int:

@@ -17,7 +17,9 @@ LARGEST_ID: Final = 0xFC
 BROADCAST_ID: Final = 0xFE
 AROUND: Final = 6  # bytes of an answer around its data
 
-_PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
+_READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x02, 0x03, 0x82, 0x83
+_ID_ADDRESS = 5
+ID_SIZE: Final = 1  # bytes of the answer to `ping`
 _LARGEST_LENGTH = 0xFA
 
 ERROR_NAMES: Final = {
@@ -108,7 +110,10 @@ class StatusReader(PacketStream[StatusPacket]):
 
     def _decode(self, packet: bytes) -> StatusPacket | None:
         status = decode_status(packet)
-        return None if packet == self._echo else status
+        if packet != self._echo:
+            return status
+        self._echo = b""  # comes once, before any answer
+        return None
 
     def _is_suspect(self, packet: bytes) -> bool:
         return packet[2:3] != bytes((BROADCAST_ID,))  # an echo of what all were sent
@@ -120,8 +125,8 @@ def packet_reader(request: bytes) -> StatusReader:
 
 
 def ping(servo_id: int) -> bytes:
-    """Are you there? The answer is empty."""
-    return encode_packet(servo_id, _PING)
+    """Are you there? Reads the id: with a voltage error the answer to a true ping is like its echo."""
+    return read(servo_id, _ID_ADDRESS, ID_SIZE)
 
 
 def read(servo_id: int, address: int, size: int) -> bytes:

@@ -1,5 +1,6 @@
 """Setting up the servos of one Feetech bus, from the first ping to torque on and off."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from robot_io.clock import Clock
@@ -15,10 +16,12 @@ LAST_RESORT = "it has no watchdog and holds its last goal: switch its supply off
 _VOLTAGE_SHARE = 0.25  # of the model's voltage; 7.4 and 12 V are told apart
 
 # What makes the servo's own law the plain one of `tables`, beside the P coefficient; held until it restarts,
-# for the lock is set first.
+# for the lock is set first. A goal beyond limits that its calibration left would be another torque.
 _PLAIN_LAW = (
     (tables.OPERATING_MODE, tables.POSITION_CONTROL),
     (tables.RETURN_DELAY, 0),
+    (tables.MIN_POSITION, 0),
+    (tables.MAX_POSITION, tables.COUNTS_PER_REVOLUTION - 1),
     (tables.D_GAIN, 0),
     (tables.I_GAIN, 0),
     (tables.STARTUP_FORCE, 0),
@@ -41,7 +44,6 @@ class ServoIdentity:
     voltage_limits_v: tuple[float, float]  # lowest and highest that it takes [V]
     temperature_c: float  # inside it [degrees Celsius]
     homing_offset: int  # what is taken off its position [counts]
-    position_limits: tuple[int, int]  # no goal is beyond them [counts]
 
 
 class FeetechLine:
@@ -49,16 +51,19 @@ class FeetechLine:
 
     Args:
         settings: the bus.
-        torque_limit: largest duty cycle, in the servos' unit.
+        torque_limits: largest duty cycle of each servo, in its unit, by id.
         port: its port.
         clock: for how long to wait.
 
     Attributes:
+        torque_limits: as above.
         identities: one per servo of a joint, once they have been looked at.
     """
 
-    def __init__(self, settings: FeetechSettings, torque_limit: int, port: SerialPort, clock: Clock) -> None:
-        self._settings, self._torque_limit, self._port = settings, torque_limit, port
+    def __init__(
+        self, settings: FeetechSettings, torque_limits: Mapping[int, int], port: SerialPort, clock: Clock
+    ) -> None:
+        self._settings, self.torque_limits, self._port = settings, torque_limits, port
         self.registers = RegisterAccess(protocol, port, clock)
         self.identities: tuple[ServoIdentity, ...] = ()
 
@@ -67,10 +72,10 @@ class FeetechLine:
 
         DeviceError: a servo is missing, is another model, or does not fit as it is set up.
         """
-        check_all_there(self.registers, self._settings.ids, self._settings.baud_rate, 0)
+        check_all_there(self.registers, self._settings.ids, self._settings.baud_rate, protocol.ID_SIZE)
         for servo_id in self._settings.ids:
-            self.registers.insist(servo_id, tables.LOCK, 1)
-            self.registers.insist(servo_id, tables.RESPONSE_LEVEL, tables.ANSWER_EVERYTHING)
+            self.registers.settle_unanswered(servo_id, tables.LOCK, 1)
+            self.registers.settle_unanswered(servo_id, tables.RESPONSE_LEVEL, tables.ANSWER_EVERYTHING)
             self.registers.settle(servo_id, tables.TORQUE_ENABLE, 0)
         self.identities = tuple(self.identify_one(servo) for servo in self._settings.servos)
         for servo, found in zip(self._settings.servos, self.identities, strict=True):
@@ -98,7 +103,6 @@ class FeetechLine:
             voltage_limits_v=(0.1 * limits_v[0], 0.1 * limits_v[1]),
             temperature_c=float(read(servo_id, tables.PRESENT_TEMPERATURE)),
             homing_offset=read(servo_id, tables.HOMING_OFFSET),
-            position_limits=(read(servo_id, tables.MIN_POSITION), read(servo_id, tables.MAX_POSITION)),
         )
 
     def prepare(self) -> None:
@@ -111,7 +115,7 @@ class FeetechLine:
             settle(servo_id, tables.TORQUE_ENABLE, 0)
             for register, value in (*_PLAIN_LAW, (tables.P_GAIN, own.p_gain)):
                 settle(servo_id, register, value)
-            settle(servo_id, tables.TORQUE_LIMIT, self._torque_limit)
+            settle(servo_id, tables.TORQUE_LIMIT, self.torque_limits[servo_id])
 
     def switch_on(self) -> dict[int, int]:
         """Torque on, each servo where it stands; returns these goals by id.

@@ -56,6 +56,12 @@ class FeetechSettings(FileModel):
         """Everybody on the line, those that drive the joints first."""
         return (*(servo.id for servo in self.servos), *self.hold)
 
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What to call them in messages, in the same order."""
+        joints = (f"servo {servo.id} (joint {joint})" for joint, servo in enumerate(self.servos, 1))
+        return (*joints, *(f"servo {servo_id} (holds)" for servo_id in self.hold))
+
     @model_validator(mode="after")
     def _can_share_a_bus(self) -> "FeetechSettings":
         twice = next((servo_id for servo_id in self.ids if self.ids.count(servo_id) > 1), None)

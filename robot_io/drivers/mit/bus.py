@@ -4,7 +4,7 @@ A motor speaks only when it is spoken to: each command is answered with the moto
 takes in. While the torque is off, each poll asks again.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from math import inf
 from typing import ClassVar
@@ -43,8 +43,8 @@ class MitBus(MotorBus):
         self._joint_by_id = {motor.motor_id: joint for joint, motor in enumerate(own.motors)}
         self._errors = [0] * len(own.motors)
         self._enabled: list[bool | None] = [None] * len(own.motors)
-        self._asked: tuple[int, MotorRegister] | None = None  # joint and register of awaited answers,
-        self._told: list[float] = []  # and these
+        self._register_asked: tuple[int, MotorRegister] | None = None  # and its joint, while awaited
+        self._register_values: list[float] = []
         self._answers = [0] * len(own.motors)
         self._commanded_s = -inf
         self._command: list[CanFrame] = []
@@ -87,7 +87,7 @@ class MitBus(MotorBus):
             else:
                 value = f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model, "
                 value += f"the robot file says {motor.model}; CAN timeout {self._own.watchdog_s:g} s, "
-                observations.append(ok(label, value + f"{self._surely} at activation"))
+                observations.append(ok(label, value + f"{self._timeout_evidence} at activation"))
         return observations
 
     def tick_wire_s(self) -> float | None:
@@ -95,7 +95,7 @@ class MitBus(MotorBus):
         return 2 * self.joint_count * self._frame_s(8)
 
     @property
-    def _surely(self) -> str:
+    def _timeout_evidence(self) -> str:
         """How the CAN timeout is known."""
         return "set and read back" if self._dialect.has_registers else "proven"
 
@@ -103,19 +103,23 @@ class MitBus(MotorBus):
         if self._dialect.has_registers:
             self._set_up()
         frames = [*self._to_every_motor(mit.ENTER_MOTOR_MODE), *self._zero_torque()]
-        self._send_confirmed(frames, "motor mode is not confirmed by")
-        wrong = [joint for joint, error in enumerate(self._errors) if error]
-        if wrong:
-            problems = (
-                f"{self.motor_label(joint)}: {error_name(self._own.maker, self._errors[joint])}"
-                for joint in wrong
-            )
-            raise DeviceError(f"{self.line.label}: {'; '.join(problems)}")
+        self._send_confirmed(frames, "motor mode is not confirmed by", enabled=True)
+        self._refuse_errors(self._errors)
         if not self._dialect.has_registers:
             self._check_watchdogs()
-            self._send_confirmed(frames, "motor mode is not confirmed by")
+            self._send_confirmed(frames, "motor mode is not confirmed by", enabled=True)
         self._powered = True
         self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
+
+    def _refuse_errors(self, errors: Sequence[int]) -> None:
+        """DeviceError: some motors have errors; with their names."""
+        problems = [
+            f"{self.motor_label(joint)}: {error_name(self._own.maker, error)}"
+            for joint, error in enumerate(errors)
+            if error
+        ]
+        if problems:
+            raise DeviceError(f"{self.line.label}: {'; '.join(problems)}: remove the cause, then restart it")
 
     def _check_ranges(self) -> None:
         """That the numbers on the wire mean what the robot file says. DeviceError: they do not."""
@@ -131,8 +135,10 @@ class MitBus(MotorBus):
                     raise self._about(joint, f"{problem}: state its 'ranges', or set the motor")
 
     def _set_up(self) -> None:
-        """Forget errors, and set mode and CAN timeout. DeviceError: a motor did not take them."""
-        self._send_all(self._to_every_motor(mit.CLEAR_ERROR))
+        """Set mode and CAN timeout, and forget that it has fired.
+
+        DeviceError: a motor did not take them, or has another error.
+        """
         timeout = round(self._own.watchdog_s / registers.TIMEOUT_STEP_S)
         for joint in range(self.joint_count):
             for register, value in (
@@ -143,6 +149,11 @@ class MitBus(MotorBus):
                 found = self._register(joint, register)
                 if found != value:
                     raise self._about(joint, f"its {register.name} is {found:g} after it was set to {value}")
+        self._leave_motor_mode()
+        fired = self._dialect.timeout_error
+        self._refuse_errors([0 if error == fired else error for error in self._errors])
+        clear = self._to_every_motor(mit.CLEAR_ERROR)
+        self._send_all([frame for frame, error in zip(clear, self._errors, strict=True) if error == fired])
 
     def _register(self, joint: int, register: MotorRegister, value: float | None = None) -> float:
         """A register's value, after it was set to `value` if there is one. DeviceError: no answer."""
@@ -150,15 +161,15 @@ class MitBus(MotorBus):
         frame = registers.read_register(motor_id, register)
         if value is not None:
             frame = registers.write_register(motor_id, register, value)
-        self._asked, self._told = (joint, register), []
+        self._register_asked, self._register_values = (joint, register), []
         try:
             self._send_all([frame])
-            self._wait_for(lambda: bool(self._told), _ANSWER_S)
+            self._wait_for(lambda: bool(self._register_values), _ANSWER_S)
         finally:
-            self._asked = None
-        if not self._told:
+            self._register_asked = None
+        if not self._register_values:
             raise self._about(joint, f"does not say its {register.name}")
-        return self._told[0]
+        return self._register_values[0]
 
     def _about(self, joint: int, problem: str) -> DeviceError:
         return DeviceError(f"{self.line.label}: {self.motor_label(joint)}: {problem}")
@@ -206,9 +217,12 @@ class MitBus(MotorBus):
         self._staged = []
         if not self.line.is_open:
             return
+        self._leave_motor_mode()
+
+    def _leave_motor_mode(self) -> None:
         leave = self._to_every_motor(mit.EXIT_MOTOR_MODE)
         frames = [*self._zero_torque(), *leave, *leave]
-        self._send_confirmed(frames, "torque off is not confirmed by")
+        self._send_confirmed(frames, "torque off is not confirmed by", enabled=False)
 
     def poll(self, deadline_s: float) -> None:
         """See `MotorBus.poll`; where no command has been sent since the last poll, asks for the next one."""
@@ -246,13 +260,24 @@ class MitBus(MotorBus):
     def _zero_torque(self) -> list[CanFrame]:
         return [self._encode_torque(joint, 0.0)[0] for joint in range(self.joint_count)]
 
-    def _send_confirmed(self, frames: list[CanFrame], problem: str) -> None:
-        """Send frames, two or more to each motor, and wait until each has answered twice."""
+    def _send_confirmed(self, frames: list[CanFrame], problem: str, *, enabled: bool) -> None:
+        """Send frames, two or more to each motor, and wait until each has answered twice.
+
+        One that says whether it is in motor mode must say `enabled`, or that it has an error.
+        """
         self._answers = [0] * self.joint_count
         self._send_all(frames)
 
         def missing() -> list[str]:
-            return [self.motor_label(joint) for joint, answers in enumerate(self._answers) if answers < 2]
+            wrong = [
+                not error and found not in (None, enabled)
+                for error, found in zip(self._errors, self._enabled, strict=True)
+            ]
+            return [
+                self.motor_label(joint)
+                for joint, answers in enumerate(self._answers)
+                if answers < 2 or wrong[joint]
+            ]
 
         if not self._wait_for(lambda: not missing(), _ANSWER_S):
             raise DeviceError(f"{self.line.label}: {problem} {', '.join(missing())}")
@@ -268,10 +293,12 @@ class MitBus(MotorBus):
         if joint is None:
             return False
         motor = self._motors[joint]
-        if self._asked and self._asked[0] == joint:
-            with suppress(ProtocolError):
-                self._told.append(registers.decode_register(frame, motor.motor_id, self._asked[1]))
-                return True
+        if self._dialect.has_registers and registers.is_about_register(frame, motor.motor_id):
+            if self._register_asked and self._register_asked[0] == joint:
+                with suppress(ProtocolError):  # about another one
+                    value = registers.decode_register(frame, motor.motor_id, self._register_asked[1])
+                    self._register_values.append(value)
+            return True
         state = mit.decode_state(frame, self._ranges[joint], status_beside_id=self._dialect.has_registers)
         self._position_rad[joint] = motor.joint_angle_rad(state.position_rad)
         self._velocity_rad_s[joint] = state.velocity_rad_s / motor.signed_ratio

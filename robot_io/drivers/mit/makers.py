@@ -24,6 +24,7 @@ class Dialect:
     models: dict[str, MitRanges]  # ranges of each model, as delivered
     errors: dict[int, str]  # what an error means
     encoder_fault: int | None  # the error of the encoder, if it has one
+    timeout_error: int | None  # the error of a CAN timeout that has fired, which each activation clears
     # Whether a motor says in its answers whether it is in motor mode, has registers that can be read and
     # written over CAN (ranges, mode, CAN timeout), and answers under an id of its own.
     has_registers: bool
@@ -50,6 +51,7 @@ DIALECTS = {
             7: "motor stalled",
         },
         encoder_fault=5,
+        timeout_error=None,
         has_registers=False,
     ),
     Maker.DAMIAO: Dialect(
@@ -73,6 +75,7 @@ DIALECTS = {
             14: "overload",
         },
         encoder_fault=None,
+        timeout_error=13,
         has_registers=True,
     ),
 }

@@ -12,7 +12,7 @@ from typing import Final
 from robot_io.drivers.can.line import CanFrame
 from robot_io.errors import ProtocolError
 
-_TO_ALL: Final = 0x7FF
+REGISTERS_ID: Final = 0x7FF
 _READ, _WRITE = 0x33, 0x55
 
 
@@ -37,20 +37,27 @@ TIMEOUT_STEP_S: Final = 50e-6
 
 def read_register(motor_id: int, register: MotorRegister) -> CanFrame:
     """Ask for a value."""
-    return CanFrame(_TO_ALL, motor_id.to_bytes(2, "little") + bytes((_READ, register.number, 0, 0, 0, 0)))
+    return CanFrame(
+        REGISTERS_ID, motor_id.to_bytes(2, "little") + bytes((_READ, register.number, 0, 0, 0, 0))
+    )
 
 
 def write_register(motor_id: int, register: MotorRegister, value: float) -> CanFrame:
     """Set a value; it is lost without power."""
     number = int(value) if register.format == "<I" else value
     data = struct.pack(register.format, number)
-    return CanFrame(_TO_ALL, motor_id.to_bytes(2, "little") + bytes((_WRITE, register.number)) + data)
+    return CanFrame(REGISTERS_ID, motor_id.to_bytes(2, "little") + bytes((_WRITE, register.number)) + data)
+
+
+def is_about_register(frame: CanFrame, motor_id: int) -> bool:
+    """Whether a motor's answer is about a register; a state that looks so would be near the range's end."""
+    head = motor_id.to_bytes(2, "little")
+    return len(frame.data) == 8 and frame.data[:2] == head and frame.data[2] in (_READ, _WRITE)
 
 
 def decode_register(frame: CanFrame, motor_id: int, register: MotorRegister) -> float:
     """The value in an answer. ProtocolError: it is another motor's, of another register, or none."""
-    head = motor_id.to_bytes(2, "little")
-    if len(frame.data) != 8 or frame.data[:2] != head or frame.data[2] not in (_READ, _WRITE):
+    if not is_about_register(frame, motor_id):
         raise ProtocolError(f"no answer of motor {motor_id} about a register: {frame.data.hex(' ')}")
     if frame.data[3] != register.number:
         raise ProtocolError(f"register {frame.data[3]} in place of {register.number}")

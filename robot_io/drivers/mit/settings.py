@@ -8,7 +8,8 @@ from robot_io.drivers.can.line import CanLineSettings
 from robot_io.drivers.can.motors import MotorMounting
 from robot_io.drivers.mit.makers import DIALECTS, Dialect, Maker
 from robot_io.drivers.mit.protocol import MitRanges
-from robot_io.files.file_model import FileModel, Positive
+from robot_io.drivers.mit.registers import REGISTERS_ID
+from robot_io.files.file_model import FileModel, Number, Positive
 
 LARGEST_DAMIAO_ID, USUAL_ANSWER_OFFSET = 15, 16
 
@@ -28,7 +29,7 @@ class MitMotor(MotorMounting):
     model: str  # which ranges it has, see `makers`
     ranges: MitRangeSettings | None = None  # its ranges, if they are not those of the model
     # Arbitration id of its answers (Damiao's "master id"); None is its own id and 16, as Damiao recommends.
-    answer_id: Annotated[int, Field(ge=1, le=0x7FF, strict=True)] | None = None
+    answer_id: Annotated[int, Field(ge=1, lt=REGISTERS_ID, strict=True)] | None = None
 
 
 class MitBusSettings(CanLineSettings):
@@ -43,7 +44,7 @@ class MitBusSettings(CanLineSettings):
     # read back. With others the protocol can do neither, so it is proven at each activation: every motor gets
     # 1 % of its torque, and must have let go after a silence. Without commands for so long the host sends
     # zero torque as well, for a motor can only be read by commanding it.
-    watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
+    watchdog_s: Annotated[Number, Field(ge=1e-3, le=1)] = 0.1
     # What makes a motor without torque say its state: "exit" keeps it off, as in the firmware that the
     # protocol comes from, which answers every frame; "enter" is what the AK manual names for motors that are
     # deaf to commands outside of motor mode, and zero torque and "exit" follow it.
@@ -56,6 +57,13 @@ class MitBusSettings(CanLineSettings):
             raise ValueError(f"motors: ids {ids} are not all different")
         if self.maker is Maker.DAMIAO and max(ids) > LARGEST_DAMIAO_ID:
             raise ValueError(f"motors: ids {ids}: a Damiao motor says four bits of its id, at most 15")
+        if self.maker is Maker.DAMIAO and "host_id" in self.model_fields_set:
+            raise ValueError("host_id: Damiao motors have an 'answer_id' each instead")
+        if self.maker is not Maker.DAMIAO and any(motor.answer_id is not None for motor in self.motors):
+            raise ValueError(
+                f"motors: 'answer_id' is Damiao's; those of maker '{self.maker}' have one 'host_id'"
+            )
+        self._check_answer_ids(ids)
         models = self.dialect.models
         unknown = [motor.model for motor in self.motors if motor.ranges is None and motor.model not in models]
         if unknown:
@@ -64,6 +72,14 @@ class MitBusSettings(CanLineSettings):
                 f"Valid: {', '.join(models)}, or state 'ranges'"
             )
         return self
+
+    def _check_answer_ids(self, motor_ids: list[int]) -> None:
+        """An answer under a motor's id would be a command to it."""
+        has_own = self.dialect.has_registers
+        answer_ids = [self.answer_ids(motor)[0] for motor in self.motors] if has_own else [self.host_id]
+        wrong = [one for one in answer_ids if one in motor_ids or answer_ids.count(one) > 1]
+        if wrong:
+            raise ValueError(f"answer id {wrong[0]} is a motor's id, or that of two motors' answers")
 
     @property
     def dialect(self) -> Dialect:

@@ -95,6 +95,11 @@ class SerialReader:
         """Damaged and implausible readings so far."""
         return self._stream.rejected + self._implausible
 
+    @property
+    def complaint(self) -> str:
+        """What the sensor says is wrong with it, or nothing."""
+        return self._stream.complaint
+
     def start(self) -> None:
         """Look at the port until `stop`: in a thread, or, on a simulated clock, whenever that has moved on.
 
@@ -276,15 +281,15 @@ class SerialLine(Bus):
     def poll(self, deadline_s: float) -> None:
         """See `Bus.poll`; never waits.
 
-        DeviceError: the port failed; DeviceTimeoutError: the sensor is silent, or has sent data but no valid
-        reading yet.
+        DeviceError: the port failed, or the sensor says that it has; DeviceTimeoutError: it is silent, or has
+        sent data but no valid reading yet.
         """
         reader = self._reader
         if reader is None:
             return
         self.sample = reader.newest
-        if reader.failure is not None:
-            raise DeviceError(f"{self.label}: {reader.failure}")
+        if reader.failure or reader.complaint:
+            raise DeviceError(f"{self.label}: {reader.failure or reader.complaint}")
         if self.sample is None:
             if reader.rejected:
                 raise DeviceTimeoutError(

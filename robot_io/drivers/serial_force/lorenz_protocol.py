@@ -170,6 +170,8 @@ class LorenzStream:
         newtons_per_count: newtons in one count.
     """
 
+    complaint = ""  # it has no words
+
     def __init__(self, newtons_per_count: float) -> None:
         self._factor = newtons_per_count
         self._rest = b""

@@ -14,6 +14,7 @@ converter fails, the firmware says `fault` and a word instead.
 import re
 from binascii import crc_hqx
 from collections.abc import Mapping
+from contextlib import suppress
 from math import copysign
 from typing import Annotated, ClassVar
 
@@ -57,13 +58,24 @@ def sample_of(line: bytes) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
+def fault_of(line: bytes) -> str:
+    """What a line says is wrong, such as "fault converter", or nothing."""
+    with suppress(ProtocolError):
+        text = checked(line)
+        return text if text.startswith("fault ") else ""
+    return ""
+
+
 class CellStream:
     """Forces from the lines; one whose counter stands still or goes back is an old one, and left out.
 
     Args:
-        newtons_per_count: negative where the cell counts tension as positive [N].
+        newtons_per_count: what one count is [N].
         zero_counts: what it counts without a load.
         capacity_n: what a converter at the end of its range shows at least [N].
+
+    Attributes:
+        complaint: see `Stream`.
     """
 
     def __init__(self, newtons_per_count: float, zero_counts: float, capacity_n: float) -> None:
@@ -71,6 +83,7 @@ class CellStream:
         self._lines = LineSplitter()
         self._lines.resynchronise()  # the first line may have lost its beginning
         self._counter: int | None = None
+        self.complaint = ""
         self._bad = 0
 
     @property
@@ -84,12 +97,14 @@ class CellStream:
             try:
                 counter, counts = sample_of(line)
             except ProtocolError:
-                self._bad += 1
+                fault = fault_of(line)
+                self.complaint = f"the cell says '{fault}'" if fault else self.complaint
+                self._bad += not fault
                 continue
             if self._counter is not None and not 0 < (counter - self._counter) % _COUNTERS < _AHEAD:
                 self._bad += 1
                 continue
-            self._counter = counter
+            self._counter, self.complaint = counter, ""
             samples.append(self._force_n(counts))
         return samples
 
@@ -153,8 +168,10 @@ class MicrocontrollerCell(ForceSensor, Examinable):
         else:
             raise DeviceError(f"{self._bus.label}: no cell answers; check port, baud rate and firmware")
         version, chip, rate = words
-        if version != VERSION or not rate.isdecimal():
+        if version != VERSION:
             raise DeviceError(f"{self._bus.label}: speaks version {version}, this driver version {VERSION}")
+        if not rate.isdecimal():
+            raise DeviceError(f"{self._bus.label}: says '{rate}' samples a second, which is no number")
         return chip, int(rate)
 
 

@@ -47,7 +47,13 @@ def text_of(line: bytes) -> str:
 
 
 class Stream(Protocol):
-    """Makes force samples out of bytes, in any portions. Damaged ones are counted and left out."""
+    """Makes force samples out of bytes, in any portions. Damaged ones are counted and left out.
+
+    Attributes:
+        complaint: what the device itself says is wrong with it since its last sample, or nothing.
+    """
+
+    complaint: str
 
     @property
     def rejected(self) -> int:
@@ -95,6 +101,8 @@ class LineStream:
         parse: the number as it is written, and newtons per unit, of a line; ProtocolError: it is no reading.
         largest_n: no reading beyond it is accepted [N].
     """
+
+    complaint = ""  # such devices do not complain
 
     def __init__(self, parse: Callable[[str], tuple[str, float]], largest_n: float) -> None:
         self._parse, self._largest_n = parse, largest_n

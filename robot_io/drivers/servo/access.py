@@ -65,7 +65,7 @@ class RegisterAccess:
         self.write(servo_id, register, value)
         self._confirm(servo_id, register, value)
 
-    def insist(self, servo_id: int, register: Register, value: int) -> None:
+    def settle_unanswered(self, servo_id: int, register: Register, value: int) -> None:
         """Set a register of a servo that may not answer to writing, and read it back.
 
         DeviceError: as `settle`.

@@ -9,7 +9,7 @@ import numpy as np
 from robot_io.driver import DriverContext
 from robot_io.drivers.servo.feedback import FeedbackReader
 from robot_io.drivers.servo.joints import ServoJoints, ServoSample
-from robot_io.errors import DeviceError, LifecycleError
+from robot_io.errors import DeviceError, InputError, LifecycleError
 from robot_io.examination import Examinable
 from robot_io.interfaces import Bus
 from robot_io.serial_port import SerialPort
@@ -140,10 +140,12 @@ class ServoBus(Bus, Examinable):
     def stage(self, torque_nm: FloatArray) -> FloatArray:
         """Keep torques (n) [N m] for the next flush; returns what the servos' range and step make of them.
 
-        LifecycleError: the torque is off.
+        LifecycleError: the torque is off; InputError: a torque is not a number.
         """
         if not self._powered:
             raise LifecycleError("the drives are off: activate them before the first command")
+        if np.isnan(torque_nm).any():
+            raise InputError("a motor command is not a number")
         self._staged, torque_nm = self._goals(np.asarray(torque_nm, dtype=np.float64))
         return torque_nm
 

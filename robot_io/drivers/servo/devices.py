@@ -17,8 +17,8 @@ from robot_io.types import FloatArray, Reading, Status
 class ServoEncoderSettings(FileModel):
     """How the velocity is come by."""
 
-    # "servo" takes what the servo derives; "difference" differentiates the position, in steps of 0.0015 rad,
-    # and smooths it.
+    # "servo" takes what the servo derives; "difference" differentiates the position, whose steps show, and
+    # smooths it.
     velocity: Literal["servo", "difference"] = "servo"
     bandwidth_hz: Positive = 60.0  # of the first-order low-pass on the difference [Hz]
 

@@ -36,7 +36,7 @@ class FeedbackReader(Generic[FeedbackType]):
     Args:
         port: an open port.
         clock: what deadlines are on.
-        servo_ids: in the order of the joints.
+        servo_ids: who is asked, in this order.
         asking: what is sent for each number of bytes that can be asked of each servo, the least one first.
         packets: finds packets in what comes.
         decode: makes feedback of one; ProtocolError: it cannot be read.

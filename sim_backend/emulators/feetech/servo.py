@@ -75,13 +75,17 @@ class EmulatedSts(LineServo):
 
     Attributes:
         error: its error bits.
+        stall_nm: torque of its motor at full duty [N m]; no two are alike.
+        no_load_rad_s: speed without a load [rad/s].
+        duty_per_rad: duty cycle for a position error and a P coefficient of 1 [1/rad].
         return_delay_s: see `LineServo`.
     """
 
     def __init__(self, mounting: Mounting, plant: Plant, joint: int | None, now_s: float) -> None:
         self.id = mounting.id
         self._mounting, self._plant, self._joint = mounting, plant, joint
-        self._voltage_v, self._stall_nm, self._no_load_rad_s = MODELS[mounting.model]
+        self._voltage_v, self.stall_nm, self.no_load_rad_s = MODELS[mounting.model]
+        self.duty_per_rad = 0.166
         self._direction = -1 if mounting.reversed else 1
         self._memory = bytearray(90)
         for address, size, value in _TABLE:
@@ -170,9 +174,9 @@ class EmulatedSts(LineServo):
         self.put(60, _signed(round(1000 * duty), 10))
         if self._joint is not None:
             state = self._state()
-            drag = self._direction * state.velocity_rad_s / self._no_load_rad_s
+            drag = self._direction * state.velocity_rad_s / self.no_load_rad_s
             effort = duty - drag if self.get(40, 1) and isfinite(drag) else 0.0
-            self._plant.set_torque(self._joint, self._direction * effort * self._stall_nm)
+            self._plant.set_torque(self._joint, self._direction * effort * self.stall_nm)
 
     def _duty(self) -> float:
         goal = self.get(42)
@@ -181,7 +185,7 @@ class EmulatedSts(LineServo):
         error = wanted - self.get(56)
         if -self.get(27, 1) < error < self.get(26, 1):
             return 0.0
-        duty = 0.166 * self.get(21, 1) * error * 2 * pi / COUNTS
+        duty = self.duty_per_rad * self.get(21, 1) * error * 2 * pi / COUNTS
         most = min(self.get(48), 1000) / 1000
         most = min(most, _PROTECTED) if self.error & OVERLOAD else most
         return min(max(duty, -most), most)

@@ -15,7 +15,6 @@ IDS, DATA = st.integers(0, 0xFC), st.binary(max_size=40)
 @pytest.mark.parametrize(
     ("packet", "bytes_of_the_manual"),
     [
-        (protocol.ping(1), "FF FF 01 02 01 FB"),
         (protocol.read(1, 0x38, 2), "FF FF 01 04 02 38 02 BE"),
         (protocol.write(0xFE, 5, b"\x01"), "FF FF FE 04 03 05 01 F4"),
         (
@@ -94,6 +93,13 @@ def test_an_echo_on_the_one_wire_is_no_answer(servo_id, address, size):
     reader = StatusReader()
     assert reader.feed(protocol.sync_read(40, 26, (1, 2)) + answer) == expected
     assert reader.rejected == 0
+
+
+def test_an_echo_comes_once():
+    """With a position sensor error, servo 1 says so of a position of 568: 38 02, as it was asked."""
+    request = protocol.read(1, 56, 2)
+    assert wire.status(1, 2, (568).to_bytes(2, "little")) == request
+    assert protocol.packet_reader(request).feed(2 * request) == [StatusPacket(1, 2, b"\x38\x02")]
 
 
 @pytest.mark.parametrize("servo_id", [-1, 0xFD, 0xFF])

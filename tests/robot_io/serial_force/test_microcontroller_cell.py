@@ -118,7 +118,9 @@ def test_a_converter_at_its_end_is_saturated():
     ("old", "new", "problem"),
     [
         ("rate_hz: 320", "rate_hz: 80", "makes 320 samples/s, the robot file says 80"),
-        ("", "", "no cell answers"),
+        ("", b"cell 1 x 320*0000\n", "no cell answers"),
+        ("", line("cell 2 x 320"), "speaks version 2, this driver version 1"),
+        ("", line("cell 1 x fast"), "says 'fast' samples a second, which is no number"),
     ],
 )
 def test_another_cell_than_stated_is_refused(old, new, problem, monkeypatch):
@@ -129,12 +131,28 @@ def test_another_cell_than_stated_is_refused(old, new, problem, monkeypatch):
     arm = WireBench(ODRIVE, (CELL,))
     try:
         if not old:
-            monkeypatch.setattr(
-                arm.arm.wires["load_cell"]._sensor, "hear", lambda data, now_s: b"cell 1 x 320*0000\n"
-            )
-        stated = parse_robot_file(arm.arm.robot_file.text.replace(old, new), ODRIVE)
+            monkeypatch.setattr(arm.arm.wires["load_cell"]._sensor, "hear", lambda data, now_s: new)
+        text = arm.arm.robot_file.text
+        stated = parse_robot_file(text.replace(old, new) if old else text, ODRIVE)
         with pytest.raises(DeviceError, match=problem):
             build_robot(stated, DriverCatalogue(), arm.clock).configure()
+    finally:
+        arm.close()
+
+
+@pytest.mark.parametrize("word", ["converter", "silent"])
+def test_what_the_firmware_says_is_wrong_is_said_until_the_next_sample(word):
+    arm = WireBench(ODRIVE, (CELL,))
+    try:
+        arm.robot.configure()
+        arm.ticks(20, None)
+        sensor = arm.arm.wires["load_cell"]._sensor
+        sensor.reading = lambda force_n: line(f"fault {word}")
+        assert arm.ticks(5, None).force_status is Status.FAULT
+        assert f"the cell says 'fault {word}'" in arm.problem
+        del sensor.reading
+        assert arm.ticks(5, None).force_status is not Status.FAULT
+        assert not arm.problem
     finally:
         arm.close()
 

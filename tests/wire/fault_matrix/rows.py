@@ -228,7 +228,7 @@ _MOTOR_ROWS = {
         (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
         (2, BRAKED, "servo 4 (joint 3): has switched its torque off (error: none; has it restarted?)"),
         (2, None, "the port has failed", HOLDS),
-        (102, BRAKED + 400, "encoder of joint 1: stuck at", _SLOWLY, _FROZEN_ENCODER),
+        (103, BRAKED + 400, "encoder of joint 1: stuck at", _SLOWLY, _FROZEN_ENCODER),
     ),
 }
 _NUMBERS = {
@@ -291,7 +291,7 @@ _FORCE_ROWS = {
         GOES_ON,
         (11, BRAKED + 5, "no reading for"),
         (2, BRAKED, "the port was unplugged"),
-        (11, BRAKED + 5, "no reading for"),
+        (4, BRAKED, "the cell says 'fault converter'", _RARE, "one reading"),
         (4, BRAKED, "force sensor: at the end of its range", _RARE, "one reading"),
         (24, BRAKED + 24, "is the sensor alive", _CONTRADICTED, "2 N"),
         (36, BRAKED + 24, "force sensor: stuck at", _ELEVEN, _FROZEN_FORCE),
