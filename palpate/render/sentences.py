@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.result import Accepted
+from estimation.effects import EFFECTS
 from palpate.render.view import NOISE, VerdictView
 
 _NO_FALL = 0.98  # of the error before: less is no fall
@@ -36,11 +37,14 @@ def _sentence(found: ChannelDiagnosis) -> str:
 
 
 def _with_rivals(entry: Accepted) -> str:
-    return (
-        f"{entry.effect} (or {enumerated(entry.confused_with, 'or')})"
-        if entry.confused_with
-        else entry.effect
-    )
+    rivals = [_in_its_place(name, entry.effect) for name in entry.confused_with]
+    return f"{entry.effect} (or {enumerated(rivals, 'or')})" if rivals else entry.effect
+
+
+def _in_its_place(rival: str, effect: str) -> str:
+    """A rival, and what it would replace beside the effect if that is only a part of it."""
+    parts = EFFECTS[rival].parts if rival in EFFECTS else ()
+    return f"{rival} for both" if effect in parts else rival
 
 
 def _error(found: ChannelDiagnosis) -> str:

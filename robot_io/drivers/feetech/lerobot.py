@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, RootModel
+from pydantic import Field, RootModel, model_validator
 
 from robot_io.drivers.feetech.settings import HomingOffset
 from robot_io.drivers.feetech.tables import COUNTS_PER_REVOLUTION, POSITION_STEP_RAD
@@ -20,17 +20,23 @@ from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, validate
 from robot_io.files.safe_yaml import read_text
 
-Count = Annotated[int, Field(ge=0, lt=COUNTS_PER_REVOLUTION)]
+Count = Annotated[int, Field(ge=0, lt=COUNTS_PER_REVOLUTION, strict=True)]
 
 
 class LerobotMotor(FileModel):
     """One joint of a LeRobot calibration."""
 
-    id: Annotated[int, Field(ge=0, le=252)]  # of its servo
-    drive_mode: Annotated[int, Field(ge=0, le=1)]  # 1: a positive count turns the joint backwards
+    id: Annotated[int, Field(ge=0, le=252, strict=True)]  # of its servo
+    drive_mode: Annotated[int, Field(ge=0, le=1, strict=True)]  # 1: counts up are backwards
     homing_offset: HomingOffset  # as written into the servo
     range_min: Count  # lowest position it shows
     range_max: Count  # highest position it shows
+
+    @model_validator(mode="after")
+    def _has_a_range(self) -> "LerobotMotor":
+        if self.range_min >= self.range_max:
+            raise ValueError(f"range_min {self.range_min} is not below range_max {self.range_max}")
+        return self
 
     @property
     def zero_rad(self) -> float:
@@ -47,8 +53,16 @@ class LerobotMotor(FileModel):
         )
 
 
-class LerobotCalibration(RootModel[dict[str, LerobotMotor]]):
+class LerobotCalibration(RootModel[Annotated[dict[str, LerobotMotor], Field(min_length=1)]]):
     """The whole file: joints by LeRobot's names."""
+
+    @model_validator(mode="after")
+    def _are_different_servos(self) -> "LerobotCalibration":
+        ids = [motor.id for motor in self.root.values()]
+        twice = next((one for one in ids if ids.count(one) > 1), None)
+        if twice is not None:
+            raise ValueError(f"id {twice} is there twice")
+        return self
 
 
 def read_calibration(path: Path) -> dict[str, LerobotMotor]:
@@ -58,7 +72,7 @@ def read_calibration(path: Path) -> dict[str, LerobotMotor]:
     """
     try:
         return validate(LerobotCalibration, json.loads(read_text(path))).root
-    except (OSError, ValueError, InputError) as error:
+    except (OSError, ValueError, RecursionError, InputError) as error:
         raise InputError(f"{path}: no calibration of LeRobot's ({error})") from error
 
 

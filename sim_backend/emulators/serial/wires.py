@@ -1,6 +1,8 @@
 """Emulated force sensors for a `serial_line`."""
 
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
+
+from pydantic import Field
 
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, Number, Positive, validate
@@ -29,7 +31,7 @@ class _Gauge(_Loadstar, extra="ignore"):
 class _Cell(FileModel, extra="ignore"):
     newtons_per_count: Positive
     zero_counts: Number = 0.0
-    rate_hz: int
+    rate_hz: Annotated[int, Field(ge=1)]
     reversed: bool = False
 
 

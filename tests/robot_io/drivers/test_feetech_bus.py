@@ -298,6 +298,11 @@ def test_a_calibration_of_lerobot_s_becomes_lines_of_a_robot_file(tmp_path, caps
     [
         ("{", "no calibration"),
         ("[1]", "dictionary"),
+        ("{}", "at least 1 item"),
+        ("[" * 100_000, "recursion"),
+        (json.dumps({"a": CALIBRATION["elbow_flex"] | {"range_min": 4095}}), "range_min 4095 is not below"),
+        (json.dumps({"a": CALIBRATION["elbow_flex"], "b": CALIBRATION["elbow_flex"]}), "id 3 is there twice"),
+        (json.dumps({"a": CALIBRATION["elbow_flex"] | {"id": True}}), "a.id"),
         ('{"a": {"id": 1}}', "a.drive_mode"),
         (json.dumps({"a": CALIBRATION["elbow_flex"] | {"range_max": 5000}}), "a.range_max"),
     ],
