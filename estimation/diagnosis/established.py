@@ -153,15 +153,15 @@ def rivals(search: Search, end: Standing, name: str, readings: Readings) -> dict
 
 def _wholes(search: Search, end: Standing, name: str) -> list[Effect]:
     """Effects of which one is a part, and others of the model are the rest."""
-    added = set(search.added(end))
-    known = (one for one in search.effects if name in one.parts and one.name not in added)
-    return [one for one in known if added >= set(one.parts) and one.applies_to(end.data)]
+    present = {one.name for one in end.trial.model.effects}
+    known = (one for one in search.effects if name in one.parts and one.name not in present)
+    return [one for one in known if present >= set(one.parts) and one.applies_to(end.data)]
 
 
 def _with_whole(search: Search, end: Standing, whole: Effect) -> Standing:
-    """A model with an effect in the place of all its parts."""
-    for part in whole.parts:
-        end = search.without(end, part)
+    """A model with an effect in the place of all its parts but those of the base model."""
+    for part in search.added(end):
+        end = search.without(end, part) if part in whole.parts else end
     return search.with_each(end, [whole])
 
 

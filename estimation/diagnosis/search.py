@@ -261,8 +261,8 @@ class Search:
     def _in_parts(self, standing: Standing, name: str) -> list[Standing]:
         """The model with the parts of an effect in its place, if it has any."""
         (effect,) = (one for one in standing.trial.model.effects if one.name == name)
-        added = self.added(standing)
-        parts = [one for one in self.effects if one.name in effect.parts and one.name not in added]
+        present = {one.name for one in standing.trial.model.effects}
+        parts = [one for one in self.effects if one.name in effect.parts and one.name not in present]
         return [self.with_each(self.without(standing, name), parts)] if parts else []
 
     def with_each(self, standing: Standing, effects: Sequence[Effect]) -> Standing:

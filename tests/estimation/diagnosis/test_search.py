@@ -78,6 +78,16 @@ def test_asymmetric_friction_must_do_more_than_coulomb_friction_and_a_bias(uneve
         assert all("asymmetric_friction" in rivals(search, end, name, readings) for name in expected)
 
 
+def test_a_part_may_belong_to_the_base_model():
+    data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + 0.1)
+    base = SWING.with_effect(EFFECTS["bias"]())
+    search = searched(data, "coulomb_friction", "asymmetric_friction", "bias", base=base)
+    by_name = {one.effect.name: one for one in search.screened(search.start)}
+    end = looked_back(search, search.with_candidate(by_name["asymmetric_friction"]))
+    assert search.added(end) == ["coulomb_friction"]
+    assert list(rivals(search, end, "coulomb_friction", readings_of(data))) == ["asymmetric_friction"]
+
+
 def test_a_law_with_more_parameters_takes_no_name_for_a_small_gain():
     """A joint's spring, preloaded, beside a bias that changes by a little over the range."""
     data = swings(1, lambda q, v, a: 0.5 + 0.06 * q)
