@@ -124,12 +124,12 @@ def _readings_of(data: ChannelData) -> Readings:
     velocity, _ = _window(few, few.position, error, few.velocity, 1)
     of_velocity, half_of_velocity = np.zeros(len(data)), half
     acceleration, apart = _window(few, few.position, error, few.acceleration, 2)
-    is_of_velocity = False
-    if velocity is None:  # else both came from the positions
+    if velocity is None:
         of_velocity, half_of_velocity = position_error(data.time_s, data.velocity, data.run, 0.0)
-        of_it, apart_from_it = _window(few, few.velocity, of_velocity, few.acceleration, 1)
-        is_of_velocity = of_it is not None and apart_from_it < apart
-        acceleration = of_it if is_of_velocity else acceleration
+    noise = of_velocity if velocity is None else derived(data, error, velocity, 1)
+    of_it, apart_from_it = _window(few, few.velocity, noise, few.acceleration, 1)
+    is_of_velocity = of_it is not None and apart_from_it < apart
+    acceleration = of_it if is_of_velocity else acceleration
     windows = velocity, acceleration
     is_staircase = step == 0.0 < rounding
     halves, orders = (half, half_of_velocity), (1, 1 if is_of_velocity else 2)

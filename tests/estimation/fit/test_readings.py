@@ -156,3 +156,15 @@ def test_where_an_arm_hardly_moves_its_steps_are_drawn_as_large_as_elsewhere():
     off = [(readings.draw(rng).position - readings.true_motion.position)[rests] for _ in range(12)]
     assert readings.is_staircase
     assert np.std(off) == pytest.approx(np.sqrt(np.sum(steps**2) / 12.0), rel=0.3)
+
+
+def test_an_acceleration_derived_from_a_derived_velocity_is_recognised():
+    data = read(SMOOTH, noise=1e-4)
+    velocity = derived(data, data.position, 3, 1)
+    twice = replace(data, velocity=velocity, acceleration=derived(data, velocity, 5, 1))
+    readings = readings_of(twice)
+    assert readings.windows == (3, 5)
+    assert readings.is_of_velocity
+    drawn = readings.draw(np.random.default_rng(1)).acceleration - readings.true_motion.acceleration
+    # more than the reading's: what noise the exact motion still has is bent, too
+    assert 0.8 < np.std(drawn) / np.std(twice.acceleration - SMOOTH.acceleration) < 1.6
