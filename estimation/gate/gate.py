@@ -106,6 +106,9 @@ def _size(data: ChannelData) -> str | None:
 def _runs(data: ChannelData) -> str | None:
     """One run must cover its motion several times over, so that parts of it can be held out."""
     if len(data.runs) > 1:
+        touching = np.unique(data.run[data.engaged]) if data.kind is ChannelKind.CONTACT else data.runs
+        if len(touching) == 1:
+            return f"{SINGLE_RUN} of {len(data.runs)} touches; record at least three that do"
         return None
     if data.kind is ChannelKind.CONTACT:
         presses = _presses(data)

@@ -76,6 +76,9 @@ REFUSED = {
     "never changes": lambda: replace(DATA, effort=np.full(len(DATA), 2.0)),
     "6 presses; number them in a column `run`": lambda: replace(DATA, run=0 * DATA.run),
     "judge by; record at least three runs": lambda: DATA.of_runs(DATA.runs[:1]),
+    "of 6 touches; record at least three that do": lambda: replace(
+        DATA, position=np.where(DATA.run == 0, X, X - 1.0), effort=np.where(DATA.run == 0, F, 0.0)
+    ),
     "motion once; record at least three": lambda: one_recording(lambda t: t),
     "no contact: the displacement": lambda: replace(DATA, position=X - 1.0),
     "no contact: the force": lambda: replace(DATA, effort=np.random.default_rng(0).normal(0, 0.05, len(X))),
