@@ -115,7 +115,7 @@ def _without_needless(search: Search, end: Standing, readings: Readings, *, comp
         before = search.without(end, name)
         is_small = before.rmse - end.rmse < SMALL * (search.start.rmse - end.rmse)
         is_small = is_small or not (complete or _outweighs_the_rest(before, end))
-        is_nothing = is_small or _is_below_a_step(search, end, name) or _may_be_nothing(end, name)
+        is_nothing = is_small or _is_below_a_step(search, end, name) or _may_be_nothing(before, end, name)
         needed = not is_nothing and search.is_needed(before, end)
         if needed and gained(before, end, readings, search.rng, name).is_unusual:
             continue
@@ -246,11 +246,15 @@ def _outweighs_the_rest(before: Standing, end: Standing) -> bool:
     return before.trial.held_out - end.trial.held_out >= rest
 
 
-def _may_be_nothing(end: Standing, name: str) -> bool:
+def _may_be_nothing(before: Standing, end: Standing, name: str) -> bool:
     """Whether the interval of each parameter that says how large an effect is holds zero.
 
-    These are its gains, or the first inner parameter of one without gains: a gap, a compliance, a time.
+    These are its gains, or the first inner parameter of one without gains: a gap, a compliance, a time. Of an
+    effect that takes away more of the squared error than is left, this says no more than that its parameters
+    make up for each other.
     """
+    if end.trial.held_out <= 0.5 * before.trial.held_out:
+        return False
     (effect,) = (one for one in end.trial.model.effects if one.name == name)
     found = values(*final(end))
     sizes = [found[f"{name}.{one.name}"] for one in effect.gains or effect.inner[:1]]

@@ -179,7 +179,8 @@ def test_each_form_of_an_effect_is_a_model_of_its_own():
 @pytest.mark.parametrize(("gap_error", "may_be"), [(0.004, False), (0.012, True)])
 def test_an_effect_whose_size_may_be_nothing_is_not_established(monkeypatch, gap_error, may_be):
     """However sure its other parameters are: without a gap there is no backlash."""
-    end = searched(swings(1)).fitted(SWING.with_effect(EFFECTS["backlash"]()), {})
+    search = searched(swings(1))
+    end = search.fitted(SWING.with_effect(EFFECTS["backlash"]()), {})
 
     def one(name, value, error):
         interval = (value - 2.0 * error, value + 2.0 * error)
@@ -187,4 +188,4 @@ def test_an_effect_whose_size_may_be_nothing_is_not_established(monkeypatch, gap
 
     known = [one("gap", 0.01, gap_error), one("motor_inertia", 0.4, 0.01), one("motor_friction", 0.4, 0.01)]
     monkeypatch.setattr(established, "values", lambda *_: {each.name: each for each in known})
-    assert established._may_be_nothing(end, "backlash") is may_be
+    assert established._may_be_nothing(search.start, end, "backlash") is may_be
