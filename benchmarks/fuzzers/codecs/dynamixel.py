@@ -1,15 +1,12 @@
-"""Fuzzers of the Dynamixel codec: one packet, a stream of them, and the fast sync read's common answer.
-
-What is accepted is encoded again by the emulator, which shares no code with the codec: these bytes, stuffed,
-with length and checksum, must be those that came.
-"""
+"""Fuzzers of the Dynamixel codec: one packet, a stream of them, and the fast sync read's common answer."""
 
 import numpy as np
 
-from robot_io.drivers.dynamixel.protocol import FastReply, StatusPacket, StatusReader, decode_status
+from robot_io.drivers.dynamixel.protocol import FastReply, StatusReader, decode_status
 from sim_backend.emulators.dynamixel import wire
 
 from ..fuzzer import Fuzzer
+from ..status_packets import StatusFuzzer, StatusStreamFuzzer
 
 _IDS, _SIZE = (1, 2, 3), 13
 _TRICKY = np.array([0xFF, 0xFF, 0xFD, 0xFD, 0x00, 0x55, 0xFE, 0x01], dtype=np.uint8)
@@ -31,52 +28,31 @@ def _status(rng: np.random.Generator) -> bytes:
     return body + wire.checksum(body).to_bytes(2, "little")
 
 
-def _again(accepted: object) -> bytes:
-    """The packet that an accepted one must have been; nothing starts with what is no packet."""
-    if not isinstance(accepted, StatusPacket) or not 0 <= accepted.servo_id < 253:
-        return b"no packet"
-    return wire.status(accepted.servo_id, accepted.error, accepted.data)
+class _Wire:
+    """The emulator's packets."""
+
+    frame = staticmethod(_status)
+    again = staticmethod(wire.status)
 
 
-class DynamixelPacketFuzzer(Fuzzer):
+class DynamixelPacketFuzzer(_Wire, StatusFuzzer):
     """`decode_status`, which takes exactly one packet."""
 
     name = "dynamixel_packet"
-
-    def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
-        return _status(rng)
 
     def decode(self, data: bytes) -> list[object]:
         """See `Fuzzer.decode`."""
         return [decode_status(data)]
 
-    def is_wrong(self, data: bytes, accepted: object) -> bool:
-        """See `Fuzzer.is_wrong`."""
-        return _again(accepted) != data
 
-
-class DynamixelStreamFuzzer(Fuzzer):
-    """`StatusReader`, which finds packets in a stream; each input continues the stream."""
+class DynamixelStreamFuzzer(_Wire, StatusStreamFuzzer):
+    """`StatusReader`."""
 
     name = "dynamixel_stream"
 
-    def __init__(self) -> None:
-        self._reader = StatusReader(128)
-        self._recent = b""
-
-    def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
-        return _status(rng)
-
-    def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
-        self._recent = (self._recent + data)[-2048:]
-        return list(self._reader.feed(data))
-
-    def is_wrong(self, data: bytes, accepted: object) -> bool:
-        """Whether its bytes are not in the stream."""
-        return _again(accepted) not in self._recent
+    def reader(self) -> StatusReader:
+        """See `StatusStreamFuzzer.reader`."""
+        return StatusReader(128)
 
 
 class DynamixelFastReplyFuzzer(Fuzzer):

@@ -32,16 +32,7 @@ LIMITS = {
 
 
 class EmulatedDamiao(EmulatedMitMotor):
-    """One motor.
-
-    Args:
-        number: motor id.
-        joint: which joint of the plant it moves, from 0.
-        plant: the arm.
-        limits: ends of the ranges of position [rad], velocity [rad/s] and torque [N m].
-        gear_ratio: turns of its output for one turn of the joint, negative if it is reversed.
-        zero_rad: joint angle where its output is at zero [rad].
-        answer_id: arbitration id of its answers.
+    """One motor; arguments as for `EmulatedMitMotor`.
 
     Attributes:
         registers: what it keeps, by number.
@@ -56,13 +47,18 @@ class EmulatedDamiao(EmulatedMitMotor):
         limits: tuple[float, float, float],
         gear_ratio: float,
         zero_rad: float,
-        answer_id: int,
+        host_id: int,
     ) -> None:
         super().__init__(
-            number, joint, plant, limits=limits, gear_ratio=gear_ratio, zero_rad=zero_rad, host_id=answer_id
+            number,
+            joint,
+            plant,
+            limits=limits,
+            gear_ratio=gear_ratio,
+            zero_rad=zero_rad,
+            host_id=host_id,
+            timeout_s=None,
         )
-        self._answer_id = answer_id
-        self.timeout_s = None
         self.registers: dict[int, float] = {
             _TIMEOUT: 0,
             _MODE: MIT,
@@ -92,7 +88,7 @@ class EmulatedDamiao(EmulatedMitMotor):
             return []
         value = self.registers[data[3]]
         kept = struct.pack(layout, value if data[3] in _FLOATS else int(value))
-        return [can.Message(arbitration_id=self._answer_id, is_extended_id=False, data=data[:4] + kept)]
+        return [can.Message(arbitration_id=self._host_id, is_extended_id=False, data=data[:4] + kept)]
 
     def tell(self, now_s: float) -> list[can.Message]:
         """See `CanNode.tell`: nothing unasked, but here its timeout runs."""

@@ -26,7 +26,6 @@ class _Motor(FileModel, extra="ignore"):
     reversed: bool = False
     zero_rad: Number = 0.0
     ranges: _Ranges | None = None
-
     answer_id: int | None = None
 
     @property
@@ -86,5 +85,5 @@ def _damiao(motor: _Motor, joint: int, plant: Plant, own: _Settings) -> Emulated
         limits=motor.limits,
         gear_ratio=motor.signed_ratio,
         zero_rad=motor.zero_rad,
-        answer_id=motor.answer_id or motor.motor_id + 16,
+        host_id=motor.answer_id or motor.motor_id + 16,
     )
