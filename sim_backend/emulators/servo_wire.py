@@ -5,14 +5,36 @@ import os
 import pty
 import tty
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from math import inf, pi
+from typing import Annotated, ClassVar
 
+from pydantic import Field, field_validator
+
+from robot_io.files.file_model import FileModel, Number
 from sim_backend.emulators.bench import EmulatedWire, heard_at
 from sim_backend.emulators.faults import Fault, FaultKind, Faults
 
 REBOOT_S = 0.3  # how long a servo is away, unless a fault says otherwise
+
+
+class ServoMounting(FileModel, extra="ignore"):
+    """One servo as it is bolted to the arm, which is not always what the robot file says."""
+
+    emulated: ClassVar[Collection[str]]  # models
+
+    id: Annotated[int, Field(ge=0, le=252)]  # its id
+    model: str  # by its maker's name
+    reversed: bool = False  # whether a positive count turns the joint backwards
+    zero_rad: Number = pi  # joint angle where the servo shows position 0, whole turns aside [rad]
+
+    @field_validator("model")
+    @classmethod
+    def _know_the_model(cls, name: str) -> str:
+        if name not in cls.emulated:
+            raise ValueError(f"no such model is emulated. Valid: {', '.join(cls.emulated)}")
+        return name
 
 
 class LineServo(ABC):

@@ -1,8 +1,9 @@
 """What a robot file says about a Dynamixel bus and the servos on it."""
 
-from typing import Annotated, Literal
+from collections.abc import Collection
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from robot_io.drivers.dynamixel.tables import (
     LARGEST_RETURN_DELAY,
@@ -19,15 +20,9 @@ from robot_io.files.file_model import FileModel, NotNegative, Positive
 class ServoSettings(ServoMounting):
     """One servo; it drives the joint at its place in the list."""
 
-    model: str  # such as XM430-W350
-    torque_constant_nm_a: Positive | None = None  # instead of the model's own [N m/A]
+    known_models: ClassVar[Collection[str]] = MODELS
 
-    @field_validator("model")
-    @classmethod
-    def _know_the_model(cls, name: str) -> str:
-        if name not in MODELS:
-            raise ValueError(f"is no model that is known. Valid: {', '.join(MODELS)}")
-        return name
+    torque_constant_nm_a: Positive | None = None  # instead of the model's own [N m/A]
 
     @property
     def servo_model(self) -> ServoModel:

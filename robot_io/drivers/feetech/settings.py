@@ -1,8 +1,9 @@
 """What a robot file says about a Feetech bus and the servos on it."""
 
-from typing import Annotated, Literal
+from collections.abc import Collection
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from robot_io.drivers.feetech.protocol import LARGEST_ID
 from robot_io.drivers.feetech.tables import DUTY_PER_RAD, MODELS, ServoModel
@@ -15,17 +16,11 @@ HomingOffset = Annotated[int, Field(ge=-2047, le=2047, strict=True)]
 class FeetechServo(ServoMounting):
     """One servo; it drives the joint at its place in the list."""
 
-    model: str  # such as STS3215-12V
+    known_models: ClassVar[Collection[str]] = MODELS
+
     # What its calibration wrote into it, such as LeRobot's; a servo with another one is refused, for its
     # position means another angle. None takes any.
     homing_offset: HomingOffset | None = None
-
-    @field_validator("model")
-    @classmethod
-    def _know_the_model(cls, name: str) -> str:
-        if name not in MODELS:
-            raise ValueError(f"is no model that is known. Valid: {', '.join(MODELS)}")
-        return name
 
     @property
     def servo_model(self) -> ServoModel:

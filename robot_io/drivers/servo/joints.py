@@ -1,10 +1,10 @@
 """What servos count, as joint angles, speeds and torques."""
 
-from collections.abc import Sequence
-from typing import Annotated, NamedTuple
+from collections.abc import Collection, Sequence
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import Field, StrictBool
+from pydantic import Field, StrictBool, field_validator
 
 from robot_io.files.file_model import FileModel, Number
 from robot_io.types import FloatArray, Status
@@ -15,11 +15,21 @@ _TURN_RAD = 2.0 * np.pi
 class ServoMounting(FileModel):
     """How one servo sits on the joint at its place in the list."""
 
+    known_models: ClassVar[Collection[str]]
+
     id: Annotated[int, Field(ge=0, le=252, strict=True)]  # its id on the bus
+    model: str  # by its maker's name
     reversed: StrictBool = False  # whether a positive count turns the joint backwards
     # Joint angle where the servo shows position 0, whole turns aside; at half a turn, its middle position
     # 2048 is the joint's zero [rad].
     zero_rad: Number = np.pi
+
+    @field_validator("model")
+    @classmethod
+    def _know_the_model(cls, name: str) -> str:
+        if name not in cls.known_models:
+            raise ValueError(f"is no model that is known. Valid: {', '.join(cls.known_models)}")
+        return name
 
     @property
     def direction(self) -> float:

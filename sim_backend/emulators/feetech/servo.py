@@ -5,14 +5,12 @@ follows from the position error is Rhoban's measurement (BAM). What its D coeffi
 left out. Values below address 40 outlive a restart if they were written while the lock was 0.
 """
 
+from collections.abc import Collection
 from math import isfinite, pi
-from typing import Annotated
+from typing import ClassVar
 
-from pydantic import Field, field_validator
-
-from robot_io.files.file_model import FileModel, Number
 from sim_backend.emulators.plant import JointState, Plant
-from sim_backend.emulators.servo_wire import LineServo
+from sim_backend.emulators.servo_wire import LineServo, ServoMounting
 
 _KG_CM = 0.0980665
 MODELS = {  # supply [V], stall torque [N m], no-load speed [rad/s]
@@ -47,21 +45,12 @@ _TABLE = (
 _READ_ONLY = {0, 1, 3, 4, *range(56, 71)}
 
 
-class Mounting(FileModel, extra="ignore"):
-    """One servo as it is bolted to the arm, which is not always what the robot file says."""
+class Mounting(ServoMounting):
+    """One servo as it is bolted to the arm."""
 
-    id: Annotated[int, Field(ge=0, le=252)]  # its id
-    model: str  # such as STS3215-12V
-    reversed: bool = False  # whether a positive count turns the joint backwards
-    zero_rad: Number = pi  # joint angle where the servo shows position 0, whole turns aside [rad]
+    emulated: ClassVar[Collection[str]] = MODELS
+
     homing_offset: int | None = None  # what its calibration has written into it
-
-    @field_validator("model")
-    @classmethod
-    def _know_the_model(cls, name: str) -> str:
-        if name not in MODELS:
-            raise ValueError(f"no such model is emulated. Valid: {', '.join(MODELS)}")
-        return name
 
 
 class EmulatedSts(LineServo):
