@@ -22,7 +22,7 @@ from estimation.fit.readings import Readings, shuffled
 from estimation.fit.standing import Standing
 from estimation.fit.trial import Bench, Trial, attempt
 from estimation.model import Model
-from robot_io.types import FloatArray
+from robot_io.types import BoolArray, FloatArray
 
 SMALL = 0.05  # of an error: a smaller change is told, and changes no verdict
 DRAWS = 19  # at most: of 20 data sets, one is the largest by chance once in twenty
@@ -141,6 +141,7 @@ def draws(
     expected = model.predict(_with_derived(readings.true_motion, standing.data), known)
     left = standing.flexible.residual if left is None else left
     noise = _own_noise(standing, readings, expected, left, rng) if own is None else own
+    noise = _of_trusted(noise, frame.trusted)
     step = 0.0 if own is None else grid_step(np.sort(standing.data.effort))  # else `left` has that of its own
     while True:
         effort = expected.copy()
@@ -170,6 +171,13 @@ def _own_noise(
     share = 1.0 - float(np.var(apart[frame.trusted])) / max(float(np.var(left[frame.trusted])), 1e-300)
     scaled: FloatArray = np.sqrt(max(share, _LEAST_NOISE)) * left
     return scaled
+
+
+def _of_trusted(noise: FloatArray, trusted: BoolArray) -> FloatArray:
+    """Noise on blocks (m,), that of others in the place of those in which the error is more than noise."""
+    filled = noise.copy()
+    filled[~trusted] = np.resize(noise[trusted], int(np.sum(~trusted)))
+    return filled
 
 
 def _with_derived(moved: ChannelData, fitted: ChannelData) -> ChannelData:

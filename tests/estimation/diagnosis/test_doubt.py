@@ -1,5 +1,7 @@
 """Draws from a fitted model look like the data where the model is right, and not where it is wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -102,6 +104,16 @@ def test_draws_repeat_the_model_the_noise_and_nothing_else():
         values = [trial.parameters[name] for trial in found]
         assert np.mean(values) == pytest.approx(value, abs=4.0 * np.std(values) / np.sqrt(len(values)) + 1e-9)
     energies = [trial.held_out for trial in found]
+    assert np.mean(energies) == pytest.approx(standing.trial.held_out, rel=0.1)
+
+
+def test_what_is_not_judged_is_no_noise_of_draws():
+    """Where a sensor failed, and where a run begins, the error may be anything."""
+    data = swings(5)
+    good = np.arange(len(data)) % 500 >= 25
+    standing = stand(replace(data, effort=np.where(good, data.effort, 50.0)), SWING, {}, good)
+    made = draws(standing, readings_of(standing.data), np.random.default_rng(0))
+    energies = [trial.held_out for _, (_, trial) in zip(range(6), made, strict=False)]
     assert np.mean(energies) == pytest.approx(standing.trial.held_out, rel=0.1)
 
 
