@@ -84,7 +84,7 @@ def differentiate(
         halves = _best_half_windows(
             time_s[rows], position[rows], list(blocks(piece[rows])), rounding, calm=calm
         )
-        halves = _wider(halves[0], wider), _wider(halves[1], wider)
+        halves = wider_window(halves[0], wider), wider_window(halves[1], wider)
     else:
         halves = half_window, half_window
     fitted = {half: _fit_all(time_s, position, pieces, half) for half in set(halves)}
@@ -259,7 +259,8 @@ def _best_half_windows(
     return max(velocity), max(acceleration) if calm else min(acceleration)
 
 
-def _wider(half: int, by: int) -> int:
+def wider_window(half: int, by: int) -> int:
+    """The window that is so many of `HALF_WINDOWS` wider, at most the widest."""
     return HALF_WINDOWS[min(HALF_WINDOWS.index(half) + by, len(HALF_WINDOWS) - 1)]
 
 

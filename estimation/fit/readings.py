@@ -10,7 +10,7 @@ Application (1997), ch. 4).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+from scipy.integrate import cumulative_simpson
 
 from estimation.channel import ChannelData
 from estimation.data.derivatives import (
@@ -18,6 +18,7 @@ from estimation.data.derivatives import (
     grid_step,
     position_error,
     rounding_variance,
+    wider_window,
 )
 from estimation.data.local_fit import local_derivative
 from estimation.signals.blocks import blocks, of_equal_length
@@ -191,9 +192,13 @@ def _bent(data: ChannelData, exact: FloatArray, window: int | None, order: int) 
 def _unbent(data: ChannelData, found: FloatArray, window: int | None, order: int) -> FloatArray:
     """A derivative (n,) that a window bends to about the one found: what it does to that, taken off.
 
-    J. W. Tukey, Exploratory Data Analysis (1977), ch. 16: twicing.
+    J. W. Tukey, Exploratory Data Analysis (1977), ch. 16: twicing. Noise in what was found is no motion:
+    it is smoothed first, by a window a size wider, which bends a signal less than its derivatives.
     """
-    return 2.0 * found - _bent(data, found, window, order)
+    if window is None:
+        return found
+    smooth = derived(data, found, wider_window(window, 1), 0)
+    return 2.0 * smooth - _bent(data, smooth, window, order)
 
 
 def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray:
@@ -202,7 +207,7 @@ def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray
     for _ in range(times):
         whole = whole.copy()
         for rows in blocks(data.run):
-            whole[rows] = cumulative_trapezoid(whole[rows], data.time_s[rows], initial=0.0)
+            whole[rows] = cumulative_simpson(whole[rows], x=data.time_s[rows], initial=0.0)
     return whole
 
 
