@@ -15,7 +15,8 @@ from robot_io.types import FloatArray
 class PlasticSet(MotionEffect):
     """The surface sinks by a share of the deepest indentation so far: x_true = x - share * max(x so far).
 
-    Of the dent that a run leaves, a part is still there when the next one presses.
+    Of the dent that a run leaves, a part is still there when the next one presses. A surface that sinks lets
+    go of the tool; what crushes within, such as foam, stays at the tool, and damps it in the dent too.
     """
 
     name = "plastic_set"
@@ -48,11 +49,24 @@ class PlasticSet(MotionEffect):
             velocity=data.velocity * (1.0 - inner["share"] * deeper),
         )
 
+    def forms(self) -> tuple["PlasticSet", ...]:
+        """See `Effect.forms`: a surface that sinks, or one that stays at the tool."""
+        return self, _AtTheTool()
+
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: dents that are gone by the next run, and dents that stay."""
         share, kept = self.inner
         values = product(share.spread(10), kept.spread(2))
         return tuple({"share": float(part), "kept": float(rest)} for part, rest in values)
+
+
+class _AtTheTool(PlasticSet):
+    form = 1
+
+    def move(self, data: ChannelData, inner: Inner) -> ChannelData:
+        left = data.position - inner["share"] * _deepest(data, inner["kept"])
+        position = np.where(data.engaged, np.maximum(left, 0.0), left)
+        return replace(data, position=position, touching=data.engaged)
 
 
 def _deepest(data: ChannelData, kept: float) -> FloatArray:

@@ -97,6 +97,18 @@ def test_a_dent_stays_for_the_next_press_in_time_whatever_the_numbers_of_the_run
     assert dented[100] == 0.0
 
 
+def test_in_its_dent_an_object_lets_go_of_the_tool_or_damps_it_still():
+    """The spring is at rest there in either form; deeper, both are the same but for the growing dent."""
+    x = np.array([0.0, 0.5, 1.0, 0.5, 0.2, -0.1])
+    v = np.array([1.0, 1.0, 0.0, -1.0, -1.0, -1.0])
+    data, inner = channel(np.zeros(6), x, v, np.arange(6.0)), {"share": 0.3, "kept": 0.0}
+    sinks, stays = (form.move(data, inner) for form in EFFECTS["plastic_set"]().forms())
+    for moved, damped in ((sinks, [0.7, 0.0, -1.0, 0.0]), (stays, [1.0, 0.0, -1.0, -1.0])):
+        spring, damper = (EFFECTS[name]().columns(moved, {})[:, 0] for name in ("stiffness", "damping"))
+        assert spring == pytest.approx([0.0, 0.35, 0.7, 0.2, 0.0, 0.0])
+        assert damper[1:5] == pytest.approx(damped)
+
+
 def test_a_dent_is_not_met_where_the_clock_has_begun_anew():
     data = two_presses()
     apart = replace(data, time_s=np.tile(data.time_s[100:], 2))
