@@ -111,7 +111,7 @@ def diagnose_channel(
         return insufficient(data, reason)
     tried = search_of(data, model, good, effects, rng, progress)
     is_complete = _Completeness(tried)
-    found = tried.start if is_exact(tried.start) else search(tried, is_complete)
+    found = tried.start if is_exact(tried.start) else search(tried, is_complete.in_every_respect)
     varied = vary(tried, found)
     if is_complete.objection(varied) is None:  # else what is left may be what made the runs differ
         found = varied
