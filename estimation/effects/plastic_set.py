@@ -11,6 +11,8 @@ from estimation.effect import Inner, MotionEffect, Parameter
 from estimation.signals.blocks import in_order_of_time
 from robot_io.types import FloatArray
 
+_TOUCHING = 1e-300  # depth that strains nothing
+
 
 class PlasticSet(MotionEffect):
     """The surface sinks by a share of the deepest indentation so far: x_true = x - share * max(x so far).
@@ -65,8 +67,7 @@ class _AtTheTool(PlasticSet):
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
         left = data.position - inner["share"] * _deepest(data, inner["kept"])
-        position = np.where(data.engaged, np.maximum(left, 0.0), left)
-        return replace(data, position=position, touching=data.engaged)
+        return replace(data, position=np.where(data.engaged, np.maximum(left, _TOUCHING), left))
 
 
 def _deepest(data: ChannelData, kept: float) -> FloatArray:
