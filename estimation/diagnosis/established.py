@@ -247,7 +247,7 @@ def _outweighs_the_rest(before: Standing, end: Standing) -> bool:
 
 
 def _may_be_nothing(before: Standing, end: Standing, name: str) -> bool:
-    """Whether the interval of each parameter that says how large an effect is holds zero.
+    """Whether the interval of each parameter that says how large an effect is holds zero, or is not known.
 
     These are its gains, or the first inner parameter of one without gains: a gap, a compliance, a time. Of an
     effect that takes away more of the squared error than is left, this says no more than that its parameters
@@ -258,7 +258,7 @@ def _may_be_nothing(before: Standing, end: Standing, name: str) -> bool:
     (effect,) = (one for one in end.trial.model.effects if one.name == name)
     found = values(*final(end))
     sizes = [found[f"{name}.{one.name}"] for one in effect.gains or effect.inner[:1]]
-    return all(one.interval[0] <= 0.0 <= one.interval[1] for one in sizes)
+    return not any(one.interval[0] > 0.0 or one.interval[1] < 0.0 for one in sizes)
 
 
 def _is_below_a_step(search: Search, end: Standing, name: str) -> bool:
