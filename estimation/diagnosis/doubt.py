@@ -78,7 +78,7 @@ def gained(
 
     Args:
         before: the model that draws are made from.
-        after: the other; what a smooth law leaves beside it is the noise of the draws.
+        after: the other.
         readings: how the motion was read.
         rng: for the draws.
         effect: name of the one effect that `after` has beyond `before`, whose inner parameters are then
@@ -111,7 +111,7 @@ def gained(
         return 1.0 - float(np.sqrt(left / max(had, 1e-300)))
 
     def placed(of_one: Callable[[Bench, Trial], float]) -> Placed:
-        drawn = draws(before, readings, rng, after.flexible.residual)
+        drawn = draws(before, readings, rng)
         return place(observed, (of_one(*one) for one in drawn))
 
     roughly = placed(gain)
@@ -124,7 +124,6 @@ def draws(
     standing: Standing,
     readings: Readings,
     rng: np.random.Generator,
-    left: FloatArray | None = None,
     own: FloatArray | None = None,
 ) -> Iterator[tuple[Bench, Trial]]:
     """A model fitted to measurements drawn from itself, without end.
@@ -133,16 +132,14 @@ def draws(
         standing: the model.
         readings: how the motion was read.
         rng: for the draws.
-        left: what reading and noise leave together on blocks, shape (m,); by default what a smooth law leaves
-            of the model's error.
-        own: the effort's own noise on blocks, shape (m,), where it is known without `left`.
+        own: the effort's own noise on blocks, shape (m,), where it is known; else what a smooth law leaves of
+            the model's error, less what reading the motion makes of it.
     """
     frame, model, known = standing.plain.frame, standing.trial.model, standing.trial.parameters
     expected = model.predict(_with_derived(readings.true_motion, standing.data), known)
-    left = standing.flexible.residual if left is None else left
-    noise = _own_noise(standing, readings, expected, left, rng) if own is None else own
+    noise = _own_noise(standing, readings, expected, rng) if own is None else own
     noise = _of_trusted(noise, frame.trusted)
-    step = 0.0 if own is None else grid_step(np.sort(standing.data.effort))  # else `left` has that of its own
+    step = 0.0 if own is None else grid_step(np.sort(standing.data.effort))  # else the noise has steps
     while True:
         effort = expected.copy()
         effort[frame.rows] += shuffled(noise, frame.run, rng)[:, None]
@@ -162,10 +159,10 @@ def _forms(model: Model, effect: Effect) -> list[tuple[Model, Effect]]:
 
 
 def _own_noise(
-    standing: Standing, readings: Readings, expected: FloatArray, left: FloatArray, rng: np.random.Generator
+    standing: Standing, readings: Readings, expected: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """The effort's noise on blocks, (m,): what is left, less what reading the motion again makes of it."""
-    frame = standing.plain.frame
+    frame, left = standing.plain.frame, standing.flexible.residual
     read = _with_derived(readings.draw(rng), standing.data)
     apart = frame.reduce(standing.trial.model.predict(read, standing.trial.parameters) - expected)
     share = 1.0 - float(np.var(apart[frame.trusted])) / max(float(np.var(left[frame.trusted])), 1e-300)
