@@ -285,6 +285,8 @@ def _truth(world: World, job: Job, hidden: list[Hidden]) -> dict[str, float]:
         plain = name.split(" (")[0]
         own = {key if "." in key else f"{plain}.{key}": value for key, value in (effect.truth or {}).items()}
         truth |= own
+    if len(hidden) > 1:  # the library's relaxation takes all springs along, here one relaxes beside another
+        truth = {key: value for key, value in truth.items() if not key.startswith("relaxation_spectrum.")}
     return {key: float(value) for key, value in truth.items()}
 
 

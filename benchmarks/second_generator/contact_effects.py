@@ -57,10 +57,19 @@ def stress_relaxation(w: World, s: float, u: Array) -> Hidden:
 
 
 def relaxation_spectrum(w: World, s: float, u: Array) -> Hidden:
-    """Two Maxwell branches, a decade or more apart."""
-    k, tau = 2 * s * w.law["k"], 0.05 * 10 ** (0.5 * u[0])
-    both = _maxwell(w, k, tau) + _maxwell(w, k * (0.6 + 0.6 * u[1]), tau * (12 + 10 * u[2]))
-    return Hidden(adds=both, one_sided=True, truth={})
+    """Two Maxwell branches, a decade or more apart; a sudden press meets both of them beside the spring."""
+    fast, fast_time = 2 * s * w.law["k"], 0.05 * 10 ** (0.5 * u[0])
+    slow, slow_time = fast * (0.6 + 0.6 * u[1]), fast_time * (12 + 10 * u[2])
+    at_once = w.law["k"] + fast + slow
+    truth = {
+        "stiffness.k": at_once,
+        "fast": fast / at_once,
+        "slow": slow / at_once,
+        "fast_time": fast_time,
+        "slow_time": slow_time,
+    }
+    adds = _maxwell(w, fast, fast_time) + _maxwell(w, slow, slow_time)
+    return Hidden(adds=adds, one_sided=True, truth=truth)
 
 
 def quadratic_damping(w: World, s: float, u: Array) -> Hidden:
