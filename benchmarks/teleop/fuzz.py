@@ -38,7 +38,6 @@ class FedLine:
         self.malformed = 0
 
     def receive(self) -> list[tuple[float, Frame]]:
-        """See `Line.receive`."""
         arrived = []
         while self.waiting:
             try:

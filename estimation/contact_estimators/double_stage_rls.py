@@ -41,13 +41,11 @@ class DoubleStageRls(OnlineContactLaw):
         self.start()
 
     def start(self) -> None:
-        """See `OnlineContactLaw.start`."""
         self._gains.start(2)
         self._exponent = self._first_exponent
         self._information = 1.0  # of n, in sums of squared logarithms
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """See `OnlineContactLaw.update`."""
         if depth_m <= 0.0:
             return None
         power = depth_m**self._exponent

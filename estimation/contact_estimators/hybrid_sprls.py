@@ -33,13 +33,11 @@ class HybridSprls(OnlineContactLaw):
         self.start()
 
     def start(self) -> None:
-        """See `OnlineContactLaw.start`."""
         self._linear.start(2)
         self._power.start()
         self._is_stiff = False
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """See `OnlineContactLaw.update`."""
         stiffness, damping = self._linear.update(np.array([depth_m, speed_m_s]), force_n).tolist()
         power = self._power.update(depth_m, speed_m_s, force_n)
         self._is_stiff = stiffness > (self._switch_n_m / _HYSTERESIS if self._is_stiff else self._switch_n_m)

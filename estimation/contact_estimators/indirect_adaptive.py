@@ -37,11 +37,9 @@ class IndirectAdaptive(OnlineContactLaw):
         self.start()
 
     def start(self) -> None:
-        """See `OnlineContactLaw.start`."""
         self._k = self._c = 0.0
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """See `OnlineContactLaw.update`."""
         by_k, by_c = (likely**2 for likely in _LIKELY)
         size = by_k * depth_m**2 + by_c * speed_m_s**2 + self.noise_n**2
         error_n = force_n - self._k * depth_m - self._c * speed_m_s

@@ -27,11 +27,9 @@ class LogLinear(OnlineContactLaw):
         self.start()
 
     def start(self) -> None:
-        """See `OnlineContactLaw.start`."""
         self._linear.start(3)
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """See `OnlineContactLaw.update`."""
         if depth_m <= 0.0 or force_n < LEAST_LOAD_N:
             return None
         row = np.array([1.0, math.log(depth_m), speed_m_s])

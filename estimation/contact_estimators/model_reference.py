@@ -35,12 +35,10 @@ class ModelReference(OnlineContactLaw):
         self.start()
 
     def start(self) -> None:
-        """See `OnlineContactLaw.start`."""
         self._stiffness = 0.0
         self._last: tuple[float, float] | None = None  # depth [m] and the model's force [N]
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """See `OnlineContactLaw.update`."""
         if self._last is None:
             self._last = depth_m, force_n
             return None

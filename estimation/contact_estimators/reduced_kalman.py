@@ -43,13 +43,11 @@ class ReducedKalman(OnlineContactLaw):
         self.start()
 
     def start(self) -> None:
-        """See `OnlineContactLaw.start`."""
         self._state = np.zeros(3)
         self._covariance = np.diag(np.square(_SPREAD))
         self._noise2 = _FIRST_NOISE_N**2
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """See `OnlineContactLaw.update`."""
         k, b, surface_m = self._state.tolist()
         deep = max(depth_m - surface_m, _LEAST_DEPTH_M)
         power = deep**self.exponent

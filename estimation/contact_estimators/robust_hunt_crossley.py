@@ -31,7 +31,6 @@ class RobustHuntCrossley(ContactEstimator):
     def fit(
         self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, *, rng: np.random.Generator
     ) -> ContactLaw:
-        """See `ContactEstimator.fit`."""
         settled, unit_m = self.settle(depth_m, speed_m_s, force_n, rng)
         log_push, ratio, n = settled.values.tolist()
         k = float(np.exp(log_push)) / unit_m**n

@@ -90,7 +90,6 @@ class CusumRls(RecursiveEstimator):
         self._down = self._up.copy()
 
     def update(self, row: FloatArray, effort: float) -> FloatArray:
-        """See `OnlineEstimator.update`."""
         error = effort - float(row.dot(self._gains))
         columns = row.tolist()
         self._samples += 1

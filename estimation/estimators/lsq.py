@@ -17,7 +17,6 @@ class Lsq(Estimator):
     source = "the paper, eq. (2), solved by the pseudo-inverse"
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
-        """See `Estimator.fit`."""
         gains = solve(regression.columns, regression.effort).gains
         residuals = regression.effort - regression.columns @ gains
         covariance = sandwich(regression.columns, residuals, np.ones(len(residuals)), regression.run)

@@ -53,7 +53,6 @@ class PreemptiveRansac(RecursiveEstimator):
         self._random = random.Random(_SEED)  # noqa: S311, no secret
 
     def update(self, row: FloatArray, effort: float) -> FloatArray:
-        """See `OnlineEstimator.update`."""
         at = self._samples % _RECENT
         self._rows[at], self._efforts[at] = row, effort
         self._samples += 1

@@ -59,7 +59,6 @@ class Ransac(Estimator):
             raise InputError(f"ransac: {self.trials} trials of {self.subset} samples make no sense")
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
-        """See `Estimator.fit`."""
         size = max(self.subset, regression.columns.shape[1])
         subsets = solve_subsets(regression.columns, regression.effort, size, self.trials, rng)
         counts = self._inlier_counts(regression, subsets.gains)

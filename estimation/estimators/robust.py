@@ -41,7 +41,6 @@ class Robust(Estimator):
     loss = Loss.BIWEIGHT
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
-        """See `Estimator.fit`."""
         settled = _settle(regression, _least_median(regression, rng))
         if settled.inside.mean() < _FEWEST_INSIDE:
             settled = _settle(regression, *_least_absolute(regression))

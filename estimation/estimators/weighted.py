@@ -24,7 +24,6 @@ class Weighted(Estimator):
     source = "R. J. Carroll, D. Ruppert, Transformation and Weighting in Regression (1988), ch. 2"
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
-        """See `Estimator.fit`."""
         weights = np.ones(len(regression.effort))
         for _ in range(_ROUNDS):
             gains = solve(regression.columns, regression.effort, weights).gains

@@ -45,11 +45,9 @@ class LoadstarFuzzer(_LinesFuzzer):
         self._stream = loadstar_stream(1.0, 100.0)
 
     def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
         return f"{rng.normal(scale=30.0):12.4f}\r\n".encode()
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         self._remember(data)
         return list(self._stream.feed(data))
 
@@ -64,11 +62,9 @@ class PatternFuzzer(_LinesFuzzer):
         self._stream = pattern_stream(r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>N)", None, 1.0, 1e9)
 
     def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
         return f"{rng.normal(scale=30.0):.3f} N\r\n".encode()
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         self._remember(data)
         return list(self._stream.feed(data))
 
@@ -83,17 +79,14 @@ class CellFuzzer(Fuzzer):
         self._stream = CellStream(1.0, 0.0, 100.0)
 
     def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
         self._counter = (self._counter + 1) % 256
         return line(f"{self._counter} {int(rng.integers(-(1 << 23), 1 << 23))}")
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         self._seen = (self._seen + data)[-_MEMORY - len(data) :]
         return list(self._stream.feed(data))
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
-        """See `Fuzzer.is_wrong`."""
         lines = (one.rpartition(b"*") for one in re.split(rb"[\r\n]", self._seen))
         sound = (text.split() for text, _, digits in lines if digits == b"%04X" % crc(text))
         return not any(_is(words[-1], accepted) for words in sound if words)

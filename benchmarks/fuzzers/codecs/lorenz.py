@@ -23,12 +23,10 @@ class LorenzTelegramFuzzer(Fuzzer):
     name: ClassVar[str] = "lorenz_telegram"
 
     def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
         parameters = rng.choice(np.array([0, 1, 2, 3, 255], np.uint8), int(rng.integers(12))).tobytes()
         return telegram(int(rng.integers(256)), 255, parameters)
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         return list(TelegramReader().feed(data))
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
@@ -50,7 +48,6 @@ class LorenzStreamFuzzer(Fuzzer):
         self._recent = b""
 
     def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
         samples = b""
         for _ in range(6):
             samples += bytes((self._counter,)) + rng.bytes(2)
@@ -58,12 +55,10 @@ class LorenzStreamFuzzer(Fuzzer):
         return samples
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         self._recent = (self._recent + data)[-100 - len(data) :]
         return list(self._stream.feed(data))
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
-        """See `Fuzzer.is_wrong`."""
         recent = self._recent
         counts = int(2.0 * accepted)  # type: ignore[operator]
         value = bytes((counts // 256 % 256, counts % 256))

@@ -24,11 +24,9 @@ class MitFuzzer(Fuzzer):
     name: ClassVar[str] = "mit"
 
     def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
         return b"\x01" + rng.bytes(5 if rng.random() < 0.3 else 7)
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         return [mit.decode_state(CanFrame(0, data), _RANGES)]
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
@@ -52,7 +50,6 @@ class DamiaoFuzzer(MitFuzzer):
     name: ClassVar[str] = "mit_damiao"
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         return [mit.decode_state(CanFrame(0, data), _RANGES, status_beside_id=True)]
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:

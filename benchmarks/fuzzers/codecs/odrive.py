@@ -29,7 +29,6 @@ class OdriveFuzzer(Fuzzer):
         return bytes((int(rng.integers(6)),)) + (beat if rng.random() < 0.3 else floats.tobytes())
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         frame = CanFrame(0x20, data[1:])
         match data[0] % 6 if data else 0:
             case 0:
@@ -46,7 +45,6 @@ class OdriveFuzzer(Fuzzer):
                 return [odrive.decode_version(frame)]
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
-        """See `Fuzzer.is_wrong`."""
         if len(data) != 9:
             return True
         kind, content = data[0] % 6, np.frombuffer(data[1:], dtype=np.uint8)
