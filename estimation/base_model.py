@@ -37,14 +37,10 @@ class BaseModel(ABC):
 
     Class attributes:
         name: snake_case.
-        physics: one line.
-        equation: in plain text.
         channels: kinds of channel that it describes.
     """
 
     name: ClassVar[str]
-    physics: ClassVar[str]
-    equation: ClassVar[str]
     channels: ClassVar[frozenset[ChannelKind]]
 
     @abstractmethod

@@ -43,14 +43,10 @@ class ContactEstimator(ABC):
 
     Class attributes:
         name: as on the command line.
-        summary: one line of what it does and when to take it.
-        source: where it comes from.
         model: name of the base model whose law it finds.
     """
 
     name: ClassVar[str]
-    summary: ClassVar[str]
-    source: ClassVar[str]
     model: ClassVar[str] = "hunt_crossley"
 
     @abstractmethod

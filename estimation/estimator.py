@@ -17,14 +17,10 @@ class Estimator(ABC):
 
     Class attributes:
         name: as on the command line.
-        summary: one line of what it does and when to take it.
-        source: where it comes from.
         loss: in the search for parameters that the effort is not linear in, which comes before.
     """
 
     name: ClassVar[str]
-    summary: ClassVar[str]
-    source: ClassVar[str]
     loss: ClassVar[Loss] = Loss.LINEAR
 
     @abstractmethod

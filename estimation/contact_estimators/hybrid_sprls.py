@@ -12,6 +12,9 @@ _HYSTERESIS = 1.1
 class HybridSprls(OnlineContactLaw):
     """Two self-perturbing recursive least squares, one a law; a stiff object is given the linear one.
 
+    Source: A. Pappalardo, A. Albakri, C. Liu, L. Bascetta, E. De Momi, P. Poignet, Hunt-Crossley Model Based
+    Force Control for Minimally Invasive Robotic Surgery, Biomed. Signal Proc. Control 29 (2016).
+
     Args:
         switch_n_m: stiffness that Kelvin-Voigt finds, above which its law is the answer [N/m].
         beta: as for `Sprls`.
@@ -20,11 +23,6 @@ class HybridSprls(OnlineContactLaw):
     """
 
     name = "hybrid_sprls"
-    summary = "Kelvin-Voigt and Hunt-Crossley by SPRLS in parallel, switched by the stiffness: online"
-    source = (
-        "A. Pappalardo, A. Albakri, C. Liu, L. Bascetta, E. De Momi, P. Poignet, Hunt-Crossley Model Based "
-        "Force Control for Minimally Invasive Robotic Surgery, Biomed. Signal Proc. Control 29 (2016)"
-    )
 
     def __init__(self, switch_n_m: float = 1000.0, beta: float = 20.0, gamma: float = 1.0) -> None:
         self._switch_n_m = switch_n_m

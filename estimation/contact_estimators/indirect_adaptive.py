@@ -16,16 +16,14 @@ class IndirectAdaptive(OnlineContactLaw):
     excite stays where it was: add an excitation to the plan (A. Misra, A. M. Okamura, Environment Parameter
     Estimation during Bilateral Telemanipulation, Haptics Symposium 2006).
 
+    Source: H. Seraji, R. Colbaugh, Force Tracking in Impedance Control, Int. J. Robotics Research 16 (1997).
+
     Args:
         rate: of the adaptation, in (0, 2).
         noise_n: force at which a step is halved [N].
     """
 
     name = "indirect_adaptive"
-    summary = "gradient adaptation of stiffness and damping: online, for force tracking"
-    source = (
-        "H. Seraji, R. Colbaugh, Force Tracking in Impedance Control, Int. J. Robotics Research 16 (1997)"
-    )
     model = "kelvin_voigt"
 
     def __init__(self, rate: float = 0.02, noise_n: float = 0.5) -> None:

@@ -39,14 +39,13 @@ class LogLinear(OnlineContactLaw):
 
 
 class LogLinearEwrls(LogLinear):
-    """The same by exponentially weighted recursive least squares; `forgetting` as for `Ewrls`."""
+    """The same by exponentially weighted recursive least squares; `forgetting` as for `Ewrls`.
+
+    Source: A. Haddadi, K. Hashtrudi-Zaad, Real-Time Identification of Hunt-Crossley Dynamic Models of Contact
+    Environments, IEEE Trans. Robotics 28 (2012).
+    """
 
     name = "log_linear_ewrls"
-    summary = "Hunt-Crossley by its logarithm and EWRLS: online, for slow motion and little noise"
-    source = (
-        "A. Haddadi, K. Hashtrudi-Zaad, Real-Time Identification of Hunt-Crossley Dynamic Models of Contact "
-        "Environments, IEEE Trans. Robotics 28 (2012)"
-    )
 
     def __init__(self, forgetting: float = 0.9995) -> None:
         super().__init__(Ewrls(forgetting))

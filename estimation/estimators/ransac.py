@@ -27,6 +27,9 @@ class Ransac(Estimator):
     The paper takes a threshold of 0.01 (in the effort's unit) whatever the noise. Where the noise is much
     larger, few samples lie within it and most of the information is lost; `robust` finds its own scale.
 
+    Source: M. A. Fischler, R. C. Bolles, Random Sample Consensus, Comm. ACM 24 (1981); settings of the paper,
+    sec. VI-B; refinement: O. Chum, J. Matas, J. Kittler, Locally Optimized RANSAC (2003).
+
     Attributes:
         threshold: largest residual of an inlier, in the effort's unit.
         subset: samples in a random subset.
@@ -40,11 +43,6 @@ class Ransac(Estimator):
     refinements: int = 100
 
     name = "ransac"
-    summary = "consensus within a fixed threshold, as in the paper: stands outliers if the threshold fits"
-    source = (
-        "M. A. Fischler, R. C. Bolles, Random Sample Consensus, Comm. ACM 24 (1981); settings of the paper, "
-        "sec. VI-B; refinement: O. Chum, J. Matas, J. Kittler, Locally Optimized RANSAC (2003)"
-    )
     loss = Loss.CAUCHY
 
     def __post_init__(self) -> None:

@@ -20,8 +20,6 @@ class SpringMassDamper(BaseModel):
     """F = m a + c v + k x, pulling as well as pushing: the spring is held at both ends."""
 
     name = "spring_mass_damper"
-    physics = "A mass is held by a spring and a damper."
-    equation = "F = m a + c v + k x"
     channels = frozenset(ChannelKind)
 
     def build(self, context: ModelContext) -> Model:
