@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -47,11 +45,3 @@ class Regression:
         """The problem with only these samples (a mask or indices)."""
         run = None if self.run is None else self.run[rows]
         return replace(self, columns=self.columns[rows], effort=self.effort[rows], run=run)
-
-    @property
-    def condition_number(self) -> float:
-        """Condition number of the columns, each scaled to unit length (so units do not matter)."""
-        lengths = np.linalg.norm(self.columns, axis=0)
-        if not lengths.all():
-            return float("inf")
-        return float(np.linalg.cond(self.columns / lengths))

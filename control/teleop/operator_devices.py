@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from robot_io.clock import Clock
 from robot_io.files.file_model import validate
-from robot_io.files.safe_yaml import KeyPath, YamlDocument
+from robot_io.files.safe_yaml import YamlDocument
 from robot_io.operator.device import OperatorDevice
 from robot_io.registry import Registry
 
@@ -19,7 +19,6 @@ def build_operator_device(
     settings: Mapping[str, object],
     clock: Clock,
     document: YamlDocument | None = None,
-    at: KeyPath = (),
 ) -> OperatorDevice:
     """Make the device `name`; opens nothing yet.
 
@@ -28,11 +27,10 @@ def build_operator_device(
         settings: as its `Settings` want them.
         clock: what samples are stamped with.
         document: where the settings come from, for file and line in errors; None if made by a program.
-        at: their path in the document.
 
     Raises:
         UnknownNameError: no device has this name.
         InputError: a setting is not valid.
     """
     device = OPERATOR_DEVICES[name]
-    return device(validate(device.Settings, settings, document, at), clock)
+    return device(validate(device.Settings, settings, document), clock)

@@ -12,7 +12,6 @@ class Part:
         samples: how many.
         rmse: root mean square of the residual.
         mean: mean of the residual; positive where the measurement is above the model.
-        energy: share of the whole squared error.
         excess: rmse over the noise floor.
     """
 
@@ -20,5 +19,4 @@ class Part:
     samples: int
     rmse: float
     mean: float
-    energy: float
     excess: float

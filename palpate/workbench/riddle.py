@@ -22,13 +22,13 @@ HIDDEN = (
 )
 
 
-def pose(folder: Path, seed: int | None = None) -> Path:
+def pose(folder: Path) -> Path:
     """Probe an object in which one of `HIDDEN` is hidden; the answer is sealed beside the session.
 
     Raises:
         PalpateError: the session cannot be written.
     """
-    drawn = drawn_seed() if seed is None else seed
+    drawn = drawn_seed()
     world = hide_one(load_scenario(DEFAULT_SCENARIO), np.random.default_rng(drawn), HIDDEN)
     session = folder / f"riddle-{drawn}.mcap"
     probe_demo(session, world, drawn, plan=HIDDEN_PLAN, command_line="palpate workbench --riddle")

@@ -147,10 +147,10 @@ class ModelMediatedFollower(Side):
         self.stage = Stage.IDLE
 
 
-def model_mediated(model: ContactModel = KELVIN_VOIGT, way: ProbingWay | None = None) -> Coupling:
-    """The coupling for a kind of object and a way to probe it."""
+def model_mediated(model: ContactModel = KELVIN_VOIGT) -> Coupling:
+    """The coupling for a kind of object."""
     return Coupling(
         "model-mediated",
         lambda: ModelMediatedLeader(model),
-        lambda: ModelMediatedFollower(model, way or ProbingWay()),
+        lambda: ModelMediatedFollower(model, ProbingWay()),
     )

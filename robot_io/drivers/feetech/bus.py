@@ -21,7 +21,7 @@ from robot_io.drivers.feetech.feedback import (
     feedback_reader,
     hardware_problem,
 )
-from robot_io.drivers.feetech.servos import LAST_RESORT, FeetechLine, ServoIdentity
+from robot_io.drivers.feetech.servos import LAST_RESORT, FeetechLine
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
 from robot_io.drivers.servo.bus import ServoBus
 from robot_io.drivers.servo.devices import ServoEncoder, ServoTorque
@@ -79,11 +79,6 @@ class FeetechBus(ServoBus):
         duty = np.maximum([*(turning_nm / self._stall_nm), *held], _LEAST_DUTY)
         counts = np.minimum(np.ceil(duty / tables.DUTY_PER_LOAD), tables.LARGEST_LIMIT)
         return dict(zip(own.ids, map(int, counts.tolist()), strict=True))
-
-    @property
-    def identities(self) -> tuple[ServoIdentity, ...]:
-        """Who answered when the bus was configured."""
-        return self._line.identities
 
     def examine(self) -> tuple[Finding, ...]:
         """See `Examinable.examine`."""
