@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from palpate.render import palette
 from palpate.render.build import stretches
-from palpate.render.phase_colors import phase
+from palpate.render.palette import phase
 from palpate.render.recording.arm import log_arm, log_object, view_3d
 from palpate.render.recording.scene import Scene
 from palpate.render.recording.stream import TIME, plot, recording_file, send_lines, shown_on, time_column
