@@ -24,7 +24,6 @@ from estimation.data.column_units import (
     check_all_say_their_units,
     check_units_are_used,
 )
-from estimation.data.compression_sign import counted_negative
 from estimation.data.import_options import ImportOptions
 from estimation.data.mixed_rates import with_one_rate
 from estimation.data.press_runs import FEWEST_ROWS
@@ -37,8 +36,12 @@ from estimation.data.quantities import (
     unit_in_name,
 )
 from estimation.data.table import Table
+from estimation.statistics.correlation import likeness
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
+
+_FAR = 3.0  # times as far to the one side as to the other
+_LIKE = 0.5  # correlation of a way and its force
 
 
 @dataclass(frozen=True)
@@ -224,3 +227,12 @@ def _by_option(table: Table, options: ImportOptions) -> dict[Key, tuple[Role, st
 
 def _special(table: Table, options: ImportOptions, name: str) -> str | None:
     return options.columns.get(name, name if name in table.names else None)
+
+
+def counted_negative(way: FloatArray, force: FloatArray) -> bool:
+    """Whether displacement (n,) and force (n,) of a contact both go the negative way where it is pressed."""
+    for values in (way, force):
+        low, high = np.quantile(values, [0.005, 0.995])
+        if not -low > _FAR * max(high, 0.0) or low == high:
+            return False
+    return likeness(way, force) > _LIKE

@@ -11,7 +11,7 @@ from estimation.effects.damping import Damping
 from estimation.effects.inertia import Inertia
 from estimation.effects.stiffness import Stiffness
 from estimation.model import Model
-from estimation.statistics.likeness import likeness
+from estimation.statistics.correlation import likeness
 
 _SPRINGY = 0.5  # correlation of force and displacement on the other side, where free air has none
 

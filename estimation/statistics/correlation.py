@@ -111,3 +111,10 @@ def _lagged(a: FloatArray, b: FloatArray, most: int) -> FloatArray:
 def _power(values: FloatArray) -> float:
     known = values[np.isfinite(values)]
     return float(np.var(known)) if len(known) else 0.0
+
+
+def likeness(one: FloatArray, other: FloatArray) -> float:
+    """Correlation of two signals (n,), 0 where one of them is constant."""
+    if len(one) == 0 or np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
+        return 0.0
+    return float(np.corrcoef(one, other)[0, 1])

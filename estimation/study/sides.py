@@ -12,7 +12,7 @@ from estimation.fit.intervals import SIGMAS_95
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import sample_time
 from estimation.statistics.correlation import Correlation, autocorrelation, cross_correlation
-from estimation.statistics.fit_percent import fit_percent
+from estimation.statistics.misfit import fit_percent
 from estimation.study.channels import StudyChannel
 from estimation.study.comparison import Comparison
 from estimation.study.fits import Fits

@@ -120,10 +120,6 @@ class _Planned:
     experiment: Experiment  # as it is promised
     motions: tuple[ChannelData | None, ...]
 
-    @property
-    def duration_s(self) -> float:
-        return self.experiment.duration_s
-
     @classmethod
     def of(cls, candidate: Candidate, ticks: Samples, study: Study, left: Sequence[Undecided]) -> "_Planned":
         turned = "press_direction_world" in candidate.settings

@@ -19,12 +19,12 @@ from control.loop.realtime import realtime
 from control.loop.timing import Histogram, SectionTiming, TickGrid
 from control.loop.way_out import one_line
 from control.teleop.link_record import LINK_STREAM
+from control.teleop.operator_devices import build_operator
 from control.teleop.virtual_arm import VirtualArm
 from control.teleop.virtual_object import Touch, VirtualObject
 from palpate.runs.robots import find_robot
 from palpate.teleop.in_words import in_words
 from palpate.teleop.object_law import felt_data, force_law, terms_of
-from palpate.teleop.operator_file import build_operator
 from robot_io.clock import Clock, MonotonicClock
 from robot_io.errors import InputError, PalpateError
 from robot_io.link import ObjectEstimate, short_number
