@@ -9,7 +9,7 @@ from robot_io.driver import DriverContext
 from robot_io.drivers.dynamixel import protocol
 from robot_io.drivers.dynamixel.examination import examine_servos
 from robot_io.drivers.dynamixel.feedback import Feedback, feedback_problem, hardware_problem
-from robot_io.drivers.dynamixel.servos import ServoIdentity, ServoLine
+from robot_io.drivers.dynamixel.servos import DynamixelLine, ServoIdentity
 from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
 from robot_io.drivers.dynamixel.tables import GOAL_CURRENT, POSITION_STEP_RAD, VELOCITY_STEP_RAD_S
 from robot_io.drivers.servo.bus import ServoBus
@@ -43,7 +43,7 @@ class DynamixelBus(ServoBus):
         joints = ServoJoints(own.servos, middle_rad, count_steps(own.servos))
         super().__init__(port, [servo.id for servo in own.servos], joints, context)
         self._torque_steps_nm: list[float] = joints.steps[2].tolist()
-        self._line = ServoLine(own, port, context.clock)
+        self._line: DynamixelLine = DynamixelLine(own, port, context.clock)
         self._largest_current = [servo.servo_model.largest_current for servo in own.servos]
 
     @property
@@ -94,16 +94,6 @@ class DynamixelBus(ServoBus):
     def _goals_size(self) -> int:
         goals = dict.fromkeys(self._ids, bytes(GOAL_CURRENT.size))
         return len(protocol.sync_write(GOAL_CURRENT.address, goals))
-
-    def _switch_on(self) -> None:
-        self._line.switch_on()
-
-    def _switch_off(self) -> None:
-        self._line.switch_off()
-
-    @property
-    def _last_resort(self) -> str:
-        return self._line.last_resort
 
 
 class DynamixelEncoder(ServoEncoder):

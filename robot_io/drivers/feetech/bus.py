@@ -21,7 +21,7 @@ from robot_io.drivers.feetech.feedback import (
     feedback_reader,
     hardware_problem,
 )
-from robot_io.drivers.feetech.servos import LAST_RESORT, FeetechLine
+from robot_io.drivers.feetech.servos import FeetechLine
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
 from robot_io.drivers.servo.bus import ServoBus
 from robot_io.drivers.servo.devices import ServoEncoder, ServoTorque
@@ -62,7 +62,7 @@ class FeetechBus(ServoBus):
         self._stiffness_nm_rad = self._stall_nm * own.duty_per_rad
         self._half_tick_s = 0.5 / context.robot_file.control_rate_hz
         torque_limits = self._torque_limits(limits)
-        self._line = FeetechLine(own, torque_limits, port, context.clock)
+        self._line: FeetechLine = FeetechLine(own, torque_limits, port, context.clock)
         fastest_counts_s = _FASTEST * max(model.no_load_rad_s for model in models) / tables.POSITION_STEP_RAD
         told = {servo_id: (0, 0, 0, limit, 1) for servo_id, limit in torque_limits.items()}
         self._plausibility = Plausibility(context.clock, told, fastest_counts_s)
@@ -145,13 +145,6 @@ class FeetechBus(ServoBus):
     def _switch_on(self) -> None:
         self._plausibility.restart()
         self._plausibility.sent(self._line.switch_on())
-
-    def _switch_off(self) -> None:
-        self._line.switch_off()
-
-    @property
-    def _last_resort(self) -> str:
-        return LAST_RESORT
 
 
 class FeetechEncoder(ServoEncoder):
