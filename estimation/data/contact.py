@@ -12,6 +12,7 @@ import numpy as np
 
 from control.laws.touch import touch_force_n
 from control.loop.phases import Phase
+from estimation.signals.blocks import places
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -108,8 +109,5 @@ def _mean_std_err(samples: FloatArray) -> float:
 
 def _lasting(mask: BoolArray) -> BoolArray:
     """Only those true samples that stand in a row of at least `_LASTING`."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    lasting = np.zeros_like(mask)
-    for start, stop in edges.reshape(-1, 2):
-        lasting[start:stop] = stop - start >= _LASTING
-    return lasting
+    _, row = places(mask)
+    return np.asarray(mask & (np.bincount(row)[row] >= _LASTING))

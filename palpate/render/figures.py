@@ -7,6 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from estimation.signals.blocks import blocks
 from palpate.render import palette
 from palpate.render.thinning import joined, rows_by_run, run_curves
 from palpate.render.view import ChannelView, StageView, StudyView, residual_map
@@ -232,10 +233,10 @@ def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
     edges = np.linspace(channel.time_s[0], channel.time_s[-1], _SHADE_CELLS + 1)
     every = np.histogram(channel.time_s, edges)[0]
     out = np.histogram(channel.time_s[~channel.judged], edges)[0] > 0.5 * np.maximum(every, 1)
-    turns = np.flatnonzero(np.diff(np.concatenate([[False], out, [False]]).astype(int)))
     look = {"fillcolor": palette.SHADE, "line_width": 0, "layer": "below", "row": place[0], "col": place[1]}
-    for first, past in turns.reshape(-1, 2).tolist():
-        made.add_vrect(x0=edges[first], x1=edges[past], **look)
+    for cells in blocks(out):
+        if out[cells.start]:
+            made.add_vrect(x0=edges[cells.start], x1=edges[cells.stop], **look)
 
 
 def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
