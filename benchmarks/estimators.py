@@ -18,8 +18,8 @@ import statsmodels.api as sm
 from filterpy.kalman import KalmanFilter
 from scipy.optimize import least_squares
 from sklearn.linear_model import HuberRegressor, LinearRegression, RANSACRegressor, TheilSenRegressor
+from synthetic.press import Noise, Press
 
-from estimation.accuracy import Noise, Press
 from estimation.contact_estimator import ContactLaw, OnlineContactLaw
 from estimation.contact_estimators import CONTACT_ESTIMATORS
 from estimation.estimator import OnlineEstimator

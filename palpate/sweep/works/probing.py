@@ -11,7 +11,6 @@ import numpy as np
 
 from control.loop.phases import Phase
 from control.probing.plan import ProbingPlan
-from estimation.accuracy import cramer_rao
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData
 from estimation.contact_estimator import ContactEstimator, ContactLaw
@@ -24,6 +23,7 @@ from estimation.estimators import ESTIMATORS
 from estimation.fit.samples import fit_samples, slopes_of
 from estimation.model import Model
 from estimation.models import MODELS
+from estimation.statistics.uncertainty import cramer_rao
 from estimation.study.channels import CONTACT_MODEL
 from palpate.runs.hiding import hide
 from palpate.runs.in_memory import probe_in_memory

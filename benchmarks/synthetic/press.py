@@ -6,20 +6,10 @@ import numpy as np
 
 from estimation.contact_estimator import ContactLaw
 from estimation.regression import Regression
+from estimation.statistics.uncertainty import cramer_rao
 from robot_io.types import FloatArray
 
 _TICK_S = 1e-3
-
-
-def cramer_rao(slopes: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Least standard errors of parameters, (p,), by slopes (n, p) of a signal with noise sigma (n,).
-
-    diag((J' S^-1 J)^-1)^(1/2), C. R. Rao (1945); a parameter that changes nothing has none.
-    """
-    weighed = slopes / sigma[:, None]
-    sizes = np.linalg.norm(weighed, axis=0)
-    sizes[sizes == 0.0] = 1.0
-    return np.asarray(np.sqrt(np.diag(np.linalg.pinv((weighed / sizes).T @ (weighed / sizes)))) / sizes)
 
 
 @dataclass(frozen=True)
