@@ -11,24 +11,17 @@ from robot_io.calibration import NO_CALIBRATIONS
 
 @dataclass(frozen=True)
 class ModelContext:
-    """What a base model may need to know beside the data.
+    """What a base model may need to know beside the data."""
 
-    Attributes:
-        joint: number of the joint from 0 that the channel belongs to; None for a contact.
-        urdf: text of the arm's URDF; empty if there is none.
-        tip_frame: name of the tip's frame in that URDF.
-        urdf_origin: where that text comes from, for errors.
-        gravity_m_s2: shape (3,), fall acceleration in the axes of its root link [m/s^2].
-        rotor_inertia_kg_m2: shape (n,), what its drives' rotors add to the joints, or empty [kg m^2].
-        surface_found: whether a contact's surface was found from the data and so has an error of its own.
-    """
-
-    joint: int | None = None
-    urdf: str = ""
-    tip_frame: str = ""
-    urdf_origin: str = "URDF text"
+    joint: int | None = None  # number of the joint from 0 that the channel belongs to; None for a contact
+    urdf: str = ""  # text of the arm's URDF; empty if there is none
+    tip_frame: str = ""  # name of the tip's frame in that URDF
+    urdf_origin: str = "URDF text"  # where that text comes from, for errors
+    # shape (3,), fall acceleration in the axes of its root link [m/s^2]
     gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
+    # shape (n,), what its drives' rotors add to the joints, or empty [kg m^2]
     rotor_inertia_kg_m2: tuple[float, ...] = ()
+    # whether a contact's surface was found from the data and so has an error of its own
     surface_found: bool = False
 
 

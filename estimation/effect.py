@@ -40,23 +40,14 @@ SIGNALS = (
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number that a fit finds.
+    """One number that a fit finds."""
 
-    Attributes:
-        name: unique within its effect.
-        unit: SI unit; "{effort}" and "{position}" stand for those of the channel.
-        lower: smallest value that makes physical sense.
-        upper: largest value that makes physical sense.
-        typical: range met in practice; for an inner parameter also where its search begins.
-        log: whether an inner search goes by ratio rather than by difference.
-    """
-
-    name: str
-    unit: str
-    lower: float
-    upper: float
-    typical: tuple[float, float]
-    log: bool = False
+    name: str  # unique within its effect
+    unit: str  # SI unit; "{effort}" and "{position}" stand for those of the channel
+    lower: float  # smallest value that makes physical sense
+    upper: float  # largest value that makes physical sense
+    typical: tuple[float, float]  # range met in practice; for an inner parameter also where its search begins
+    log: bool = False  # whether an inner search goes by ratio rather than by difference
 
     @property
     def beginning(self) -> float:

@@ -8,21 +8,14 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Regression:
-    """effort = columns @ gains + noise.
+    """effort = columns @ gains + noise."""
 
-    Attributes:
-        columns: shape (n, p).
-        effort: shape (n,).
-        names: the p gains' names.
-        units: the p gains' units.
-        run: number of the run of each sample, shape (n,); the noise of samples of one run, in order of time,
-            may be correlated, that of different runs is not. None for one run.
-    """
-
-    columns: FloatArray
-    effort: FloatArray
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    columns: FloatArray  # shape (n, p)
+    effort: FloatArray  # shape (n,)
+    names: tuple[str, ...]  # the p gains' names
+    units: tuple[str, ...]  # the p gains' units
+    # number of the run of each sample, shape (n,); the noise of samples of one run, in order of time, may be
+    # correlated, that of different runs is not. None for one run.
     run: IntArray | None = None
 
     def __post_init__(self) -> None:

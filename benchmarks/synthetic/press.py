@@ -14,34 +14,21 @@ _TICK_S = 1e-3
 
 @dataclass(frozen=True)
 class Noise:
-    """What is wrong with a force reading.
+    """What is wrong with a force reading."""
 
-    Attributes:
-        floor_n: standard deviation that is always there [N].
-        share: standard deviation as a share of the force.
-        outliers: share of samples that are off.
-        outlier_n: by how much these are off, from and to [N].
-    """
-
-    floor_n: float = 0.02
-    share: float = 0.0
-    outliers: float = 0.0
-    outlier_n: tuple[float, float] = (-1.0, 4.0)
+    floor_n: float = 0.02  # standard deviation that is always there [N]
+    share: float = 0.0  # standard deviation as a share of the force
+    outliers: float = 0.0  # share of samples that are off
+    outlier_n: tuple[float, float] = (-1.0, 4.0)  # by how much these are off, from and to [N]
 
 
 @dataclass(frozen=True)
 class Press:
-    """Pressing in and out with rising frequency, always in contact.
+    """Pressing in and out with rising frequency, always in contact."""
 
-    Attributes:
-        law: the truth; its surface is at 0.
-        count: samples, at 1 kHz.
-        deepest_m: depth that is reached [m].
-    """
-
-    law: ContactLaw
-    count: int = 4000
-    deepest_m: float = 0.012
+    law: ContactLaw  # the truth; its surface is at 0
+    count: int = 4000  # samples, at 1 kHz
+    deepest_m: float = 0.012  # depth that is reached [m]
 
     @property
     def time_s(self) -> FloatArray:

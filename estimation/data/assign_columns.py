@@ -46,21 +46,13 @@ _LIKE = 0.5  # correlation of a way and its force
 
 @dataclass(frozen=True)
 class Columns:
-    """A table with the meaning of its columns.
+    """A table with the meaning of its columns."""
 
-    Attributes:
-        table: the rows.
-        assigned: the columns in use.
-        run: column with the run of each row, or None.
-        phase: column with the phase of each row, or None.
-        said: notes on how they were chosen.
-    """
-
-    table: Table
-    assigned: dict[Key, Assigned]
-    run: str | None
-    phase: str | None
-    said: tuple[str, ...] = ()
+    table: Table  # the rows
+    assigned: dict[Key, Assigned]  # the columns in use
+    run: str | None  # column with the run of each row, or None
+    phase: str | None  # column with the phase of each row, or None
+    said: tuple[str, ...] = ()  # notes on how they were chosen
 
     def __contains__(self, key: object) -> bool:
         return key in self.assigned

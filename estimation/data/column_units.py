@@ -20,21 +20,13 @@ _LARGE = {  # a row, or in all: the unit that is likely above
 
 @dataclass(frozen=True)
 class Assigned:
-    """One quantity's column.
+    """One quantity's column."""
 
-    Attributes:
-        column: its name in the file.
-        dimension: what it measures.
-        unit: of its numbers.
-        factor: turns its numbers into SI.
-        note: what the reader should know, or empty.
-    """
-
-    column: str
-    dimension: str
-    unit: str
-    factor: float
-    note: str = ""
+    column: str  # its name in the file
+    dimension: str  # what it measures
+    unit: str  # of its numbers
+    factor: float  # turns its numbers into SI
+    note: str = ""  # what the reader should know, or empty
 
 
 def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -> Assigned:

@@ -22,24 +22,16 @@ _FREE = (Phase.FREE_AIR, Phase.APPROACH)  # the first of these that a run has te
 
 @dataclass(frozen=True)
 class Contact:
-    """One run's contact.
+    """One run's contact."""
 
-    Attributes:
-        run: its number.
-        rows: indices of the samples that are surely in contact, in order of time; may be empty.
-        free: indices of the last sample before and the first after it whose force is no touch; fewer where
-            the run has none.
-        baseline_n: force in free air [N].
-        baseline_std_err_n: its standard error, also where the noise is correlated in time [N].
-        noise_n: standard deviation of the force in free air [N].
-    """
-
-    run: int
-    rows: IntArray
+    run: int  # its number
+    rows: IntArray  # indices of the samples that are surely in contact, in order of time; may be empty
+    # indices of the last sample before and the first after it whose force
+    # is no touch; fewer where the run has none
     free: IntArray
-    baseline_n: float
-    baseline_std_err_n: float
-    noise_n: float
+    baseline_n: float  # force in free air [N]
+    baseline_std_err_n: float  # its standard error, also where the noise is correlated in time [N]
+    noise_n: float  # standard deviation of the force in free air [N]
 
     def among(self, kept: BoolArray) -> "Contact":
         """The same contact where only some samples are kept, its own among them; mask of shape (n,)."""

@@ -13,17 +13,11 @@ MOST_BYTES = 2**30  # ten hours at 1 kHz; more is refused before the memory is f
 
 @dataclass(frozen=True)
 class FileColumns:
-    """The columns of a file.
+    """The columns of a file."""
 
-    Attributes:
-        columns: by their names; those of a text file are text.
-        decimal: mark in numbers that are text.
-        words: how the file is written, where that is worth a word.
-    """
-
-    columns: pa.Table
-    decimal: str = "."
-    words: tuple[str, ...] = ()
+    columns: pa.Table  # by their names; those of a text file are text
+    decimal: str = "."  # mark in numbers that are text
+    words: tuple[str, ...] = ()  # how the file is written, where that is worth a word
 
 
 def most_bytes(path: Path) -> int:

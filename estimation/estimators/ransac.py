@@ -29,18 +29,12 @@ class Ransac(Estimator):
 
     Source: M. A. Fischler, R. C. Bolles, Random Sample Consensus, Comm. ACM 24 (1981); settings of the paper,
     sec. VI-B; refinement: O. Chum, J. Matas, J. Kittler, Locally Optimized RANSAC (2003).
-
-    Attributes:
-        threshold: largest residual of an inlier, in the effort's unit.
-        subset: samples in a random subset.
-        trials: number of subsets.
-        refinements: how often, at most, the inliers are chosen anew after the fit to them.
     """
 
-    threshold: float = 0.01
-    subset: int = 5
-    trials: int = 1000
-    refinements: int = 100
+    threshold: float = 0.01  # largest residual of an inlier, in the effort's unit
+    subset: int = 5  # samples in a random subset
+    trials: int = 1000  # number of subsets
+    refinements: int = 100  # how often, at most, the inliers are chosen anew after the fit to them
 
     name = "ransac"
     loss = Loss.CAUCHY

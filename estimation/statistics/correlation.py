@@ -17,17 +17,11 @@ SIGMAS_99 = float(ndtri(0.995))
 
 @dataclass(frozen=True)
 class Correlation:
-    """A correlation over lags.
+    """A correlation over lags."""
 
-    Attributes:
-        lag: in samples, shape (m,).
-        value: correlation, -1 to 1, shape (m,); NaN where no two samples are that far apart.
-        band: half of the interval that holds 99 % of what uncorrelated signals give, shape (m,).
-    """
-
-    lag: IntArray
-    value: FloatArray
-    band: FloatArray
+    lag: IntArray  # in samples, shape (m,)
+    value: FloatArray  # correlation, -1 to 1, shape (m,); NaN where no two samples are that far apart
+    band: FloatArray  # half of the interval that holds 99 % of what uncorrelated signals give, shape (m,)
 
     @property
     def outside(self) -> float:

@@ -12,15 +12,10 @@ _SIGMAS = 1.6448536269514722  # below which the magnitude of that share of Gauss
 
 @dataclass(frozen=True)
 class Misfit:
-    """What a model leaves.
+    """What a model leaves."""
 
-    Attributes:
-        noise: standard deviation of what changes from sample to sample, in the effort's unit.
-        times: size of the residuals over that, about 1 where a model leaves nothing but noise.
-    """
-
-    noise: float
-    times: float
+    noise: float  # standard deviation of what changes from sample to sample, in the effort's unit
+    times: float  # size of the residuals over that, about 1 where a model leaves nothing but noise
 
 
 def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> Misfit:

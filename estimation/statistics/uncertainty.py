@@ -21,15 +21,10 @@ _MATTERS = 0.01  # uncertainty, as a share of the effort, above which that is wo
 
 @dataclass(frozen=True)
 class Covariance:
-    """Covariance of an estimate.
+    """Covariance of an estimate."""
 
-    Attributes:
-        matrix: shape (m, m); NaN where there is none.
-        degrees_of_freedom: of Student's t for the intervals; fewer where residuals are correlated.
-    """
-
-    matrix: FloatArray
-    degrees_of_freedom: float
+    matrix: FloatArray  # shape (m, m); NaN where there is none
+    degrees_of_freedom: float  # of Student's t for the intervals; fewer where residuals are correlated
 
     @property
     def std_err(self) -> FloatArray:

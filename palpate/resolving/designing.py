@@ -51,19 +51,12 @@ class Undecided:
 
 @dataclass(frozen=True)
 class NextProbe:
-    """The experiment to run next.
+    """The experiment to run next."""
 
-    Attributes:
-        plan: what the arm does.
-        proposal: the same as a diagnosis states it.
-        choice: what is expected of it.
-        channels: of which it tells.
-    """
-
-    plan: ProbingPlan
-    proposal: NextExperiment
-    choice: Choice
-    channels: tuple[str, ...]
+    plan: ProbingPlan  # what the arm does
+    proposal: NextExperiment  # the same as a diagnosis states it
+    choice: Choice  # what is expected of it
+    channels: tuple[str, ...]  # of which it tells
 
 
 def undecided(study: Study, found: Sequence[ChannelDiagnosis]) -> list[Undecided]:

@@ -29,17 +29,11 @@ _ENDINGS = {".py", ".urdf", ".yaml"}
 
 @dataclass(frozen=True)
 class Case:
-    """One case.
+    """One case."""
 
-    Attributes:
-        work: "package.module:function", a `Work`.
-        parameters: what JSON can hold; its text is part of the address.
-        seed: of all that is random in it.
-    """
-
-    work: str
-    parameters: Mapping[str, Any]
-    seed: int = 0
+    work: str  # "package.module:function", a `Work`
+    parameters: Mapping[str, Any]  # what JSON can hold; its text is part of the address
+    seed: int = 0  # of all that is random in it
 
     @property
     def address(self) -> str:

@@ -37,19 +37,12 @@ def pose(folder: Path) -> Path:
 
 @dataclass(frozen=True)
 class Score:
-    """Who was right.
+    """Who was right."""
 
-    Attributes:
-        truth: what was hidden.
-        guessed: what the user had ticked.
-        found: what the diagnosis named.
-        alike: effects that the diagnosis says this data cannot tell from what it named.
-    """
-
-    truth: frozenset[str]
-    guessed: frozenset[str]
-    found: frozenset[str]
-    alike: frozenset[str]
+    truth: frozenset[str]  # what was hidden
+    guessed: frozenset[str]  # what the user had ticked
+    found: frozenset[str]  # what the diagnosis named
+    alike: frozenset[str]  # effects that the diagnosis says this data cannot tell from what it named
 
     def in_words(self) -> str:
         """The result in a few sentences."""

@@ -27,17 +27,13 @@ _RETRACT_M_S = 0.05
 
 @dataclass(frozen=True)
 class ContactModel:
-    """How the follower describes an object, and how the leader renders it.
+    """How the follower describes an object, and how the leader renders it."""
 
-    Attributes:
-        fit: samples (n, 3) in contact, of position [m], velocity [m/s] and compression [N], to parameters.
-        law: parameters to the force law and the position of the surface [m].
-        guess: parameters before anything was probed.
-    """
-
+    # samples (n, 3) in contact, of position [m], velocity [m/s] and compression [N], to parameters
     fit: Callable[[FloatArray], Packet]
+    # parameters to the force law and the position of the surface [m]
     law: Callable[[Packet], tuple[ForceLaw, float]]
-    guess: Packet
+    guess: Packet  # parameters before anything was probed
 
 
 def _fit_kelvin_voigt(samples: FloatArray) -> Packet:
