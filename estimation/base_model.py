@@ -26,15 +26,10 @@ class ModelContext:
 
 
 class BaseModel(ABC):
-    """A simple model to start from.
+    """A simple model to start from."""
 
-    Class attributes:
-        name: snake_case.
-        channels: kinds of channel that it describes.
-    """
-
-    name: ClassVar[str]
-    channels: ClassVar[frozenset[ChannelKind]]
+    name: ClassVar[str]  # snake_case
+    channels: ClassVar[frozenset[ChannelKind]]  # kinds of channel that it describes
 
     @abstractmethod
     def build(self, context: ModelContext) -> Model:
