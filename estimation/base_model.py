@@ -33,11 +33,7 @@ class BaseModel(ABC):
 
     @abstractmethod
     def build(self, context: ModelContext) -> Model:
-        """The model for one channel.
-
-        Raises:
-            InputError: the context lacks something that the model needs.
-        """
+        """The model for one channel. InputError: the context lacks something that the model needs."""
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
         """The channel with the signals that the model and the effects beside it need.

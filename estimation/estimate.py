@@ -47,11 +47,7 @@ class Estimate:
     unphysical: tuple[str, ...] = ()  # gains that lie outside what is physical with their whole intervals
 
     def __getitem__(self, name: str) -> ParameterEstimate:
-        """The parameter called `name`.
-
-        Raises:
-            KeyError: there is none.
-        """
+        """The parameter called `name`. KeyError: there is none."""
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter

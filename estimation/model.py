@@ -27,11 +27,7 @@ class Model:
     within: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the effects.
-
-        Raises:
-            InputError: an effect occurs twice.
-        """
+        """Check the effects. InputError: an effect occurs twice."""
         names = [effect.name for effect in self.effects]
         twice = {name for name in names if names.count(name) > 1}
         if twice:

@@ -19,11 +19,7 @@ class Regression:
     run: IntArray | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes.
-
-        Raises:
-            InputError: they do not belong together, or there are fewer samples than gains.
-        """
+        """Check shapes. InputError: they do not belong together, or there are fewer samples than gains."""
         samples, gains = self.columns.shape
         if self.effort.shape != (samples,) or len(self.names) != gains or len(self.units) != gains:
             raise InputError(

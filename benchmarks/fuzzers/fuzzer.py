@@ -24,11 +24,7 @@ class Fuzzer(ABC):
 
     @abstractmethod
     def decode(self, data: bytes) -> list[object]:
-        """What the codec accepts of `data`.
-
-        Raises:
-            ProtocolError: it refuses; any other exception is a defect.
-        """
+        """What the codec accepts of `data`. ProtocolError: it refuses; any other exception is a defect."""
 
     @abstractmethod
     def is_wrong(self, data: bytes, accepted: object) -> bool:

@@ -66,11 +66,7 @@ def _unit(options: ImportOptions, role: Role, column: str) -> str:
 def check_all_say_their_units(
     table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
 ) -> None:
-    """Ask for the units that nothing says, with those that are likely.
-
-    Raises:
-        InputError: one is not said.
-    """
+    """Ask for the units that nothing says, with those that are likely. InputError: one is not said."""
     silent = [(role, column) for role, column in chosen.values() if not _unit(options, role, column)]
     if silent:
         columns = ", ".join(f"'{column}'" for _, column in silent)

@@ -26,11 +26,7 @@ def most_bytes(path: Path) -> int:
 
 
 def check_size(path: Path, size: int) -> None:
-    """Refuse a file that holds more.
-
-    Raises:
-        InputError: `size` bytes are too many.
-    """
+    """Refuse a file that holds more. InputError: `size` bytes are too many."""
     most = most_bytes(path)
     if size > most:
         raise InputError(f"{path}: holds more than {most // 2**20} MiB; cut it into pieces")

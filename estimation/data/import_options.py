@@ -8,11 +8,7 @@ from robot_io.errors import InputError
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """How to read a data file.
-
-    Raises:
-        InputError: one of them has another type.
-    """
+    """How to read a data file. InputError: one of them has another type."""
 
     # column for each quantity that is called something else, such as {"force_N": "load"}
     columns: Mapping[str, str] = field(default_factory=dict)

@@ -71,11 +71,7 @@ def parse_role(name: str) -> Role | None:
 
 
 def role_of_option(name: str, option: str) -> Role:
-    """The role that a user names in an option.
-
-    Raises:
-        InputError: it is none.
-    """
+    """The role that a user names in an option. InputError: it is none."""
     role = parse_role(name)
     if role is None:
         valid = ", ".join([*QUANTITIES, RUN, PHASE])

@@ -40,11 +40,7 @@ class Ransac(Estimator):
     loss = Loss.CAUCHY
 
     def __post_init__(self) -> None:
-        """Check the settings.
-
-        Raises:
-            InputError: a setting makes no sense.
-        """
+        """Check the settings. InputError: a setting makes no sense."""
         if not self.threshold > 0:
             raise InputError(f"ransac: threshold {self.threshold} must be positive")
         if self.trials < 1 or self.subset < 1 or self.refinements < 0:

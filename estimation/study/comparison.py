@@ -83,11 +83,7 @@ class Comparisons(Shown):
     failures: Mapping[str, str]  # why the others cannot, by name
 
     def __getitem__(self, channel: str) -> Comparison:
-        """The comparison of one channel.
-
-        Raises:
-            InputError: there is none, or it cannot be judged.
-        """
+        """The comparison of one channel. InputError: there is none, or it cannot be judged."""
         if channel in self.failures:
             raise InputError(self.failures[channel])
         found = {one.channel: one for one in self.channels}

@@ -68,11 +68,7 @@ class Revisions:
         return self._folder is not None and self._folder.is_dir()
 
     def all(self) -> tuple[Revision, ...]:
-        """Every revision, oldest first.
-
-        Raises:
-            InputError: a file is not a revision.
-        """
+        """Every revision, oldest first. InputError: a file is not a revision."""
         if self._folder is None:
             return tuple(self._in_memory)
         files = self._folder.glob("[0-9]*.json") if self._folder.is_dir() else ()
@@ -80,11 +76,7 @@ class Revisions:
         return tuple(_read(file) for file in sorted(own, key=lambda file: int(file.stem)))
 
     def get(self, number: int) -> Revision:
-        """One revision.
-
-        Raises:
-            InputError: there is no such revision.
-        """
+        """One revision. InputError: there is no such revision."""
         known = {revision.number: revision for revision in self.all()}
         if number not in known:
             there = ", ".join(str(n) for n in known) or "none yet"

@@ -262,11 +262,7 @@ def _plain(values: Any) -> np.ndarray[Any, Any]:  # noqa: ANN401
 
 
 def arm_of(session: Session) -> Arm:
-    """The arm as the session keeps it.
-
-    Raises:
-        InputError: its copy of the robot file is not valid.
-    """
+    """The arm as the session keeps it. InputError: its copy of the robot file is not valid."""
     text = session.metadata.robot_file
     robot_file = parse_robot_file(text, f"{session.path}, its robot file") if text else None
     tip_frame = robot_file.tip_frame if robot_file else ""

@@ -42,11 +42,7 @@ class Case:
         return sha256(json.dumps(parts, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
     def run(self) -> list[Row]:
-        """Work it out.
-
-        Raises:
-            Exception: whatever the work raises.
-        """
+        """Work it out. Exception: whatever the work raises."""
         module, _, function = self.work.partition(":")
         work: Work = getattr(importlib.import_module(module), function)
         return work(self.parameters, self.seed)

@@ -35,11 +35,7 @@ class Section:
 def write_page(
     folder: Path, title: str, summary: str, facts: Mapping[str, str], sections: Sequence[Section]
 ) -> Path:
-    """Write everything; returns the page.
-
-    Raises:
-        InputError: a file cannot be written.
-    """
+    """Write everything; returns the page. InputError: a file cannot be written."""
     for name in (FIGURES, TABLES):
         output_folder(folder / name)
     pictures = {}

@@ -289,11 +289,7 @@ TELLING = 0.05  # share of the error below which an effect does nothing here
 
 
 def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> Evidence:
-    """What one effect takes away beside others of the model.
-
-    Raises:
-        InputError: it cannot be fitted.
-    """
+    """What one effect takes away beside others of the model. InputError: it cannot be fitted."""
     before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
     change = before.residual_on_blocks - fitted.residual_on_blocks
     length = float(np.linalg.norm(change))

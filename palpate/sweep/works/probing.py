@@ -122,11 +122,7 @@ def _probed(text: str, seed: int) -> tuple[Samples, Scenario]:
 
 
 def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
-    """The simulated world of a case.
-
-    Raises:
-        InputError: the parameters do not fit each other.
-    """
+    """The simulated world of a case. InputError: the parameters do not fit each other."""
     data = load_scenario(parameters["scenario"]).model_dump()
     data["object"]["law"] = parameters["law"]
     data["sensors"]["force"]["noise_std_n"] = parameters["noise_std_n"]
