@@ -5,12 +5,12 @@ little-endian here (kernel.org, Documentation/input/joydev/joystick-api.rst).
 """
 
 import struct
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
-from robot_io.files.file_model import FileModel, Number, Positive
+from robot_io.files.file_model import Number, Positive
 from robot_io.operator.records import RecordHand, RecordSettings
 from robot_io.types import FloatArray
 
@@ -36,7 +36,7 @@ class Gamepad(RecordHand):
     """A gamepad."""
 
     name = "gamepad"
-    Settings: ClassVar[type[FileModel]] = GamepadSettings
+    Settings = GamepadSettings
     settings: GamepadSettings
 
     def _open(self) -> None:

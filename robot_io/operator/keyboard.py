@@ -5,12 +5,11 @@ w s  away and towards (x)    a d  left and right (y)    r f  up and down (z)    
 
 import termios
 from contextlib import suppress
-from typing import ClassVar
 
 import numpy as np
 
 from robot_io.errors import DeviceError
-from robot_io.files.file_model import FileModel, Positive
+from robot_io.files.file_model import Positive
 from robot_io.operator.records import RecordHand, RecordSettings
 from robot_io.types import FloatArray
 
@@ -35,7 +34,7 @@ class Keyboard(RecordHand):
     """Reads keys as they are pressed, unechoed; the terminal is put back as it was."""
 
     name = "keyboard"
-    Settings: ClassVar[type[FileModel]] = KeyboardSettings
+    Settings = KeyboardSettings
     settings: KeyboardSettings
 
     def _open(self) -> None:

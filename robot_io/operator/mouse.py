@@ -4,11 +4,9 @@ Read from the kernel's mouse device, records of 3 bytes in PS/2 form: buttons an
 (kernel.org, Documentation/input/input.rst, "mousedev").
 """
 
-from typing import ClassVar
-
 import numpy as np
 
-from robot_io.files.file_model import FileModel, Number, Positive
+from robot_io.files.file_model import Number, Positive
 from robot_io.operator.records import RecordHand, RecordSettings
 from robot_io.types import FloatArray
 
@@ -29,7 +27,7 @@ class Mouse(RecordHand):
     """A mouse."""
 
     name = "mouse"
-    Settings: ClassVar[type[FileModel]] = MouseSettings
+    Settings = MouseSettings
     settings: MouseSettings
 
     def _open(self) -> None:

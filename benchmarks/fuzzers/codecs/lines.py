@@ -1,7 +1,6 @@
 """Sensors that write lines: every accepted value must stand in the stream as a number."""
 
 import re
-from typing import ClassVar
 
 import numpy as np
 
@@ -38,7 +37,7 @@ def _is(word: bytes, value: object) -> bool:
 class LoadstarFuzzer(_LinesFuzzer):
     """The continuous mode, in newtons."""
 
-    name: ClassVar[str] = "loadstar"
+    name = "loadstar"
 
     def __init__(self) -> None:
         super().__init__()
@@ -55,7 +54,7 @@ class LoadstarFuzzer(_LinesFuzzer):
 class PatternFuzzer(_LinesFuzzer):
     """A gauge that names its unit."""
 
-    name: ClassVar[str] = "force_lines"
+    name = "force_lines"
 
     def __init__(self) -> None:
         super().__init__()
@@ -72,7 +71,7 @@ class PatternFuzzer(_LinesFuzzer):
 class CellFuzzer(Fuzzer):
     """A load cell on a microcontroller; the CRC is made again by its emulator."""
 
-    name: ClassVar[str] = "microcontroller_cell"
+    name = "microcontroller_cell"
 
     def __init__(self) -> None:
         self._seen, self._counter = b"", 0

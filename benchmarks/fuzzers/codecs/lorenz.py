@@ -3,8 +3,6 @@
 Telegrams are made and judged by the emulator, which shares no code with the codec.
 """
 
-from typing import ClassVar
-
 import numpy as np
 
 from robot_io.drivers.serial_force.lorenz_protocol import (
@@ -20,7 +18,7 @@ from ..fuzzer import Fuzzer
 class LorenzTelegramFuzzer(Fuzzer):
     """Telegrams to a fresh reader."""
 
-    name: ClassVar[str] = "lorenz_telegram"
+    name = "lorenz_telegram"
 
     def frame(self, rng: np.random.Generator) -> bytes:
         parameters = rng.choice(np.array([0, 1, 2, 3, 255], np.uint8), int(rng.integers(12))).tobytes()
@@ -40,7 +38,7 @@ class LorenzTelegramFuzzer(Fuzzer):
 class LorenzStreamFuzzer(Fuzzer):
     """One endless stream: a value must stand between two counters that go on by one."""
 
-    name: ClassVar[str] = "lorenz_stream"
+    name = "lorenz_stream"
 
     def __init__(self) -> None:
         self._stream = LorenzStream(0.5)

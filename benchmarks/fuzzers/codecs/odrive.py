@@ -1,7 +1,5 @@
 """ODrive CANSimple. CAN's checksum is in the adapter; what is accepted must be what numpy reads there."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from robot_io.drivers.can.line import CanFrame
@@ -18,7 +16,7 @@ _PARTS = ("motor", "encoder", "controller")  # with a flag each in the last thre
 class OdriveFuzzer(Fuzzer):
     """The first byte says which message it is, the rest is its data."""
 
-    name: ClassVar[str] = "odrive"
+    name = "odrive"
 
     def frame(self, rng: np.random.Generator) -> bytes:
         """See `Fuzzer.frame`; floats may be none."""

@@ -1,7 +1,6 @@
 """A bus of Dynamixel servos of the X series in current control."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
@@ -33,7 +32,7 @@ def count_steps(servos: Sequence[ServoSettings]) -> FloatArray:
 class DynamixelBus(ServoBus):
     """Servos of the X series in current control, Protocol 2.0."""
 
-    name: ClassVar[str] = "dynamixel_bus"
+    name = "dynamixel_bus"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._settings = own = context.settings_as(DynamixelSettings, settings)
@@ -99,8 +98,8 @@ class DynamixelBus(ServoBus):
 class DynamixelEncoder(ServoEncoder):
     """Positions and velocities from a `dynamixel_bus`; the servo's velocity has steps of 0.024 rad/s."""
 
-    name: ClassVar[str] = "dynamixel_encoder"
-    bus_type: ClassVar[type[ServoBus]] = DynamixelBus
+    name = "dynamixel_encoder"
+    bus_type = DynamixelBus
 
 
 class DynamixelTorque(ServoTorque):
@@ -109,5 +108,5 @@ class DynamixelTorque(ServoTorque):
     Both command and measurement are of the motor current; what the gears' friction takes is in neither.
     """
 
-    name: ClassVar[str] = "dynamixel_torque"
-    bus_type: ClassVar[type[ServoBus]] = DynamixelBus
+    name = "dynamixel_torque"
+    bus_type = DynamixelBus

@@ -7,7 +7,6 @@ motor by its duty cycle and speed; what the gears' friction takes is in none of 
 """
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
@@ -48,7 +47,7 @@ def count_steps(servos: Sequence[FeetechServo]) -> FloatArray:
 class FeetechBus(ServoBus):
     """Servos of the STS series; those that just hold are read and watched as the joints are."""
 
-    name: ClassVar[str] = "feetech_bus"
+    name = "feetech_bus"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._settings = own = context.settings_as(FeetechSettings, settings)
@@ -150,12 +149,12 @@ class FeetechBus(ServoBus):
 class FeetechEncoder(ServoEncoder):
     """Positions and velocities from a `feetech_bus`."""
 
-    name: ClassVar[str] = "feetech_encoder"
-    bus_type: ClassVar[type[ServoBus]] = FeetechBus
+    name = "feetech_encoder"
+    bus_type = FeetechBus
 
 
 class FeetechTorque(ServoTorque):
     """Torques of a `feetech_bus`, commanded and measured as duty cycles of the motors; see there."""
 
-    name: ClassVar[str] = "feetech_torque"
-    bus_type: ClassVar[type[ServoBus]] = FeetechBus
+    name = "feetech_torque"
+    bus_type = FeetechBus

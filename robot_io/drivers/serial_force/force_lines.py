@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from pydantic import AfterValidator, Field, StrictBool, field_validator
 
@@ -83,7 +83,7 @@ class ForceLinesSettings(FileModel):
 class ForceLines(ForceSensor):
     """A force sensor that writes lines, on a `serial_line`."""
 
-    name: ClassVar[str] = "force_lines"
+    name = "force_lines"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._own = context.settings_as(ForceLinesSettings, settings)

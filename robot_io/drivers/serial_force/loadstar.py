@@ -7,7 +7,6 @@ stream; readings come as decimal numbers in the unit that UNITS answers.
 
 import re
 from collections.abc import Mapping
-from typing import ClassVar
 
 from pydantic import StrictBool
 
@@ -72,7 +71,7 @@ class LoadstarSettings(FileModel):
 class Loadstar(ForceSensor, Examinable):
     """A load cell in continuous mode, on a `serial_line`. Unit and capacity are read from the interface."""
 
-    name: ClassVar[str] = "loadstar"
+    name = "loadstar"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._own = context.settings_as(LoadstarSettings, settings)

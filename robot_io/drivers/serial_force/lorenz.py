@@ -1,7 +1,7 @@
 """Lorenz Messtechnik force sensors with a digital interface (LCV-USB2 and kin)."""
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from pydantic import AfterValidator, Field, StrictBool, field_validator
 
@@ -51,7 +51,7 @@ class Lorenz(ForceSensor, Examinable):
     Which sensor it is comes from its configuration, in telegrams with checksums; the stream itself has none.
     """
 
-    name: ClassVar[str] = "lorenz"
+    name = "lorenz"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._own = context.settings_as(LorenzSettings, settings)

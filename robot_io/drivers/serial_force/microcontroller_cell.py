@@ -16,7 +16,7 @@ from binascii import crc_hqx
 from collections.abc import Mapping
 from contextlib import suppress
 from math import copysign
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from pydantic import Field, StrictBool
 
@@ -130,7 +130,7 @@ class MicrocontrollerCellSettings(FileModel):
 class MicrocontrollerCell(ForceSensor, Examinable):
     """The load cell, on a `serial_line`."""
 
-    name: ClassVar[str] = "microcontroller_cell"
+    name = "microcontroller_cell"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._own = context.settings_as(MicrocontrollerCellSettings, settings)

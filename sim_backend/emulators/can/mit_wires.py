@@ -1,6 +1,6 @@
 """Emulated MIT-mode motors for a `mit_bus`."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, Number, Positive, validate
@@ -53,7 +53,7 @@ class _Settings(FileModel, extra="ignore"):
 class MitWires(WireMaker):
     """Motors that are set up as the robot file says."""
 
-    name: ClassVar[str] = "mit_bus"
+    name = "mit_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         own = validate(_Settings, request.section.settings)
