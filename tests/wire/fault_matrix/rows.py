@@ -21,27 +21,17 @@ DYNAMIXEL = ROOT / "robots" / "dynamixel_3dof.yaml"
 
 @dataclass(frozen=True)
 class Family:
-    """Devices of one kind.
+    """Devices of one kind."""
 
-    Attributes:
-        title: for people.
-        robot: robot file with such devices.
-        bus: their bus in it.
-        age_ms: age limit of their samples in the robot file.
-        changes: to the robot file.
-        tick_ms: length of its tick.
-        speed_m_s: of the probing run.
-        late_s: how much longer than others its arm takes to be activated: watchdogs are left to expire.
-    """
-
-    title: str
-    robot: Path
-    bus: str
-    age_ms: int
-    changes: tuple[tuple[str, str], ...] = ()
+    title: str  # for people
+    robot: Path  # robot file with such devices
+    bus: str  # their bus in it
+    age_ms: int  # age limit of their samples in the robot file
+    changes: tuple[tuple[str, str], ...] = ()  # to the robot file
+    # how much longer than others its arm takes to be activated: watchdogs are left to expire
     late_s: float = 0.0
-    tick_ms: int = 1
-    speed_m_s: float = 0.12
+    tick_ms: int = 1  # length of its tick
+    speed_m_s: float = 0.12  # of the probing run
 
 
 FAMILIES = {
@@ -72,32 +62,21 @@ class Program(StrEnum):
 
 @dataclass(frozen=True)
 class Row:
-    """One fault.
+    """One fault."""
 
-    Attributes:
-        family: key of `FAMILIES`.
-        name: of the fault, for people.
-        fault: what goes wrong.
-        at_s: when [s].
-        ticks: from the fault until the guard has the arm, at most; None: the arm goes on.
-        off_ms: from the fault until the drives are without torque, at most [ms]; None: the arm goes on.
-        reads: what the user reads, among other things.
-        because: why it takes longer than its limit and two ticks.
-        limit: which limit of the robot file it is that the fault exceeds, by its key, or a force in words;
-            None: the age of the samples.
-        changes: to the robot file, beside those of the family.
-    """
-
-    family: str
-    name: str
-    fault: Fault | Program
-    at_s: float
-    ticks: int | None
+    family: str  # key of `FAMILIES`
+    name: str  # of the fault, for people
+    fault: Fault | Program  # what goes wrong
+    at_s: float  # when [s]
+    ticks: int | None  # from the fault until the guard has the arm, at most; None: the arm goes on
+    # from the fault until the drives are without torque, at most [ms]; None: the arm goes on
     off_ms: float | None
-    reads: str = ""
-    because: str = ""
+    reads: str = ""  # what the user reads, among other things
+    because: str = ""  # why it takes longer than its limit and two ticks
+    # which limit of the robot file it is that the fault exceeds, by its
+    # key, or a force in words; None: the age of the samples
     limit: str | None = None
-    changes: tuple[tuple[str, str], ...] = ()
+    changes: tuple[tuple[str, str], ...] = ()  # to the robot file, beside those of the family
 
     @property
     def label(self) -> str:
