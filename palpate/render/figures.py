@@ -45,7 +45,7 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
     made = make_subplots(
         3, 2, specs=specs, subplot_titles=titles, row_heights=[0.36, 0.36, 0.28], vertical_spacing=0.1
     )
-    _draw_fall(made, channel, 1, 1)
+    _draw_fall(made, channel)
     _draw_state(made, channel, (1, 2), channel.position, channel.axes.position, named=False)
     _draw_time(made, channel, (2, 1))
     _draw_rest(made, channel, (3, 1))
@@ -55,7 +55,7 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
 def fall_figure(channel: ChannelView) -> go.Figure:
     """The error in held-out runs, stage by stage down to the noise floor."""
     made = make_subplots(1, 1)
-    _draw_fall(made, channel, 1, 1)
+    _draw_fall(made, channel)
     return styled(made, 96 + _BAR_PX * (len(channel.fall) + 1))
 
 
@@ -125,7 +125,7 @@ def map_figure(channel: ChannelView) -> go.Figure:
     return made.update_yaxes(showgrid=False, zeroline=False)
 
 
-def _draw_fall(made: go.Figure, channel: ChannelView, row: int, col: int) -> None:
+def _draw_fall(made: go.Figure, channel: ChannelView) -> None:
     labels = [_escaped(label) for label, _ in channel.fall]
     errors = np.array([error for _, error in channel.fall])
     unit, reach = channel.axes.effort_unit, 1.22 * float(errors.max())
@@ -144,7 +144,7 @@ def _draw_fall(made: go.Figure, channel: ChannelView, row: int, col: int) -> Non
         x=taken, marker_color=palette.SHADE, text=words, textposition="outside", cliponaxis=False, **look
     )
     gone.hoverinfo = "skip"
-    made.add_traces([shown, gone], [row] * 2, [col] * 2)
+    made.add_traces([shown, gone], [1] * 2, [1] * 2)
     made.update_layout(barmode="stack", bargap=0.3)
     left = channel.floor < 0.6 * reach
     made.add_vline(
@@ -152,12 +152,12 @@ def _draw_fall(made: go.Figure, channel: ChannelView, row: int, col: int) -> Non
         line={"color": palette.FLOOR, "width": 1.5, "dash": "dot"},
         annotation={"text": f" noise floor {channel.floor:.3g} {unit}", "font_color": palette.FLOOR},
         annotation_position="bottom right" if left else "bottom left",
-        row=row,
-        col=col,
+        row=1,
+        col=1,
     )
     # room below the last bar for the floor's label
-    made.update_yaxes(range=[len(errors) + 0.1, -0.6], showgrid=False, row=row, col=col)
-    made.update_xaxes(title_text=f"error in held-out runs [{unit}]", range=[0.0, reach], row=row, col=col)
+    made.update_yaxes(range=[len(errors) + 0.1, -0.6], showgrid=False, row=1, col=1)
+    made.update_xaxes(title_text=f"error in held-out runs [{unit}]", range=[0.0, reach], row=1, col=1)
 
 
 def _draw_time(made: go.Figure, channel: ChannelView, place: Place) -> None:

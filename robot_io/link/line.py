@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, Self
 
 from robot_io.clock import Clock
@@ -120,9 +119,7 @@ class Line:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _arrived(self, sample: Any) -> None:  # noqa: ANN401, zenoh's own
