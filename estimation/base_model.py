@@ -17,11 +17,11 @@ class ModelContext:
     urdf: str = ""  # text of the arm's URDF; empty if there is none
     tip_frame: str = ""  # name of the tip's frame in that URDF
     urdf_origin: str = "URDF text"  # where that text comes from, for errors
-    # shape (3,), fall acceleration in the axes of its root link [m/s^2]
+    # Shape (3,), fall acceleration in the axes of its root link [m/s^2].
     gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
-    # shape (n,), what its drives' rotors add to the joints, or empty [kg m^2]
+    # Shape (n,), what its drives' rotors add to the joints, or empty [kg m^2].
     rotor_inertia_kg_m2: tuple[float, ...] = ()
-    # whether a contact's surface was found from the data and so has an error of its own
+    # Whether a contact's surface was found from the data and so has an error of its own.
     surface_found: bool = False
 
 

@@ -41,8 +41,8 @@ class SharedGains:
     """What other channels of one arm say of gains that this channel shares with them."""
 
     names: tuple[str, ...]  # of the s gains, "effect.parameter"
-    # matrix (1 + folds, s, s) and vector (1 + folds, s), from all runs and from all but each fold of runs, in
-    # units of this channel's squared residuals
+    # Matrix (1 + folds, s, s) and vector (1 + folds, s), from all runs and from all but each fold of runs, in
+    # units of this channel's squared residuals.
     information: Information
 
 
@@ -59,20 +59,20 @@ class ChannelData:
     effort: FloatArray  # what was measured and is to be explained
     run: IntArray  # number of the run (one approach, one recording) that each sample belongs to
     phase: IntArray  # numbers of `control.loop.phases.Phase`, or -1 where unknown
-    # other signals that an effect may need, by name, each of shape (n,) or (n, k); the face shows which are
+    # Other signals that an effect may need, by name, each of shape (n,) or (n, k); the face shows which are
     # there. `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints) for an arm; `load` (n,), the
     # effort a joint carries apart from friction.
     context: Mapping[str, FloatArray] = field(default_factory=dict)
-    # where the surface was found from which position counts; None where displacement was given
+    # Where the surface was found from which position counts; None where displacement was given.
     surface: Surface | None = None
     tare: Tare | None = None  # what was taken off the effort as measured; None where nothing was
-    # names of those signals of the context that a user recorded beside,
-    # such as a temperature; each of shape (n,)
+    # Names of those signals of the context that a user recorded beside,
+    # such as a temperature; each of shape (n,).
     recorded: frozenset[str] = frozenset()
-    # of the grid on which the position was read, such as an encoder's steps; 0 where there is none
+    # Of the grid on which the position was read, such as an encoder's steps; 0 where there is none.
     position_step: float = 0.0
-    # samples of a contact that are known to press, however deep they seem,
-    # shape (n,); None where the depth alone says so
+    # Samples of a contact that are known to press, however deep they seem,
+    # shape (n,); None where the depth alone says so.
     touching: BoolArray | None = None
     shared: SharedGains | None = None  # what other channels say of gains; None where nothing is shared
     averaged: int = 1  # readings that each sample is the mean of

@@ -73,16 +73,16 @@ class Effect(ABC):
     equation: ClassVar[str]  # its term, in plain text
     source: ClassVar[str]  # where the equation comes from
     signature: ClassVar[str]  # what one sees in the data, in words
-    # those of `SIGNALS` on which its effort depends: where an impostor of it leaves structure
+    # Those of `SIGNALS` on which its effort depends: where an impostor of it leaves structure.
     signals: ClassVar[tuple[str, ...]] = SIGNALS
     channels: ClassVar[frozenset[ChannelKind]]  # kinds of channel it can occur in
     gains: ClassVar[tuple[Parameter, ...]] = ()  # parameters in which the effort is linear, one per column
-    # the few others (exponent, speed, time), searched within their bounds
+    # The few others (exponent, speed, time), searched within their bounds.
     inner: ClassVar[tuple[Parameter, ...]] = ()
     essential: ClassVar[tuple[str, ...]] = ()  # gains without which it would be another, simpler effect
-    # signals of `ChannelData.context` without which the effect cannot be tried
+    # Signals of `ChannelData.context` without which the effect cannot be tried.
     needs: ClassVar[tuple[str, ...]] = ()
-    # effects that data often cannot tell from this one, with the experiment that can
+    # Effects that data often cannot tell from this one, with the experiment that can.
     confused_with: ClassVar[Mapping[str, str]] = {}
     parts: ClassVar[tuple[str, ...]] = ()  # effects that may together draw the same curve as this one
     form: int = 0  # which of its forms it is, see `forms`
@@ -142,10 +142,10 @@ class Effect(ABC):
 class AdditiveEffect(Effect):
     """An effect that adds effort, linear in its gains."""
 
-    # in a contact, whether it belongs to what can only push, the object; what sticks to the tool, and errors
-    # of the reader, can pull as well
+    # In a contact, whether it belongs to what can only push, the object; what sticks to the tool, and errors
+    # of the reader, can pull as well.
     one_sided: ClassVar[bool] = True
-    # gains whose effort is that of a spring, which a `MemoryEffect` lets fade
+    # Gains whose effort is that of a spring, which a `MemoryEffect` lets fade.
     elastic: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
@@ -177,8 +177,8 @@ class SensorEffect(Effect):
     """An effect on the way from the effort to the reader."""
 
     linear: ClassVar[bool]  # whether sense(a + b) == sense(a) + sense(b), so that it can act on columns
-    # whether it is linear and each reading is of that moment's effort
-    # alone, the same at any time, so that it can act on means over samples
+    # Whether it is linear and each reading is of that moment's effort
+    # alone, the same at any time, so that it can act on means over samples.
     pointwise: ClassVar[bool] = False
 
     @abstractmethod

@@ -40,9 +40,9 @@ class Estimate:
     identifiability: Identifiability  # see `Identifiability`
     note: str  # one sentence for the reader
     covariance: FloatArray  # of the parameters, shape (m, m); NaN where unknown
-    # for recursive estimators, gains after each sample, shape (n, p); else None
+    # For recursive estimators, gains after each sample, shape (n, p); else None.
     history: FloatArray | None = None
-    # method-specific figures, such as trials or skipped subsets
+    # Method-specific figures, such as trials or skipped subsets.
     details: dict[str, float] = field(default_factory=dict)
     unphysical: tuple[str, ...] = ()  # gains that lie outside what is physical with their whole intervals
 

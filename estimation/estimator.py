@@ -16,7 +16,7 @@ class Estimator(ABC):
     """A way to solve effort = columns @ gains + noise."""
 
     name: ClassVar[str]  # as on the command line
-    # in the search for parameters that the effort is not linear in, which comes before
+    # In the search for parameters that the effort is not linear in, which comes before.
     loss: ClassVar[Loss] = Loss.LINEAR
 
     @abstractmethod

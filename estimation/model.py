@@ -23,7 +23,7 @@ class Model:
     name: str  # such as "kelvin_voigt"
     effects: tuple[Effect, ...]  # in the order in which they were added
     held: Parameters = field(default_factory=dict)  # parameters that a fit leaves at these values
-    # narrower bounds than physics has, of inner parameters that may be there
+    # Narrower bounds than physics has, of inner parameters that may be there.
     within: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

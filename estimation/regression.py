@@ -14,7 +14,7 @@ class Regression:
     effort: FloatArray  # shape (n,)
     names: tuple[str, ...]  # the p gains' names
     units: tuple[str, ...]  # the p gains' units
-    # number of the run of each sample, shape (n,); the noise of samples of one run, in order of time, may be
+    # Number of the run of each sample, shape (n,); the noise of samples of one run, in order of time, may be
     # correlated, that of different runs is not. None for one run.
     run: IntArray | None = None
 

@@ -11,6 +11,6 @@ class Surface:
 
     position_m: float  # coordinate along the press direction, in the frame of the tip positions [m]
     std_err_m: float  # its standard error [m]; NaN if there is none
-    # the least coordinate at which the touch still allows it; -inf if nothing is known [m]
+    # The least coordinate at which the touch still allows it; -inf if nothing is known [m].
     highest_m: float = float("-inf")
     deepest_m: float = float("inf")  # the greatest; inf if nothing is known [m]

@@ -25,7 +25,7 @@ class Example:
     effect: Effect  # that is shown
     data: ChannelData  # the motion; its effort (n,) is that without the effect
     model: Model  # with the effect
-    # of all its parameters by "effect.parameter", of a size that is well seen; they may be changed
+    # Of all its parameters by "effect.parameter", of a size that is well seen; they may be changed.
     values: dict[str, float]
 
     @classmethod

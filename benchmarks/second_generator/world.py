@@ -107,12 +107,12 @@ class Hidden:
 
     adds: Array | float = 0.0  # to the effort of the object or joint, shape (n,)
     one_sided: bool = False  # `adds` belongs to what can only push
-    # from what is there (effort) to the position read less the true one
+    # From what is there (effort) to the position read less the true one.
     moves: Callable[[Array], Array] | None = None
-    # from the effort to what the sensor says; None for a faithful one
+    # From the effort to what the sensor says; None for a faithful one.
     senses: Callable[[Array], Array] | None = None
-    # its parameters, by the names of the library where it has them; of another effect, such as the spring
-    # that it replaces, by "effect.parameter"
+    # Its parameters, by the names of the library where it has them; of another effect, such as the spring
+    # that it replaces, by "effect.parameter".
     truth: Truth | None = None
 
 

@@ -24,7 +24,7 @@ class Scene:
     """What is hidden, and how the session is made."""
 
     kind: ChannelKind  # contact or joint
-    # effects with their strength, RMS of what the base model cannot mimic over the noise
+    # Effects with their strength, RMS of what the base model cannot mimic over the noise.
     hidden: Mapping[str, float] = field(default_factory=dict)
     correlation: float = 0.0  # of the noise from one sample to the next
     seed: int = 0  # decides all that is random
@@ -39,9 +39,9 @@ class Made:
     sizes: dict[str, float]  # of the hidden effects, that gave the strengths
     clean: np.ndarray  # effort without noise, shape (n,)
     truth: dict[str, float]  # parameters of the base model and of what is hidden, by "effect.parameter"
-    # error that the true law leaves: the noise as drawn (a coloured one is up to a tenth larger or smaller in
+    # Error that the true law leaves: the noise as drawn (a coloured one is up to a tenth larger or smaller in
     # so short a session than on the average), and beside dry friction what the error of the motion makes of
-    # it (that turns round where the derived velocity does, a millisecond off)
+    # it (that turns round where the derived velocity does, a millisecond off).
     floor: float
 
 

@@ -28,8 +28,8 @@ class Way:
 
     motion: Paths  # draws it
     stiffness: tuple[float, float] = (2.6, 3.3)  # decades of a contact's stiffness [N/m]
-    # least and most of the RMS that steps of two encoders make of a contact's force, over the force noise;
-    # None for the usual single, fine encoder
+    # Least and most of the RMS that steps of two encoders make of a contact's force, over the force noise;
+    # None for the usual single, fine encoder.
     steps_to_noise: tuple[float, float] | None = None
     per_turn: int | None = None  # of a joint's encoder; None for the usual
     gives_velocity: bool = True  # whether the file has one

@@ -30,7 +30,7 @@ class BaseParameters:
     (2002), ch. 9.
     """
 
-    # of the regressor (see `control.arm.rigid_body.RigidBody.regressor`), ascending, shape (b,)
+    # Of the regressor (see `control.arm.rigid_body.RigidBody.regressor`), ascending, shape (b,).
     columns: IntArray
     grouping: FloatArray  # shape (b, 10 links)
     felt: BoolArray  # joints whose torque depends on each, shape (joints, b)

@@ -25,8 +25,8 @@ from robot_io.types import FloatArray
 class JointMoments:
     """Cross products of one joint's columns and torque, fold by fold."""
 
-    # shape (folds, s + k + 1, s + k + 1): first the s shared columns, in the same order for all joints (zero
-    # where the joint does not feel them), then the joint's own k, last the torque
+    # Shape (folds, s + k + 1, s + k + 1): first the s shared columns, in the same order for all joints (zero
+    # where the joint does not feel them), then the joint's own k, last the torque.
     products: FloatArray
     shared: int  # s
     sigma: float  # standard deviation of the joint's noise in a sample [N m]

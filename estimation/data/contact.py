@@ -26,8 +26,8 @@ class Contact:
 
     run: int  # its number
     rows: IntArray  # indices of the samples that are surely in contact, in order of time; may be empty
-    # indices of the last sample before and the first after it whose force
-    # is no touch; fewer where the run has none
+    # Indices of the last sample before and the first after it whose force
+    # is no touch; fewer where the run has none.
     free: IntArray
     baseline_n: float  # force in free air [N]
     baseline_std_err_n: float  # its standard error, also where the noise is correlated in time [N]

@@ -40,7 +40,7 @@ class Motion:
     position: FloatArray  # shape (n,), smoothed by the window of the velocity
     velocity: FloatArray  # shape (n,), unit of the position per second
     acceleration: FloatArray  # shape (n,)
-    # samples on either side that went into each fit, for velocity and for acceleration
+    # Samples on either side that went into each fit, for velocity and for acceleration.
     half_windows: tuple[int, int]
 
 

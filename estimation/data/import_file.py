@@ -38,9 +38,9 @@ class Imported:
     run_labels: dict[int, str]  # what the file calls each run, by its number
     notes: tuple[str, ...]  # sentences that the reader should see
     unused: tuple[str, ...]  # columns of numbers that could be kept as context
-    # what was taken for what, in a few words; empty where all columns have palpate's own names
+    # What was taken for what, in a few words; empty where all columns have palpate's own names.
     read: str = ""
-    # what each column in use holds, in a few words, by its name
+    # What each column in use holds, in a few words, by its name.
     roles: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -10,14 +10,14 @@ from robot_io.errors import InputError
 class ImportOptions:
     """How to read a data file. InputError: one of them has another type."""
 
-    # column for each quantity that is called something else, such as {"force_N": "load"}
+    # Column for each quantity that is called something else, such as {"force_N": "load"}.
     columns: Mapping[str, str] = field(default_factory=dict)
-    # unit of a quantity or of a column where the name does not say it, such as {"force": "mN"}
+    # Unit of a quantity or of a column where the name does not say it, such as {"force": "mN"}.
     units: Mapping[str, str] = field(default_factory=dict)
-    # only rows in which a column has this text, such as {"specimen": "P002"}
+    # Only rows in which a column has this text, such as {"specimen": "P002"}.
     where: Mapping[str, str] = field(default_factory=dict)
     context: tuple[str, ...] = ()  # further columns of numbers to keep beside the channels
-    # each run met an object, or a spot of it, that was never pressed before, on whatever clock
+    # Each run met an object, or a spot of it, that was never pressed before, on whatever clock.
     fresh: bool = False
     runs: int | None = None  # how many presses the recording holds; None to find them
 

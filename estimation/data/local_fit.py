@@ -21,8 +21,8 @@ class LocalFit:
     """Fits around n samples."""
 
     fitted: FloatArray  # position, velocity and acceleration, shape (n, 3)
-    # of each of them for noise of variance 1, shape (n, 3); that of a
-    # position is also the share of its own measurement in it
+    # Of each of them for noise of variance 1, shape (n, 3); that of a
+    # position is also the share of its own measurement in it.
     variance: FloatArray
 
 

@@ -20,8 +20,8 @@ class Touch:
     """Where samples around the touches of one place allow the surface to be, along the press direction."""
 
     highest_m: float  # no object begins above [m]; -inf where no free air was recorded
-    # the shallowest of the last samples before, and the first after a
-    # contact; or as `first_m`, if that is shallower [m]
+    # The shallowest of the last samples before, and the first after a
+    # contact; or as `first_m`, if that is shallower [m].
     air_m: float
     first_m: float  # the shallowest sample in contact [m]
     step_m: float  # of the grid that these coordinates were read on; 0 if there is none [m]

@@ -17,8 +17,8 @@ class Experiment:
 
     words: str  # what an experimenter does
     duration_s: float  # how long that takes [s]
-    # for each undecided channel, the expected lead of each rival over each other, shape (r, r) each; see
-    # `estimation.design.discrimination`
+    # For each undecided channel, the expected lead of each rival over each other, shape (r, r) each; see
+    # `estimation.design.discrimination`.
     leads: tuple[FloatArray, ...]
 
     @property

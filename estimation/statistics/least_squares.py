@@ -14,7 +14,7 @@ _SAFE_CONDITION = 1e6
 class LinearSolution:
     """Gains that minimise the sum of squared weighted residuals."""
 
-    # shape (p,); the smallest ones (in scaled columns) where the columns do not determine them
+    # Shape (p,); the smallest ones (in scaled columns) where the columns do not determine them.
     gains: FloatArray
     condition_number: float  # of the weighted columns, each scaled to unit length
 

@@ -36,9 +36,9 @@ class StudyChannel:
     model: Model  # the base model, as built for this channel
     context: ModelContext  # what that may need to know beside the channel
     sha256: str  # of all arrays as they were measured and, for a joint, of the arm
-    # `data`, where it is more than the base model makes of this channel alone
+    # `data`, where it is more than the base model makes of this channel alone.
     prepared: ChannelData | None = None
-    # runs that no model is fitted to, and which alone judge models; none for each in turn
+    # Runs that no model is fitted to, and which alone judge models; none for each in turn.
     held_out: tuple[int, ...] = ()
 
     @cached_property

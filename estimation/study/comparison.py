@@ -28,7 +28,7 @@ class Comparison(Shown):
     model: str  # its name, with the effects that were added
     fitted: Fitted  # the model; what it leaves is on runs that the fit has not seen
     noise_floor: float  # of the channel, whatever the model: see `Study.noise_floor`
-    # by way of splitting (phase, run, direction, speed, depth or position, effort, load)
+    # By way of splitting (phase, run, direction, speed, depth or position, effort, load).
     parts: Mapping[str, tuple[Part, ...]]
     words: tuple[str, ...]  # how far off the model is, where first, and what that suggests, in sentences
     patterns: tuple[Pattern, ...] = ()  # what the parts of the error have in common; empty where it is noise

@@ -36,7 +36,7 @@ class Fitted(Shown):
     """A model fitted to a channel, and judged on runs that the fit has not seen."""
 
     standing: Standing  # the fit; what is derived from it is computed when it is first asked for
-    # the channel with runs that were held out by choice, on which alone the model is judged then
+    # The channel with runs that were held out by choice, on which alone the model is judged then.
     whole: ChannelData | None = None
 
     @cached_property

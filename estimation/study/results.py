@@ -36,12 +36,12 @@ class ChannelResult(Shown):
 
     channel: StudyChannel  # the channel and its base model
     diagnosis: ChannelDiagnosis | None = None  # what is missing; None where nobody asked
-    # the base model beside the measurement; None where the data cannot be judged
+    # The base model beside the measurement; None where the data cannot be judged.
     comparison: Comparison | None = None
-    # the base model, and one stage for each effect added; empty where the data cannot be judged
+    # The base model, and one stage for each effect added; empty where the data cannot be judged.
     stages: tuple[Stage, ...] = ()
     grown: Comparison | None = None  # the last stage beside the measurement; None where nothing was added
-    # of the channel, by which all its stages are measured; None as for the comparison
+    # Of the channel, by which all its stages are measured; None as for the comparison.
     noise_floor: float | None = None
     reason: str = ""  # why there is no comparison, or why what was added is left out; empty else
 

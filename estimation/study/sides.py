@@ -96,7 +96,7 @@ class ParameterDifference:
     unit: str  # SI
     first: ParameterEstimate | None  # None where that side's model has none
     second: ParameterEstimate | None  # likewise
-    # whether both come from one measurement: then their errors are no more independent
+    # Whether both come from one measurement: then their errors are no more independent.
     is_same_data: bool = False
 
     @property

@@ -40,9 +40,9 @@ class Arm:
     urdf: str = ""  # text of its URDF, empty where it is not known
     tip_frame: str = ""  # the tip's frame in it
     origin: str = "URDF text"  # where the URDF comes from, for errors
-    # shape (3,), fall acceleration in the axes of its base [m/s^2]
+    # Shape (3,), fall acceleration in the axes of its base [m/s^2].
     gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
-    # shape (n,), what its drives' rotors add to the joints, or empty [kg m^2]
+    # Shape (n,), what its drives' rotors add to the joints, or empty [kg m^2].
     rotor_inertia_kg_m2: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()  # sentences on it that the reader should see
 
@@ -76,9 +76,9 @@ class Source:
     notes: tuple[str, ...] = ()  # sentences on the data that the reader should see
     more: tuple[Session, ...] = ()  # further probings by the same arm, that belong to the study
     read: str = ""  # what was taken for what in a data file; empty for a session
-    # a sentence for each channel that was too long to be searched as it was recorded, by name
+    # A sentence for each channel that was too long to be searched as it was recorded, by name.
     averaged: Mapping[str, str] = field(default_factory=dict)
-    # of channels whose runs were cut for that, the run that each stretch is of, by its number
+    # Of channels whose runs were cut for that, the run that each stretch is of, by its number.
     stretches: Mapping[str, Mapping[int, int]] = field(default_factory=dict)
 
     @property

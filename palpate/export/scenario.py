@@ -21,7 +21,7 @@ class FittedChannel:
     """What is known of one channel."""
 
     revision: Revision  # the fitted model
-    # where the channel's depth counts from, along the downward press direction; None if given
+    # Where the channel's depth counts from, along the downward press direction; None if given.
     surface: Surface | None
     joint_count: int  # of the arm; 0 for a contact that came without one
 

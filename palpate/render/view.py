@@ -57,7 +57,7 @@ class StageView:
     name: str  # the whole model, such as "kelvin_voigt + cubic_stiffness"
     rmse: float  # error in held-out runs, in the effort's unit
     predicted: FloatArray  # effort that it expects, shape (n,)
-    # measured less predicted from the other runs, shape (n,); NaN where it is not judged
+    # Measured less predicted from the other runs, shape (n,); NaN where it is not judged.
     residual: FloatArray
     parameters: tuple[ParameterView, ...]  # in the order of the model
     effects: tuple[Effect, ...]  # the terms of the model
@@ -98,12 +98,12 @@ class ChannelView:
     parameters: tuple[ParameterView, ...]  # of the last stage
     floor: float  # error that a complete model would leave
     verdict: VerdictView  # the answer
-    # the last model's error by phase, run, speed and so on
+    # The last model's error by phase, run, speed and so on.
     parts: Mapping[str, Sequence[Part]] = field(default_factory=dict)
     accepted: tuple[Accepted, ...] = ()  # established effects
     ranking: tuple[Ranked, ...] = ()  # candidates beside the base model, best first
     next_experiment: NextExperiment | None = None  # what to record next; None for nothing
-    # what was commanded or aimed at, with its name, shape (n,); None where nothing is known
+    # What was commanded or aimed at, with its name, shape (n,); None where nothing is known.
     wanted: tuple[str, FloatArray] | None = None
 
     def times_floor(self, error: float) -> float:

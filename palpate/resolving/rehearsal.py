@@ -30,7 +30,7 @@ class ArmText:
     robot: str  # text of its robot file
     urdf: str  # text of its URDF
     gravity_m_s2: tuple[float, float, float]  # fall acceleration in the axes of its base [m/s^2]
-    # where these come from, for errors
+    # Where these come from, for errors.
     origin: str = field(compare=False)  # the same arm of another session moves alike
 
     @property

@@ -45,7 +45,7 @@ class Decision:
     probe: int  # its number, from 1
     session: str  # its file, in the folder of the log
     seconds: float  # that it took on the robot's clock
-    # what each channel may be explained by: by channel, groups of effects that are not told apart
+    # What each channel may be explained by: by channel, groups of effects that are not told apart.
     left: dict[str, list[list[str]]]
     end: End | None  # why it was the last; None if another follows
     next: str  # what is done next, in words; empty after the last

@@ -31,7 +31,7 @@ Progress = Callable[[int, int], None]  # cases that are done, and all of them
 class Cluster:
     """Where cases run."""
 
-    # address of a dask scheduler, such as "tcp://10.0.0.5:8786"; None for this machine
+    # Address of a dask scheduler, such as "tcp://10.0.0.5:8786"; None for this machine.
     scheduler: str | None = None
     workers: int | None = None  # processes on this machine; None for one a core
 
@@ -42,7 +42,7 @@ class SweepReport:
 
     finished_before: int  # results that were there already
     finished_now: int  # worked out by this call
-    # one line for each case without a result, such as one that ended its worker again and again
+    # One line for each case without a result, such as one that ended its worker again and again.
     failures: tuple[str, ...]
     wall_s: float  # time of this call [s]
 

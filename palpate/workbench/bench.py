@@ -28,7 +28,7 @@ class Choice:
 
     channel: str  # its name
     effects: tuple[str, ...] = ()  # added to the base model, in order
-    # parameters that the fit leaves where they are, by "effect.parameter"
+    # Parameters that the fit leaves where they are, by "effect.parameter".
     held: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, Bounds] = field(default_factory=dict)  # of others
 
@@ -47,7 +47,7 @@ class Shown:
     choice: Choice  # what was chosen
     base: Fitted  # the base model
     fitted: Fitted  # the chosen one; its intervals are computed when they are first asked for
-    # label and held-out error of the base model and of each effect added
+    # Label and held-out error of the base model and of each effect added.
     steps: tuple[tuple[str, float], ...]
     floor: float  # noise floor of the channel: no more than the least error that any of these models leaves
 

@@ -26,11 +26,11 @@ class TorqueSettings(FileModel):
 
     noise_std_nm: NotNegative = 0.01  # white noise of a sample [N m]
     resolution_nm: NotNegative = 0.002  # one step of the measurement [N m]; 0 is none
-    # one step of the torque that a drive can be told [N m]; 0 is none
+    # One step of the torque that a drive can be told [N m]; 0 is none.
     command_resolution_nm: NotNegative = 0.001
     rate_hz: Positive = Rate  # samples per second [Hz]
     delay_s: Delay = 0.0  # from the sampling instant until a sample can be read [s]
-    # where in the sampling period a sample is taken, from 0 to 1. Half way is the middle of the time for
+    # Where in the sampling period a sample is taken, from 0 to 1. Half way is the middle of the time for
     # which a command of the same rate holds: torque and motion of that time go together.
     phase: Number = Field(default=0.5, ge=0, lt=1)
 

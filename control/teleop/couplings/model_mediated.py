@@ -29,9 +29,9 @@ _RETRACT_M_S = 0.05
 class ContactModel:
     """How the follower describes an object, and how the leader renders it."""
 
-    # samples (n, 3) in contact, of position [m], velocity [m/s] and compression [N], to parameters
+    # Samples (n, 3) in contact, of position [m], velocity [m/s] and compression [N], to parameters.
     fit: Callable[[FloatArray], Packet]
-    # parameters to the force law and the position of the surface [m]
+    # Parameters to the force law and the position of the surface [m].
     law: Callable[[Packet], tuple[ForceLaw, float]]
     guess: Packet  # parameters before anything was probed
 

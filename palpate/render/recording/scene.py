@@ -33,9 +33,9 @@ class Scene:
     urdf: str  # text of the arm's URDF, empty if there is none
     events: tuple[Event, ...] = ()  # what happened
     estimate: Estimate | None = None  # outcome of the best offline estimator, if one was run
-    # coordinate of the surface along the press direction [m], None if nothing was touched
+    # Coordinate of the surface along the press direction [m], None if nothing was touched.
     surface_m: float | None = None
-    # true parameters by name (as in `estimate`), where the session is simulated
+    # True parameters by name (as in `estimate`), where the session is simulated.
     truth: Mapping[str, float] = field(default_factory=dict)
     summary: str = ""  # markdown for people
 

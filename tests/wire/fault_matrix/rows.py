@@ -28,7 +28,7 @@ class Family:
     bus: str  # their bus in it
     age_ms: int  # age limit of their samples in the robot file
     changes: tuple[tuple[str, str], ...] = ()  # to the robot file
-    # how much longer than others its arm takes to be activated: watchdogs are left to expire
+    # How much longer than others its arm takes to be activated: watchdogs are left to expire.
     late_s: float = 0.0
     tick_ms: int = 1  # length of its tick
     speed_m_s: float = 0.12  # of the probing run
@@ -69,12 +69,12 @@ class Row:
     fault: Fault | Program  # what goes wrong
     at_s: float  # when [s]
     ticks: int | None  # from the fault until the guard has the arm, at most; None: the arm goes on
-    # from the fault until the drives are without torque, at most [ms]; None: the arm goes on
+    # From the fault until the drives are without torque, at most [ms]; None: the arm goes on.
     off_ms: float | None
     reads: str = ""  # what the user reads, among other things
     because: str = ""  # why it takes longer than its limit and two ticks
-    # which limit of the robot file it is that the fault exceeds, by its
-    # key, or a force in words; None: the age of the samples
+    # Which limit of the robot file it is that the fault exceeds, by its
+    # key, or a force in words; None: the age of the samples.
     limit: str | None = None
     changes: tuple[tuple[str, str], ...] = ()  # to the robot file, beside those of the family
 
