@@ -140,8 +140,9 @@ def _part(label: str, residual: FloatArray, mask: BoolArray, floor: float) -> Pa
     if not len(own):
         return None
     size = float(np.sqrt(np.mean(own**2)))
+    energy = float(np.sum(own**2) / np.nansum(residual**2))
     excess = size / floor if floor > 0.0 else float("inf")
-    return Part(label, len(own), size, float(own.mean()), excess)
+    return Part(label, len(own), size, float(own.mean()), energy, excess)
 
 
 def _words(error: float, floor: float, parts: Mapping[str, tuple[Part, ...]], unit: str) -> tuple[str, ...]:

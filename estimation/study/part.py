@@ -11,4 +11,5 @@ class Part:
     samples: int  # how many
     rmse: float  # root mean square of the residual
     mean: float  # mean of the residual; positive where the measurement is above the model
+    energy: float  # share of the whole squared error
     excess: float  # rmse over the noise floor

@@ -14,7 +14,7 @@ SPEEDS = (0.02, 0.04, 0.08, 0.03)
 
 def part(label, mean, rmse=None, samples=100):
     size = abs(mean) if rmse is None else rmse
-    return Part(label, samples, size, mean, size)
+    return Part(label, samples, size, mean, 0.0, size)
 
 
 def presses(law):
