@@ -6,11 +6,11 @@ The paper's grid without noise (every Nth object of it), then one hidden effect 
 Whatever differs is a finding about an engine.
 """
 
-import argparse
 import time
 from collections.abc import Mapping
 from typing import Any
 
+from command_line import arguments
 from rich.console import Console
 from rich.table import Column, Table
 
@@ -96,9 +96,7 @@ def compare_diagnoses(console: Console, hidden: list[str], seed: int) -> None:
 
 def main() -> None:
     """Parse the command line, and compare."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--every", type=int, default=1, help="every Nth object of the grid")
     parser.add_argument("--hidden", nargs="*", default=list(HIDDEN), help="effects to hide, one at a time")
     parser.add_argument("--seed", type=int, default=1)

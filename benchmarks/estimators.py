@@ -8,18 +8,18 @@ comes after them, such as standard errors. The bound is that of clean samples al
 without 30 % of the samples nobody can be nearer to it than 1.2.
 """
 
-import argparse
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
 import statsmodels.api as sm
+from command_line import arguments
 from filterpy.kalman import KalmanFilter
 from scipy.optimize import least_squares
 from sklearn.linear_model import HuberRegressor, LinearRegression, RANSACRegressor, TheilSenRegressor
+from synthetic.press import Noise, Press
 
-from estimation.accuracy import Noise, Press
 from estimation.contact_estimator import ContactLaw, OnlineContactLaw
 from estimation.contact_estimators import CONTACT_ESTIMATORS
 from estimation.estimator import OnlineEstimator
@@ -185,9 +185,7 @@ def follow(estimator: OnlineEstimator, rows: FloatArray, force_n: FloatArray) ->
 
 def main() -> None:
     """Print all tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--draws", type=int, default=100, help="of each noise")
     parser.add_argument("--only", help="two tables with these methods alone, with commas between them")
     chosen = parser.parse_args()

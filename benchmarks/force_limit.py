@@ -5,11 +5,11 @@ contact on; "hold" is the largest deviation over the last 0.3 s of the hold; "lo
 contact while loading and holding; "track" is the largest error of a joint.
 """
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from command_line import arguments
 from rich.console import Console
 from rich.table import Column, Table
 
@@ -105,7 +105,7 @@ def cells(arm: str, stiffness_n_m: float, damping_n_s_m: float, speed_m_s: float
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--arm", choices=sorted(shipped_robots()), help="only this one")
     only = parser.parse_args().arm
     table = Table(*(Column(name, justify="right") for name in HEADER))

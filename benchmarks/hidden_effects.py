@@ -21,6 +21,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from command_line import arguments
 from simulated.probing import drawable
 from synthetic.grid import BASE, FULL, QUICK, SMALL, Outcome, case_of, jobs, other_ways
 from synthetic.tally import report, share
@@ -61,9 +62,7 @@ def worked_out(cases: list[Case], options: argparse.Namespace) -> list[dict[str,
 
 def main() -> None:
     """Run the grid."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--quick", action="store_true", help="one seed, one strength")
     parser.add_argument("--small", action="store_true", help="one seed, about a quarter of an hour")
     parser.add_argument("--sample", type=int, help="so many sessions of the full grid, drawn by chance")

@@ -7,7 +7,6 @@ The tests that name the changed module run first, then the others of its area, i
 wants the whole suite before it begins, and cosmic-ray one test command for all: both take days here.
 """
 
-import argparse
 import ast
 import os
 import shutil
@@ -23,6 +22,7 @@ from random import Random
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from command_line import arguments
 
 ROOT = Path(__file__).resolve().parents[1]
 AREAS = {  # where the program is, and the tests that are to notice
@@ -235,9 +235,7 @@ class Trial:
 
 def main() -> None:
     """Try the mutants, print a line for each and the share that was noticed; exit with 1 below the goal."""
-    options = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    options = arguments(__doc__)
     options.add_argument("count", nargs="?", type=int, default=200)
     options.add_argument("--seed", type=int, default=0)
     options.add_argument("--only", default=",".join(AREAS))

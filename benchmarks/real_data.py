@@ -8,7 +8,6 @@ indistinguishable from another, and none that it does not know. Held-out errors 
 folds are the engine's own.
 """
 
-import argparse
 import json
 import re
 import time
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command_line import arguments
 from measured.recordings import SETS, Expected, Recording
 
 from estimation.diagnosis import ChannelDiagnosis, diagnose
@@ -143,9 +143,7 @@ def summary(judged: list[Judged]) -> str:
 
 def main() -> None:
     """Run the sets named on the command line, or all."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("data_dir", type=Path)
     parser.add_argument("sets", nargs="*", metavar="SET", help=", ".join(one.__name__ for one in SETS))
     parser.add_argument("--out", type=Path, help="JSON lines, one a channel")

@@ -12,7 +12,6 @@ the order in which they are listed, "random" in random order; both stop once one
 Separated: what was hidden, and nothing else, is named. Wrong: the answer is one explanation, and another.
 """
 
-import argparse
 import json
 import multiprocessing
 import time
@@ -24,6 +23,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from command_line import arguments
 from simulated.probing import drawable
 from threadpoolctl import threadpool_limits
 
@@ -141,9 +141,7 @@ def report(way: str, done: Sequence[dict[str, Any]]) -> None:
 
 def main() -> None:
     """Find cases, or resolve them."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--cases", type=Path, required=True, help="JSON lines, one a case")
     parser.add_argument("--find", type=int, help="hide so many effects, and write what stays undecided")
     parser.add_argument("--seed", type=int, default=0, help="first seed of --find")

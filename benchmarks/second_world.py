@@ -10,12 +10,12 @@ the simple model cannot mimic. A case follows from seed and number. `--out` writ
 which `--table` makes the tables again, and by which `--compare` holds two engines against each other.
 """
 
-import argparse
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import nullcontext
 from pathlib import Path
 
+from command_line import arguments
 from second_generator.cases import grid
 from second_generator.judge import Outcome, by_effect, from_record, run, table
 from threadpoolctl import threadpool_limits
@@ -42,9 +42,7 @@ def read(path: Path) -> list[Outcome]:
 
 def main() -> None:
     """Run the cases, or compare two runs."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--sample", type=int, help="only so many; the order mixes all sorts")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kind", choices=["contact", "revolute"])

@@ -6,7 +6,7 @@ python benchmarks/teleop_link.py haptics [--seconds 10] [--times 3]
 python benchmarks/teleop_link.py demo [--times 3]
 """
 
-import argparse
+from command_line import arguments
 
 from benchmarks.teleop.fuzz import fuzz
 from benchmarks.teleop.overhead import codec, overhead
@@ -15,9 +15,7 @@ from benchmarks.teleop.punctuality import alone, in_demo, in_words
 
 def main() -> None:
     """Run one of the four."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("what", choices=("fuzz", "overhead", "haptics", "demo"))
     parser.add_argument("--number", type=int, default=100_000, help="frames")
     parser.add_argument("--seed", type=int, default=1)

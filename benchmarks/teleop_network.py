@@ -5,7 +5,6 @@ python benchmarks/teleop_network.py [--delay-ms 500] [--jitter-ms 20] [--loss 0.
 Real zenoh, real TCP or UDP; what is lost are IP packets. Needs root and /dev/net/tun.
 """
 
-import argparse
 import json
 import subprocess
 import sys
@@ -14,6 +13,7 @@ import time
 from pathlib import Path
 
 import yaml
+from command_line import arguments
 
 from benchmarks.teleop.link import LinkFaults
 from benchmarks.teleop.namespaces import ADDRESSES, NAMES, namespaces
@@ -28,9 +28,7 @@ LIMIT_S = 120.0
 
 def main() -> None:
     """Run both, and say what was felt."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--delay-ms", type=float, default=0.0)
     parser.add_argument("--jitter-ms", type=float, default=0.0)
     parser.add_argument("--loss", type=float, default=0.0)

@@ -6,13 +6,13 @@ before the first contact (nothing should be felt), "given back" the energy that 
 had put in (a passive coupling gives none). All in simulation, on one axis.
 """
 
-import argparse
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from command_line import arguments
 from rich.console import Console
 from rich.table import Column, Table
 
@@ -47,16 +47,16 @@ Ratios = dict[tuple[str, LinkFaults], np.ndarray]
 
 def main() -> None:
     """Measure, print and draw."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--out", type=Path, default=Path("teleoperation.png"), help="the picture")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--udp", action="store_true", help="instead: in real time, over UDP on loopback")
-    arguments = parser.parse_args()
-    if arguments.udp:
+    options = parser.parse_args()
+    if options.udp:
         Console(width=WIDTH).print(real_link_table())
         return
     cases = [(name, thing, link) for thing, links in CASES.items() for link in links for name in NAMES]
-    with ProcessPoolExecutor(arguments.jobs) as pool:
+    with ProcessPoolExecutor(options.jobs) as pool:
         results = dict(zip(cases, pool.map(press, *zip(*cases, strict=True)), strict=True))
         tones = list(product(NAMES, (LinkFaults(0.0), LinkFaults(USUAL_S))))
         ratios = dict(zip(tones, pool.map(impedance_ratio, *zip(*tones, strict=True)), strict=True))
@@ -66,8 +66,8 @@ def main() -> None:
             console.print(force_table(results, thing, link))
     console.print(impedance_table(ratios))
     console.print(summary(results))
-    draw(results, ratios, arguments.out)
-    console.print(f"picture: {arguments.out}")
+    draw(results, ratios, options.out)
+    console.print(f"picture: {options.out}")
 
 
 def force_table(results: Results, thing: str, link: LinkFaults) -> Table:

@@ -8,7 +8,6 @@ Measured are effects that the page has fitted ahead, as after a few seconds of l
 --streamlit names the Python of another environment, with streamlit, for the same two curves in such a page.
 """
 
-import argparse
 import os
 import socket
 import subprocess
@@ -21,6 +20,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import psutil  # type: ignore[import-untyped]
+from command_line import arguments
 from playwright.sync_api import ConsoleMessage, Page, TimeoutError, sync_playwright
 
 from robot_io.types import FloatArray
@@ -207,9 +207,7 @@ def probed(folder: Path) -> Path:
 
 def main() -> None:
     """Measure."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--session", type=Path)
     parser.add_argument("--ticks", type=int, default=1000)
     parser.add_argument("--streamlit", metavar="PYTHON")

@@ -11,49 +11,29 @@ from robot_io.calibration import NO_CALIBRATIONS
 
 @dataclass(frozen=True)
 class ModelContext:
-    """What a base model may need to know beside the data.
+    """What a base model may need to know beside the data."""
 
-    Attributes:
-        joint: number of the joint from 0 that the channel belongs to; None for a contact.
-        urdf: text of the arm's URDF; empty if there is none.
-        tip_frame: name of the tip's frame in that URDF.
-        urdf_origin: where that text comes from, for errors.
-        gravity_m_s2: shape (3,), fall acceleration in the axes of its root link [m/s^2].
-        rotor_inertia_kg_m2: shape (n,), what its drives' rotors add to the joints, or empty [kg m^2].
-        surface_found: whether a contact's surface was found from the data and so has an error of its own.
-    """
-
-    joint: int | None = None
-    urdf: str = ""
-    tip_frame: str = ""
-    urdf_origin: str = "URDF text"
+    joint: int | None = None  # number of the joint from 0 that the channel belongs to; None for a contact
+    urdf: str = ""  # text of the arm's URDF; empty if there is none
+    tip_frame: str = ""  # name of the tip's frame in that URDF
+    urdf_origin: str = "URDF text"  # where that text comes from, for errors
+    # Shape (3,), fall acceleration in the axes of its root link [m/s^2].
     gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
+    # Shape (n,), what its drives' rotors add to the joints, or empty [kg m^2].
     rotor_inertia_kg_m2: tuple[float, ...] = ()
+    # Whether a contact's surface was found from the data and so has an error of its own.
     surface_found: bool = False
 
 
 class BaseModel(ABC):
-    """A simple model to start from.
+    """A simple model to start from."""
 
-    Class attributes:
-        name: snake_case.
-        physics: one line.
-        equation: in plain text.
-        channels: kinds of channel that it describes.
-    """
-
-    name: ClassVar[str]
-    physics: ClassVar[str]
-    equation: ClassVar[str]
-    channels: ClassVar[frozenset[ChannelKind]]
+    name: ClassVar[str]  # snake_case
+    channels: ClassVar[frozenset[ChannelKind]]  # kinds of channel that it describes
 
     @abstractmethod
     def build(self, context: ModelContext) -> Model:
-        """The model for one channel.
-
-        Raises:
-            InputError: the context lacks something that the model needs.
-        """
+        """The model for one channel. InputError: the context lacks something that the model needs."""
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
         """The channel with the signals that the model and the effects beside it need.

@@ -38,64 +38,44 @@ class ChannelKind(StrEnum):
 
 @dataclass(frozen=True)
 class SharedGains:
-    """What other channels of one arm say of gains that this channel shares with them.
+    """What other channels of one arm say of gains that this channel shares with them."""
 
-    Attributes:
-        names: of the s gains, "effect.parameter".
-        information: matrix (1 + folds, s, s) and vector (1 + folds, s), from all runs and from all but each
-            fold of runs, in units of this channel's squared residuals.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the s gains, "effect.parameter"
+    # Matrix (1 + folds, s, s) and vector (1 + folds, s), from all runs and from all but each fold of runs, in
+    # units of this channel's squared residuals.
     information: Information
 
 
 @dataclass(frozen=True)
 class ChannelData:
-    """One channel's samples; all arrays have length n, belong together row by row, and are read-only.
+    """One channel's samples; all arrays have length n, belong together row by row, and are read-only."""
 
-    Attributes:
-        name: "contact", "joint_1" ...
-        kind: decides the units, see `ChannelKind`.
-        time_s: strictly increasing within a run [s].
-        position: see `ChannelKind`.
-        velocity: derivative of position, without phase error.
-        acceleration: second derivative of position, without phase error.
-        effort: what was measured and is to be explained.
-        run: number of the run (one approach, one recording) that each sample belongs to.
-        phase: numbers of `control.loop.phases.Phase`, or -1 where unknown.
-        context: other signals that an effect may need, by name, each of shape (n,) or (n, k); the face shows
-            which are there. `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints) for an arm;
-            `load` (n,), the effort a joint carries apart from friction.
-        surface: where the surface was found from which position counts; None where displacement was given.
-        tare: what was taken off the effort as measured; None where nothing was.
-        recorded: names of those signals of the context that a user recorded beside, such as a temperature;
-            each of shape (n,).
-        position_step: of the grid on which the position was read, such as an encoder's steps; 0 where there
-            is none.
-        touching: samples of a contact that are known to press, however deep they seem, shape (n,); None where
-            the depth alone says so.
-        shared: what other channels say of gains; None where nothing is shared.
-        averaged: readings that each sample is the mean of.
-    """
-
-    name: str
-    kind: ChannelKind
-    time_s: FloatArray
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    effort: FloatArray
-    run: IntArray
-    phase: IntArray
+    name: str  # "contact", "joint_1" ...
+    kind: ChannelKind  # decides the units, see `ChannelKind`
+    time_s: FloatArray  # strictly increasing within a run [s]
+    position: FloatArray  # see `ChannelKind`
+    velocity: FloatArray  # derivative of position, without phase error
+    acceleration: FloatArray  # second derivative of position, without phase error
+    effort: FloatArray  # what was measured and is to be explained
+    run: IntArray  # number of the run (one approach, one recording) that each sample belongs to
+    phase: IntArray  # numbers of `control.loop.phases.Phase`, or -1 where unknown
+    # Other signals that an effect may need, by name, each of shape (n,) or (n, k); the face shows which are
+    # there. `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints) for an arm; `load` (n,), the
+    # effort a joint carries apart from friction.
     context: Mapping[str, FloatArray] = field(default_factory=dict)
+    # Where the surface was found from which position counts; None where displacement was given.
     surface: Surface | None = None
-    tare: Tare | None = None
+    tare: Tare | None = None  # what was taken off the effort as measured; None where nothing was
+    # Names of those signals of the context that a user recorded beside,
+    # such as a temperature; each of shape (n,).
     recorded: frozenset[str] = frozenset()
+    # Of the grid on which the position was read, such as an encoder's steps; 0 where there is none.
     position_step: float = 0.0
+    # Samples of a contact that are known to press, however deep they seem,
+    # shape (n,); None where the depth alone says so.
     touching: BoolArray | None = None
-    shared: SharedGains | None = None
-    averaged: int = 1
+    shared: SharedGains | None = None  # what other channels say of gains; None where nothing is shared
+    averaged: int = 1  # readings that each sample is the mean of
 
     def __post_init__(self) -> None:
         """Check lengths, finiteness, and that what was recorded is there.

@@ -40,18 +40,10 @@ class ContactEstimator(ABC):
 
     It serves where the law is not linear in what is sought, or where the method is more than an estimate of
     gains; see `Estimator` for those that solve any linear problem.
-
-    Class attributes:
-        name: as on the command line.
-        summary: one line of what it does and when to take it.
-        source: where it comes from.
-        model: name of the base model whose law it finds.
     """
 
-    name: ClassVar[str]
-    summary: ClassVar[str]
-    source: ClassVar[str]
-    model: ClassVar[str] = "hunt_crossley"
+    name: ClassVar[str]  # as on the command line
+    model: ClassVar[str] = "hunt_crossley"  # name of the base model whose law it finds
 
     @abstractmethod
     def fit(

@@ -40,23 +40,14 @@ SIGNALS = (
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number that a fit finds.
+    """One number that a fit finds."""
 
-    Attributes:
-        name: unique within its effect.
-        unit: SI unit; "{effort}" and "{position}" stand for those of the channel.
-        lower: smallest value that makes physical sense.
-        upper: largest value that makes physical sense.
-        typical: range met in practice; for an inner parameter also where its search begins.
-        log: whether an inner search goes by ratio rather than by difference.
-    """
-
-    name: str
-    unit: str
-    lower: float
-    upper: float
-    typical: tuple[float, float]
-    log: bool = False
+    name: str  # unique within its effect
+    unit: str  # SI unit; "{effort}" and "{position}" stand for those of the channel
+    lower: float  # smallest value that makes physical sense
+    upper: float  # largest value that makes physical sense
+    typical: tuple[float, float]  # range met in practice; for an inner parameter also where its search begins
+    log: bool = False  # whether an inner search goes by ratio rather than by difference
 
     @property
     def beginning(self) -> float:
@@ -75,39 +66,26 @@ class Parameter:
 
 
 class Effect(ABC):
-    """One physical effect.
+    """One physical effect; class attributes state it in the same form for all (a test holds each to it)."""
 
-    Class attributes state it in the same form for all (a test holds every effect to it):
-        name: snake_case, from the vocabulary where it is there.
-        physics: one line of what happens.
-        equation: its term, in plain text.
-        source: where the equation comes from.
-        signature: what one sees in the data, in words.
-        signals: those of `SIGNALS` on which its effort depends: where an impostor of it leaves structure.
-        channels: kinds of channel it can occur in.
-        gains: parameters in which the effort is linear, one per column.
-        essential: gains without which it would be another, simpler effect.
-        inner: the few others (exponent, speed, time), searched within their bounds.
-        needs: signals of `ChannelData.context` without which the effect cannot be tried.
-        confused_with: effects that data often cannot tell from this one, with the experiment that can.
-        parts: effects that may together draw the same curve as this one.
-        form: which of its forms it is, see `forms`.
-    """
-
-    name: ClassVar[str]
-    physics: ClassVar[str]
-    equation: ClassVar[str]
-    source: ClassVar[str]
-    signature: ClassVar[str]
+    name: ClassVar[str]  # snake_case, from the vocabulary where it is there
+    physics: ClassVar[str]  # one line of what happens
+    equation: ClassVar[str]  # its term, in plain text
+    source: ClassVar[str]  # where the equation comes from
+    signature: ClassVar[str]  # what one sees in the data, in words
+    # Those of `SIGNALS` on which its effort depends: where an impostor of it leaves structure.
     signals: ClassVar[tuple[str, ...]] = SIGNALS
-    channels: ClassVar[frozenset[ChannelKind]]
-    gains: ClassVar[tuple[Parameter, ...]] = ()
+    channels: ClassVar[frozenset[ChannelKind]]  # kinds of channel it can occur in
+    gains: ClassVar[tuple[Parameter, ...]] = ()  # parameters in which the effort is linear, one per column
+    # The few others (exponent, speed, time), searched within their bounds.
     inner: ClassVar[tuple[Parameter, ...]] = ()
-    essential: ClassVar[tuple[str, ...]] = ()
+    essential: ClassVar[tuple[str, ...]] = ()  # gains without which it would be another, simpler effect
+    # Signals of `ChannelData.context` without which the effect cannot be tried.
     needs: ClassVar[tuple[str, ...]] = ()
+    # Effects that data often cannot tell from this one, with the experiment that can.
     confused_with: ClassVar[Mapping[str, str]] = {}
-    parts: ClassVar[tuple[str, ...]] = ()
-    form: int = 0
+    parts: ClassVar[tuple[str, ...]] = ()  # effects that may together draw the same curve as this one
+    form: int = 0  # which of its forms it is, see `forms`
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """Inner values from which a search begins; an effect whose scale depends on the data says its own.
@@ -162,15 +140,12 @@ class Effect(ABC):
 
 
 class AdditiveEffect(Effect):
-    """An effect that adds effort, linear in its gains.
+    """An effect that adds effort, linear in its gains."""
 
-    Class attributes:
-        one_sided: in a contact, whether it belongs to what can only push, the object; what sticks to the
-            tool, and errors of the reader, can pull as well.
-        elastic: gains whose effort is that of a spring, which a `MemoryEffect` lets fade.
-    """
-
+    # In a contact, whether it belongs to what can only push, the object; what sticks to the tool, and errors
+    # of the reader, can pull as well.
     one_sided: ClassVar[bool] = True
+    # Gains whose effort is that of a spring, which a `MemoryEffect` lets fade.
     elastic: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
@@ -199,15 +174,11 @@ class MemoryEffect(Effect):
 
 
 class SensorEffect(Effect):
-    """An effect on the way from the effort to the reader.
+    """An effect on the way from the effort to the reader."""
 
-    Class attributes:
-        linear: whether sense(a + b) == sense(a) + sense(b), so that it can act on columns.
-        pointwise: whether it is linear and each reading is of that moment's effort alone, the same at any
-            time, so that it can act on means over samples.
-    """
-
-    linear: ClassVar[bool]
+    linear: ClassVar[bool]  # whether sense(a + b) == sense(a) + sense(b), so that it can act on columns
+    # Whether it is linear and each reading is of that moment's effort
+    # alone, the same at any time, so that it can act on means over samples.
     pointwise: ClassVar[bool] = False
 
     @abstractmethod

@@ -18,61 +18,36 @@ class Identifiability(StrEnum):
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """One parameter's value with its uncertainty.
+    """One parameter's value with its uncertainty."""
 
-    Attributes:
-        name: such as "stiffness".
-        unit: SI.
-        value: best estimate.
-        std_err: standard error, NaN if the method has none.
-        interval: 95 % confidence interval (lower, upper).
-        at_bound: whether an inner parameter ended at a bound of its search: the data say no value.
-    """
-
-    name: str
-    unit: str
-    value: float
-    std_err: float
-    interval: tuple[float, float]
-    at_bound: bool = False
+    name: str  # such as "stiffness"
+    unit: str  # SI
+    value: float  # best estimate
+    std_err: float  # standard error, NaN if the method has none
+    interval: tuple[float, float]  # 95 % confidence interval (lower, upper)
+    at_bound: bool = False  # whether an inner parameter ended at a bound of its search: the data say no value
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The outcome of one estimation.
+    """The outcome of one estimation."""
 
-    Attributes:
-        estimator: its registered name.
-        parameters: in the order of the model.
-        inliers: samples used in the final fit, shape (n,).
-        residuals: effort minus prediction, shape (n,).
-        condition_number: of the scaled columns.
-        identifiability: see `Identifiability`.
-        note: one sentence for the reader.
-        covariance: of the parameters, shape (m, m); NaN where unknown.
-        history: for recursive estimators, gains after each sample, shape (n, p); else None.
-        details: method-specific figures, such as trials or skipped subsets.
-        unphysical: gains that lie outside what is physical with their whole intervals.
-    """
-
-    estimator: str
-    parameters: tuple[ParameterEstimate, ...]
-    inliers: BoolArray
-    residuals: FloatArray
-    condition_number: float
-    identifiability: Identifiability
-    note: str
-    covariance: FloatArray
+    estimator: str  # its registered name
+    parameters: tuple[ParameterEstimate, ...]  # in the order of the model
+    inliers: BoolArray  # samples used in the final fit, shape (n,)
+    residuals: FloatArray  # effort minus prediction, shape (n,)
+    condition_number: float  # of the scaled columns
+    identifiability: Identifiability  # see `Identifiability`
+    note: str  # one sentence for the reader
+    covariance: FloatArray  # of the parameters, shape (m, m); NaN where unknown
+    # For recursive estimators, gains after each sample, shape (n, p); else None.
     history: FloatArray | None = None
+    # Method-specific figures, such as trials or skipped subsets.
     details: dict[str, float] = field(default_factory=dict)
-    unphysical: tuple[str, ...] = ()
+    unphysical: tuple[str, ...] = ()  # gains that lie outside what is physical with their whole intervals
 
     def __getitem__(self, name: str) -> ParameterEstimate:
-        """The parameter called `name`.
-
-        Raises:
-            KeyError: there is none.
-        """
+        """The parameter called `name`. KeyError: there is none."""
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter

@@ -13,18 +13,10 @@ from robot_io.types import BoolArray, FloatArray
 
 
 class Estimator(ABC):
-    """A way to solve effort = columns @ gains + noise.
+    """A way to solve effort = columns @ gains + noise."""
 
-    Class attributes:
-        name: as on the command line.
-        summary: one line of what it does and when to take it.
-        source: where it comes from.
-        loss: in the search for parameters that the effort is not linear in, which comes before.
-    """
-
-    name: ClassVar[str]
-    summary: ClassVar[str]
-    source: ClassVar[str]
+    name: ClassVar[str]  # as on the command line
+    # In the search for parameters that the effort is not linear in, which comes before.
     loss: ClassVar[Loss] = Loss.LINEAR
 
     @abstractmethod

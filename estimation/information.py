@@ -11,15 +11,10 @@ _NO_DIRECTION = 1e-13  # of the largest eigenvalue: columns that depend on each 
 
 @dataclass(frozen=True)
 class Information:
-    """A quadratic: beta' matrix beta / 2 - vector' beta, of one or of several fits.
+    """A quadratic: beta' matrix beta / 2 - vector' beta, of one or of several fits."""
 
-    Attributes:
-        matrix: shape (..., s, s), symmetric.
-        vector: shape (..., s).
-    """
-
-    matrix: FloatArray
-    vector: FloatArray
+    matrix: FloatArray  # shape (..., s, s), symmetric
+    vector: FloatArray  # shape (..., s)
 
     def __add__(self, other: "Information") -> "Information":
         return Information(self.matrix + other.matrix, self.vector + other.vector)

@@ -18,26 +18,16 @@ Parts = tuple[FloatArray, FloatArray]  # columns (n, p) and known effort (n,), b
 
 @dataclass(frozen=True)
 class Model:
-    """effort = sensor(sum of additive effects on the moved motion, those of springs faded).
+    """effort = sensor(sum of additive effects on the moved motion, those of springs faded)."""
 
-    Attributes:
-        name: such as "kelvin_voigt".
-        effects: in the order in which they were added.
-        held: parameters that a fit leaves at these values.
-        within: narrower bounds than physics has, of inner parameters that may be there.
-    """
-
-    name: str
-    effects: tuple[Effect, ...]
-    held: Parameters = field(default_factory=dict)
+    name: str  # such as "kelvin_voigt"
+    effects: tuple[Effect, ...]  # in the order in which they were added
+    held: Parameters = field(default_factory=dict)  # parameters that a fit leaves at these values
+    # Narrower bounds than physics has, of inner parameters that may be there.
     within: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the effects.
-
-        Raises:
-            InputError: an effect occurs twice.
-        """
+        """Check the effects. InputError: an effect occurs twice."""
         names = [effect.name for effect in self.effects]
         twice = {name for name in names if names.count(name) > 1}
         if twice:

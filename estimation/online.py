@@ -34,11 +34,9 @@ class LinearKelvinVoigt:
         self._estimator = estimator
 
     def start(self) -> None:
-        """See `OnlineContactLaw.start`."""
         self._estimator.start(_GAINS)
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """See `OnlineContactLaw.update`."""
         row = np.array([depth_m, speed_m_s, 1.0])
         stiffness, damping, offset_n = self._estimator.update(row, force_n).tolist()
         return ContactLaw(stiffness, damping, surface_m=-offset_n / stiffness) if stiffness > 0.0 else None

@@ -2,37 +2,24 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
 class Regression:
-    """effort = columns @ gains + noise.
+    """effort = columns @ gains + noise."""
 
-    Attributes:
-        columns: shape (n, p).
-        effort: shape (n,).
-        names: the p gains' names.
-        units: the p gains' units.
-        run: number of the run of each sample, shape (n,); the noise of samples of one run, in order of time,
-            may be correlated, that of different runs is not. None for one run.
-    """
-
-    columns: FloatArray
-    effort: FloatArray
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    columns: FloatArray  # shape (n, p)
+    effort: FloatArray  # shape (n,)
+    names: tuple[str, ...]  # the p gains' names
+    units: tuple[str, ...]  # the p gains' units
+    # Number of the run of each sample, shape (n,); the noise of samples of one run, in order of time, may be
+    # correlated, that of different runs is not. None for one run.
     run: IntArray | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes.
-
-        Raises:
-            InputError: they do not belong together, or there are fewer samples than gains.
-        """
+        """Check shapes. InputError: they do not belong together, or there are fewer samples than gains."""
         samples, gains = self.columns.shape
         if self.effort.shape != (samples,) or len(self.names) != gains or len(self.units) != gains:
             raise InputError(
@@ -47,11 +34,3 @@ class Regression:
         """The problem with only these samples (a mask or indices)."""
         run = None if self.run is None else self.run[rows]
         return replace(self, columns=self.columns[rows], effort=self.effort[rows], run=run)
-
-    @property
-    def condition_number(self) -> float:
-        """Condition number of the columns, each scaled to unit length (so units do not matter)."""
-        lengths = np.linalg.norm(self.columns, axis=0)
-        if not lengths.all():
-            return float("inf")
-        return float(np.linalg.cond(self.columns / lengths))

@@ -7,16 +7,10 @@ FEWEST_STEPS = 4.0  # of an encoder over which a press has a slope: half a step 
 
 @dataclass(frozen=True)
 class Surface:
-    """A surface along the press direction.
+    """A surface along the press direction."""
 
-    Attributes:
-        position_m: coordinate along the press direction, in the frame of the tip positions [m].
-        std_err_m: its standard error [m]; NaN if there is none.
-        highest_m: the least coordinate at which the touch still allows it; -inf if nothing is known [m].
-        deepest_m: the greatest; inf if nothing is known [m].
-    """
-
-    position_m: float
-    std_err_m: float
+    position_m: float  # coordinate along the press direction, in the frame of the tip positions [m]
+    std_err_m: float  # its standard error [m]; NaN if there is none
+    # The least coordinate at which the touch still allows it; -inf if nothing is known [m].
     highest_m: float = float("-inf")
-    deepest_m: float = float("inf")
+    deepest_m: float = float("inf")  # the greatest; inf if nothing is known [m]

@@ -13,16 +13,11 @@ class Tare:
 
     A run's tare is a mean of noisy samples. Its error is the same in all samples of the run, so that more of
     them do not average it out.
-
-    Attributes:
-        run: their numbers, ascending, shape (r,).
-        effort: mean in free air, shape (r,).
-        std_err: its standard error, shape (r,).
     """
 
-    run: IntArray
-    effort: FloatArray
-    std_err: FloatArray
+    run: IntArray  # their numbers, ascending, shape (r,)
+    effort: FloatArray  # mean in free air, shape (r,)
+    std_err: FloatArray  # its standard error, shape (r,)
 
     def of(self, run: IntArray) -> FloatArray:
         """What to take off each sample of these runs, shape (n,)."""

@@ -34,38 +34,23 @@ _SEEDS = 1_000_000  # few enough to be typed
 
 @dataclass(frozen=True)
 class Demo:
-    """What the first part made.
+    """What the first part made."""
 
-    Attributes:
-        session: the session file.
-        study: the session with channels and truth.
-        found: estimates of the probed place, by every estimator.
-        recording: for Rerun.
-        plots: pages of figures.
-    """
-
-    session: Path
-    study: Study
-    found: ChannelEstimates
-    recording: Path
-    plots: tuple[Path, ...]
+    session: Path  # the session file
+    study: Study  # the session with channels and truth
+    found: ChannelEstimates  # estimates of the probed place, by every estimator
+    recording: Path  # for Rerun
+    plots: tuple[Path, ...]  # pages of figures
 
 
 @dataclass(frozen=True)
 class HiddenDemo:
-    """What the second part made.
+    """What the second part made."""
 
-    Attributes:
-        session: the session file.
-        result: what was found out, stage by stage.
-        files: result, report, picture and recording.
-        answer: what was hidden.
-    """
-
-    session: Path
-    result: ChannelResult
-    files: dict[str, Path]
-    answer: Answer
+    session: Path  # the session file
+    result: ChannelResult  # what was found out, stage by stage
+    files: dict[str, Path]  # result, report, picture and recording
+    answer: Answer  # what was hidden
 
     @property
     def found(self) -> bool:

@@ -20,18 +20,12 @@ _PLAIN = {"stiffness.k": 500.0, "damping.c": 4.0, "inertia.m": 0.02, "viscous_fr
 
 @dataclass
 class Example:
-    """A model with an effect beside the same model without it.
+    """A model with an effect beside the same model without it."""
 
-    Attributes:
-        effect: that is shown.
-        data: the motion; its effort (n,) is that without the effect.
-        model: with the effect.
-        values: of all its parameters by "effect.parameter", of a size that is well seen; they may be changed.
-    """
-
-    effect: Effect
-    data: ChannelData
-    model: Model
+    effect: Effect  # that is shown
+    data: ChannelData  # the motion; its effort (n,) is that without the effect
+    model: Model  # with the effect
+    # Of all its parameters by "effect.parameter", of a size that is well seen; they may be changed.
     values: dict[str, float]
 
     @classmethod

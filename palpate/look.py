@@ -13,7 +13,7 @@ from estimation.data.table import Table, read_table
 from estimation.gate.motion_and_effort import mistaken_units
 from estimation.signals.runwise import sample_time
 from palpate import console
-from palpate.render.phase_colors import phase
+from palpate.render.palette import phase
 from palpate.words import count, duration, safe, shown
 from robot_io.errors import InputError
 

@@ -35,11 +35,7 @@ def main() -> None:
 
 
 def run() -> None:
-    """Run the command line.
-
-    Raises:
-        SystemExit: with the exit code.
-    """
+    """Run the command line. SystemExit: with the exit code."""
     try:
         _check_and_run()
     except KeyboardInterrupt:  # while commands are still being imported; later the commands see to it

@@ -153,11 +153,7 @@ class Study(StudyBase):
         return figure(view_of(self, [self._newest_result(self._current(self.channel(channel)))]).channels[0])
 
     def report(self, path: Path | str, commands: Sequence[str] = ()) -> Path:
-        """Write all that is known as one HTML file.
-
-        Raises:
-            InputError: it cannot be written.
-        """
+        """Write all that is known as one HTML file. InputError: it cannot be written."""
         from palpate.render.report import write_report  # noqa: PLC0415, as above
 
         return write_report(view_of(self, commands=commands), _path(path, "report"))

@@ -21,9 +21,9 @@ def safe(text: str) -> str:
     return escape(line.rstrip("\\")) + 2 * last
 
 
-def count(number: int, one: str, many: str = "") -> str:
+def count(number: int, one: str) -> str:
     """A number with its noun, such as "1 run" and "3,000 runs"."""
-    return f"{number:,} {one if number == 1 else many or one + 's'}"
+    return f"{number:,} {one if number == 1 else one + 's'}"
 
 
 def duration(seconds: float) -> str:

@@ -50,11 +50,6 @@ class Measurement(NamedTuple):
     torque_status: Status = Status.OK  # trust in torque
     force_status: Status = Status.OK  # trust in force
 
-    @property
-    def joint_count(self) -> int:
-        """Number of joints n."""
-        return len(self.joint_position_rad)
-
 
 @dataclass(frozen=True, slots=True)
 class Command:

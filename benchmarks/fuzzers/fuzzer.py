@@ -24,11 +24,7 @@ class Fuzzer(ABC):
 
     @abstractmethod
     def decode(self, data: bytes) -> list[object]:
-        """What the codec accepts of `data`.
-
-        Raises:
-            ProtocolError: it refuses; any other exception is a defect.
-        """
+        """What the codec accepts of `data`. ProtocolError: it refuses; any other exception is a defect."""
 
     @abstractmethod
     def is_wrong(self, data: bytes, accepted: object) -> bool:
@@ -37,23 +33,14 @@ class Fuzzer(ABC):
 
 @dataclass(frozen=True)
 class FuzzResult:
-    """What came of it.
+    """What came of it."""
 
-    Attributes:
-        inputs: how many were fed.
-        accepted: values that were believed.
-        refused: inputs that were refused with the codec's own error.
-        wrong: descriptions of values that should not have been believed.
-        crashes: descriptions of other exceptions.
-        slowest_s: longest time for one input [s].
-    """
-
-    inputs: int
-    accepted: int
-    refused: int
-    wrong: tuple[str, ...]
-    crashes: tuple[str, ...]
-    slowest_s: float
+    inputs: int  # how many were fed
+    accepted: int  # values that were believed
+    refused: int  # inputs that were refused with the codec's own error
+    wrong: tuple[str, ...]  # descriptions of values that should not have been believed
+    crashes: tuple[str, ...]  # descriptions of other exceptions
+    slowest_s: float  # longest time for one input [s]
 
 
 def all_fuzzers() -> Registry[Fuzzer]:

@@ -26,7 +26,6 @@ class StatusFuzzer(Fuzzer):
         return self.again(*accepted)
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
-        """See `Fuzzer.is_wrong`."""
         return self.encoded(accepted) != data
 
 
@@ -42,7 +41,6 @@ class StatusStreamFuzzer(StatusFuzzer):
         """What finds the packets."""
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         self._recent = (self._recent + data)[-2048:]
         return list(self._reader.feed(data))
 

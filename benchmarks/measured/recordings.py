@@ -36,19 +36,12 @@ RIPPLE = names("torque_ripple")
 
 @dataclass(frozen=True)
 class Expected:
-    """What the literature says of one channel.
+    """What the literature says of one channel."""
 
-    Attributes:
-        needed: groups; at least one name of each group must be found.
-        allowed: further names that are no mistake.
-        ladder: held-out errors of the README, from the simple model to its best.
-        said: the README in few words.
-    """
-
-    needed: tuple[Names, ...]
-    allowed: Names
-    ladder: tuple[float, ...]
-    said: str
+    needed: tuple[Names, ...]  # groups; at least one name of each group must be found
+    allowed: Names  # further names that are no mistake
+    ladder: tuple[float, ...]  # held-out errors of the README, from the simple model to its best
+    said: str  # the README in few words
 
     @property
     def is_control(self) -> bool:
@@ -58,21 +51,13 @@ class Expected:
 
 @dataclass(frozen=True)
 class Recording:
-    """One measured set, or a part of it that stands by itself.
+    """One measured set, or a part of it that stands by itself."""
 
-    Attributes:
-        name: of it.
-        channels: those that are diagnosed together.
-        models: simple model of each.
-        expected: of each.
-        unit: of the effort, where it is neither a force nor a torque.
-    """
-
-    name: str
-    channels: list[ChannelData]
-    models: list[Model]
-    expected: list[Expected]
-    unit: str = ""
+    name: str  # of it
+    channels: list[ChannelData]  # those that are diagnosed together
+    models: list[Model]  # simple model of each
+    expected: list[Expected]  # of each
+    unit: str = ""  # of the effort, where it is neither a force nor a torque
 
 
 def model(name: str, *effects: str) -> Model:

@@ -30,44 +30,26 @@ _LIBRARY = {"contact": CONTACT | CONTACT_OUTSIDE, "revolute": JOINT | JOINT_OUTS
 
 @dataclass(frozen=True)
 class Job:
-    """What to hide; with a seed, all of a case follows from it.
+    """What to hide; with a seed, all of a case follows from it."""
 
-    Attributes:
-        number: in the grid, the same whatever part of the grid is run.
-        kind: "contact" or "revolute".
-        sort: "nothing", "one", "two" or "outside".
-        hidden: names.
-        strength: RMS of what the simple law cannot mimic, in floors, of each effect alone.
-    """
-
-    number: int
-    kind: str
-    sort: str
-    hidden: tuple[str, ...]
-    strength: float
+    number: int  # in the grid, the same whatever part of the grid is run
+    kind: str  # "contact" or "revolute"
+    sort: str  # "nothing", "one", "two" or "outside"
+    hidden: tuple[str, ...]  # names
+    strength: float  # RMS of what the simple law cannot mimic, in floors, of each effect alone
 
 
 @dataclass(frozen=True)
 class Case:
-    """A channel as a user has it, and the truth behind.
+    """A channel as a user has it, and the truth behind."""
 
-    Attributes:
-        job: what was asked for.
-        channel: as imported from a CSV file.
-        model: simple model.
-        strength: reached; smaller than asked for where no world of the ranges allows it.
-        floor: RMS that noise of effort and position make.
-        truth: parameters by "effect.parameter", of the simple law as well.
-        world: a few words.
-    """
-
-    job: Job
-    channel: ChannelData
-    model: Model
-    strength: float
-    floor: float
-    truth: dict[str, float]
-    world: str
+    job: Job  # what was asked for
+    channel: ChannelData  # as imported from a CSV file
+    model: Model  # simple model
+    strength: float  # reached; smaller than asked for where no world of the ranges allows it
+    floor: float  # RMS that noise of effort and position make
+    truth: dict[str, float]  # parameters by "effect.parameter", of the simple law as well
+    world: str  # a few words
 
 
 def grid() -> list[Job]:

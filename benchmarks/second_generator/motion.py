@@ -19,21 +19,13 @@ FINE_HZ = 2000.0
 
 @dataclass(frozen=True)
 class Motion:
-    """All runs in a row on the fine grid; time goes on between runs.
+    """All runs in a row on the fine grid; time goes on between runs."""
 
-    Attributes:
-        t: [s], shape (n,).
-        x: depth [m] or angle [rad].
-        v: dx/dt.
-        a: d2x/dt2.
-        run: number of the run of each sample.
-    """
-
-    t: Array
-    x: Array
-    v: Array
-    a: Array
-    run: NDArray[np.int64]
+    t: Array  # [s], shape (n,)
+    x: Array  # depth [m] or angle [rad]
+    v: Array  # dx/dt
+    a: Array  # d2x/dt2
+    run: NDArray[np.int64]  # number of the run of each sample
 
     def each(self) -> list[slice]:
         """The samples of each run."""

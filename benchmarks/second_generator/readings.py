@@ -13,23 +13,14 @@ LINKS_M = (0.30, 0.25, 0.10)
 
 @dataclass(frozen=True)
 class Reading:
-    """How a case is read; drawn once.
+    """How a case is read; drawn once."""
 
-    Attributes:
-        rate_hz: of samples.
-        irregular: times jitter, and some rows are lost.
-        steps: of each joint's encoder in a turn; one entry for a joint, three for an arm's tip.
-        digits_m: to which a position is printed; 0 for all digits.
-        velocity: "none" (the file has no such column), "derived" (by its user) or "given" (a tachometer).
-        colour: of the effort's noise: "white", "ar1" or "proportional".
-    """
-
-    rate_hz: float
-    irregular: bool
-    steps: tuple[int, ...]
-    digits_m: float
-    velocity: str
-    colour: str
+    rate_hz: float  # of samples
+    irregular: bool  # times jitter, and some rows are lost
+    steps: tuple[int, ...]  # of each joint's encoder in a turn; one entry for a joint, three for an arm's tip
+    digits_m: float  # to which a position is printed; 0 for all digits
+    velocity: str  # "none" (the file has no such column), "derived" (by its user) or "given" (a tachometer)
+    colour: str  # of the effort's noise: "white", "ar1" or "proportional"
 
 
 def draw_reading(rng: Generator, kind: str) -> Reading:

@@ -14,23 +14,14 @@ Truth = dict[str, float]
 
 @dataclass(frozen=True)
 class World:
-    """A motion and the simple law that moves or resists it.
+    """A motion and the simple law that moves or resists it."""
 
-    Attributes:
-        kind: "contact" or "revolute".
-        motion: the true one.
-        base: "kelvin_voigt", "inertia", "pendulum" or "rigid_body".
-        law: its parameters: k, c of a contact; J, g, d of a joint.
-        size: depth or swing of the deepest run [m or rad].
-        fresh: of a contact: each run presses a spot that was never pressed before.
-    """
-
-    kind: str
-    motion: Motion
-    base: str
-    law: dict[str, float]
-    size: float
-    fresh: bool
+    kind: str  # "contact" or "revolute"
+    motion: Motion  # the true one
+    base: str  # "kelvin_voigt", "inertia", "pendulum" or "rigid_body"
+    law: dict[str, float]  # its parameters: k, c of a contact; J, g, d of a joint
+    size: float  # depth or swing of the deepest run [m or rad]
+    fresh: bool  # of a contact: each run presses a spot that was never pressed before
 
     @property
     def pressed(self) -> Array:
@@ -112,21 +103,16 @@ class World:
 
 @dataclass(frozen=True)
 class Hidden:
-    """What one effect of a certain size does.
+    """What one effect of a certain size does."""
 
-    Attributes:
-        adds: to the effort of the object or joint, shape (n,).
-        one_sided: `adds` belongs to what can only push.
-        moves: from what is there (effort) to the position read less the true one.
-        senses: from the effort to what the sensor says; None for a faithful one.
-        truth: its parameters, by the names of the library where it has them; of another effect, such as the
-            spring that it replaces, by "effect.parameter".
-    """
-
-    adds: Array | float = 0.0
-    one_sided: bool = False
+    adds: Array | float = 0.0  # to the effort of the object or joint, shape (n,)
+    one_sided: bool = False  # `adds` belongs to what can only push
+    # From what is there (effort) to the position read less the true one.
     moves: Callable[[Array], Array] | None = None
+    # From the effort to what the sensor says; None for a faithful one.
     senses: Callable[[Array], Array] | None = None
+    # Its parameters, by the names of the library where it has them; of another effect, such as the spring
+    # that it replaces, by "effect.parameter".
     truth: Truth | None = None
 
 

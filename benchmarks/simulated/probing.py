@@ -20,17 +20,11 @@ from sim_backend.scenario import Scenario
 
 @dataclass(frozen=True)
 class Probed:
-    """One session.
+    """One session."""
 
-    Attributes:
-        hidden: effect, with its parameters; empty if nothing was hidden.
-        seed: of all that is random.
-        found: the answer for each channel.
-    """
-
-    hidden: str
-    seed: int
-    found: list[ChannelDiagnosis]
+    hidden: str  # effect, with its parameters; empty if nothing was hidden
+    seed: int  # of all that is random
+    found: list[ChannelDiagnosis]  # the answer for each channel
 
     @property
     def effect(self) -> str:

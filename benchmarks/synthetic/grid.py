@@ -119,23 +119,14 @@ def _plain(job: Job) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Size:
-    """How much of the grid is run.
+    """How much of the grid is run."""
 
-    Attributes:
-        nothing: sessions with nothing hidden, of each colour.
-        seeds: sessions of each effect and strength.
-        strengths: of single effects, times the floor.
-        removed: of effects that are taken out of the library.
-        pairs: sessions with two effects.
-        ways: sessions with nothing and with one effect, of each other way of recording.
-    """
-
-    nothing: int
-    seeds: int
-    strengths: tuple[float, ...]
-    removed: tuple[float, ...]
-    pairs: int
-    ways: tuple[int, int]
+    nothing: int  # sessions with nothing hidden, of each colour
+    seeds: int  # sessions of each effect and strength
+    strengths: tuple[float, ...]  # of single effects, times the floor
+    removed: tuple[float, ...]  # of effects that are taken out of the library
+    pairs: int  # sessions with two effects
+    ways: tuple[int, int]  # sessions with nothing and with one effect, of each other way of recording
 
 
 ALL = (3.0, 10.0, 30.0)

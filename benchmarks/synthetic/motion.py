@@ -12,21 +12,13 @@ RATE_HZ = 1000.0
 
 @dataclass(frozen=True)
 class Motion:
-    """True motion of all runs, one after another.
+    """True motion of all runs, one after another."""
 
-    Attributes:
-        time_s: over the whole session [s].
-        x: position [m] or [rad].
-        v: velocity.
-        a: acceleration.
-        run: run of each sample.
-    """
-
-    time_s: np.ndarray
-    x: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    run: np.ndarray
+    time_s: np.ndarray  # over the whole session [s]
+    x: np.ndarray  # position [m] or [rad]
+    v: np.ndarray  # velocity
+    a: np.ndarray  # acceleration
+    run: np.ndarray  # run of each sample
 
     def parts(self) -> list[slice]:
         """The rows of each run."""

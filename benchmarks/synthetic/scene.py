@@ -21,41 +21,27 @@ ENCODER = {ChannelKind.CONTACT: (1e-6, 1e-6), ChannelKind.REVOLUTE: (2e-5, 1e-5)
 
 @dataclass(frozen=True)
 class Scene:
-    """What is hidden, and how the session is made.
+    """What is hidden, and how the session is made."""
 
-    Attributes:
-        kind: contact or joint.
-        hidden: effects with their strength, RMS of what the base model cannot mimic over the noise.
-        correlation: of the noise from one sample to the next.
-        seed: decides all that is random.
-        way: in which it comes about and is read, see `WAYS`; empty for the usual one.
-    """
-
-    kind: ChannelKind
+    kind: ChannelKind  # contact or joint
+    # Effects with their strength, RMS of what the base model cannot mimic over the noise.
     hidden: Mapping[str, float] = field(default_factory=dict)
-    correlation: float = 0.0
-    seed: int = 0
-    way: str = ""
+    correlation: float = 0.0  # of the noise from one sample to the next
+    seed: int = 0  # decides all that is random
+    way: str = ""  # in which it comes about and is read, see `WAYS`; empty for the usual one
 
 
 @dataclass(frozen=True)
 class Made:
-    """A session made.
+    """A session made."""
 
-    Attributes:
-        data: its channel.
-        sizes: of the hidden effects, that gave the strengths.
-        clean: effort without noise, shape (n,).
-        truth: parameters of the base model and of what is hidden, by "effect.parameter".
-        floor: error that the true law leaves: the noise as drawn (a coloured one is up to a tenth larger or
-            smaller in so short a session than on the average), and beside dry friction what the error of the
-            motion makes of it (that turns round where the derived velocity does, a millisecond off).
-    """
-
-    data: ChannelData
-    sizes: dict[str, float]
-    clean: np.ndarray
-    truth: dict[str, float]
+    data: ChannelData  # its channel
+    sizes: dict[str, float]  # of the hidden effects, that gave the strengths
+    clean: np.ndarray  # effort without noise, shape (n,)
+    truth: dict[str, float]  # parameters of the base model and of what is hidden, by "effect.parameter"
+    # Error that the true law leaves: the noise as drawn (a coloured one is up to a tenth larger or smaller in
+    # so short a session than on the average), and beside dry friction what the error of the motion makes of
+    # it (that turns round where the derived velocity does, a millisecond off).
     floor: float
 
 

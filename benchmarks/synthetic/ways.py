@@ -24,22 +24,15 @@ Paths = Callable[[np.random.Generator, float], Motion]  # with the depth or the 
 
 @dataclass(frozen=True)
 class Way:
-    """How a session is made.
+    """How a session is made."""
 
-    Attributes:
-        motion: draws it.
-        stiffness: decades of a contact's stiffness [N/m].
-        steps_to_noise: least and most of the RMS that steps of two encoders make of a contact's force, over
-            the force noise; None for the usual single, fine encoder.
-        per_turn: of a joint's encoder; None for the usual.
-        gives_velocity: whether the file has one.
-    """
-
-    motion: Paths
-    stiffness: tuple[float, float] = (2.6, 3.3)
+    motion: Paths  # draws it
+    stiffness: tuple[float, float] = (2.6, 3.3)  # decades of a contact's stiffness [N/m]
+    # Least and most of the RMS that steps of two encoders make of a contact's force, over the force noise;
+    # None for the usual single, fine encoder.
     steps_to_noise: tuple[float, float] | None = None
-    per_turn: int | None = None
-    gives_velocity: bool = True
+    per_turn: int | None = None  # of a joint's encoder; None for the usual
+    gives_velocity: bool = True  # whether the file has one
 
 
 def _path(seconds: Sequence[float], heights: Sequence[float]) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from benchmarks.teleop.samples import MESSAGES, REPORT
 from control.teleop.conversation import Conversation
-from control.teleop.peer import Arrival, PeerLimits
+from control.teleop.peer import Arrival
 from control.teleop.target_queue import TargetQueue
 from palpate.teleop.probed import Probed
 from robot_io.clock import SimulatedClock
@@ -38,7 +38,6 @@ class FedLine:
         self.malformed = 0
 
     def receive(self) -> list[tuple[float, Frame]]:
-        """See `Line.receive`."""
         arrived = []
         while self.waiting:
             try:
@@ -121,7 +120,7 @@ def _heard(data, take, kinds, result: FuzzResult, sent: Message) -> Message | No
         if isinstance(message, kinds):
             taken.append(message)
 
-    talk = Conversation(line, SimulatedClock(), PeerLimits(), take=keep, begin_anew=lambda: None)
+    talk = Conversation(line, SimulatedClock(), take=keep, begin_anew=lambda: None)
     line.waiting += [encode(SENDER, 0, 0.0, 0.0, 0.0, REPORT), data]
     talk.listen()
     if line.malformed:

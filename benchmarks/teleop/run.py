@@ -46,12 +46,10 @@ class SimulatedLink:
         self._to_leader, self._to_follower = Line(faults, rng), Line(faults, rng)
 
     def exchange(self, time_s: float, to_follower: Packet, to_leader: Packet) -> None:
-        """See `Lines`."""
         self._to_follower.send(to_follower, time_s)
         self._to_leader.send(to_leader, time_s)
 
     def arrived(self, time_s: float) -> tuple[Arrived, Arrived]:
-        """See `Lines`."""
         return self._to_leader.arrived(time_s), self._to_follower.arrived(time_s)
 
 

@@ -21,7 +21,6 @@ class EncoderFit:
     offset_rad: FloatArray  # to be added to what the encoders show, shape (n,) [rad]
     std_rad: FloatArray  # standard uncertainties, shape (n,) [rad]
     shown_rad: tuple[FloatArray, ...]  # one mean for every touch of every joint, or one for the pose [rad]
-    known_rad: FloatArray  # where the joints were then, shape (n,) [rad]
     repeatability_rad: FloatArray  # standard deviation of the touches, shape (n,); 0 for a pose [rad]
 
 
@@ -50,7 +49,7 @@ def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> Encode
     errors = np.array([few_sample_factor(count - 1) for count in counts]) * scatter / np.sqrt(counts)
     resolution = _resolution(session.samples("tick"))
     std = np.sqrt(errors**2 + (resolution / _UNIFORM) ** 2 + stop_std_rad**2)
-    return EncoderFit(known - means, std, tuple(np.array(t) for t in shown), known, scatter)
+    return EncoderFit(known - means, std, tuple(np.array(t) for t in shown), scatter)
 
 
 def fit_pose(session: Session, pose_rad: FloatArray, pose_std_rad: float) -> EncoderFit:
@@ -72,7 +71,7 @@ def fit_pose(session: Session, pose_rad: FloatArray, pose_std_rad: float) -> Enc
     means = position.mean(axis=0)
     half_ranges = 0.5 * moved / np.sqrt(3.0)
     std = np.sqrt(half_ranges**2 + (resolution / _UNIFORM) ** 2 + pose_std_rad**2)
-    return EncoderFit(pose_rad - means, std, tuple(means[:, None]), pose_rad, np.zeros(len(means)))
+    return EncoderFit(pose_rad - means, std, tuple(means[:, None]), np.zeros(len(means)))
 
 
 def _fresh(ticks: Samples) -> Samples:

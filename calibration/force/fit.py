@@ -43,7 +43,6 @@ class ForceFit:
     hysteresis_n: Estimate[float]
     # largest distance of the characteristic from its chord over the range, as a share of it.
     nonlinearity: Estimate[float]
-    curvature_found: Estimate[float]  # what was found before it was judged [N/u^2]
     plateaus: Plateaus  # what was fitted
     residual_n: FloatArray  # reference less what the calibrated sensor says, shape (m,) [N]
     range_n: tuple[float, float]  # lowest and highest reference [N]
@@ -90,7 +89,6 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
         curvature=Estimate(curvature, curvature_err) if used[_CURVATURE] else None,
         hysteresis_n=Estimate(-2 * scale * half, 2 * scale * half_err),
         nonlinearity=Estimate(abs(curvature) * bow, curvature_err * bow),
-        curvature_found=Estimate(curvature, curvature_err),
         plateaus=plateaus,
         residual_n=residual,
         range_n=(float(plateaus.reference_n.min()), float(plateaus.reference_n.max())),

@@ -38,7 +38,6 @@ class IkSolution:
     """One way to reach a target."""
 
     position_rad: FloatArray  # joint positions, shape (3,) within +-pi each [rad]
-    elbow: Elbow  # which way the elbow bends
     elbow_sine: float  # |sin| of the angle between the first two links; 0 is singular, 1 is best
 
     @property
@@ -96,7 +95,7 @@ class PlanarArm:
         angles = self.absolute_angles(*self.plane_point(tip), tool, elbow)
         positions = np.array(self.joint_positions(angles))
         positions = (positions + math.pi) % (2.0 * math.pi) - math.pi
-        return IkSolution(positions, elbow, abs(math.sin(angles[1] - angles[0])))
+        return IkSolution(positions, abs(math.sin(angles[1] - angles[0])))
 
     def elbow_of(self, position_rad: FloatArray) -> Elbow:
         """Which way the elbow is bent at these joint positions (3,) [rad]; straight counts as positive."""

@@ -17,6 +17,7 @@ from robot_io.types import FloatArray
 
 _RAMP_SHARE = 0.2  # of the duration, for fading in
 _PEAK_SAMPLES_PER_PERIOD = 50
+_SINES = 8  # of a multisine
 
 
 class Excitation(FileModel):
@@ -128,11 +129,11 @@ def position_amplitude_m(
     return min(excitation.amplitude_n / impedance_n_m, slowest_m), offset
 
 
-def _multisine(excitation: Excitation, count: int = 8) -> tuple[FloatArray, FloatArray]:
+def _multisine(excitation: Excitation) -> tuple[FloatArray, FloatArray]:
     """Angular frequencies [rad/s], evenly spaced in ratio, and phases [rad] that keep the peak low.
 
     Schroeder, IEEE Trans. Information Theory 16(1), 1970.
     """
-    rates = math.tau * np.geomspace(excitation.low_hz, excitation.high_hz, count)
-    index = np.arange(count)
-    return rates, -math.pi * index * (index + 1) / count
+    rates = math.tau * np.geomspace(excitation.low_hz, excitation.high_hz, _SINES)
+    index = np.arange(_SINES)
+    return rates, -math.pi * index * (index + 1) / _SINES

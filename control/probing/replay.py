@@ -22,24 +22,16 @@ _SETTLE_S = 0.3  # standing there, and at the end
 class References:
     """What an arm of j joints was to do, over n ticks.
 
-    Attributes:
-        time_s: from 0 on, increasing, shape (n,) [s].
-        position_rad: shape (n, j) [rad].
-        velocity_rad_s: shape (n, j) [rad/s].
-        run: number of the run, or `NO_RUN`, shape (n,).
-        phase: numbers of `Phase`, shape (n,).
-        press_direction_world: unit vectors into the object, shape (n, 3).
-
     Raises:
         InputError: times do not increase, a number is not finite, or a phase is unknown.
     """
 
-    time_s: FloatArray
-    position_rad: FloatArray
-    velocity_rad_s: FloatArray
-    run: IntArray
-    phase: IntArray
-    press_direction_world: FloatArray
+    time_s: FloatArray  # from 0 on, increasing, shape (n,) [s]
+    position_rad: FloatArray  # shape (n, j) [rad]
+    velocity_rad_s: FloatArray  # shape (n, j) [rad/s]
+    run: IntArray  # number of the run, or `NO_RUN`, shape (n,)
+    phase: IntArray  # numbers of `Phase`, shape (n,)
+    press_direction_world: FloatArray  # unit vectors into the object, shape (n, 3)
 
     def __post_init__(self) -> None:
         if len(self.time_s) < 2 or not (np.diff(self.time_s) > 0.0).all():

@@ -14,7 +14,6 @@ class Conversation:
     Args:
         line: between the two.
         clock: of this side.
-        limits: when a frame is too old, and when its sender is gone.
         take: is handed each fresh message and when it was sent, on the peer's clock [s].
         begin_anew: is called where another program has taken the peer's place, before its first message.
 
@@ -27,12 +26,11 @@ class Conversation:
         self,
         line: Line,
         clock: Clock,
-        limits: PeerLimits,
         *,
         take: Callable[[Message, float], None],
         begin_anew: Callable[[], None],
     ) -> None:
-        self.peer, self.linked = Peer(limits), False
+        self.peer, self.linked = Peer(PeerLimits()), False
         self.say = line.send
         self._line, self._clock, self._take, self._begin_anew = line, clock, take, begin_anew
 

@@ -7,7 +7,6 @@ operator selects a place by pressing the tool's force sensor harder than `select
 """
 
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -38,7 +37,7 @@ class LeaderArm(OperatorDevice):
     """An arm; `read` takes a measurement, `set_force` sends one command."""
 
     name = "leader_arm"
-    Settings: ClassVar[type[FileModel]] = LeaderArmSettings
+    Settings = LeaderArmSettings
     settings: LeaderArmSettings
 
     def __init__(self, settings: LeaderArmSettings, clock: Clock) -> None:

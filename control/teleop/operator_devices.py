@@ -1,10 +1,12 @@
 """Every operator device that there is, by name; a new one is one new file in `robot_io.operator`."""
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from robot_io.clock import Clock
+from robot_io.errors import InputError
 from robot_io.files.file_model import validate
-from robot_io.files.safe_yaml import KeyPath, YamlDocument
+from robot_io.files.safe_yaml import YamlDocument, load_yaml
 from robot_io.operator.device import OperatorDevice
 from robot_io.registry import Registry
 
@@ -12,6 +14,7 @@ from robot_io.registry import Registry
 _PLACES = ("robot_io.operator", "control.teleop.leader_arm")
 
 OPERATOR_DEVICES = Registry("operator device", OperatorDevice, *_PLACES)  # type: ignore[type-abstract]
+_DEVICE = "device"  # key of a file that names one, with its settings beside it
 
 
 def build_operator_device(
@@ -19,7 +22,6 @@ def build_operator_device(
     settings: Mapping[str, object],
     clock: Clock,
     document: YamlDocument | None = None,
-    at: KeyPath = (),
 ) -> OperatorDevice:
     """Make the device `name`; opens nothing yet.
 
@@ -28,11 +30,34 @@ def build_operator_device(
         settings: as its `Settings` want them.
         clock: what samples are stamped with.
         document: where the settings come from, for file and line in errors; None if made by a program.
-        at: their path in the document.
 
     Raises:
         UnknownNameError: no device has this name.
         InputError: a setting is not valid.
     """
     device = OPERATOR_DEVICES[name]
-    return device(validate(device.Settings, settings, document, at), clock)
+    return device(validate(device.Settings, settings, document), clock)
+
+
+def build_operator(operator: str, clock: Clock) -> OperatorDevice:
+    """Make the device that a name or a YAML file says; opens nothing yet.
+
+    Args:
+        operator: a device's name, or a file.
+        clock: what its samples are stamped with.
+
+    Raises:
+        InputError: there is no such device or file, or a setting is not valid.
+    """
+    if operator in OPERATOR_DEVICES:
+        return build_operator_device(operator, {}, clock)
+    valid = ", ".join(OPERATOR_DEVICES)
+    if not Path(operator).is_file():
+        raise InputError(f"operator '{operator}': no such file, and the devices are {valid}")
+    document = load_yaml(operator)
+    settings = document.data
+    name = settings.get(_DEVICE) if isinstance(settings, dict) else None
+    if not isinstance(settings, dict) or not isinstance(name, str) or name not in OPERATOR_DEVICES:
+        raise InputError(f"{operator}: '{_DEVICE}' must name one of {valid}")
+    rest = {key: value for key, value in settings.items() if key != _DEVICE}
+    return build_operator_device(name, rest, clock, document)

@@ -28,16 +28,12 @@ class BaseParameters:
     columns of Y are sums of these. From the base outwards the first of several equivalent ones is taken, so
     that a link's mass and what it shares with the link before are counted there, as in W. Khalil, E. Dombre
     (2002), ch. 9.
-
-    Attributes:
-        columns: of the regressor (see `control.arm.rigid_body.RigidBody.regressor`), ascending, shape (b,).
-        grouping: shape (b, 10 links).
-        felt: joints whose torque depends on each, shape (joints, b).
     """
 
+    # Of the regressor (see `control.arm.rigid_body.RigidBody.regressor`), ascending, shape (b,).
     columns: IntArray
-    grouping: FloatArray
-    felt: BoolArray
+    grouping: FloatArray  # shape (b, 10 links)
+    felt: BoolArray  # joints whose torque depends on each, shape (joints, b)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -21,22 +21,19 @@ _CLOSE = 0.1  # Newton decrement squared, in units of the precision, that does o
 _CLOSEST = 1e-12  # and at the end
 
 
-def fit_bodies(
-    information: Information, divergence: Divergence, precision: float, start: FloatArray | None = None
-) -> FloatArray:
+def fit_bodies(information: Information, divergence: Divergence, precision: float) -> FloatArray:
     """The minimum.
 
     Args:
         information: A (10 links, 10 links) and b (10 links,): what the data say, see `Information`.
         divergence: from the bodies that the parameters are drawn to.
         precision: weight of D, see `estimation.arm.prior`.
-        start: bodies near the minimum, shape (10 links,); None for those that the parameters are drawn to.
 
     Returns:
         Shape (10 links,); every link a body.
     """
     problem = _Problem(information, divergence)
-    inertial = divergence.origin if start is None else start
+    inertial = divergence.origin
     pull = np.sqrt(problem.newton(inertial, precision)[1] / precision) * precision
     while pull > precision:
         inertial = problem.descend(inertial, pull, _CLOSE)

@@ -23,18 +23,13 @@ from robot_io.types import FloatArray
 
 @dataclass(frozen=True)
 class JointMoments:
-    """Cross products of one joint's columns and torque, fold by fold.
+    """Cross products of one joint's columns and torque, fold by fold."""
 
-    Attributes:
-        products: shape (folds, s + k + 1, s + k + 1): first the s shared columns, in the same order for all
-            joints (zero where the joint does not feel them), then the joint's own k, last the torque.
-        shared: s.
-        sigma: standard deviation of the joint's noise in a sample [N m].
-    """
-
+    # Shape (folds, s + k + 1, s + k + 1): first the s shared columns, in the same order for all joints (zero
+    # where the joint does not feel them), then the joint's own k, last the torque.
     products: FloatArray
-    shared: int
-    sigma: float
+    shared: int  # s
+    sigma: float  # standard deviation of the joint's noise in a sample [N m]
 
 
 def arranged(products: FloatArray, names: Sequence[str], shared: Sequence[str], sigma: float) -> JointMoments:

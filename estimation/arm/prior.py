@@ -8,13 +8,11 @@ from estimation.arm.pseudo_inertia import Divergence, nearest_bodies
 from estimation.information import Information
 from robot_io.types import FloatArray
 
-URDF_SPREAD = 1.0  # a link of the URDF may be wrong by as much as it is
+URDF_SPREAD = 1.0  # of its pseudo-inertias, as a share: a link may be wrong by as much as it is
 
 
-def urdf_information(
-    base: BaseParameters, urdf: FloatArray, spread: float = URDF_SPREAD, at: FloatArray | None = None
-) -> Information:
-    """The pull of the base parameters to the URDF: spread^-2 D, to second order.
+def urdf_information(base: BaseParameters, urdf: FloatArray, at: FloatArray | None = None) -> Information:
+    """The pull of the base parameters to the URDF: `URDF_SPREAD`^-2 D, to second order.
 
     D is the entropic divergence of `estimation.arm.pseudo_inertia`, whose pull is the same in every unit
     and frame, and as nothing against thousands of samples. The inertial parameters that no torque shows are
@@ -23,7 +21,6 @@ def urdf_information(
     Args:
         base: the arm's base parameters.
         urdf: inertial parameters of the URDF, shape (10 links,); raised to bodies by `nearest_bodies`.
-        spread: standard deviation of the URDF's pseudo-inertias as a share of themselves.
         at: bodies at which D is expanded, shape (10 links,); None for the URDF's.
 
     Returns:
@@ -34,20 +31,17 @@ def urdf_information(
     inverse_root = np.linalg.pinv(divergence.curvature_root(point))  # C C' is the inverse curvature
     mean = point - inverse_root @ (inverse_root.T @ divergence.gradient(point))
     reach = base.grouping @ inverse_root
-    matrix = np.linalg.inv(reach @ reach.T) / spread**2
+    matrix = np.linalg.inv(reach @ reach.T) / URDF_SPREAD**2
     return Information(matrix, matrix @ (base.grouping @ mean))
 
 
-def consistent_information(
-    base: BaseParameters, urdf: FloatArray, said: Information, spread: float = URDF_SPREAD
-) -> Information:
+def consistent_information(base: BaseParameters, urdf: FloatArray, said: Information) -> Information:
     """The pull to the URDF beside data, such that the linear solution is one that bodies can have.
 
     Args:
         base: the arm's base parameters.
         urdf: see `urdf_information`.
         said: what all joints say of the base parameters, of f sets of runs: matrix (f, b, b), vector (f, b).
-        spread: see `urdf_information`.
 
     Returns:
         Of the base parameters, matrix (f, b, b) and vector (f, b).
@@ -56,6 +50,6 @@ def consistent_information(
     pulls = []
     for matrix, vector in zip(said.matrix, said.vector, strict=True):
         onto = Information(grouping.T @ matrix @ grouping, grouping.T @ vector)
-        bodies = fit_bodies(onto, divergence, spread**-2)
-        pulls.append(urdf_information(base, urdf, spread, bodies))
+        bodies = fit_bodies(onto, divergence, URDF_SPREAD**-2)
+        pulls.append(urdf_information(base, urdf, bodies))
     return Information(*(np.stack([getattr(one, part) for one in pulls]) for part in ("matrix", "vector")))

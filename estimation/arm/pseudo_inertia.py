@@ -80,13 +80,9 @@ def nearest_bodies(inertial: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Divergence:
-    """D from given bodies, summed over the links.
+    """D from given bodies, summed over the links."""
 
-    Attributes:
-        origin: parameters of the given bodies, consistent, shape (10 links,).
-    """
-
-    origin: FloatArray
+    origin: FloatArray  # parameters of the given bodies, consistent, shape (10 links,)
 
     @cached_property
     def _origin_factor(self) -> FloatArray:

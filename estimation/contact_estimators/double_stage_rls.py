@@ -21,17 +21,15 @@ class DoubleStageRls(OnlineContactLaw):
     It converges if n begins near enough, and slowly: an error of n is made up for by k and b for as long as
     depths are alike.
 
+    Source: N. Diolaiti, C. Melchiorri, S. Stramigioli, Contact Impedance Estimation for Robotic Systems, IEEE
+    Trans. Robotics 21 (2005).
+
     Args:
         forgetting: weight kept by each sample per step, in (0, 1], in both stages.
         exponent: n to begin with.
     """
 
     name = "double_stage_rls"
-    summary = "two recursive least squares for Hunt-Crossley, gains and exponent: online, slow to settle"
-    source = (
-        "N. Diolaiti, C. Melchiorri, S. Stramigioli, Contact Impedance Estimation for Robotic Systems, "
-        "IEEE Trans. Robotics 21 (2005)"
-    )
 
     def __init__(self, forgetting: float = 0.995, exponent: float = _FIRST_EXPONENT) -> None:
         if not _EXPONENTS[0] <= exponent <= _EXPONENTS[1]:
@@ -41,13 +39,11 @@ class DoubleStageRls(OnlineContactLaw):
         self.start()
 
     def start(self) -> None:
-        """See `OnlineContactLaw.start`."""
         self._gains.start(2)
         self._exponent = self._first_exponent
         self._information = 1.0  # of n, in sums of squared logarithms
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """See `OnlineContactLaw.update`."""
         if depth_m <= 0.0:
             return None
         power = depth_m**self._exponent

@@ -16,16 +16,14 @@ class IndirectAdaptive(OnlineContactLaw):
     excite stays where it was: add an excitation to the plan (A. Misra, A. M. Okamura, Environment Parameter
     Estimation during Bilateral Telemanipulation, Haptics Symposium 2006).
 
+    Source: H. Seraji, R. Colbaugh, Force Tracking in Impedance Control, Int. J. Robotics Research 16 (1997).
+
     Args:
         rate: of the adaptation, in (0, 2).
         noise_n: force at which a step is halved [N].
     """
 
     name = "indirect_adaptive"
-    summary = "gradient adaptation of stiffness and damping: online, for force tracking"
-    source = (
-        "H. Seraji, R. Colbaugh, Force Tracking in Impedance Control, Int. J. Robotics Research 16 (1997)"
-    )
     model = "kelvin_voigt"
 
     def __init__(self, rate: float = 0.02, noise_n: float = 0.5) -> None:
@@ -37,11 +35,9 @@ class IndirectAdaptive(OnlineContactLaw):
         self.start()
 
     def start(self) -> None:
-        """See `OnlineContactLaw.start`."""
         self._k = self._c = 0.0
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """See `OnlineContactLaw.update`."""
         by_k, by_c = (likely**2 for likely in _LIKELY)
         size = by_k * depth_m**2 + by_c * speed_m_s**2 + self.noise_n**2
         error_n = force_n - self._k * depth_m - self._c * speed_m_s

@@ -27,11 +27,9 @@ class LogLinear(OnlineContactLaw):
         self.start()
 
     def start(self) -> None:
-        """See `OnlineContactLaw.start`."""
         self._linear.start(3)
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """See `OnlineContactLaw.update`."""
         if depth_m <= 0.0 or force_n < LEAST_LOAD_N:
             return None
         row = np.array([1.0, math.log(depth_m), speed_m_s])
@@ -41,14 +39,13 @@ class LogLinear(OnlineContactLaw):
 
 
 class LogLinearEwrls(LogLinear):
-    """The same by exponentially weighted recursive least squares; `forgetting` as for `Ewrls`."""
+    """The same by exponentially weighted recursive least squares; `forgetting` as for `Ewrls`.
+
+    Source: A. Haddadi, K. Hashtrudi-Zaad, Real-Time Identification of Hunt-Crossley Dynamic Models of Contact
+    Environments, IEEE Trans. Robotics 28 (2012).
+    """
 
     name = "log_linear_ewrls"
-    summary = "Hunt-Crossley by its logarithm and EWRLS: online, for slow motion and little noise"
-    source = (
-        "A. Haddadi, K. Hashtrudi-Zaad, Real-Time Identification of Hunt-Crossley Dynamic Models of Contact "
-        "Environments, IEEE Trans. Robotics 28 (2012)"
-    )
 
     def __init__(self, forgetting: float = 0.9995) -> None:
         super().__init__(Ewrls(forgetting))

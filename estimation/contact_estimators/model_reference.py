@@ -15,17 +15,15 @@ class ModelReference(OnlineContactLaw):
     Lyapunov). It works on moves alone: no surface has to be known, a constant force error does not count, and
     while nothing moves nothing is learnt. What damping adds to the force passes for stiffness.
 
+    Source: K. S. Narendra, A. M. Annaswamy, Stable Adaptive Systems (1989), ch. 3; for force control see
+    `control.laws.hold_laws`.
+
     Args:
         rate: of the adaptation, in (0, 1).
         pull: share of its error that the model makes up for per sample, in (0, 1).
     """
 
     name = "model_reference"
-    summary = "model-reference adaptive stiffness, without damping: online, for force control"
-    source = (
-        "K. S. Narendra, A. M. Annaswamy, Stable Adaptive Systems (1989), ch. 3; for force control "
-        "see `control.laws.hold_laws`"
-    )
     model = "kelvin_voigt"
 
     def __init__(self, rate: float = 0.02, pull: float = 0.2) -> None:
@@ -35,12 +33,10 @@ class ModelReference(OnlineContactLaw):
         self.start()
 
     def start(self) -> None:
-        """See `OnlineContactLaw.start`."""
         self._stiffness = 0.0
         self._last: tuple[float, float] | None = None  # depth [m] and the model's force [N]
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """See `OnlineContactLaw.update`."""
         if self._last is None:
             self._last = depth_m, force_n
             return None

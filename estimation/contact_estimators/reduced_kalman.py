@@ -19,20 +19,16 @@ class ReducedKalman(OnlineContactLaw):
     cone, so that only the material is left to find. The variance of the measured force follows the errors,
     less what the state's own spread explains, and that of the state grows by a share each sample.
 
+    Source: L. Beber et al., Towards Robotised Palpation for Cancer Detection through Online Tissue
+    Viscoelastic Characterisation with a Collaborative Robotic Arm (2024), arXiv 2404.09542; noise: R. K.
+    Mehra, Approaches to Adaptive Filtering, IEEE Trans. Automatic Control 17 (1972).
+
     Args:
         exponent: n.
         drift: by which share the standard deviation of k and b may change from sample to sample.
     """
 
     name = "reduced_kalman"
-    summary = (
-        "extended Kalman filter on Hunt-Crossley with the exponent of the tool's shape; learns its noise"
-    )
-    source = (
-        "L. Beber et al., Towards Robotised Palpation for Cancer Detection through Online Tissue "
-        "Viscoelastic Characterisation with a Collaborative Robotic Arm (2024), arXiv 2404.09542; noise: "
-        "R. K. Mehra, Approaches to Adaptive Filtering, IEEE Trans. Automatic Control 17 (1972)"
-    )
 
     def __init__(self, exponent: float = 1.5, drift: float = 1e-5) -> None:
         if not exponent > 0.0 or drift < 0.0:
@@ -43,13 +39,11 @@ class ReducedKalman(OnlineContactLaw):
         self.start()
 
     def start(self) -> None:
-        """See `OnlineContactLaw.start`."""
         self._state = np.zeros(3)
         self._covariance = np.diag(np.square(_SPREAD))
         self._noise2 = _FIRST_NOISE_N**2
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """See `OnlineContactLaw.update`."""
         k, b, surface_m = self._state.tolist()
         deep = max(depth_m - surface_m, _LEAST_DEPTH_M)
         power = deep**self.exponent

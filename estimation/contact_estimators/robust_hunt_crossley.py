@@ -19,19 +19,16 @@ class RobustHuntCrossley(ContactEstimator):
     The start is the least median of squares over pairs of samples, each solved for k and b at a dozen
     exponents at once; a few biweight steps lead from there to the efficient estimate, see `m_steps`. It is
     what `robust` is for a linear model; the surface must be known.
+
+    Source: V. J. Yohai, High Breakdown-Point and High Efficiency Robust Estimates for Regression, Ann. Stat.
+    15 (1987).
     """
 
     name = "robust_hunt_crossley"
-    summary = "MM estimate of Hunt-Crossley with a known surface: stands outliers, near the Cramer-Rao bound"
-    source = (
-        "V. J. Yohai, High Breakdown-Point and High Efficiency Robust Estimates for Regression, "
-        "Ann. Stat. 15 (1987)"
-    )
 
     def fit(
         self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, *, rng: np.random.Generator
     ) -> ContactLaw:
-        """See `ContactEstimator.fit`."""
         settled, unit_m = self.settle(depth_m, speed_m_s, force_n, rng)
         log_push, ratio, n = settled.values.tolist()
         k = float(np.exp(log_push)) / unit_m**n

@@ -10,8 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet
 from numpy.typing import NDArray
 
-from estimation.data.file_columns import FileColumns
-from estimation.data.file_size import check_size
+from estimation.data.file_columns import FileColumns, check_size
 from estimation.data.lerobot_table import flat_table, is_lerobot
 from estimation.data.quantities import parse_role
 from robot_io.errors import InputError

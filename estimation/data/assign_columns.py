@@ -24,7 +24,6 @@ from estimation.data.column_units import (
     check_all_say_their_units,
     check_units_are_used,
 )
-from estimation.data.compression_sign import counted_negative
 from estimation.data.import_options import ImportOptions
 from estimation.data.mixed_rates import with_one_rate
 from estimation.data.press_runs import FEWEST_ROWS
@@ -37,27 +36,23 @@ from estimation.data.quantities import (
     unit_in_name,
 )
 from estimation.data.table import Table
+from estimation.statistics.correlation import likeness
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
+
+_FAR = 3.0  # times as far to the one side as to the other
+_LIKE = 0.5  # correlation of a way and its force
 
 
 @dataclass(frozen=True)
 class Columns:
-    """A table with the meaning of its columns.
+    """A table with the meaning of its columns."""
 
-    Attributes:
-        table: the rows.
-        assigned: the columns in use.
-        run: column with the run of each row, or None.
-        phase: column with the phase of each row, or None.
-        said: notes on how they were chosen.
-    """
-
-    table: Table
-    assigned: dict[Key, Assigned]
-    run: str | None
-    phase: str | None
-    said: tuple[str, ...] = ()
+    table: Table  # the rows
+    assigned: dict[Key, Assigned]  # the columns in use
+    run: str | None  # column with the run of each row, or None
+    phase: str | None  # column with the phase of each row, or None
+    said: tuple[str, ...] = ()  # notes on how they were chosen
 
     def __contains__(self, key: object) -> bool:
         return key in self.assigned
@@ -224,3 +219,12 @@ def _by_option(table: Table, options: ImportOptions) -> dict[Key, tuple[Role, st
 
 def _special(table: Table, options: ImportOptions, name: str) -> str | None:
     return options.columns.get(name, name if name in table.names else None)
+
+
+def counted_negative(way: FloatArray, force: FloatArray) -> bool:
+    """Whether displacement (n,) and force (n,) of a contact both go the negative way where it is pressed."""
+    for values in (way, force):
+        low, high = np.quantile(values, [0.005, 0.995])
+        if not -low > _FAR * max(high, 0.0) or low == high:
+            return False
+    return likeness(way, force) > _LIKE

@@ -60,11 +60,7 @@ def session_channels(session: Session, *more: Session, tared: bool = False) -> t
 
 
 def _of_one_arm(*sessions: Session) -> tuple[Session, ...]:
-    """The sessions, if one arm made them.
-
-    Raises:
-        InputError: one is no probing, or another arm's.
-    """
+    """The sessions, if one arm made them. InputError: one is no probing, or another arm's."""
     first = sessions[0]
     for one in sessions:
         if STREAM_NAME not in one.stream_names:

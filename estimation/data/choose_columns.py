@@ -9,7 +9,7 @@ from estimation.data.column_guess import Guess, guess_columns
 from estimation.data.quantities import Role, is_meant
 from estimation.data.table import Table
 from estimation.data.units import dimension_of, factor_to_si
-from estimation.statistics.likeness import likeness
+from estimation.statistics.correlation import likeness
 from robot_io.errors import InputError
 
 Key = tuple[str, int]  # quantity and number of the joint, 0 where there is none

@@ -39,23 +39,14 @@ OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT = 3, 2, 1, 0
 
 @dataclass(frozen=True)
 class Guess:
-    """What a column seems to hold.
+    """What a column seems to hold."""
 
-    Attributes:
-        column: its name in the file.
-        quantity: key of `QUANTITIES`, or "run"; empty for none.
-        joint: number in the name, None where it has none.
-        unit: as the name says it, normalised; empty where it says none.
-        rank: how well the name fits; the highest is a name of palpate's own.
-        why: in words.
-    """
-
-    column: str
-    quantity: str
-    joint: int | None = None
-    unit: str = ""
-    rank: int = _BY_NAME
-    why: str = ""
+    column: str  # its name in the file
+    quantity: str  # key of `QUANTITIES`, or "run"; empty for none
+    joint: int | None = None  # number in the name, None where it has none
+    unit: str = ""  # as the name says it, normalised; empty where it says none
+    rank: int = _BY_NAME  # how well the name fits; the highest is a name of palpate's own
+    why: str = ""  # in words
 
     @property
     def key(self) -> tuple[str, int]:

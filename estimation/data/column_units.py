@@ -20,21 +20,13 @@ _LARGE = {  # a row, or in all: the unit that is likely above
 
 @dataclass(frozen=True)
 class Assigned:
-    """One quantity's column.
+    """One quantity's column."""
 
-    Attributes:
-        column: its name in the file.
-        dimension: what it measures.
-        unit: of its numbers.
-        factor: turns its numbers into SI.
-        note: what the reader should know, or empty.
-    """
-
-    column: str
-    dimension: str
-    unit: str
-    factor: float
-    note: str = ""
+    column: str  # its name in the file
+    dimension: str  # what it measures
+    unit: str  # of its numbers
+    factor: float  # turns its numbers into SI
+    note: str = ""  # what the reader should know, or empty
 
 
 def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -> Assigned:
@@ -74,11 +66,7 @@ def _unit(options: ImportOptions, role: Role, column: str) -> str:
 def check_all_say_their_units(
     table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
 ) -> None:
-    """Ask for the units that nothing says, with those that are likely.
-
-    Raises:
-        InputError: one is not said.
-    """
+    """Ask for the units that nothing says, with those that are likely. InputError: one is not said."""
     silent = [(role, column) for role, column in chosen.values() if not _unit(options, role, column)]
     if silent:
         columns = ", ".join(f"'{column}'" for _, column in silent)

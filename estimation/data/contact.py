@@ -12,6 +12,7 @@ import numpy as np
 
 from control.laws.touch import touch_force_n
 from control.loop.phases import Phase
+from estimation.signals.blocks import places
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -21,24 +22,16 @@ _FREE = (Phase.FREE_AIR, Phase.APPROACH)  # the first of these that a run has te
 
 @dataclass(frozen=True)
 class Contact:
-    """One run's contact.
+    """One run's contact."""
 
-    Attributes:
-        run: its number.
-        rows: indices of the samples that are surely in contact, in order of time; may be empty.
-        free: indices of the last sample before and the first after it whose force is no touch; fewer where
-            the run has none.
-        baseline_n: force in free air [N].
-        baseline_std_err_n: its standard error, also where the noise is correlated in time [N].
-        noise_n: standard deviation of the force in free air [N].
-    """
-
-    run: int
-    rows: IntArray
+    run: int  # its number
+    rows: IntArray  # indices of the samples that are surely in contact, in order of time; may be empty
+    # Indices of the last sample before and the first after it whose force
+    # is no touch; fewer where the run has none.
     free: IntArray
-    baseline_n: float
-    baseline_std_err_n: float
-    noise_n: float
+    baseline_n: float  # force in free air [N]
+    baseline_std_err_n: float  # its standard error, also where the noise is correlated in time [N]
+    noise_n: float  # standard deviation of the force in free air [N]
 
     def among(self, kept: BoolArray) -> "Contact":
         """The same contact where only some samples are kept, its own among them; mask of shape (n,)."""
@@ -108,8 +101,5 @@ def _mean_std_err(samples: FloatArray) -> float:
 
 def _lasting(mask: BoolArray) -> BoolArray:
     """Only those true samples that stand in a row of at least `_LASTING`."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    lasting = np.zeros_like(mask)
-    for start, stop in edges.reshape(-1, 2):
-        lasting[start:stop] = stop - start >= _LASTING
-    return lasting
+    _, row = places(mask)
+    return np.asarray(mask & (np.bincount(row)[row] >= _LASTING))

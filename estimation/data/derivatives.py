@@ -35,18 +35,12 @@ _BLOCK = 20_000  # samples fitted at once, to bound memory
 
 @dataclass(frozen=True)
 class Motion:
-    """Derivatives of a position.
+    """Derivatives of a position."""
 
-    Attributes:
-        position: shape (n,), smoothed by the window of the velocity.
-        velocity: shape (n,), unit of the position per second.
-        acceleration: shape (n,).
-        half_windows: samples on either side that went into each fit, for velocity and for acceleration.
-    """
-
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
+    position: FloatArray  # shape (n,), smoothed by the window of the velocity
+    velocity: FloatArray  # shape (n,), unit of the position per second
+    acceleration: FloatArray  # shape (n,)
+    # Samples on either side that went into each fit, for velocity and for acceleration.
     half_windows: tuple[int, int]
 
 
@@ -209,21 +203,13 @@ def centre_slope(half_window: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Trial:
-    """One window tried on n samples.
+    """One window tried on n samples."""
 
-    Attributes:
-        half: samples on either side.
-        rounding: variance of the positions' rounding.
-        missed: measured minus fitted position, shape (n,).
-        fitted: see `LocalFit`.
-        variance: see `LocalFit`.
-    """
-
-    half: int
-    rounding: float
-    missed: FloatArray
-    fitted: FloatArray
-    variance: FloatArray
+    half: int  # samples on either side
+    rounding: float  # variance of the positions' rounding
+    missed: FloatArray  # measured minus fitted position, shape (n,)
+    fitted: FloatArray  # see `LocalFit`
+    variance: FloatArray  # see `LocalFit`
 
     @property
     def noise(self) -> float:

@@ -13,8 +13,7 @@ from xml.parsers import expat
 import pyarrow as pa
 from python_calamine import CalamineSheet, CalamineWorkbook
 
-from estimation.data.file_columns import FileColumns
-from estimation.data.file_size import check_size
+from estimation.data.file_columns import FileColumns, check_size
 from estimation.data.header_rows import find_layout, preamble_words
 from estimation.data.quantities import RUN
 from estimation.data.text_dialect import commas_decide

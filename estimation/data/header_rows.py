@@ -23,17 +23,11 @@ _BRACKETS = "[](){}<>"
 
 @dataclass(frozen=True)
 class Layout:
-    """Where what stands among rows of cells.
+    """Where what stands among rows of cells."""
 
-    Attributes:
-        names: of the columns, with the units of a row of units in brackets.
-        first: index of the first row of numbers.
-        header: index of the row of names.
-    """
-
-    names: tuple[str, ...]
-    first: int
-    header: int
+    names: tuple[str, ...]  # of the columns, with the units of a row of units in brackets
+    first: int  # index of the first row of numbers
+    header: int  # index of the row of names
 
 
 def find_layout(rows: Sequence[Sequence[str]], decimal: str) -> Layout | None:

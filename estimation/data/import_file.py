@@ -32,22 +32,15 @@ _DEFAULT = ImportOptions()
 
 @dataclass(frozen=True)
 class Imported:
-    """A data file as channels.
+    """A data file as channels."""
 
-    Attributes:
-        channels: "contact", and "joint_1" ...
-        run_labels: what the file calls each run, by its number.
-        notes: sentences that the reader should see.
-        unused: columns of numbers that could be kept as context.
-        read: what was taken for what, in a few words; empty where all columns have palpate's own names.
-        roles: what each column in use holds, in a few words, by its name.
-    """
-
-    channels: tuple[ChannelData, ...]
-    run_labels: dict[int, str]
-    notes: tuple[str, ...]
-    unused: tuple[str, ...]
+    channels: tuple[ChannelData, ...]  # "contact", and "joint_1" ...
+    run_labels: dict[int, str]  # what the file calls each run, by its number
+    notes: tuple[str, ...]  # sentences that the reader should see
+    unused: tuple[str, ...]  # columns of numbers that could be kept as context
+    # What was taken for what, in a few words; empty where all columns have palpate's own names.
     read: str = ""
+    # What each column in use holds, in a few words, by its name.
     roles: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -8,26 +8,18 @@ from robot_io.errors import InputError
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """How to read a data file.
+    """How to read a data file. InputError: one of them has another type."""
 
-    Attributes:
-        columns: column for each quantity that is called something else, such as {"force_N": "load"}.
-        units: unit of a quantity or of a column where the name does not say it, such as {"force": "mN"}.
-        where: only rows in which a column has this text, such as {"specimen": "P002"}.
-        context: further columns of numbers to keep beside the channels.
-        fresh: each run met an object, or a spot of it, that was never pressed before, on whatever clock.
-        runs: how many presses the recording holds; None to find them.
-
-    Raises:
-        InputError: one of them has another type.
-    """
-
+    # Column for each quantity that is called something else, such as {"force_N": "load"}.
     columns: Mapping[str, str] = field(default_factory=dict)
+    # Unit of a quantity or of a column where the name does not say it, such as {"force": "mN"}.
     units: Mapping[str, str] = field(default_factory=dict)
+    # Only rows in which a column has this text, such as {"specimen": "P002"}.
     where: Mapping[str, str] = field(default_factory=dict)
-    context: tuple[str, ...] = ()
+    context: tuple[str, ...] = ()  # further columns of numbers to keep beside the channels
+    # Each run met an object, or a spot of it, that was never pressed before, on whatever clock.
     fresh: bool = False
-    runs: int | None = None
+    runs: int | None = None  # how many presses the recording holds; None to find them
 
     def __post_init__(self) -> None:
         for name, example in _PAIRS.items():

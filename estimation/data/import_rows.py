@@ -21,23 +21,14 @@ _FEWEST = 5  # samples of a run: fewer have no acceleration that means anything
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of a table, one block for each run.
+    """The rows of a table, one block for each run."""
 
-    Attributes:
-        order: index in the table of each row, shape (n,).
-        time_s: shape (n,), strictly increasing within a run [s].
-        run: shape (n,).
-        phase: shape (n,), numbers of `control.loop.phases.Phase`, or -1 where unknown.
-        labels: what the file calls each run.
-        note: how the runs were found, if the file does not say them; or empty.
-    """
-
-    order: IntArray
-    time_s: FloatArray
-    run: IntArray
-    phase: IntArray
-    labels: dict[int, str]
-    note: str = ""
+    order: IntArray  # index in the table of each row, shape (n,)
+    time_s: FloatArray  # shape (n,), strictly increasing within a run [s]
+    run: IntArray  # shape (n,)
+    phase: IntArray  # shape (n,), numbers of `control.loop.phases.Phase`, or -1 where unknown
+    labels: dict[int, str]  # what the file calls each run
+    note: str = ""  # how the runs were found, if the file does not say them; or empty
 
 
 def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = None) -> Rows:

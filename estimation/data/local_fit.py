@@ -18,15 +18,11 @@ _EVEN = 1e-4  # steps that differ by less, as a share of a step, count as even
 
 @dataclass(frozen=True)
 class LocalFit:
-    """Fits around n samples.
+    """Fits around n samples."""
 
-    Attributes:
-        fitted: position, velocity and acceleration, shape (n, 3).
-        variance: of each of them for noise of variance 1, shape (n, 3); that of a position is also the share
-            of its own measurement in it.
-    """
-
-    fitted: FloatArray
+    fitted: FloatArray  # position, velocity and acceleration, shape (n, 3)
+    # Of each of them for noise of variance 1, shape (n, 3); that of a
+    # position is also the share of its own measurement in it.
     variance: FloatArray
 
 

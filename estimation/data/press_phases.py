@@ -6,7 +6,7 @@ from scipy.ndimage import median_filter
 from control.loop.phases import Phase
 from estimation.data.press_runs import force_levels
 from estimation.signals.blocks import blocks
-from estimation.statistics.likeness import likeness
+from estimation.statistics.correlation import likeness
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _SLOW = 0.05  # of the usual speed, below which something is held

@@ -22,15 +22,10 @@ _AIR = 0.1  # of the lower of two presses, that the force between them may be ab
 
 @dataclass(frozen=True)
 class Levels:
-    """Forces [N] that tell a press from free air.
+    """Forces [N] that tell a press from free air."""
 
-    Attributes:
-        pressed: above it something is pressed.
-        released: below it nothing is.
-    """
-
-    pressed: float
-    released: float
+    pressed: float  # above it something is pressed
+    released: float  # below it nothing is
 
 
 def force_levels(force: FloatArray, displacement: FloatArray) -> Levels:

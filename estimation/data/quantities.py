@@ -31,17 +31,11 @@ _AFTER = re.compile(r"\s*(?:/|,|\bin\b)\s*([^\s/,]+)\s*$")
 
 @dataclass(frozen=True)
 class Role:
-    """What a column is for.
+    """What a column is for."""
 
-    Attributes:
-        quantity: key of `QUANTITIES`.
-        joint: number of the joint from 1, or 0 where the name has none.
-        unit: as in the name, normalised; empty where it has none.
-    """
-
-    quantity: str
-    joint: int
-    unit: str
+    quantity: str  # key of `QUANTITIES`
+    joint: int  # number of the joint from 1, or 0 where the name has none
+    unit: str  # as in the name, normalised; empty where it has none
 
     @property
     def key(self) -> tuple[str, int]:
@@ -77,11 +71,7 @@ def parse_role(name: str) -> Role | None:
 
 
 def role_of_option(name: str, option: str) -> Role:
-    """The role that a user names in an option.
-
-    Raises:
-        InputError: it is none.
-    """
+    """The role that a user names in an option. InputError: it is none."""
     role = parse_role(name)
     if role is None:
         valid = ", ".join([*QUANTITIES, RUN, PHASE])

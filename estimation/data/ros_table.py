@@ -14,8 +14,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_ros2.decoder import DecoderFactory
 
-from estimation.data.file_columns import FileColumns
-from estimation.data.file_size import check_size
+from estimation.data.file_columns import FileColumns, check_size
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 

@@ -17,20 +17,14 @@ _SOFTEST_START = 3.0  # power of the depth with which the force of an object may
 
 @dataclass(frozen=True)
 class Touch:
-    """Where the samples around the touches of one place allow the surface to be, along the press direction.
+    """Where samples around the touches of one place allow the surface to be, along the press direction."""
 
-    Attributes:
-        highest_m: no object begins above [m]; -inf where no free air was recorded.
-        air_m: the shallowest of the last samples before, and the first after a contact; or as `first_m`, if
-            that is shallower [m].
-        first_m: the shallowest sample in contact [m].
-        step_m: of the grid that these coordinates were read on; 0 if there is none [m].
-    """
-
-    highest_m: float
+    highest_m: float  # no object begins above [m]; -inf where no free air was recorded
+    # The shallowest of the last samples before, and the first after a
+    # contact; or as `first_m`, if that is shallower [m].
     air_m: float
-    first_m: float
-    step_m: float
+    first_m: float  # the shallowest sample in contact [m]
+    step_m: float  # of the grid that these coordinates were read on; 0 if there is none [m]
 
     @property
     def deepest_m(self) -> float:

@@ -30,21 +30,13 @@ _GROUPED_BY_POINTS = r"^\s*[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?\s*$"
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of equal length.
+    """Columns of equal length."""
 
-    Attributes:
-        path: where they come from, for errors.
-        columns: as Arrow holds them; those of a text file are text.
-        rows: number of each row in the file, counted from 1 after the header, shape (n,).
-        decimal: mark in numbers that are text.
-        words: how the file is written, where that is worth a word.
-    """
-
-    path: Path
-    columns: pa.Table
-    rows: IntArray
-    decimal: str = "."
-    words: tuple[str, ...] = ()
+    path: Path  # where they come from, for errors
+    columns: pa.Table  # as Arrow holds them; those of a text file are text
+    rows: IntArray  # number of each row in the file, counted from 1 after the header, shape (n,)
+    decimal: str = "."  # mark in numbers that are text
+    words: tuple[str, ...] = ()  # how the file is written, where that is worth a word
     _numbers: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __len__(self) -> int:

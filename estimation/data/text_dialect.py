@@ -17,21 +17,13 @@ _BLANK = re.compile(r"\s+(?![\[(])")  # none between a name and its unit
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a text file is written.
+    """How a text file is written."""
 
-    Attributes:
-        delimiter: between cells.
-        decimal: mark in numbers.
-        names: of the columns.
-        start: byte at which the first row of numbers begins.
-        skipped: lines before the names.
-    """
-
-    delimiter: str
-    decimal: str
-    names: tuple[str, ...]
-    start: int
-    skipped: int = 0
+    delimiter: str  # between cells
+    decimal: str  # mark in numbers
+    names: tuple[str, ...]  # of the columns
+    start: int  # byte at which the first row of numbers begins
+    skipped: int = 0  # lines before the names
 
     @property
     def words(self) -> tuple[str, ...]:

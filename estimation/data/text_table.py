@@ -7,8 +7,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.csv
 
-from estimation.data.file_columns import FileColumns
-from estimation.data.file_size import check_size, most_bytes
+from estimation.data.file_columns import FileColumns, check_size, most_bytes
 from estimation.data.text_decoding import as_utf8
 from estimation.data.text_dialect import BLANKS, DELIMITERS, Dialect, blanks_as_tabs, find_dialect
 from robot_io.errors import InputError

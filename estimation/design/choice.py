@@ -13,17 +13,12 @@ NEARLY = 0.9  # of what the best tells, that an experiment tells as well as that
 
 @dataclass(frozen=True)
 class Experiment:
-    """What could be done next, and how far it is expected to set rivals apart.
+    """What could be done next, and how far it is expected to set rivals apart."""
 
-    Attributes:
-        words: what an experimenter does.
-        duration_s: how long that takes [s].
-        leads: for each undecided channel, the expected lead of each rival over each other, shape (r, r) each;
-            see `estimation.design.discrimination`.
-    """
-
-    words: str
-    duration_s: float
+    words: str  # what an experimenter does
+    duration_s: float  # how long that takes [s]
+    # For each undecided channel, the expected lead of each rival over each other, shape (r, r) each; see
+    # `estimation.design.discrimination`.
     leads: tuple[FloatArray, ...]
 
     @property
@@ -39,17 +34,11 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Choice:
-    """The experiment that was chosen, and why.
+    """The experiment that was chosen, and why."""
 
-    Attributes:
-        index: of the experiment among those offered.
-        experiment: what is done.
-        reason: one sentence.
-    """
-
-    index: int
-    experiment: Experiment
-    reason: str
+    index: int  # of the experiment among those offered
+    experiment: Experiment  # what is done
+    reason: str  # one sentence
 
 
 def choose(offered: Sequence[Experiment]) -> Choice | None:

@@ -31,17 +31,11 @@ _STEP = 1e-3  # of an inner parameter, over which a slope is taken
 
 @dataclass(frozen=True)
 class Rivals:
-    """Models of one channel among which the data do not decide, on one sample a block.
+    """Models of one channel among which the data do not decide, on one sample a block."""
 
-    Attributes:
-        data: the channel as it was recorded.
-        good: samples that count, shape (n,).
-        fits: the models.
-    """
-
-    data: ChannelData
-    good: BoolArray
-    fits: tuple[Fit, ...]
+    data: ChannelData  # the channel as it was recorded
+    good: BoolArray  # samples that count, shape (n,)
+    fits: tuple[Fit, ...]  # the models
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> "Rivals":

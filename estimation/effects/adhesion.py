@@ -1,7 +1,5 @@
 """The object sticks to the tool."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -23,7 +21,7 @@ class Adhesion(AdditiveEffect):
     one_sided = False
     gains = (Parameter("force", "{effort}", 0.0, 1e6, (0.05, 5.0)),)
     inner = (Parameter("reach", "{position}", 1e-05, 0.02, (0.0001, 0.005), log=True),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "contact_offset": "retract slowly beyond the surface: only adhesion pulls there",
         "bias": "record free air before the touch: a bias is there too",
         "dry_friction": "retract slowly beyond the surface: friction ends with the contact",

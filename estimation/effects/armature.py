@@ -1,7 +1,5 @@
 """The rotor's inertia, seen through the gear."""
 
-from typing import ClassVar
-
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
@@ -18,7 +16,7 @@ class Armature(AdditiveEffect):
     signals = ("acceleration",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("inertia", "{effort} s^2/{position}", 0.0, 10000.0, (0.001, 5.0)),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "lag": "move at two frequencies",
         "payload": "hold still in several postures: a rotor has no weight",
         "inertia": "none in one channel: a rotor adds to the inertia of its joint",

@@ -1,7 +1,5 @@
 """Friction that differs between the two directions."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -26,7 +24,7 @@ class AsymmetricFriction(AdditiveEffect):
         Parameter("viscous_backward", "{effort} s/{position}", -10000.0, 10000.0, (0.001, 50.0)),
     )
     inner = (Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "bias": "let the joint rest: a bias stays, friction does not push",
         "coulomb_friction": "move equally in both directions",
     }

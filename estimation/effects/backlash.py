@@ -1,7 +1,5 @@
 """Play between motor and load."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -31,7 +29,7 @@ class Backlash(MotionEffect):
         Parameter("motor_inertia", "1", 0.0, 1.0, (0.0, 1.0)),
         Parameter("motor_friction", "1", 0.0, 1.0, (0.0, 1.0)),
     )
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "presliding_friction": "reverse slowly: friction changes sign, through a gap effort is nothing",
         "loaded_backlash": "reverse the motion with the load to one side: the link then stays on its flank",
         "hysteresis": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",

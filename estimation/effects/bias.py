@@ -1,7 +1,5 @@
 """The sensor's zero is off."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -21,7 +19,7 @@ class Bias(AdditiveEffect):
     channels = frozenset(ChannelKind)
     one_sided = False
     gains = (Parameter("offset", "{effort}", -1e9, 1e9, (-1.0, 1.0)),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "run_offset": "record more runs: a bias is the same in all",
         "contact_offset": "record free air: a bias is there too",
         "gravity_tilt": "judge all joints together: a tilt is in all of them; or move over a wide range",

@@ -1,7 +1,6 @@
 """A spring that yields: hysteresis of force over displacement."""
 
 from itertools import product
-from typing import ClassVar
 
 import numpy as np
 
@@ -38,7 +37,7 @@ class BoucWenHysteresis(AdditiveEffect):
         Parameter("sharpness", "1", 0.5, 20.0, (1.0, 5.0), log=True),
         Parameter("unloading", "1", 0.0, 1.0, (0.0, 1.0)),
     )
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "presliding_friction": "reverse half way: the curves of Dahl's friction are exponentials",
         "dry_friction": "reverse half way: the curves of Dahl's friction are exponentials",
         "hysteresis": "reverse slowly at several loads: a hysteresis of the sensor is one of effort",

@@ -1,7 +1,6 @@
 """The surface lies elsewhere than assumed."""
 
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -20,7 +19,7 @@ class ContactOffset(MotionEffect):
     signals = ("position",)
     channels = frozenset({ChannelKind.CONTACT})
     inner = (Parameter("offset", "{position}", -0.02, 0.02, (-1e-3, 1e-3)),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "bias": "record free air: a sensor's bias is there too, an offset is not",
         "adhesion": "watch the force just before contact is lost: adhesion pulls",
     }

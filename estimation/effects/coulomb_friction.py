@@ -1,7 +1,5 @@
 """Friction that does not depend on speed."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -24,7 +22,7 @@ class CoulombFriction(AdditiveEffect):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("force", "{effort}", 0.0, 1e6, (0.001, 50.0)),)
     inner = (Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "position_dependent_friction": "move over a wide range",
         "presliding_friction": "stop and creep back and forth: a path, not a speed, counts",
         "stribeck_friction": "move very slowly: Stribeck friction rises towards zero speed",

@@ -1,7 +1,5 @@
 """A spring that stiffens or softens with its stretch."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -25,7 +23,7 @@ class CubicStiffness(AdditiveEffect):
         Parameter("k3", "{effort}/{position}^3", -10000000000000.0, 10000000000000.0, (1.0, 1000000000.0)),
     )
     elastic = ("k3",)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "exponential_stiffness": "press deeper: an exponential soon outgrows a cubic",
         "power_law_stiffness": "press deeper: a power law and a cubic part ways",
         "hunt_crossley": "press deeper: a power law and a cubic part ways",

@@ -1,7 +1,5 @@
 """A linear damper."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -20,7 +18,7 @@ class Damping(AdditiveEffect):
     signals = ("velocity",)
     channels = frozenset(ChannelKind)
     gains = (Parameter("c", "{effort} s/{position}", 0.0, 1e5, (0.1, 500.0)),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "delay": "probe at two speeds and hold: a delay shifts force in time, a damper vanishes at rest",
         "viscous_friction": "none in one channel: it is the same term, named for a joint",
         "stress_relaxation": "hold: relaxation goes on at rest, damping does not",

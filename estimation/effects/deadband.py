@@ -1,7 +1,5 @@
 """Small efforts are not shown."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -20,7 +18,7 @@ class Deadband(SensorEffect):
     signals = ("effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("width", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "contact_offset": "probe slowly near the surface",
         "bias": "look at both signs of effort",
         "coulomb_friction": "hold still under several loads",

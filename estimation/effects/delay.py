@@ -1,7 +1,6 @@
 """The sensor reports late."""
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 
@@ -25,7 +24,7 @@ class Delay(SensorEffect):
     signals = ("past effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("time", "s", -0.5, 2.0, (0.001, 0.1)),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "lag": "make a sharp touch: a lag rounds it, a delay only shifts it",
         "damping": "hold and probe at two speeds",
         "viscous_friction": "move at two speeds with the same acceleration",

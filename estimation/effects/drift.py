@@ -1,7 +1,5 @@
 """The sensor's zero wanders."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -25,7 +23,7 @@ class Drift(AdditiveEffect):
         Parameter("offset", "{effort}", -1e9, 1e9, (-1.0, 1.0)),
     )
     essential = ("rate",)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "stress_relaxation": "free air: drift goes on there, relaxation does not",
         "bias": "wait: a bias stays",
     }

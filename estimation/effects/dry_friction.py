@@ -1,7 +1,5 @@
 """Rubbing between tool and object."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -36,7 +34,7 @@ class DryFriction(AdditiveEffect):
         Parameter("presliding", "{position}", 1e-07, 0.01, (1e-06, 0.001), log=True),
         Parameter("transition", "{position}/s", 1e-07, 0.1, (1e-05, 0.01), log=True),
     )
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "bouc_wen_hysteresis": "reverse half way: the curves of Dahl's friction are exponentials",
         "damping": "probe at two speeds: friction does not grow with speed",
         "hysteresis": "press a spring alone: the sensor keeps its hysteresis there",

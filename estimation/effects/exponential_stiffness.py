@@ -1,7 +1,5 @@
 """A spring that stiffens exponentially, as soft tissue does."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -28,7 +26,7 @@ class ExponentialStiffness(AdditiveEffect):
     gains = (Parameter("a", "{effort}", 0.0, 1e9, (1e-4, 10.0)),)
     elastic = ("a",)
     inner = (Parameter("b", "1/{position}", 1e-3, 1e9, (10.0, 1000.0), log=True),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "power_law_stiffness": "press deeper: an exponential soon outgrows any power",
         "cubic_stiffness": "press deeper: an exponential soon outgrows a cubic",
         "layered_stiffness": "press deeper: layers have a kink, an exponential has none",

@@ -1,7 +1,5 @@
 """The tip pushes harder than the force sensor says."""
 
-from typing import ClassVar
-
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
@@ -24,7 +22,7 @@ class ForceDeadband(AdditiveEffect):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("width", "N", 0.0, 10000.0, (0.01, 10.0)),)
     needs = ("contact_torque_per_newton", "touching")
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "torque_gain": "press at several forces: a dead band takes the same from all",
         "payload": "compare free air with contact: a payload is there in both",
     }

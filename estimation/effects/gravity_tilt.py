@@ -29,7 +29,7 @@ class GravityTilt(AdditiveEffect):
     gains: ClassVar[tuple[Parameter, ...]] = (
         Parameter("tilt", "{effort} per unit", -10000.0, 10000.0, (0.001, 5.0)),
     )
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "bias": "move over a wide range: a bias is the same in every posture",
         "joint_spring": "judge all joints together: a tilt is in all of them; or move over a wide range",
         "payload": "change the posture: weight and tilt are a quarter turn apart",

@@ -1,7 +1,6 @@
 """The nonlinear contact of Hunt and Crossley."""
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 
@@ -30,7 +29,7 @@ class HuntCrossley(AdditiveEffect):
     elastic = ("k",)
     essential = ("b",)
     inner = (Parameter("n", "1", 0.5, 4.0, (1.0, 2.0)),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "power_law_stiffness": "press at two speeds: its damping grows with depth",
         "cubic_stiffness": "press deeper: a power law and a cubic part ways",
         "layered_stiffness": "press deeper: layers have a kink, a power law has none",

@@ -1,7 +1,5 @@
 """The sensor reads differently on the way up and down."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -28,7 +26,7 @@ class Hysteresis(SensorEffect):
     signals = ("past effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("width", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "bouc_wen_hysteresis": "reverse slowly at several loads: the sensor's loops have one width",
         "backlash": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
         "dry_friction": "reverse slowly at several depths",

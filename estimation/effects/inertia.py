@@ -1,7 +1,5 @@
 """A mass, or a moment of inertia."""
 
-from typing import ClassVar
-
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
@@ -19,7 +17,7 @@ class Inertia(AdditiveEffect):
     channels = frozenset(ChannelKind)
     one_sided = False
     gains = (Parameter("m", "{effort} s^2/{position}", 0.0, 1000000.0, (0.0001, 200.0)),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "armature": "none in one channel: a rotor adds to the inertia of its joint",
         "lag": "move at two frequencies: a lag turns stiffness into apparent damping first",
     }

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from itertools import product
-from typing import ClassVar
 
 import numpy as np
 
@@ -44,7 +43,7 @@ class JointCoupling(AdditiveEffect):
         Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), log=True),
     )
     needs = ("joint_velocity", "joint_acceleration")
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "coulomb_friction": "hold this joint still and move its neighbour",
         "viscous_friction": "hold this joint still and move its neighbour",
         "rigid_body_fitted": "move slowly: friction of the coupling stays, inertia of the links does not",

@@ -1,7 +1,6 @@
 """The gear winds up under load."""
 
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,7 +23,7 @@ class JointElasticity(MotionEffect):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     inner = (Parameter("compliance", "{position}/{effort}", 0.0, 1e9, (1e-05, 0.1), log=True),)
     needs = ("load",)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "lag": "move slowly under a large load: a spring yields at rest too",
         "inertia": "move at two frequencies: elasticity grows with the fourth power",
     }

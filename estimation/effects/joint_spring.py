@@ -1,7 +1,5 @@
 """A spring, cable or hose that pulls the joint."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -24,7 +22,7 @@ class JointSpring(AdditiveEffect):
         Parameter("preload", "{effort}", -1000000.0, 1000000.0, (-10.0, 10.0)),
     )
     essential = ("k",)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "bias": "move over a wide range: a bias is the same everywhere",
         "gravity_tilt": "judge all joints together: a tilt is in all of them; or move over a wide range",
         "cubic_stiffness": "move over a wide range",

@@ -1,7 +1,5 @@
 """The sensor follows slowly."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -21,7 +19,7 @@ class Lag(SensorEffect):
     signals = ("past effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("tau", "s", 1e-05, 10.0, (0.001, 0.2), log=True),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "delay": "make a sharp touch: a lag rounds it, a delay only shifts it",
         "damping": "hold and probe at two speeds",
         "inertia": "move at two frequencies",

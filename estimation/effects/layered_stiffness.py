@@ -1,7 +1,6 @@
 """A stiffer layer below the surface."""
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 
@@ -30,7 +29,7 @@ class LayeredStiffness(AdditiveEffect):
     gains = (Parameter("k2", "{effort}/{position}", -10000000.0, 10000000.0, (10.0, 20000.0)),)
     elastic = ("k2",)
     inner = (Parameter("depth", "{position}", 0.0, 0.2, (0.001, 0.02)),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "exponential_stiffness": "press deeper: beyond the kink a layer is straight",
         "cubic_stiffness": "press deeper: beyond the kink a layer is straight, a cubic bends on",
         "hunt_crossley": "press deeper: beyond the kink a layer is straight, a power law bends on",

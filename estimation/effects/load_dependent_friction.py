@@ -34,7 +34,7 @@ class LoadDependentFriction(AdditiveEffect):
         Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),
     )
     needs = ("load",)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "load_dependent_presliding": "stop under load: presliding friction keeps its last value at rest",
         "coulomb_friction": "repeat with another load",
         "torque_gain": "lift and lower the same load: friction changes sign with the motion, a gain does not",

@@ -1,7 +1,5 @@
 """Friction that grows with the load and builds up over a short path after each reversal."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData
@@ -24,7 +22,7 @@ class LoadDependentPresliding(PreslidingFriction):
     signals = ("direction", "past motion", "load")
     gains = (Parameter("mu", "1", 0.0, 2.0, (0.01, 0.5)),)
     needs = ("load",)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "load_dependent_friction": "stop under load: presliding friction keeps its last value at rest",
         "presliding_friction": "repeat with another load",
         "torque_gain": "lift and lower the same load: friction changes sign with the motion, a gain does not",

@@ -1,7 +1,5 @@
 """Play in which the load decides on which side the link leans."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -30,7 +28,7 @@ class LoadedBacklash(MotionEffect):
         Parameter("threshold", "{effort}", 1e-12, 1e6, (1e-3, 1.0), log=True),
     )
     needs = ("load",)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "backlash": "reverse the motion with the load to one side: the link then stays on its flank",
         "joint_elasticity": "load it more: a spring yields in proportion, a gap by a fixed amount",
         "presliding_friction": "hold still and change the load",

@@ -1,7 +1,5 @@
 """A mass at the tip that the model does not know."""
 
-from typing import ClassVar
-
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
@@ -19,7 +17,7 @@ class Payload(AdditiveEffect):
     channels = frozenset({ChannelKind.REVOLUTE})
     gains = (Parameter("mass", "kg", -50.0, 50.0, (0.01, 5.0)),)
     needs = ("payload_effort_per_kg",)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "torque_gain": "change the posture: a payload loads the joints by posture",
         "gravity_tilt": "change the posture",
         "bias": "judge all joints together: a payload is in all of them; or change the posture",

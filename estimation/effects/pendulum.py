@@ -1,7 +1,5 @@
 """A body that swings under gravity."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -23,7 +21,7 @@ class Pendulum(AdditiveEffect):
         Parameter("inertia", "N m s^2/rad", 0.0, 10000.0, (0.0001, 5.0)),
         Parameter("gravity", "N m", -10000.0, 10000.0, (0.05, 50.0)),
     )
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "gravity_tilt": "turn the base by a known angle",
         "joint_spring": "swing by more than 60 degrees: a sine bends, a spring does not",
     }

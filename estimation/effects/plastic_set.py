@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from itertools import product
-from typing import ClassVar
 
 import numpy as np
 
@@ -36,7 +35,7 @@ class PlasticSet(MotionEffect):
         Parameter("share", "1", 1e-4, 0.9, (0.02, 0.5), log=True),
         Parameter("kept", "1", 0.0, 1.0, (0.0, 1.0)),
     )
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "stress_relaxation": "wait and press again: a set stays, relaxation recovers",
         "adhesion": "press twice on one spot: a set moves the second touch",
         "hysteresis": "press twice on one spot: the sensor has no memory of the depth",

@@ -1,7 +1,6 @@
 """Friction whose level varies with position."""
 
 from itertools import product
-from typing import ClassVar
 
 import numpy as np
 
@@ -34,7 +33,7 @@ class PositionDependentFriction(AdditiveEffect):
         Parameter("cycles", "1/{position}", 1e-3, 1e5, (0.5, 10.0), log=True),
         Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), log=True),
     )
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "torque_ripple": "compare both directions: ripple has one sign, friction turns with the motion",
         "load_dependent_friction": "repeat with another load at the same places",
         "coulomb_friction": "move over a wide range",

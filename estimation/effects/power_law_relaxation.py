@@ -1,7 +1,5 @@
 """Elastic force that fades without any scale of time."""
 
-from typing import ClassVar
-
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MemoryEffect, Parameter
 from estimation.signals.viscoelastic import springpot
@@ -32,7 +30,7 @@ class PowerLawRelaxation(MemoryEffect):
         Parameter("share", "1", 0.0, 1.0, (0.1, 0.9)),
         Parameter("alpha", "1", 0.01, 0.99, (0.1, 0.6)),
     )
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "stress_relaxation": "hold for longer: one branch ends, a power law goes on",
         "relaxation_spectrum": "hold a hundred times as long: a power law goes on, branches end",
         "damping": "hold: damping stops with the motion, relaxation goes on",

@@ -1,7 +1,5 @@
 """A spring whose force grows with a power of its stretch."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -28,7 +26,7 @@ class PowerLawStiffness(AdditiveEffect):
     gains = (Parameter("k", "{effort}/{position}^n", 0.0, 1e40, (10.0, 1e12)),)
     elastic = ("k",)
     inner = (Parameter("n", "1", 1.1, 6.0, (1.2, 4.0)),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "cubic_stiffness": "press deeper: a power law and a cubic part ways",
         "exponential_stiffness": "press deeper: an exponential soon outgrows any power",
         "hunt_crossley": "press at two speeds: its damping grows with depth",

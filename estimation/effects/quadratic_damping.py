@@ -1,7 +1,5 @@
 """Resistance that grows with the square of speed."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -20,7 +18,7 @@ class QuadraticDamping(AdditiveEffect):
     signals = ("velocity",)
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("c2", "{effort} s^2/{position}^2", -1e12, 1e12, (1.0, 10000.0)),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "damping": "probe at three speeds: twice the speed gives four times the force",
         "dry_friction": "probe at three speeds: friction does not depend on speed",
     }

@@ -1,7 +1,5 @@
 """Friction that grows with the square of speed."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -20,7 +18,7 @@ class QuadraticFriction(AdditiveEffect):
     signals = ("velocity",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("d2", "{effort} s^2/{position}^2", -1e12, 1e12, (0.0001, 50.0)),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "viscous_friction": "move at three speeds",
         "stribeck_friction": "move very slowly and very fast",
     }

@@ -1,7 +1,5 @@
 """The sensor has coarse steps."""
 
-from typing import ClassVar
-
 import numpy as np
 from scipy.special import ndtr
 
@@ -34,7 +32,7 @@ class Quantisation(SensorEffect):
         Parameter("step", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),
         Parameter("noise", "{effort}", 1e-12, 10000.0, (0.0001, 0.1), log=True),
     )
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "deadband": "vary the effort slowly over several steps",
         "saturation": "vary the effort slowly over several steps",
     }

@@ -27,7 +27,7 @@ class RecordedDependence(SensorEffect):
     channels = frozenset(ChannelKind)
     inner: ClassVar[tuple[Parameter, ...]] = (Parameter("change", "1", -3.0, 3.0, (-0.3, 0.3)),)
     linear = True
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "run_gain": "vary the recorded quantity within a run",
         "drift": "vary the recorded quantity up and down, not steadily with time",
         "torque_gain": "vary the recorded quantity: a wrong constant is always the same",

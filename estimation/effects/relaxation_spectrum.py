@@ -1,7 +1,6 @@
 """Elastic force that fades on two scales of time."""
 
 from itertools import combinations
-from typing import ClassVar
 
 import numpy as np
 
@@ -33,7 +32,7 @@ class RelaxationSpectrum(MemoryEffect):
         Parameter("fast_time", "s", 1e-5, 1e3, (0.03, 3.0), log=True),
         Parameter("slow_time", "s", 1e-4, 1e5, (1.0, 100.0), log=True),
     )
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "stress_relaxation": "hold for longer, at two depths: one branch ends, a second goes on falling",
         "power_law_relaxation": "hold a hundred times as long: a power law goes on, branches end",
         "plastic_set": "wait and press again: relaxation recovers, a set stays",

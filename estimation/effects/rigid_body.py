@@ -1,7 +1,5 @@
 """The arm's own masses, as its URDF says."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -20,7 +18,7 @@ class RigidBody(AdditiveEffect):
     signals = ("position", "velocity", "acceleration", "other joints")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     needs = ("rigid_body_torque",)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "payload": "weigh the tool: a payload acts on all joints in proportion",
         "torque_gain": "hold a known weight: a wrong gain changes its torque too",
     }

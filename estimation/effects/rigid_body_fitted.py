@@ -1,7 +1,5 @@
 """The arm's own masses, found from the data."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.arm.base_parameters import BaseParameters, inertial_name, inertial_unit
@@ -33,9 +31,7 @@ class RigidBodyFitted(AdditiveEffect):
     signals = ("position", "velocity", "acceleration", "other joints")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     needs = ("rigid_body_regressor",)
-    confused_with: ClassVar[dict[str, str]] = {
-        "payload": "none in one recording: a payload belongs to the last link's parameters"
-    }
+    confused_with = {"payload": "none in one recording: a payload belongs to the last link's parameters"}
 
     def __init__(
         self,

@@ -1,7 +1,5 @@
 """A gain that differs from run to run."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData
@@ -25,7 +23,7 @@ class RunGain(RunVariation):
     source = "N. M. Laird, J. H. Ware, Biometrics 38 (1982): random-effects models for longitudinal data"
     signature = "each run has the shape of the others and a height of its own"
     signals = ("effort", "recorded")
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "torque_gain": "record more runs: a wrong constant is the same in all",
         "run_offset": "look where the effort is small: an offset is there too, a gain is not",
         "recorded_dependence": "record the suspected cause, such as a temperature, beside",

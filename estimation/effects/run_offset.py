@@ -1,7 +1,5 @@
 """A zero that differs from run to run."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData
@@ -19,7 +17,7 @@ class RunOffset(RunVariation):
     source = "C. R. Henderson, Biometrics 31 (1975): best linear unbiased prediction in mixed models"
     signature = "each run is off by one amount all along, another run by another"
     signals = ("offset", "recorded")
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "bias": "record more runs: a bias is the same in all",
         "drift": "record longer runs: a drift goes on within each",
         "contact_offset": "record free air: an offset of the sensor is there too",

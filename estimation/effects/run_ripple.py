@@ -1,7 +1,5 @@
 """Ripple whose zero differs from run to run."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -22,7 +20,7 @@ class RunRipple(RunVariation):
     signals = ("position", "recorded")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     inner = (*RunVariation.inner, *TorqueRipple.inner)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "torque_ripple": "go to one stop before each run: from there on the wave begins in one place",
         "run_offset": "move over a wide range within a run",
     }

@@ -1,7 +1,6 @@
 """The sensor reaches the end of its range."""
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,7 +22,7 @@ class Saturation(SensorEffect):
     signals = ("effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("limit", "{effort}", 1e-06, 100000.0, (0.1, 100.0), log=True),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "layered_stiffness": "press less: below the limit nothing is missing",
         "cubic_stiffness": "press less: below the limit nothing is missing",
     }

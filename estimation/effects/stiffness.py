@@ -1,7 +1,5 @@
 """A linear spring."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -21,7 +19,7 @@ class Stiffness(AdditiveEffect):
     channels = frozenset(ChannelKind)
     gains = (Parameter("k", "{effort}/{position}", 0.0, 1e7, (10.0, 2e4)),)
     elastic = ("k",)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "cubic_stiffness": "press to several depths: a linear spring has the same slope everywhere",
         "contact_offset": "press to several depths from a known surface",
     }

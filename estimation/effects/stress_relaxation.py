@@ -1,7 +1,5 @@
 """Force that fades while the object is held."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -28,7 +26,7 @@ class StressRelaxation(AdditiveEffect):
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("k1", "{effort}/{position}", 0.0, 10000000.0, (10.0, 10000.0)),)
     inner = (Parameter("tau", "s", 0.005, 300.0, (0.03, 30.0), log=True),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "power_law_relaxation": "hold a hundred times as long: a power law goes on, a branch ends",
         "relaxation_spectrum": "hold for longer, at two depths: one branch ends, a second goes on falling",
         "damping": "hold: damping stops with the motion, relaxation goes on",

@@ -1,7 +1,6 @@
 """Friction that is highest just above rest."""
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 
@@ -36,7 +35,7 @@ class StribeckFriction(AdditiveEffect):
         Parameter("speed", "{position}/s", 1e-09, 10.0, (0.001, 1.0), log=True),
         Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),
     )
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "coulomb_friction": "move very slowly, and at several speeds",
         "viscous_friction": "move very slowly, and at several speeds",
         "asymmetric_friction": "move equally in both directions",

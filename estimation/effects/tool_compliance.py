@@ -1,7 +1,6 @@
 """The tool or the arm yields under the force."""
 
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,7 +22,7 @@ class ToolCompliance(MotionEffect):
     signals = ("position", "effort")
     channels = frozenset({ChannelKind.CONTACT})
     inner = (Parameter("compliance", "{position}/{effort}", 0.0, 1e9, (1e-06, 0.001), log=True),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "cubic_stiffness": "press a rigid block: what yields is the tool",
         "damping": "press a rigid block: what yields is the tool",
     }

@@ -1,7 +1,5 @@
 """The torque scale is wrong."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -22,7 +20,7 @@ class TorqueGain(SensorEffect):
     signals = ("effort",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     inner = (Parameter("gain", "1", 0.2, 5.0, (0.6, 1.6), log=True),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "run_gain": "record more runs: a wrong constant is the same in all",
         "payload": "change the posture",
         "load_dependent_friction": "lift and lower the same load",

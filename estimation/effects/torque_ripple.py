@@ -38,7 +38,7 @@ class TorqueRipple(AdditiveEffect):
         Parameter("cosine", "{effort}", -10000.0, 10000.0, (0.001, 5.0)),
     )
     inner = (Parameter("cycles", "1/{position}", 0.05, 100000.0, (2.0, 100.0)),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "joint_spring": "move over a wide range: a spring does not repeat",
         "gravity_tilt": "move over a wide range: gravity repeats once a turn",
         "position_dependent_friction": "compare both directions: ripple has one sign, friction turns round",

@@ -1,7 +1,5 @@
 """Friction in proportion to speed."""
 
-from typing import ClassVar
-
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
@@ -18,7 +16,7 @@ class ViscousFriction(AdditiveEffect):
     signals = ("velocity",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("d", "{effort} s/{position}", 0.0, 100000.0, (0.001, 500.0)),)
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "joint_coupling": "hold this joint still and move its neighbour",
         "delay": "move at two speeds with the same acceleration",
         "lag": "move at two speeds with the same acceleration",

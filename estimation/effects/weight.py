@@ -1,7 +1,5 @@
 """A body whose weight the model does not know."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -26,7 +24,7 @@ class Weight(AdditiveEffect):
         Parameter("g1", "N m", -10000.0, 10000.0, (-50.0, 50.0)),
         Parameter("g2", "N m", -10000.0, 10000.0, (-50.0, 50.0)),
     )
-    confused_with: ClassVar[dict[str, str]] = {
+    confused_with = {
         "joint_spring": "swing by more than 60 degrees: a sine bends, a spring does not",
         "cubic_stiffness": "swing by more than 90 degrees: a sine turns back, a cubic does not",
         "bias": "move over a wide range: a bias is the same everywhere",

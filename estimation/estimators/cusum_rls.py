@@ -59,17 +59,15 @@ class CusumRls(RecursiveEstimator):
     within a few samples, and the covariance is that of the start again. The noise is learnt, with a part that
     grows with the effort.
 
+    Source: E. S. Page, Continuous Inspection Schemes, Biometrika 41 (1954); F. Gustafsson, Adaptive Filtering
+    and Change Detection (2000), ch. 5.
+
     Args:
         limit: of the sums, in standard deviations; more alarms below, later ones above.
         variance: of each gain at the start.
     """
 
     name = "cusum_rls"
-    summary = "recursive least squares that restarts on a detected change: online, calm at rest, quick after"
-    source = (
-        "E. S. Page, Continuous Inspection Schemes, Biometrika 41 (1954); F. Gustafsson, Adaptive Filtering "
-        "and Change Detection (2000), ch. 5"
-    )
 
     def __init__(self, limit: float = 30.0, variance: float = INITIAL_VARIANCE) -> None:
         if not limit > 0.0:
@@ -90,7 +88,6 @@ class CusumRls(RecursiveEstimator):
         self._down = self._up.copy()
 
     def update(self, row: FloatArray, effort: float) -> FloatArray:
-        """See `OnlineEstimator.update`."""
         error = effort - float(row.dot(self._gains))
         columns = row.tolist()
         self._samples += 1

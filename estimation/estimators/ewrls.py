@@ -13,16 +13,15 @@ class Ewrls(RecursiveEstimator):
     Without excitation the covariance would grow for ever, and the next noise would throw the gains about; it
     stops growing at its starting size.
 
+    Source: A. Haddadi, K. Hashtrudi-Zaad, Real-Time Identification of Hunt-Crossley Models, IEEE T-RO 28
+    (2012).
+
     Args:
         forgetting: weight kept by each sample per step, in (0, 1]; 0.999 at 1 kHz remembers about a second.
         variance: of each gain at the start.
     """
 
     name = "ewrls"
-    summary = "recursive least squares with exponential forgetting: online, follows slow changes"
-    source = (
-        "A. Haddadi, K. Hashtrudi-Zaad, Real-Time Identification of Hunt-Crossley Models, IEEE T-RO 28 (2012)"
-    )
 
     def __init__(self, forgetting: float = 0.999, variance: float = INITIAL_VARIANCE) -> None:
         if not 0.0 < forgetting <= 1.0:

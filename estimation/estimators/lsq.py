@@ -10,14 +10,14 @@ from estimation.statistics.uncertainty import sandwich
 
 
 class Lsq(Estimator):
-    """Minimise the sum of squared residuals."""
+    """Minimise the sum of squared residuals.
+
+    Source: the paper, eq. (2), solved by the pseudo-inverse.
+    """
 
     name = "lsq"
-    summary = "least squares: the best there is while the noise is even and nothing lies far off"
-    source = "the paper, eq. (2), solved by the pseudo-inverse"
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
-        """See `Estimator.fit`."""
         gains = solve(regression.columns, regression.effort).gains
         residuals = regression.effort - regression.columns @ gains
         covariance = sandwich(regression.columns, residuals, np.ones(len(residuals)), regression.run)

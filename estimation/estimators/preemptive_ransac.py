@@ -26,6 +26,8 @@ class PreemptiveRansac(RecursiveEstimator):
     recursive estimate is one of the pool; it learns from its inliers alone, and begins again at a rival whose
     median is clearly smaller. The work of a sample is always the same.
 
+    Source: D. Nister, Preemptive RANSAC for Live Structure and Motion Estimation, ICCV 2003.
+
     Args:
         threshold: largest error of an inlier, in the effort's unit; None for four times the noise, which is
             taken from the running median.
@@ -33,8 +35,6 @@ class PreemptiveRansac(RecursiveEstimator):
     """
 
     name = "preemptive_ransac"
-    summary = "RANSAC one sample at a time, with a threshold that follows the noise: online, stands outliers"
-    source = "D. Nister, Preemptive RANSAC for Live Structure and Motion Estimation, ICCV 2003"
 
     def __init__(self, threshold: float | None = None, variance: float = INITIAL_VARIANCE) -> None:
         if threshold is not None and not threshold > 0.0:
@@ -53,7 +53,6 @@ class PreemptiveRansac(RecursiveEstimator):
         self._random = random.Random(_SEED)  # noqa: S311, no secret
 
     def update(self, row: FloatArray, effort: float) -> FloatArray:
-        """See `OnlineEstimator.update`."""
         at = self._samples % _RECENT
         self._rows[at], self._efforts[at] = row, effort
         self._samples += 1

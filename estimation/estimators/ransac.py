@@ -27,39 +27,26 @@ class Ransac(Estimator):
     The paper takes a threshold of 0.01 (in the effort's unit) whatever the noise. Where the noise is much
     larger, few samples lie within it and most of the information is lost; `robust` finds its own scale.
 
-    Attributes:
-        threshold: largest residual of an inlier, in the effort's unit.
-        subset: samples in a random subset.
-        trials: number of subsets.
-        refinements: how often, at most, the inliers are chosen anew after the fit to them.
+    Source: M. A. Fischler, R. C. Bolles, Random Sample Consensus, Comm. ACM 24 (1981); settings of the paper,
+    sec. VI-B; refinement: O. Chum, J. Matas, J. Kittler, Locally Optimized RANSAC (2003).
     """
 
-    threshold: float = 0.01
-    subset: int = 5
-    trials: int = 1000
-    refinements: int = 100
+    threshold: float = 0.01  # largest residual of an inlier, in the effort's unit
+    subset: int = 5  # samples in a random subset
+    trials: int = 1000  # number of subsets
+    refinements: int = 100  # how often, at most, the inliers are chosen anew after the fit to them
 
     name = "ransac"
-    summary = "consensus within a fixed threshold, as in the paper: stands outliers if the threshold fits"
-    source = (
-        "M. A. Fischler, R. C. Bolles, Random Sample Consensus, Comm. ACM 24 (1981); settings of the paper, "
-        "sec. VI-B; refinement: O. Chum, J. Matas, J. Kittler, Locally Optimized RANSAC (2003)"
-    )
     loss = Loss.CAUCHY
 
     def __post_init__(self) -> None:
-        """Check the settings.
-
-        Raises:
-            InputError: a setting makes no sense.
-        """
+        """Check the settings. InputError: a setting makes no sense."""
         if not self.threshold > 0:
             raise InputError(f"ransac: threshold {self.threshold} must be positive")
         if self.trials < 1 or self.subset < 1 or self.refinements < 0:
             raise InputError(f"ransac: {self.trials} trials of {self.subset} samples make no sense")
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
-        """See `Estimator.fit`."""
         size = max(self.subset, regression.columns.shape[1])
         subsets = solve_subsets(regression.columns, regression.effort, size, self.trials, rng)
         counts = self._inlier_counts(regression, subsets.gains)

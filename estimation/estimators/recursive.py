@@ -44,7 +44,6 @@ class RecursiveEstimator(OnlineEstimator):
         """Covariance for the next sample, (p, p), from what is left after this one and its error."""
 
     def start(self, gain_count: int) -> None:
-        """See `OnlineEstimator.start`."""
         self._begin(np.full(gain_count, self.variance))
 
     def _begin(self, variance: FloatArray) -> None:
@@ -54,7 +53,6 @@ class RecursiveEstimator(OnlineEstimator):
         self._covariance = np.diag(variance)
 
     def update(self, row: FloatArray, effort: float) -> FloatArray:
-        """See `OnlineEstimator.update`."""
         spread = self._covariance.dot(row)
         error = effort - float(row.dot(self._gains))
         self._pull = spread / (self.forgetting + float(row.dot(spread)))

@@ -28,20 +28,15 @@ class Robust(Estimator):
     Such a start can settle on one half of the samples that happens to fit perfectly, as a long rest does, and
     call the rest outliers. Where that many are left out it is not they who are wrong but the model; then the
     estimate begins again from the least absolute residuals, which give every sample its say.
+
+    Source: V. J. Yohai, High Breakdown-Point and High Efficiency Robust Estimates for Regression, Ann. Stat.
+    15 (1987).
     """
 
     name = "robust"
-    summary = (
-        "MM estimate with noise-proportional weights: the one to take when nothing is known about the noise"
-    )
-    source = (
-        "V. J. Yohai, High Breakdown-Point and High Efficiency Robust Estimates for Regression, "
-        "Ann. Stat. 15 (1987)"
-    )
     loss = Loss.BIWEIGHT
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
-        """See `Estimator.fit`."""
         settled = _settle(regression, _least_median(regression, rng))
         if settled.inside.mean() < _FEWEST_INSIDE:
             settled = _settle(regression, *_least_absolute(regression))

@@ -15,6 +15,9 @@ class Sprls(RecursiveEstimator):
     error gets too small, which does not fit the formula that it cites; the formula is followed here. With
     beta = 0 it is RLS.
 
+    Source: D. J. Park, B. E. Jun, Self-Perturbing Recursive Least Squares Algorithm with Fast Tracking
+    Capability, Electronics Letters 28 (1992); beta and gamma of the paper, sec. VI-C.
+
     Args:
         beta: design constant, at least 0; 20 in the paper.
         gamma: sensitivity gain, at least 0, per squared effort; 1 in the paper.
@@ -22,11 +25,6 @@ class Sprls(RecursiveEstimator):
     """
 
     name = "sprls"
-    summary = "self-perturbing recursive least squares: online, follows sudden changes, unsteady in noise"
-    source = (
-        "D. J. Park, B. E. Jun, Self-Perturbing Recursive Least Squares Algorithm with Fast Tracking "
-        "Capability, Electronics Letters 28 (1992); beta and gamma of the paper, sec. VI-C"
-    )
 
     def __init__(self, beta: float = 20.0, gamma: float = 1.0, variance: float = INITIAL_VARIANCE) -> None:
         if beta < 0 or gamma < 0:

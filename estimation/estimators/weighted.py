@@ -17,14 +17,13 @@ class Weighted(Estimator):
 
     Weights come from the prediction and not from the measured effort, since the latter would favour samples
     whose noise happens to be negative.
+
+    Source: R. J. Carroll, D. Ruppert, Transformation and Weighting in Regression (1988), ch. 2.
     """
 
     name = "weighted"
-    summary = "least squares with noise-proportional weights: for clean data whose noise grows with the force"
-    source = "R. J. Carroll, D. Ruppert, Transformation and Weighting in Regression (1988), ch. 2"
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
-        """See `Estimator.fit`."""
         weights = np.ones(len(regression.effort))
         for _ in range(_ROUNDS):
             gains = solve(regression.columns, regression.effort, weights).gains

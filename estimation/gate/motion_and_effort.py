@@ -7,7 +7,7 @@ from estimation.fit.load import HEAVY
 from estimation.model import Model
 from estimation.signals.blocks import places
 from estimation.signals.runwise import sample_time
-from estimation.statistics.likeness import likeness
+from estimation.statistics.correlation import likeness
 from robot_io.types import FloatArray
 
 _LONGEST_CONTACT_M = 0.2  # deeper indentations than this are a mistaken unit

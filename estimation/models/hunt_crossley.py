@@ -11,8 +11,6 @@ class HuntCrossleyModel(BaseModel):
     """F = k x^n + b x^n v while x > 0."""
 
     name = "hunt_crossley"
-    physics = "Spring and damper of the object grow with depth."
-    equation = "F = k x^n + b x^n v"
     channels = frozenset({ChannelKind.CONTACT})
 
     def build(self, context: ModelContext) -> Model:

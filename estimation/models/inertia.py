@@ -11,8 +11,6 @@ class InertiaModel(BaseModel):
     """effort = m a + d v."""
 
     name = "inertia"
-    physics = "A mass or a moment of inertia is moved against viscous friction."
-    equation = "effort = m a + d v"
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
 
     def build(self, context: ModelContext) -> Model:

@@ -12,8 +12,6 @@ class KelvinVoigt(BaseModel):
     """F = k x + c v while x > 0."""
 
     name = "kelvin_voigt"
-    physics = "The object is a spring and a damper side by side."
-    equation = "F = k x + c v"
     channels = frozenset({ChannelKind.CONTACT})
 
     def build(self, context: ModelContext) -> Model:

@@ -11,8 +11,6 @@ class PendulumModel(BaseModel):
     """torque = J a + g1 sin(q) + d v, q = 0 hanging straight down."""
 
     name = "pendulum"
-    physics = "A body swings about a horizontal axis against viscous friction."
-    equation = "torque = J a + g1 sin(q) + d v"
     channels = frozenset({ChannelKind.REVOLUTE})
 
     def build(self, context: ModelContext) -> Model:

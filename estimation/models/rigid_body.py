@@ -9,11 +9,9 @@ from estimation.signals.arm_signals import with_rigid_body
 
 
 class RigidBodyModel(BaseModel):
-    """tau = ID(q, v, a), nothing free: a payload or a wrong mass shows."""
+    """tau = M(q) a + C(q, v) v + g(q), nothing free: a payload or a wrong mass shows."""
 
     name = "rigid_body"
-    physics = "The links' masses load the joint as the URDF says."
-    equation = "tau = M(q) a + C(q, v) v + g(q)"
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
 
     def build(self, context: ModelContext) -> Model:

@@ -14,8 +14,6 @@ class RigidBodyFittedModel(BaseModel):
     """tau = Y(q, v, a) pi + d v, with the arm's base parameters pi, as far as the joint feels them."""
 
     name = "rigid_body_fitted"
-    physics = "The links' masses, found from the data, and viscous friction load the joint."
-    equation = "tau = Y(q, v, a) pi + d v"
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
 
     def build(self, context: ModelContext) -> Model:

@@ -11,7 +11,7 @@ from estimation.effects.damping import Damping
 from estimation.effects.inertia import Inertia
 from estimation.effects.stiffness import Stiffness
 from estimation.model import Model
-from estimation.statistics.likeness import likeness
+from estimation.statistics.correlation import likeness
 
 _SPRINGY = 0.5  # correlation of force and displacement on the other side, where free air has none
 
@@ -20,8 +20,6 @@ class SpringMassDamper(BaseModel):
     """F = m a + c v + k x, pulling as well as pushing: the spring is held at both ends."""
 
     name = "spring_mass_damper"
-    physics = "A mass is held by a spring and a damper."
-    equation = "F = m a + c v + k x"
     channels = frozenset(ChannelKind)
 
     def build(self, context: ModelContext) -> Model:

@@ -8,11 +8,11 @@ import numpy as np
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 
-def blocks(number: IntArray) -> Iterator[slice]:
+def blocks(number: IntArray | BoolArray) -> Iterator[slice]:
     """The rows of each stretch of equal numbers, in their order; none of no rows.
 
     Args:
-        number: of the run or piece that each sample belongs to, shape (n,).
+        number: of the run, piece or phase that each sample belongs to, or a mask, shape (n,).
     """
     borders = [0, *(np.flatnonzero(number[1:] != number[:-1]) + 1).tolist(), len(number)]
     for start, stop in pairwise(borders):
@@ -20,7 +20,7 @@ def blocks(number: IntArray) -> Iterator[slice]:
             yield slice(start, stop)
 
 
-def places(number: IntArray) -> tuple[IntArray, IntArray]:
+def places(number: IntArray | BoolArray) -> tuple[IntArray, IntArray]:
     """First row of each stretch of equal numbers, and to which stretch each row belongs, shape (n,)."""
     changes = np.ones(len(number), dtype=np.bool_)
     np.not_equal(number[1:], number[:-1], out=changes[1:])

@@ -17,17 +17,11 @@ SIGMAS_99 = float(ndtri(0.995))
 
 @dataclass(frozen=True)
 class Correlation:
-    """A correlation over lags.
+    """A correlation over lags."""
 
-    Attributes:
-        lag: in samples, shape (m,).
-        value: correlation, -1 to 1, shape (m,); NaN where no two samples are that far apart.
-        band: half of the interval that holds 99 % of what uncorrelated signals give, shape (m,).
-    """
-
-    lag: IntArray
-    value: FloatArray
-    band: FloatArray
+    lag: IntArray  # in samples, shape (m,)
+    value: FloatArray  # correlation, -1 to 1, shape (m,); NaN where no two samples are that far apart
+    band: FloatArray  # half of the interval that holds 99 % of what uncorrelated signals give, shape (m,)
 
     @property
     def outside(self) -> float:
@@ -111,3 +105,10 @@ def _lagged(a: FloatArray, b: FloatArray, most: int) -> FloatArray:
 def _power(values: FloatArray) -> float:
     known = values[np.isfinite(values)]
     return float(np.var(known)) if len(known) else 0.0
+
+
+def likeness(one: FloatArray, other: FloatArray) -> float:
+    """Correlation of two signals (n,), 0 where one of them is constant."""
+    if len(one) == 0 or np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
+        return 0.0
+    return float(np.corrcoef(one, other)[0, 1])

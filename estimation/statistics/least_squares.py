@@ -12,15 +12,11 @@ _SAFE_CONDITION = 1e6
 
 @dataclass(frozen=True)
 class LinearSolution:
-    """Gains that minimise the sum of squared weighted residuals.
+    """Gains that minimise the sum of squared weighted residuals."""
 
-    Attributes:
-        gains: shape (p,); the smallest ones (in scaled columns) where the columns do not determine them.
-        condition_number: of the weighted columns, each scaled to unit length.
-    """
-
+    # Shape (p,); the smallest ones (in scaled columns) where the columns do not determine them.
     gains: FloatArray
-    condition_number: float
+    condition_number: float  # of the weighted columns, each scaled to unit length
 
 
 def solve(columns: FloatArray, effort: FloatArray, weights: FloatArray | None = None) -> LinearSolution:

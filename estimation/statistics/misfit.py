@@ -12,15 +12,10 @@ _SIGMAS = 1.6448536269514722  # below which the magnitude of that share of Gauss
 
 @dataclass(frozen=True)
 class Misfit:
-    """What a model leaves.
+    """What a model leaves."""
 
-    Attributes:
-        noise: standard deviation of what changes from sample to sample, in the effort's unit.
-        times: size of the residuals over that, about 1 where a model leaves nothing but noise.
-    """
-
-    noise: float
-    times: float
+    noise: float  # standard deviation of what changes from sample to sample, in the effort's unit
+    times: float  # size of the residuals over that, about 1 where a model leaves nothing but noise
 
 
 def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> Misfit:
@@ -45,3 +40,22 @@ def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> Misfit:
     noise = float(np.sqrt(np.mean(np.diff(residuals)[pairs] ** 2) / 2))
     size = float(np.quantile(np.abs(residuals), _SHARE)) / _SIGMAS
     return Misfit(noise, size / noise if noise > 0 else float("nan"))
+
+
+def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
+    """100 (1 - |y - ym| / |y - mean(y)|): 100 for a perfect model, 0 for one as good as the mean.
+
+    The normalised root mean square error of system identification (L. Ljung, System Identification, 2nd ed.,
+    1999; `compare` of its toolbox).
+
+    Args:
+        measured: y, shape (n,); NaN is left out.
+        modelled: ym, shape (n,); likewise.
+
+    Returns:
+        Below zero for a model that is worse than the mean; NaN where the measurement is constant.
+    """
+    both = np.isfinite(measured) & np.isfinite(modelled)
+    y, ym = measured[both], modelled[both]
+    size = float(np.linalg.norm(y - y.mean())) if len(y) else 0.0
+    return 100.0 * (1.0 - float(np.linalg.norm(y - ym)) / size) if size > 0.0 else float("nan")

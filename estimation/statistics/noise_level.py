@@ -22,15 +22,10 @@ def robust_sigma(residuals: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """sigma^2 = floor^2 + (share * effort)^2.
+    """sigma^2 = floor^2 + (share * effort)^2."""
 
-    Attributes:
-        floor: standard deviation at no effort, in the effort's unit.
-        share: growth with the effort, such as 0.1 for 10 %.
-    """
-
-    floor: float
-    share: float
+    floor: float  # standard deviation at no effort, in the effort's unit
+    share: float  # growth with the effort, such as 0.1 for 10 %
 
     def sigma(self, effort: FloatArray) -> FloatArray:
         """Standard deviation at each (predicted) effort, shape (n,)."""

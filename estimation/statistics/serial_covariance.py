@@ -18,15 +18,10 @@ _MAX_AR1 = 0.99  # prewhitening closer to 1 would divide by next to nothing
 
 @dataclass(frozen=True)
 class SumCovariance:
-    """Covariance of a sum of correlated terms.
+    """Covariance of a sum of correlated terms."""
 
-    Attributes:
-        matrix: shape (p, p).
-        effective_count: how many uncorrelated terms would be as uncertain; at most n.
-    """
-
-    matrix: FloatArray
-    effective_count: float
+    matrix: FloatArray  # shape (p, p)
+    effective_count: float  # how many uncorrelated terms would be as uncertain; at most n
 
 
 def sum_covariance(terms: FloatArray, run: IntArray | None = None) -> SumCovariance:

@@ -14,15 +14,10 @@ _DEGENERATE = (
 
 @dataclass(frozen=True)
 class SubsetSolutions:
-    """Solutions of the subsets that determine the gains.
+    """Solutions of the subsets that determine the gains."""
 
-    Attributes:
-        gains: shape (trials - skipped, p).
-        skipped: how many subsets were degenerate.
-    """
-
-    gains: FloatArray
-    skipped: int
+    gains: FloatArray  # shape (trials - skipped, p)
+    skipped: int  # how many subsets were degenerate
 
 
 def solve_subsets(

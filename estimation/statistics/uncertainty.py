@@ -21,15 +21,10 @@ _MATTERS = 0.01  # uncertainty, as a share of the effort, above which that is wo
 
 @dataclass(frozen=True)
 class Covariance:
-    """Covariance of an estimate.
+    """Covariance of an estimate."""
 
-    Attributes:
-        matrix: shape (m, m); NaN where there is none.
-        degrees_of_freedom: of Student's t for the intervals; fewer where residuals are correlated.
-    """
-
-    matrix: FloatArray
-    degrees_of_freedom: float
+    matrix: FloatArray  # shape (m, m); NaN where there is none
+    degrees_of_freedom: float  # of Student's t for the intervals; fewer where residuals are correlated
 
     @property
     def std_err(self) -> FloatArray:
@@ -246,3 +241,14 @@ def assemble(
         history,
         details or {},
     )
+
+
+def cramer_rao(slopes: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Least standard errors of parameters, (p,), by slopes (n, p) of a signal with noise sigma (n,).
+
+    diag((J' S^-1 J)^-1)^(1/2), C. R. Rao (1945); a parameter that changes nothing has none.
+    """
+    weighed = slopes / sigma[:, None]
+    sizes = np.linalg.norm(weighed, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    return np.asarray(np.sqrt(np.diag(np.linalg.pinv((weighed / sizes).T @ (weighed / sizes)))) / sizes)

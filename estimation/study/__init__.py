@@ -1,13 +1,13 @@
 """One study of one measurement."""
 
 from estimation.study.channels import StudyChannel
-from estimation.study.comparison import Comparison, Comparisons
+from estimation.study.comparison import Comparison
 from estimation.study.engine import Fitted
 from estimation.study.estimates import ChannelEstimates
 from estimation.study.part import Part
 from estimation.study.results import Change, ChannelResult, Stage, StudyDiagnosis
 from estimation.study.revisions import Revision, Revisions
-from estimation.study.source import Arm, Source
+from estimation.study.source import Arm
 from estimation.study.study import Study
 
 __all__ = [
@@ -16,12 +16,10 @@ __all__ = [
     "ChannelEstimates",
     "ChannelResult",
     "Comparison",
-    "Comparisons",
     "Fitted",
     "Part",
     "Revision",
     "Revisions",
-    "Source",
     "Stage",
     "Study",
     "StudyChannel",

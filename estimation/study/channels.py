@@ -30,22 +30,15 @@ _IN_WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class StudyChannel:
-    """One channel with its base model.
+    """One channel with its base model."""
 
-    Attributes:
-        measured: as it was recorded.
-        model: the base model, as built for this channel.
-        context: what that may need to know beside the channel.
-        sha256: of all arrays as they were measured and, for a joint, of the arm.
-        prepared: `data`, where it is more than the base model makes of this channel alone.
-        held_out: runs that no model is fitted to, and which alone judge models; none for each in turn.
-    """
-
-    measured: ChannelData
-    model: Model
-    context: ModelContext
-    sha256: str
+    measured: ChannelData  # as it was recorded
+    model: Model  # the base model, as built for this channel
+    context: ModelContext  # what that may need to know beside the channel
+    sha256: str  # of all arrays as they were measured and, for a joint, of the arm
+    # `data`, where it is more than the base model makes of this channel alone.
     prepared: ChannelData | None = None
+    # Runs that no model is fitted to, and which alone judge models; none for each in turn.
     held_out: tuple[int, ...] = ()
 
     @cached_property

@@ -21,27 +21,17 @@ _MOST_SPLITS = 3  # that are put into words
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Shown):
-    """A fitted model beside a measurement.
+    """A fitted model beside a measurement."""
 
-    Attributes:
-        channel: its name.
-        effort_unit: unit of all errors.
-        model: its name, with the effects that were added.
-        fitted: the model; what it leaves is on runs that the fit has not seen.
-        noise_floor: of the channel, whatever the model: see `Study.noise_floor`.
-        parts: by way of splitting (phase, run, direction, speed, depth or position, effort, load).
-        words: how far off the model is, where first, and what that suggests, in sentences.
-        patterns: what the parts of the error have in common; empty where it is noise.
-    """
-
-    channel: str
-    effort_unit: str
-    model: str
-    fitted: Fitted
-    noise_floor: float
+    channel: str  # its name
+    effort_unit: str  # unit of all errors
+    model: str  # its name, with the effects that were added
+    fitted: Fitted  # the model; what it leaves is on runs that the fit has not seen
+    noise_floor: float  # of the channel, whatever the model: see `Study.noise_floor`
+    # By way of splitting (phase, run, direction, speed, depth or position, effort, load).
     parts: Mapping[str, tuple[Part, ...]]
-    words: tuple[str, ...]
-    patterns: tuple[Pattern, ...] = ()
+    words: tuple[str, ...]  # how far off the model is, where first, and what that suggests, in sentences
+    patterns: tuple[Pattern, ...] = ()  # what the parts of the error have in common; empty where it is noise
 
     @property
     def rmse(self) -> float:
@@ -87,22 +77,13 @@ class Comparison(Shown):
 
 @dataclass(frozen=True, repr=False)
 class Comparisons(Shown):
-    """The channels of a study beside their models.
+    """The channels of a study beside their models."""
 
-    Attributes:
-        channels: one for each channel that can be judged.
-        failures: why the others cannot, by name.
-    """
-
-    channels: tuple[Comparison, ...]
-    failures: Mapping[str, str]
+    channels: tuple[Comparison, ...]  # one for each channel that can be judged
+    failures: Mapping[str, str]  # why the others cannot, by name
 
     def __getitem__(self, channel: str) -> Comparison:
-        """The comparison of one channel.
-
-        Raises:
-            InputError: there is none, or it cannot be judged.
-        """
+        """The comparison of one channel. InputError: there is none, or it cannot be judged."""
         if channel in self.failures:
             raise InputError(self.failures[channel])
         found = {one.channel: one for one in self.channels}

@@ -33,14 +33,10 @@ Judge = Callable[[Sequence[ChannelData], Sequence[Model], Sequence[Effect], Prog
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fitted(Shown):
-    """A model fitted to a channel, and judged on runs that the fit has not seen.
+    """A model fitted to a channel, and judged on runs that the fit has not seen."""
 
-    Attributes:
-        standing: the fit; what is derived from it is computed when it is first asked for.
-        whole: the channel with runs that were held out by choice, on which alone the model is judged then.
-    """
-
-    standing: Standing
+    standing: Standing  # the fit; what is derived from it is computed when it is first asked for
+    # The channel with runs that were held out by choice, on which alone the model is judged then.
     whole: ChannelData | None = None
 
     @cached_property
@@ -151,17 +147,11 @@ def fit(
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """A fit without what all fits of a channel share, to be sent from another process.
+    """A fit without what all fits of a channel share, to be sent from another process."""
 
-    Attributes:
-        trial: the model fitted.
-        trusted: blocks that count, shape (m,).
-        load: of a joint, that was derived for this model, (n,); None where there is none.
-    """
-
-    trial: Trial
-    trusted: BoolArray
-    load: FloatArray | None
+    trial: Trial  # the model fitted
+    trusted: BoolArray  # blocks that count, shape (m,)
+    load: FloatArray | None  # of a joint, that was derived for this model, (n,); None where there is none
 
     def unpacked(self, data: ChannelData, other: Fitted) -> Fitted:
         """The fit to `data`, beside another fit to it."""

@@ -27,21 +27,13 @@ OFFSET = "contact_offset.offset"
 
 @dataclass(frozen=True, repr=False)
 class ChannelEstimates(Shown):
-    """One channel with what the estimators made of it.
+    """One channel with what the estimators made of it."""
 
-    Attributes:
-        channel: all samples.
-        rows: samples that were fitted, shape (n,).
-        model: what was fitted.
-        estimates: one for each estimator that could work on these samples; at least one.
-        failures: why the others could not, by name.
-    """
-
-    channel: ChannelData
-    rows: BoolArray
-    model: Model
-    estimates: tuple[Estimate, ...]
-    failures: Mapping[str, str] = field(default_factory=dict)
+    channel: ChannelData  # all samples
+    rows: BoolArray  # samples that were fitted, shape (n,)
+    model: Model  # what was fitted
+    estimates: tuple[Estimate, ...]  # one for each estimator that could work on these samples; at least one
+    failures: Mapping[str, str] = field(default_factory=dict)  # why the others could not, by name
 
     @property
     def best(self) -> Estimate:

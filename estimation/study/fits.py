@@ -69,11 +69,7 @@ class Fits(Shown):
         return tuple(self._library.values())
 
     def channel(self, name: str | None = None) -> StudyChannel:
-        """A channel by its name; the only one without.
-
-        Raises:
-            InputError: there is none, or there are several.
-        """
+        """A channel by its name; the only one without. InputError: there is none, or there are several."""
         chosen = self.chosen(name)
         if len(chosen) > 1:
             there = ", ".join(one.name for one in chosen)
@@ -81,11 +77,7 @@ class Fits(Shown):
         return chosen[0]
 
     def chosen(self, name: str | None) -> tuple[StudyChannel, ...]:
-        """The channel of this name; all of them without one, or for "all".
-
-        Raises:
-            InputError: there is none.
-        """
+        """The channel of this name; all of them without one, or for "all". InputError: there is none."""
         chosen = tuple(one for one in self.channels if name in {None, ALL_CHANNELS, one.name})
         if not chosen:
             there = ", ".join(one.name for one in self.channels)

@@ -5,20 +5,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Part:
-    """The error in one part of the data.
+    """The error in one part of the data."""
 
-    Attributes:
-        label: such as "moving in" or "0.01 to 0.05 m/s".
-        samples: how many.
-        rmse: root mean square of the residual.
-        mean: mean of the residual; positive where the measurement is above the model.
-        energy: share of the whole squared error.
-        excess: rmse over the noise floor.
-    """
-
-    label: str
-    samples: int
-    rmse: float
-    mean: float
-    energy: float
-    excess: float
+    label: str  # such as "moving in" or "0.01 to 0.05 m/s"
+    samples: int  # how many
+    rmse: float  # root mean square of the residual
+    mean: float  # mean of the residual; positive where the measurement is above the model
+    energy: float  # share of the whole squared error
+    excess: float  # rmse over the noise floor

@@ -45,19 +45,12 @@ _SUSPECTS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Pattern:
-    """How an error is spread, and what leaves such an error.
+    """How an error is spread, and what leaves such an error."""
 
-    Attributes:
-        by: way of splitting in which it shows.
-        words: such as "changes sign with the direction of motion".
-        effects: that leave such an error, likely ones first; not those in the model.
-        share: of the error, that goes with the pattern.
-    """
-
-    by: str
-    words: str
-    effects: tuple[str, ...]
-    share: float
+    by: str  # way of splitting in which it shows
+    words: str  # such as "changes sign with the direction of motion"
+    effects: tuple[str, ...]  # that leave such an error, likely ones first; not those in the model
+    share: float  # of the error, that goes with the pattern
 
     @property
     def sentence(self) -> str:

@@ -13,17 +13,11 @@ from estimation.study.shown import Shown, Table
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """One stage of a model.
+    """One stage of a model."""
 
-    Attributes:
-        fitted: the model at this stage.
-        added: effect that this stage added; empty for the base model.
-        number: of the revision that it is kept as; None where it is not kept.
-    """
-
-    fitted: Fitted
-    added: str = ""
-    number: int | None = None
+    fitted: Fitted  # the model at this stage
+    added: str = ""  # effect that this stage added; empty for the base model
+    number: int | None = None  # of the revision that it is kept as; None where it is not kept
 
     @property
     def rmse(self) -> float:
@@ -38,25 +32,18 @@ class Stage:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ChannelResult(Shown):
-    """One channel with all that is known about it.
+    """One channel with all that is known about it."""
 
-    Attributes:
-        channel: the channel and its base model.
-        diagnosis: what is missing; None where nobody asked.
-        comparison: the base model beside the measurement; None where the data cannot be judged.
-        stages: the base model, and one stage for each effect added; empty where the data cannot be judged.
-        grown: the last stage beside the measurement; None where nothing was added.
-        noise_floor: of the channel, by which all its stages are measured; None as for the comparison.
-        reason: why there is no comparison, or why what was added is left out; empty else.
-    """
-
-    channel: StudyChannel
-    diagnosis: ChannelDiagnosis | None = None
+    channel: StudyChannel  # the channel and its base model
+    diagnosis: ChannelDiagnosis | None = None  # what is missing; None where nobody asked
+    # The base model beside the measurement; None where the data cannot be judged.
     comparison: Comparison | None = None
+    # The base model, and one stage for each effect added; empty where the data cannot be judged.
     stages: tuple[Stage, ...] = ()
-    grown: Comparison | None = None
+    grown: Comparison | None = None  # the last stage beside the measurement; None where nothing was added
+    # Of the channel, by which all its stages are measured; None as for the comparison.
     noise_floor: float | None = None
-    reason: str = ""
+    reason: str = ""  # why there is no comparison, or why what was added is left out; empty else
 
     @property
     def added(self) -> list[str]:
@@ -90,17 +77,11 @@ class ChannelResult(Shown):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Change(Shown):
-    """What adding or removing effects did.
+    """What adding or removing effects did."""
 
-    Attributes:
-        result: all stages of the channel, from the base model on.
-        revisions: those that are new.
-        parent: the revision that was continued; None for a new beginning.
-    """
-
-    result: ChannelResult
-    revisions: tuple[Revision, ...]
-    parent: Revision | None
+    result: ChannelResult  # all stages of the channel, from the base model on
+    revisions: tuple[Revision, ...]  # those that are new
+    parent: Revision | None  # the revision that was continued; None for a new beginning
 
     def _table(self) -> Table:
         return self.result._table()

@@ -30,43 +30,25 @@ class KeptParameter(ParameterValue):
 
 
 class Revision(BaseModel):
-    """One stage of one channel's model.
-
-    Attributes:
-        number: of the revision, unique within a study.
-        parent: the revision that it was made of; None for a base model.
-        channel: its name.
-        model: name of the base model.
-        added: effect that this stage added; empty for a base model, and where one was removed.
-        removed: effect that this stage took away again.
-        effects: all beside the base model, in order.
-        user_effects: effects of the user's own among them, as FILE.py:Class.
-        effort_unit: unit of the errors.
-        rmse: error in held-out runs.
-        noise_floor: error that a complete model would leave.
-        parameters: by "effect.parameter".
-        data_sha256: of the channel that it was fitted to.
-        created_utc: when.
-        software_version: by which palpate.
-    """
+    """One stage of one channel's model."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    number: int = Field(ge=0, le=MOST)
-    parent: int | None
-    channel: str
-    model: str
-    added: str
-    removed: str = ""
-    effects: list[str]
-    user_effects: list[str]
-    effort_unit: str
-    rmse: SizedError
-    noise_floor: SizedError
-    parameters: dict[str, KeptParameter]
-    data_sha256: str
-    created_utc: str
-    software_version: str
+    number: int = Field(ge=0, le=MOST)  # of the revision, unique within a study
+    parent: int | None  # the revision that it was made of; None for a base model
+    channel: str  # its name
+    model: str  # name of the base model
+    added: str  # effect that this stage added; empty for a base model, and where one was removed
+    removed: str = ""  # effect that this stage took away again
+    effects: list[str]  # all beside the base model, in order
+    user_effects: list[str]  # effects of the user's own among them, as FILE.py:Class
+    effort_unit: str  # unit of the errors
+    rmse: SizedError  # error in held-out runs
+    noise_floor: SizedError  # error that a complete model would leave
+    parameters: dict[str, KeptParameter]  # by "effect.parameter"
+    data_sha256: str  # of the channel that it was fitted to
+    created_utc: str  # when
+    software_version: str  # by which palpate
 
 
 class Revisions:
@@ -86,11 +68,7 @@ class Revisions:
         return self._folder is not None and self._folder.is_dir()
 
     def all(self) -> tuple[Revision, ...]:
-        """Every revision, oldest first.
-
-        Raises:
-            InputError: a file is not a revision.
-        """
+        """Every revision, oldest first. InputError: a file is not a revision."""
         if self._folder is None:
             return tuple(self._in_memory)
         files = self._folder.glob("[0-9]*.json") if self._folder.is_dir() else ()
@@ -98,11 +76,7 @@ class Revisions:
         return tuple(_read(file) for file in sorted(own, key=lambda file: int(file.stem)))
 
     def get(self, number: int) -> Revision:
-        """One revision.
-
-        Raises:
-            InputError: there is no such revision.
-        """
+        """One revision. InputError: there is no such revision."""
         known = {revision.number: revision for revision in self.all()}
         if number not in known:
             there = ", ".join(str(n) for n in known) or "none yet"

@@ -12,7 +12,7 @@ from estimation.fit.intervals import SIGMAS_95
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import sample_time
 from estimation.statistics.correlation import Correlation, autocorrelation, cross_correlation
-from estimation.statistics.fit_percent import fit_percent
+from estimation.statistics.misfit import fit_percent
 from estimation.study.channels import StudyChannel
 from estimation.study.comparison import Comparison
 from estimation.study.fits import Fits
@@ -26,19 +26,12 @@ _ALIKE = 0.9  # share of the longer run that the shorter one must last, to be pu
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """One of two.
+    """One of two."""
 
-    Attributes:
-        name: by which it is told from the other.
-        channel: with its base model.
-        compared: the model beside the measurement; None where it cannot be judged.
-        reason: why it cannot.
-    """
-
-    name: str
-    channel: StudyChannel
-    compared: Comparison | None
-    reason: str = ""
+    name: str  # by which it is told from the other
+    channel: StudyChannel  # with its base model
+    compared: Comparison | None  # the model beside the measurement; None where it cannot be judged
+    reason: str = ""  # why it cannot
 
     @property
     def data(self) -> ChannelData:
@@ -97,20 +90,13 @@ class Side:
 
 @dataclass(frozen=True)
 class ParameterDifference:
-    """One parameter on both sides.
+    """One parameter on both sides."""
 
-    Attributes:
-        name: "effect.parameter".
-        unit: SI.
-        first: None where that side's model has none.
-        second: likewise.
-        is_same_data: whether both come from one measurement: then their errors are no more independent.
-    """
-
-    name: str
-    unit: str
-    first: ParameterEstimate | None
-    second: ParameterEstimate | None
+    name: str  # "effect.parameter"
+    unit: str  # SI
+    first: ParameterEstimate | None  # None where that side's model has none
+    second: ParameterEstimate | None  # likewise
+    # Whether both come from one measurement: then their errors are no more independent.
     is_same_data: bool = False
 
     @property

@@ -35,23 +35,16 @@ IN_MEMORY = "data"  # what measurements without a file are called
 
 @dataclass(frozen=True)
 class Arm:
-    """The arm that was measured.
+    """The arm that was measured."""
 
-    Attributes:
-        urdf: text of its URDF, empty where it is not known.
-        tip_frame: the tip's frame in it.
-        origin: where the URDF comes from, for errors.
-        gravity_m_s2: shape (3,), fall acceleration in the axes of its base [m/s^2].
-        rotor_inertia_kg_m2: shape (n,), what its drives' rotors add to the joints, or empty [kg m^2].
-        notes: sentences on it that the reader should see.
-    """
-
-    urdf: str = ""
-    tip_frame: str = ""
-    origin: str = "URDF text"
+    urdf: str = ""  # text of its URDF, empty where it is not known
+    tip_frame: str = ""  # the tip's frame in it
+    origin: str = "URDF text"  # where the URDF comes from, for errors
+    # Shape (3,), fall acceleration in the axes of its base [m/s^2].
     gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
+    # Shape (n,), what its drives' rotors add to the joints, or empty [kg m^2].
     rotor_inertia_kg_m2: tuple[float, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # sentences on it that the reader should see
 
     def context_of(self, channel: ChannelData) -> ModelContext:
         """What a base model may need to know beside a channel."""
@@ -72,32 +65,20 @@ NO_ARM = Arm()
 
 @dataclass(frozen=True)
 class Source:
-    """What was measured.
+    """What was measured."""
 
-    Attributes:
-        name: of the file, for people.
-        channels: efforts with their motion, as they were measured.
-        arm: what the channels belong to.
-        path: session, folder of sessions, or data file; None for measurements in memory.
-        session: the first; None if it is none.
-        more: further probings by the same arm, that belong to the study.
-        unused: columns of numbers that nothing was made of.
-        notes: sentences on the data that the reader should see.
-        read: what was taken for what in a data file; empty for a session.
-        averaged: a sentence for each channel that was too long to be searched as it was recorded, by name.
-        stretches: of channels whose runs were cut for that, the run that each stretch is of, by its number.
-    """
-
-    name: str
-    channels: tuple[ChannelData, ...]
-    arm: Arm = NO_ARM
-    path: Path | None = None
-    session: Session | None = None
-    unused: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    more: tuple[Session, ...] = ()
-    read: str = ""
+    name: str  # of the file, for people
+    channels: tuple[ChannelData, ...]  # efforts with their motion, as they were measured
+    arm: Arm = NO_ARM  # what the channels belong to
+    path: Path | None = None  # session, folder of sessions, or data file; None for measurements in memory
+    session: Session | None = None  # the first; None if it is none
+    unused: tuple[str, ...] = ()  # columns of numbers that nothing was made of
+    notes: tuple[str, ...] = ()  # sentences on the data that the reader should see
+    more: tuple[Session, ...] = ()  # further probings by the same arm, that belong to the study
+    read: str = ""  # what was taken for what in a data file; empty for a session
+    # A sentence for each channel that was too long to be searched as it was recorded, by name.
     averaged: Mapping[str, str] = field(default_factory=dict)
+    # Of channels whose runs were cut for that, the run that each stretch is of, by its number.
     stretches: Mapping[str, Mapping[int, int]] = field(default_factory=dict)
 
     @property
@@ -281,11 +262,7 @@ def _plain(values: Any) -> np.ndarray[Any, Any]:  # noqa: ANN401
 
 
 def arm_of(session: Session) -> Arm:
-    """The arm as the session keeps it.
-
-    Raises:
-        InputError: its copy of the robot file is not valid.
-    """
+    """The arm as the session keeps it. InputError: its copy of the robot file is not valid."""
     text = session.metadata.robot_file
     robot_file = parse_robot_file(text, f"{session.path}, its robot file") if text else None
     tip_frame = robot_file.tip_frame if robot_file else ""

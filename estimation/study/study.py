@@ -296,19 +296,11 @@ class Study(Fits):
         return found
 
     def channel_of(self, revision: Revision) -> StudyChannel:
-        """The channel that a revision is of, with its base model.
-
-        Raises:
-            InputError: it is not there.
-        """
+        """The channel that a revision is of, with its base model. InputError: it is not there."""
         return self.with_model(revision.channel, revision.model)
 
     def check(self, revision: Revision) -> None:
-        """Refuse a revision of other data.
-
-        Raises:
-            InputError: it is, or its channel is not there.
-        """
+        """Refuse a revision of other data. InputError: it is, or its channel is not there."""
         if self.channel_of(revision).sha256 != revision.data_sha256:
             raise InputError(
                 f"revision {revision.number} is of other data (SHA-256 {revision.data_sha256[:12]}...). Give "

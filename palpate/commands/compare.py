@@ -106,9 +106,8 @@ def command(
         console.stderr().print(f"\nreport  [bold]{shown(written['report'])}[/bold]")
     if not as_json:
         zoom = (f"{again} --out FOLDER", "a report to zoom into")
-        first = (
-            _after_revisions(data, folder) if kept else _after(data, study, results, model, channel, folder)
-        )
+        stages = [(f"palpate revisions {data.typed(folder=folder)}", "all stages")]
+        first = stages if kept else _after(data, study, results, model, channel, folder)
         console.next_steps(*first, zoom)
 
 
@@ -174,10 +173,6 @@ def _of_other_data(study: Study, kept: Sequence[Revision]) -> Iterator[str]:
         if study.channel_of(one).sha256 != one.data_sha256:
             error = f"{one.rmse:.3g} {one.effort_unit}"
             yield f"revision {one.number} was kept with an error of {error}: of other rows, or read otherwise"
-
-
-def _after_revisions(data: DataArguments, folder: Path | None) -> Steps:
-    return [(f"palpate revisions {data.typed(folder=folder)}", "all stages")]
 
 
 def _after(  # noqa: PLR0917, what was typed

@@ -74,11 +74,7 @@ def command(
 
 
 def _check_is_data(file: Path) -> None:
-    """Refuse what is not there, and what needs no import.
-
-    Raises:
-        InputError: it is no file, or a session.
-    """
+    """Refuse what is not there, and what needs no import. InputError: it is no file, or a session."""
     if is_session(existing_file(file, "data file")):
         open_session(file)  # says what is wrong with what is only called one
         raise InputError(f"{file}: is a session already; all commands take it as it is")

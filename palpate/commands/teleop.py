@@ -12,6 +12,7 @@ from control.loop.result import Outcome
 from control.probing.plan import ProbingPlan, load_probing_plan
 from control.teleop.follower_task import OnSilence
 from control.teleop.leader_arm import LeaderArm
+from control.teleop.operator_devices import build_operator
 from palpate import console
 from palpate.console import command_group
 from palpate.files import existing_file, output_file
@@ -24,7 +25,6 @@ from palpate.teleop.demo import run_demo
 from palpate.teleop.follower import FollowerJob, FollowerOutcome, run_follower
 from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob, leader_metadata, run_leader
-from palpate.teleop.operator_file import build_operator
 from palpate.words import as_shell_word, count, safe, shown, typed
 from robot_io.clock import MonotonicClock
 from robot_io.errors import InputError

@@ -105,11 +105,7 @@ def _posed() -> Path:
 
 
 def _early_server(port: int) -> EarlyServer:
-    """The page's address, open from now on.
-
-    Raises:
-        InputError: somebody has the port.
-    """
+    """The page's address, open from now on. InputError: somebody has the port."""
     try:
         return EarlyServer(LOOPBACK, port)
     except OSError as error:

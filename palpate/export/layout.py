@@ -30,11 +30,7 @@ Plots = Mapping[str, Sequence[tuple[Stream, Column]]]  # by title
 
 
 def layout_of(session: Session, program: Program) -> str:
-    """The text of a layout.
-
-    Raises:
-        InputError: the session has nothing to plot.
-    """
+    """The text of a layout. InputError: the session has nothing to plot."""
     plots = _plots([session.samples(name).stream for name in session.stream_names])
     if not plots:
         raise InputError(f"{session.path}: has no stream with anything to plot")

@@ -18,17 +18,12 @@ SILENT = frozenset({"rigid_body"})  # what the simulated arm is anyway
 
 @dataclass(frozen=True)
 class FittedChannel:
-    """What is known of one channel.
+    """What is known of one channel."""
 
-    Attributes:
-        revision: the fitted model.
-        surface: where the channel's depth counts from, along the downward press direction; None if given.
-        joint_count: of the arm; 0 for a contact that came without one.
-    """
-
-    revision: Revision
+    revision: Revision  # the fitted model
+    # Where the channel's depth counts from, along the downward press direction; None if given.
     surface: Surface | None
-    joint_count: int
+    joint_count: int  # of the arm; 0 for a contact that came without one
 
     @property
     def is_contact(self) -> bool:
@@ -38,17 +33,11 @@ class FittedChannel:
 
 @dataclass(frozen=True)
 class Export:
-    """A simulated world.
+    """A simulated world."""
 
-    Attributes:
-        scenario: the world.
-        used: what went into it, one line each.
-        left_out: what the simulator cannot do, with the reason, one line each.
-    """
-
-    scenario: Scenario
-    used: tuple[str, ...]
-    left_out: tuple[str, ...]
+    scenario: Scenario  # the world
+    used: tuple[str, ...]  # what went into it, one line each
+    left_out: tuple[str, ...]  # what the simulator cannot do, with the reason, one line each
 
 
 def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description: str) -> Export:

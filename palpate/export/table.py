@@ -106,10 +106,6 @@ def write_table(table: pa.Table, path: Path) -> None:
 
 
 def check_ending(path: Path) -> None:
-    """Refuse a file of another kind.
-
-    Raises:
-        InputError: it is neither CSV nor Parquet by its ending.
-    """
+    """Refuse a file of another kind. InputError: it is neither CSV nor Parquet by its ending."""
     if path.suffix not in ENDINGS:
         raise InputError(f"output {path}: a table is written as {' or '.join(ENDINGS)}")

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from estimation.effect import AdditiveEffect, MemoryEffect, MotionEffect, Sensor
 from estimation.estimate import ParameterEstimate
 from estimation.fit.intervals import SIGMAS_95
 from estimation.model import Model
+from estimation.signals.blocks import blocks, places, since_their_start
 from estimation.study.part import Part
 from palpate.render import sentences
 from palpate.render.view import (
@@ -136,21 +136,10 @@ def axes_of(kind: ChannelKind) -> Axes:
 
 def one_after_the_other(data: ChannelData) -> FloatArray:
     """Time of each sample (n,) on one axis, with the runs behind each other: each may begin at zero [s]."""
-    blocks = list(stretches(data.run))
-    lengths = [float(data.time_s[past - 1] - data.time_s[first]) for first, past in blocks]
-    gap_s = _GAP * float(np.mean(lengths)) if lengths else 0.0
-    time_s, start_s = np.empty(len(data)), 0.0
-    for (first, past), length_s in zip(blocks, lengths, strict=True):
-        time_s[first:past] = start_s + data.time_s[first:past] - data.time_s[first]
-        start_s += length_s + gap_s
-    return time_s
-
-
-def stretches(values: IntArray | BoolArray) -> Iterator[tuple[int, int]]:
-    """Half-open index ranges (first, past the last) in which `values` stays the same."""
-    if len(values):
-        edges = np.flatnonzero(values[1:] != values[:-1]) + 1
-        yield from pairwise([0, *edges.tolist(), len(values)])
+    own_s, (first, run) = since_their_start(data.time_s, data.run), places(data.run)
+    lengths_s = np.maximum.reduceat(own_s, first)
+    steps_s = lengths_s + (_GAP * np.mean(lengths_s) if len(first) else 0.0)
+    return own_s + (np.cumsum(steps_s) - steps_s)[run]
 
 
 def run_speeds(data: ChannelData) -> dict[int, str]:
@@ -158,9 +147,9 @@ def run_speeds(data: ChannelData) -> dict[int, str]:
     if data.kind is not ChannelKind.CONTACT:
         return {}
     speeds = {
-        int(data.run[first]): _MILLI * _approach_speed(data.velocity[first:past], data.phase[first:past])
-        for first, past in stretches(data.run)
-        if data.run[first] >= 0
+        int(data.run[rows.start]): _MILLI * _approach_speed(data.velocity[rows], data.phase[rows])
+        for rows in blocks(data.run)
+        if data.run[rows.start] >= 0
     }
     groups = list[list[tuple[int, float]]]()
     for run, speed in sorted(speeds.items(), key=lambda pair: pair[1]):

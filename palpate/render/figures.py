@@ -7,6 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from estimation.signals.blocks import blocks
 from palpate.render import palette
 from palpate.render.thinning import joined, rows_by_run, run_curves
 from palpate.render.view import ChannelView, StageView, StudyView, residual_map
@@ -44,7 +45,7 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
     made = make_subplots(
         3, 2, specs=specs, subplot_titles=titles, row_heights=[0.36, 0.36, 0.28], vertical_spacing=0.1
     )
-    _draw_fall(made, channel, 1, 1)
+    _draw_fall(made, channel)
     _draw_state(made, channel, (1, 2), channel.position, channel.axes.position, named=False)
     _draw_time(made, channel, (2, 1))
     _draw_rest(made, channel, (3, 1))
@@ -54,7 +55,7 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
 def fall_figure(channel: ChannelView) -> go.Figure:
     """The error in held-out runs, stage by stage down to the noise floor."""
     made = make_subplots(1, 1)
-    _draw_fall(made, channel, 1, 1)
+    _draw_fall(made, channel)
     return styled(made, 96 + _BAR_PX * (len(channel.fall) + 1))
 
 
@@ -124,7 +125,7 @@ def map_figure(channel: ChannelView) -> go.Figure:
     return made.update_yaxes(showgrid=False, zeroline=False)
 
 
-def _draw_fall(made: go.Figure, channel: ChannelView, row: int, col: int) -> None:
+def _draw_fall(made: go.Figure, channel: ChannelView) -> None:
     labels = [_escaped(label) for label, _ in channel.fall]
     errors = np.array([error for _, error in channel.fall])
     unit, reach = channel.axes.effort_unit, 1.22 * float(errors.max())
@@ -143,7 +144,7 @@ def _draw_fall(made: go.Figure, channel: ChannelView, row: int, col: int) -> Non
         x=taken, marker_color=palette.SHADE, text=words, textposition="outside", cliponaxis=False, **look
     )
     gone.hoverinfo = "skip"
-    made.add_traces([shown, gone], [row] * 2, [col] * 2)
+    made.add_traces([shown, gone], [1] * 2, [1] * 2)
     made.update_layout(barmode="stack", bargap=0.3)
     left = channel.floor < 0.6 * reach
     made.add_vline(
@@ -151,12 +152,12 @@ def _draw_fall(made: go.Figure, channel: ChannelView, row: int, col: int) -> Non
         line={"color": palette.FLOOR, "width": 1.5, "dash": "dot"},
         annotation={"text": f" noise floor {channel.floor:.3g} {unit}", "font_color": palette.FLOOR},
         annotation_position="bottom right" if left else "bottom left",
-        row=row,
-        col=col,
+        row=1,
+        col=1,
     )
     # room below the last bar for the floor's label
-    made.update_yaxes(range=[len(errors) + 0.1, -0.6], showgrid=False, row=row, col=col)
-    made.update_xaxes(title_text=f"error in held-out runs [{unit}]", range=[0.0, reach], row=row, col=col)
+    made.update_yaxes(range=[len(errors) + 0.1, -0.6], showgrid=False, row=1, col=1)
+    made.update_xaxes(title_text=f"error in held-out runs [{unit}]", range=[0.0, reach], row=1, col=1)
 
 
 def _draw_time(made: go.Figure, channel: ChannelView, place: Place) -> None:
@@ -232,10 +233,10 @@ def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
     edges = np.linspace(channel.time_s[0], channel.time_s[-1], _SHADE_CELLS + 1)
     every = np.histogram(channel.time_s, edges)[0]
     out = np.histogram(channel.time_s[~channel.judged], edges)[0] > 0.5 * np.maximum(every, 1)
-    turns = np.flatnonzero(np.diff(np.concatenate([[False], out, [False]]).astype(int)))
     look = {"fillcolor": palette.SHADE, "line_width": 0, "layer": "below", "row": place[0], "col": place[1]}
-    for first, past in turns.reshape(-1, 2).tolist():
-        made.add_vrect(x0=edges[first], x1=edges[past], **look)
+    for cells in blocks(out):
+        if out[cells.start]:
+            made.add_vrect(x0=edges[cells.start], x1=edges[cells.stop], **look)
 
 
 def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:

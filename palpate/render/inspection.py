@@ -30,17 +30,11 @@ PLOTS = ("plots.html",)  # what `Inspection.plot` writes
 
 @dataclass(frozen=True)
 class Inspection:
-    """A session with what was estimated from it, ready to be shown.
+    """A session with what was estimated from it, ready to be shown."""
 
-    Attributes:
-        session: what happened.
-        view: its channels with the estimate of the first place that was touched.
-        scene: for the views of an arm; None where the session was imported.
-    """
-
-    session: Session
-    view: StudyView
-    scene: Scene | None
+    session: Session  # what happened
+    view: StudyView  # its channels with the estimate of the first place that was touched
+    scene: Scene | None  # for the views of an arm; None where the session was imported
 
     def record(self, path: Path) -> float:
         """Write the Rerun recording.

@@ -1,5 +1,7 @@
 """One palette for every medium: middle tones that read on light and on dark. A colour means one thing."""
 
+from control.loop.phases import Phase
+
 MEASURED = "#3f86c8"
 BASE = "#8d99a6"  # revision 0, and what was commanded
 MODEL = "#de7a26"
@@ -11,6 +13,18 @@ SHADE = "rgba(128,140,155,0.18)"  # samples that are not judged
 JOINTS = ("#3f86c8", "#de7a26", "#2f9e73", "#9a6fc4", "#d1495b", "#5aa7b5", "#a08a2e")
 SPEEDS = ("#4a6fb5", "#2b9a92", "#7fae4d", "#e2a13c", "#d9662b", "#b23a5c")  # from slow to fast
 RESIDUAL = ((0.0, "#2a6fb0"), (0.5, "rgba(128,140,155,0.14)"), (1.0, "#c9452f"))  # below, none, above
+PHASES = {
+    Phase.IDLE: "#aab4be",
+    Phase.MOVE: "#93a3b3",
+    Phase.APPROACH: "#7faed6",
+    Phase.LOADING: "#e8a05a",
+    Phase.HOLD: "#d97070",
+    Phase.UNLOADING: "#7fbf9c",
+    Phase.RETRACT: "#9dbcd6",
+    Phase.FREE_AIR: "#b5c99a",
+    Phase.STOPPED: "#8c1d18",
+}
+UNKNOWN_PHASE = ("unknown", "#9aa5b1")
 
 
 def rgb(color: str) -> tuple[int, int, int]:
@@ -23,3 +37,10 @@ def speed_colors(words: list[str]) -> dict[str, str]:
     """A colour for each of several speeds, given from slow to fast."""
     last = max(len(words) - 1, 1)
     return {word: SPEEDS[round(i * (len(SPEEDS) - 1) / last)] for i, word in enumerate(words)}
+
+
+def phase(number: int) -> tuple[str, str]:
+    """Name and colour of a phase."""
+    if number not in set(Phase):
+        return UNKNOWN_PHASE
+    return Phase(number).name.lower().replace("_", " "), PHASES.get(Phase(number), UNKNOWN_PHASE[1])

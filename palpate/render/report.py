@@ -23,11 +23,7 @@ _GREEK = {"tau": "τ", "mu": "μ", "pi": "π", "alpha": "α", "beta": "β", "ome
 
 
 def write_report(view: StudyView, path: Path) -> Path:
-    """Write the report; the file appears whole or not at all.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Write the report; the file appears whole or not at all. InputError: it cannot be written."""
     write_text(path, document(view))
     return path
 

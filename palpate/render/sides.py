@@ -25,19 +25,12 @@ _PERCENT = 100.0
 
 @dataclass(frozen=True)
 class SidesView:
-    """One channel on both sides.
+    """One channel on both sides."""
 
-    Attributes:
-        channel: its name.
-        views: both, with measurement and model.
-        found: what was compared.
-        words: what comes of it, in sentences.
-    """
-
-    channel: str
-    views: tuple[ChannelView, ChannelView]
-    found: Sides
-    words: tuple[str, ...]
+    channel: str  # its name
+    views: tuple[ChannelView, ChannelView]  # both, with measurement and model
+    found: Sides  # what was compared
+    words: tuple[str, ...]  # what comes of it, in sentences
 
     @property
     def pair(self) -> tuple[Side, Side]:

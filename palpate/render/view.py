@@ -50,46 +50,28 @@ class ParameterView:
 
 @dataclass(frozen=True)
 class StageView:
-    """One stage of a model.
+    """One stage of a model."""
 
-    Attributes:
-        number: of the revision that it is kept as; None where it is not kept.
-        label: the base model's name, or "+ " with the effect that was added.
-        name: the whole model, such as "kelvin_voigt + cubic_stiffness".
-        rmse: error in held-out runs, in the effort's unit.
-        predicted: effort that it expects, shape (n,).
-        residual: measured less predicted from the other runs, shape (n,); NaN where it is not judged.
-        parameters: in the order of the model.
-        effects: the terms of the model.
-        equation: all terms in one line.
-    """
-
-    number: int | None
-    label: str
-    name: str
-    rmse: float
-    predicted: FloatArray
+    number: int | None  # of the revision that it is kept as; None where it is not kept
+    label: str  # the base model's name, or "+ " with the effect that was added
+    name: str  # the whole model, such as "kelvin_voigt + cubic_stiffness"
+    rmse: float  # error in held-out runs, in the effort's unit
+    predicted: FloatArray  # effort that it expects, shape (n,)
+    # Measured less predicted from the other runs, shape (n,); NaN where it is not judged.
     residual: FloatArray
-    parameters: tuple[ParameterView, ...]
-    effects: tuple[Effect, ...]
-    equation: str
+    parameters: tuple[ParameterView, ...]  # in the order of the model
+    effects: tuple[Effect, ...]  # the terms of the model
+    equation: str  # all terms in one line
 
 
 @dataclass(frozen=True)
 class VerdictView:
-    """The answer for one channel.
+    """The answer for one channel."""
 
-    Attributes:
-        word: adequate, missing, unexplained or insufficient; or fits or misses, where only compared.
-        sentence: what it means for this channel.
-        remarks: further sentences.
-        names: effects in the sentence, to be set in bold.
-    """
-
-    word: str
-    sentence: str
-    remarks: tuple[str, ...] = ()
-    names: tuple[str, ...] = ()
+    word: str  # adequate, missing, unexplained or insufficient; or fits or misses, where only compared
+    sentence: str  # what it means for this channel
+    remarks: tuple[str, ...] = ()  # further sentences
+    names: tuple[str, ...] = ()  # effects in the sentence, to be set in bold
 
     @property
     def tag(self) -> str:
@@ -99,50 +81,29 @@ class VerdictView:
 
 @dataclass(frozen=True)
 class ChannelView:
-    """One channel: the measurement, the stages of its model, and what was found out.
+    """One channel: the measurement, the stages of its model, and what was found out."""
 
-    Attributes:
-        name: such as "contact".
-        axes: names and units.
-        time_s: with the runs one after the other, shape (n,) [s].
-        position: in the unit that is shown, shape (n,).
-        velocity: likewise.
-        effort: as measured, shape (n,).
-        run: number of the run, shape (n,).
-        engaged: where the object can push, shape (n,).
-        judged: samples whose error counts, shape (n,); the others are shaded.
-        speeds: words for the speed of each run, by its number.
-        stages: base model first; empty where the data cannot be judged.
-        fall: label and error of each stage.
-        parameters: of the last stage.
-        floor: error that a complete model would leave.
-        verdict: the answer.
-        parts: the last model's error by phase, run, speed and so on.
-        accepted: established effects.
-        ranking: candidates beside the base model, best first.
-        next_experiment: what to record next; None for nothing.
-        wanted: what was commanded or aimed at, with its name, shape (n,); None where nothing is known.
-    """
-
-    name: str
-    axes: Axes
-    time_s: FloatArray
-    position: FloatArray
-    velocity: FloatArray
-    effort: FloatArray
-    run: IntArray
-    engaged: BoolArray
-    judged: BoolArray
-    speeds: Mapping[int, str]
-    stages: tuple[StageView, ...]
-    fall: tuple[tuple[str, float], ...]
-    parameters: tuple[ParameterView, ...]
-    floor: float
-    verdict: VerdictView
+    name: str  # such as "contact"
+    axes: Axes  # names and units
+    time_s: FloatArray  # with the runs one after the other, shape (n,) [s]
+    position: FloatArray  # in the unit that is shown, shape (n,)
+    velocity: FloatArray  # likewise
+    effort: FloatArray  # as measured, shape (n,)
+    run: IntArray  # number of the run, shape (n,)
+    engaged: BoolArray  # where the object can push, shape (n,)
+    judged: BoolArray  # samples whose error counts, shape (n,); the others are shaded
+    speeds: Mapping[int, str]  # words for the speed of each run, by its number
+    stages: tuple[StageView, ...]  # base model first; empty where the data cannot be judged
+    fall: tuple[tuple[str, float], ...]  # label and error of each stage
+    parameters: tuple[ParameterView, ...]  # of the last stage
+    floor: float  # error that a complete model would leave
+    verdict: VerdictView  # the answer
+    # The last model's error by phase, run, speed and so on.
     parts: Mapping[str, Sequence[Part]] = field(default_factory=dict)
-    accepted: tuple[Accepted, ...] = ()
-    ranking: tuple[Ranked, ...] = ()
-    next_experiment: NextExperiment | None = None
+    accepted: tuple[Accepted, ...] = ()  # established effects
+    ranking: tuple[Ranked, ...] = ()  # candidates beside the base model, best first
+    next_experiment: NextExperiment | None = None  # what to record next; None for nothing
+    # What was commanded or aimed at, with its name, shape (n,); None where nothing is known.
     wanted: tuple[str, FloatArray] | None = None
 
     def times_floor(self, error: float) -> float:

@@ -51,19 +51,12 @@ class Undecided:
 
 @dataclass(frozen=True)
 class NextProbe:
-    """The experiment to run next.
+    """The experiment to run next."""
 
-    Attributes:
-        plan: what the arm does.
-        proposal: the same as a diagnosis states it.
-        choice: what is expected of it.
-        channels: of which it tells.
-    """
-
-    plan: ProbingPlan
-    proposal: NextExperiment
-    choice: Choice
-    channels: tuple[str, ...]
+    plan: ProbingPlan  # what the arm does
+    proposal: NextExperiment  # the same as a diagnosis states it
+    choice: Choice  # what is expected of it
+    channels: tuple[str, ...]  # of which it tells
 
 
 def undecided(study: Study, found: Sequence[ChannelDiagnosis]) -> list[Undecided]:
@@ -119,10 +112,6 @@ class _Planned:
     candidate: Candidate
     experiment: Experiment  # as it is promised
     motions: tuple[ChannelData | None, ...]
-
-    @property
-    def duration_s(self) -> float:
-        return self.experiment.duration_s
 
     @classmethod
     def of(cls, candidate: Candidate, ticks: Samples, study: Study, left: Sequence[Undecided]) -> "_Planned":

@@ -18,17 +18,11 @@ Settings = dict[str, Any]
 
 @dataclass(frozen=True)
 class Candidate:
-    """An experiment that is considered.
+    """An experiment that is considered."""
 
-    Attributes:
-        words: what the arm does.
-        settings: what differs from the plan before.
-        plan: the whole plan.
-    """
-
-    words: str
-    settings: Settings
-    plan: ProbingPlan
+    words: str  # what the arm does
+    settings: Settings  # what differs from the plan before
+    plan: ProbingPlan  # the whole plan
 
 
 def candidates(before: ProbingPlan, robot_file: RobotFile) -> list[Candidate]:

@@ -25,18 +25,12 @@ LONGEST_S = 120.0  # of an experiment that is considered
 
 @dataclass(frozen=True)
 class ArmText:
-    """An arm as a session keeps it.
+    """An arm as a session keeps it."""
 
-    Attributes:
-        robot: text of its robot file.
-        urdf: text of its URDF.
-        gravity_m_s2: fall acceleration in the axes of its base [m/s^2].
-        origin: where these come from, for errors.
-    """
-
-    robot: str
-    urdf: str
-    gravity_m_s2: tuple[float, float, float]
+    robot: str  # text of its robot file
+    urdf: str  # text of its URDF
+    gravity_m_s2: tuple[float, float, float]  # fall acceleration in the axes of its base [m/s^2]
+    # Where these come from, for errors.
     origin: str = field(compare=False)  # the same arm of another session moves alike
 
     @property
@@ -53,19 +47,12 @@ class ArmText:
 
 @dataclass(frozen=True)
 class KnownObject:
-    """A spring and damper with a flat surface, as a fit has it.
+    """A spring and damper with a flat surface, as a fit has it."""
 
-    Attributes:
-        stiffness_n_m: k [N/m].
-        damping_n_s_m: c [N s/m].
-        surface_m: where it begins, along its normal in world coordinates [m].
-        normal_world: unit vector into the object.
-    """
-
-    stiffness_n_m: float
-    damping_n_s_m: float
-    surface_m: float
-    normal_world: tuple[float, float, float]
+    stiffness_n_m: float  # k [N/m]
+    damping_n_s_m: float  # c [N s/m]
+    surface_m: float  # where it begins, along its normal in world coordinates [m]
+    normal_world: tuple[float, float, float]  # unit vector into the object
 
     def force_n(self, along_m: float, speed_m_s: float) -> float:
         """Normal force [N] on a tip at a place and speed along the normal; it never pulls."""

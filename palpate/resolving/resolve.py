@@ -40,25 +40,16 @@ class End(StrEnum):
 
 @dataclass(frozen=True)
 class Decision:
-    """What one probe came to, and what is done next.
+    """What one probe came to, and what is done next."""
 
-    Attributes:
-        probe: its number, from 1.
-        session: its file, in the folder of the log.
-        seconds: that it took on the robot's clock.
-        left: what each channel may be explained by: by channel, groups of effects that are not told apart.
-        end: why it was the last; None if another follows.
-        next: what is done next, in words; empty after the last.
-        sentence: all this in one sentence.
-    """
-
-    probe: int
-    session: str
-    seconds: float
+    probe: int  # its number, from 1
+    session: str  # its file, in the folder of the log
+    seconds: float  # that it took on the robot's clock
+    # What each channel may be explained by: by channel, groups of effects that are not told apart.
     left: dict[str, list[list[str]]]
-    end: End | None
-    next: str
-    sentence: str
+    end: End | None  # why it was the last; None if another follows
+    next: str  # what is done next, in words; empty after the last
+    sentence: str  # all this in one sentence
 
 
 @dataclass(frozen=True)
@@ -71,17 +62,11 @@ class Budget:
 
 @dataclass(frozen=True)
 class Resolved:
-    """How it ended.
+    """How it ended."""
 
-    Attributes:
-        folder: with the sessions, and what is derived from them.
-        decisions: one for each probe.
-        channels: the last diagnosis.
-    """
-
-    folder: Path
-    decisions: tuple[Decision, ...]
-    channels: tuple[ChannelDiagnosis, ...]
+    folder: Path  # with the sessions, and what is derived from them
+    decisions: tuple[Decision, ...]  # one for each probe
+    channels: tuple[ChannelDiagnosis, ...]  # the last diagnosis
 
     @property
     def end(self) -> End | None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 
@@ -45,7 +45,6 @@ class CalibrationJob(ArmJob):
     """What is to be calibrated; the robot's own calibration of this kind is left out meanwhile."""
 
     kind: str  # force, encoder, torque or gravity
-    _: KW_ONLY
 
 
 @dataclass(frozen=True)
@@ -104,14 +103,14 @@ MakeWatcher = Callable[[float], Watcher]  # from the duration of a motion, about
 
 
 @contextmanager
-def calibration_bench(job: CalibrationJob, now_utc: datetime | None = None) -> Iterator[Bench]:
+def calibration_bench(job: CalibrationJob) -> Iterator[Bench]:
     """Set everything up; the session file is complete when the context ends.
 
     Raises:
         InputError: robot file, calibrations and scenario do not fit each other, a device could not be opened,
             or the session cannot be written.
     """
-    now_utc = now_utc or datetime.now(UTC)
+    now_utc = datetime.now(UTC)
     calibrations = load_calibrations(job.robot_file, now_utc, leave_out=(job.kind,), emulated=job.wired)
     body = checked_body(job.robot_file, calibrations)
     with arm_session(job, calibrations, {KIND: job.kind}, now_utc) as arm:
@@ -141,7 +140,6 @@ def run_motion(
     job: CalibrationJob,
     settings: ExcitationSettings | None = None,
     watcher: MakeWatcher = lambda _s: NOBODY,
-    now_utc: datetime | None = None,
 ) -> None:
     """Excite the arm in free air and log it: for torque and gravity, with the usual motion of the kind.
 
@@ -152,7 +150,7 @@ def run_motion(
     """
     settings, robot_file = settings or MOTIONS[job.kind], job.robot_file
     limits = robot_file.limits
-    with calibration_bench(job, now_utc) as bench:
+    with calibration_bench(job) as bench:
         bodies = GravityBodies.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
         rng = np.random.default_rng(0)
         path = choose_path(bench.body, bodies, bench.start_rad(), limits, settings=settings, rng=rng)
@@ -165,7 +163,6 @@ def run_stops(
     job: CalibrationJob,
     stops_rad: tuple[FloatArray, FloatArray] | None = None,
     watcher: MakeWatcher = lambda _s: NOBODY,
-    now_utc: datetime | None = None,
 ) -> None:
     """Touch the joints' hard stops and log it; lower and upper stops, (n,) each, are by default the URDF's.
 
@@ -176,7 +173,7 @@ def run_stops(
     """
     limits = job.robot_file.limits
     settings = StopSettings.within(limits)
-    with calibration_bench(job, now_utc) as bench:
+    with calibration_bench(job) as bench:
         stops_rad = stops_rad or bench.body.position_limits_rad
         start_rad = bench.start_rad()
         up_rad, approaches = plan_stops(bench.body, start_rad, limits, stops_rad, settings.reach_rad)
@@ -185,14 +182,14 @@ def run_stops(
         bench.run(task, _slowed(opened, STOP_SPEED_RAD_S), watcher(12.0 * len(approaches)))
 
 
-def run_pose(job: CalibrationJob, now_utc: datetime | None = None) -> None:
+def run_pose(job: CalibrationJob) -> None:
     """Read the encoders of an arm that is held in a known pose, without power, and log it.
 
     Raises:
         InputError: as `calibration_bench`.
         SafetyTripError: a sample is missing or old.
     """
-    with calibration_bench(job, now_utc) as bench:
+    with calibration_bench(job) as bench:
         still = bench.still()
         still.await_samples()
         still.watch(POSE_S, 0)
@@ -206,7 +203,6 @@ def run_weighing(
     settle_s: float = 1.0,
     measure_s: float = 1.0,
     progress: Callable[[float], None] | None = None,
-    now_utc: datetime | None = None,
 ) -> None:
     """Put known forces on the sensor of an arm without power, one after the other, and log it.
 
@@ -223,7 +219,7 @@ def run_weighing(
         raise InputError(
             f"{max(forces_n, key=abs):.4g} N: limits.force_n of '{job.robot_file.name}' is {limit_n:g} N"
         )
-    with calibration_bench(job, now_utc) as bench:
+    with calibration_bench(job) as bench:
         still = bench.still()
         still.await_samples()
 

@@ -29,17 +29,11 @@ _ENDINGS = {".py", ".urdf", ".yaml"}
 
 @dataclass(frozen=True)
 class Case:
-    """One case.
+    """One case."""
 
-    Attributes:
-        work: "package.module:function", a `Work`.
-        parameters: what JSON can hold; its text is part of the address.
-        seed: of all that is random in it.
-    """
-
-    work: str
-    parameters: Mapping[str, Any]
-    seed: int = 0
+    work: str  # "package.module:function", a `Work`
+    parameters: Mapping[str, Any]  # what JSON can hold; its text is part of the address
+    seed: int = 0  # of all that is random in it
 
     @property
     def address(self) -> str:
@@ -48,11 +42,7 @@ class Case:
         return sha256(json.dumps(parts, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
     def run(self) -> list[Row]:
-        """Work it out.
-
-        Raises:
-            Exception: whatever the work raises.
-        """
+        """Work it out. Exception: whatever the work raises."""
         module, _, function = self.work.partition(":")
         work: Work = getattr(importlib.import_module(module), function)
         return work(self.parameters, self.seed)

@@ -1,7 +1,8 @@
 """The figures of a sweep, as a journal prints them: one or two columns wide, every axis with its unit."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from functools import partial, wraps
+from typing import Any, ParamSpec
 
 import matplotlib as mpl
 import numpy as np
@@ -16,6 +17,7 @@ from palpate.sweep.case import Row
 from palpate.sweep.summary import BOUND, column, errors_of, estimated, grouped, parameters_of
 from robot_io.types import FloatArray
 
+P = ParamSpec("P")
 ONE_COLUMN_IN, TWO_COLUMNS_IN = 3.5, 7.16
 SPEEDS = ("#b23a5c", "#de7a26", "#2b7a92")  # from fast to slow
 K, C = "stiffness.k", "damping.c"
@@ -73,227 +75,216 @@ class Drawing:
             figure.savefig(path, metadata={"Date": None} if path.endswith("svg") else None)
 
 
-def torques(ticks: Sequence[Row]) -> Drawing:
+def _drawing(name: str) -> Callable[[Callable[P, Figure]], Callable[P, Drawing]]:
+    """Makes of what draws a figure what gives a drawing of this name."""
+
+    def decorate(draw: Callable[P, Figure]) -> Callable[P, Drawing]:
+        @wraps(draw)
+        def make(*args: P.args, **kwargs: P.kwargs) -> Drawing:
+            return Drawing(name, partial(draw, *args, **kwargs))
+
+        return make
+
+    return decorate
+
+
+@_drawing("fig3a_torque")
+def torques(ticks: Sequence[Row]) -> Figure:
     """Figure 3a: commanded and measured torque of each joint over the first run."""
-
-    def draw() -> Figure:
-        own = [row for row in ticks if row["run"] == 0]
-        time_s = column(own, "time_s")
-        time_s -= time_s[0]
-        figure, all_axes = _panels(3, 1, TWO_COLUMNS_IN, 3.6, sharex=True)
-        for joint, axes in enumerate(all_axes, 1):
-            _shade_contact(axes, own, time_s)
-            for what, style in (("measured", {"color": JOINTS[joint - 1], "lw": 2.4, "alpha": 0.55}),
-                                ("commanded", {"color": "#1d2733", "lw": 0.7})):  # fmt: skip
-                axes.plot(time_s, column(own, f"torque_{what}_{joint}_nm"), label=what, **style)
-            axes.set_ylabel(f"joint {joint} [N m]")
-            _room(axes, least=0.5)
-        all_axes[0].legend(loc="upper right", ncols=2)
-        all_axes[-1].set_xlabel("time [s]; shaded: in contact")
-        return figure
-
-    return Drawing("fig3a_torque", draw)
+    own = [row for row in ticks if row["run"] == 0]
+    time_s = column(own, "time_s")
+    time_s -= time_s[0]
+    figure, all_axes = _panels(3, 1, TWO_COLUMNS_IN, 3.6, sharex=True)
+    for joint, axes in enumerate(all_axes, 1):
+        _shade_contact(axes, own, time_s)
+        for what, style in (("measured", {"color": JOINTS[joint - 1], "lw": 2.4, "alpha": 0.55}),
+                            ("commanded", {"color": "#1d2733", "lw": 0.7})):  # fmt: skip
+            axes.plot(time_s, column(own, f"torque_{what}_{joint}_nm"), label=what, **style)
+        axes.set_ylabel(f"joint {joint} [N m]")
+        _room(axes, least=0.5)
+    all_axes[0].legend(loc="upper right", ncols=2)
+    all_axes[-1].set_xlabel("time [s]; shaded: in contact")
+    return figure
 
 
-def transition(ticks: Sequence[Row]) -> Drawing:
+@_drawing("fig3b_transition")
+def transition(ticks: Sequence[Row]) -> Figure:
     """Figure 3b: how the torques change where the tip meets the object, at the middle speed."""
-
-    def draw() -> Figure:
-        own = [row for row in ticks if row["run"] == 1]
-        touch = next(i for i, row in enumerate(own) if row["phase"] == Phase.LOADING)
-        own = own[touch - 60 : touch + 200]
-        time_ms = 1e3 * (column(own, "time_s") - own[60]["time_s"])
-        figure, (above, below) = _panels(2, 1, ONE_COLUMN_IN, 3.4, sharex=True)
-        for joint in (1, 2, 3):
-            torque = column(own, f"torque_commanded_{joint}_nm")
-            above.plot(time_ms, torque - torque[:40].mean(), color=JOINTS[joint - 1], label=f"joint {joint}")
-        above.set_ylabel("change of torque [N m]")
-        above.legend(loc="center right", bbox_to_anchor=(1.0, 0.38))
-        below.plot(time_ms, column(own, "force_n"), color=MEASURED)
-        below.axhline(10.0, color=TRUTH, lw=0.8, ls="--")
-        below.text(time_ms[0], 9.8, "limit", color=TRUTH, va="top", fontsize=7)
-        below.set_ylabel("contact force [N]")
-        below.set_xlabel("time since the touch was noticed [ms]")
-        for axes in (above, below):
-            axes.axvline(0.0, color=BASE, lw=0.8)
-        return figure
-
-    return Drawing("fig3b_transition", draw)
+    own = [row for row in ticks if row["run"] == 1]
+    touch = next(i for i, row in enumerate(own) if row["phase"] == Phase.LOADING)
+    own = own[touch - 60 : touch + 200]
+    time_ms = 1e3 * (column(own, "time_s") - own[60]["time_s"])
+    figure, (above, below) = _panels(2, 1, ONE_COLUMN_IN, 3.4, sharex=True)
+    for joint in (1, 2, 3):
+        torque = column(own, f"torque_commanded_{joint}_nm")
+        above.plot(time_ms, torque - torque[:40].mean(), color=JOINTS[joint - 1], label=f"joint {joint}")
+    above.set_ylabel("change of torque [N m]")
+    above.legend(loc="center right", bbox_to_anchor=(1.0, 0.38))
+    below.plot(time_ms, column(own, "force_n"), color=MEASURED)
+    below.axhline(10.0, color=TRUTH, lw=0.8, ls="--")
+    below.text(time_ms[0], 9.8, "limit", color=TRUTH, va="top", fontsize=7)
+    below.set_ylabel("contact force [N]")
+    below.set_xlabel("time since the touch was noticed [ms]")
+    for axes in (above, below):
+        axes.axvline(0.0, color=BASE, lw=0.8)
+    return figure
 
 
-def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Drawing:
+@_drawing("fig4a_force_displacement")
+def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
     """Figure 4a: force over displacement at three speeds; beside it the peaks over what c v asks for."""
-
-    def draw() -> Figure:
-        figure, (left, right) = _panels(1, 2, TWO_COLUMNS_IN, 2.7)
-        for run, (speed_mm_s, color) in enumerate(zip((150, 90, 60), SPEEDS, strict=True)):
-            own = [
-                row
-                for row in ticks
-                if row["run"] == run and row["phase"] in _PRESSED and row["depth_m"] is not None
-            ]
-            own = [row for row in own if row["depth_m"] == row["depth_m"] and row["depth_m"] > -5e-4]
-            depth = 1e3 * column(own, "depth_m")
-            left.plot(depth, column(own, "force_n"), color=color, lw=1.0, label=f"{speed_mm_s} mm/s")
-            ends = np.array([0.0, depth.max()])
-            left.plot(ends, 0.5 * ends + 0.1 * speed_mm_s, color=color, lw=0.7, ls=":")
-        left.axhline(10.0, color=TRUTH, lw=0.8, ls="--")
-        left.text(left.get_xlim()[1], 10.15, "limit", color=TRUTH, ha="right", va="bottom", fontsize=7)
-        left.set_xlabel("displacement [mm]")
-        left.set_ylabel("force [N]")
-        left.set_ylim(-0.5, 17)
-        left.set_title("force; dotted: k·x + c·v at the set speed")
-        left.legend()
-        _peaks(right, grid)
-        return figure
-
-    return Drawing("fig4a_force_displacement", draw)
+    figure, (left, right) = _panels(1, 2, TWO_COLUMNS_IN, 2.7)
+    for run, (speed_mm_s, color) in enumerate(zip((150, 90, 60), SPEEDS, strict=True)):
+        own = [
+            row
+            for row in ticks
+            if row["run"] == run and row["phase"] in _PRESSED and row["depth_m"] is not None
+        ]
+        own = [row for row in own if row["depth_m"] == row["depth_m"] and row["depth_m"] > -5e-4]
+        depth = 1e3 * column(own, "depth_m")
+        left.plot(depth, column(own, "force_n"), color=color, lw=1.0, label=f"{speed_mm_s} mm/s")
+        ends = np.array([0.0, depth.max()])
+        left.plot(ends, 0.5 * ends + 0.1 * speed_mm_s, color=color, lw=0.7, ls=":")
+    left.axhline(10.0, color=TRUTH, lw=0.8, ls="--")
+    left.text(left.get_xlim()[1], 10.15, "limit", color=TRUTH, ha="right", va="bottom", fontsize=7)
+    left.set_xlabel("displacement [mm]")
+    left.set_ylabel("force [N]")
+    left.set_ylim(-0.5, 17)
+    left.set_title("force; dotted: k·x + c·v at the set speed")
+    left.legend()
+    _peaks(right, grid)
+    return figure
 
 
-def grid_estimates(rows: Sequence[Row]) -> Drawing:
+@_drawing("fig4bc_estimates")
+def grid_estimates(rows: Sequence[Row]) -> Figure:
     """Figures 4b and 4c: estimates over the grid, and their errors beside the paper's worst."""
-
-    def draw() -> Figure:
-        figure, all_axes = _panels(2, 2, TWO_COLUMNS_IN, 5.0)
-        good = estimated(rows)
-        k_axis, c_axis = ("law stiffness_n_m", "k [N/m]"), ("law damping_n_s_m", "c [N s/m]")
-        sides = ((K, k_axis, c_axis, (6.5, 20.6)), (C, c_axis, k_axis, (18.4, 29.5)))
-        for (name, own_axis, other, papers), (above, below) in zip(sides, all_axes.T, strict=True):
-            _estimates(above, good, name, own_axis[0], other[0])
-            figure_name = "4b" if name == K else "4c"
-            above.set(xlabel=f"true {other[1]}", ylabel=f"estimate of {own_axis[1]}")
-            above.set_title(f"{figure_name}: dots RANSAC, rings LSQ, lines the truth")
-            _worst_over(below, good, name, other[0])
-            for value, method, place in zip(papers, ("RANSAC", "LSQ"), ("top", "bottom"), strict=True):
-                below.axhline(value, color=PAPER, lw=0.9, ls="--")
-                text = f"paper, {method}, worst"
-                below.text(below.get_xlim()[1], value, text, color=PAPER, ha="right", va=place, fontsize=6.5)
-            below.set(xlabel=f"true {other[1]}", ylabel=f"worst error of {name[-1]} [%]", yscale="log")
-            below.set_ylim(0.003, 120)
-            _percent_ticks(below)
-        all_axes[1][0].legend(loc="lower left", ncols=3, fontsize=6.5)
-        return figure
-
-    return Drawing("fig4bc_estimates", draw)
+    figure, all_axes = _panels(2, 2, TWO_COLUMNS_IN, 5.0)
+    good = estimated(rows)
+    k_axis, c_axis = ("law stiffness_n_m", "k [N/m]"), ("law damping_n_s_m", "c [N s/m]")
+    sides = ((K, k_axis, c_axis, (6.5, 20.6)), (C, c_axis, k_axis, (18.4, 29.5)))
+    for (name, own_axis, other, papers), (above, below) in zip(sides, all_axes.T, strict=True):
+        _estimates(above, good, name, own_axis[0], other[0])
+        figure_name = "4b" if name == K else "4c"
+        above.set(xlabel=f"true {other[1]}", ylabel=f"estimate of {own_axis[1]}")
+        above.set_title(f"{figure_name}: dots RANSAC, rings LSQ, lines the truth")
+        _worst_over(below, good, name, other[0])
+        for value, method, place in zip(papers, ("RANSAC", "LSQ"), ("top", "bottom"), strict=True):
+            below.axhline(value, color=PAPER, lw=0.9, ls="--")
+            text = f"paper, {method}, worst"
+            below.text(below.get_xlim()[1], value, text, color=PAPER, ha="right", va=place, fontsize=6.5)
+        below.set(xlabel=f"true {other[1]}", ylabel=f"worst error of {name[-1]} [%]", yscale="log")
+        below.set_ylim(0.003, 120)
+        _percent_ticks(below)
+    all_axes[1][0].legend(loc="lower left", ncols=3, fontsize=6.5)
+    return figure
 
 
-def noise(lines: Sequence[Sequence[Any]]) -> Drawing:
+@_drawing("fig4d_noise")
+def noise(lines: Sequence[Sequence[Any]]) -> Figure:
     """Figure 4d: mean error over the noise; lines as of the table of `palpate.sweep.paper`."""
-
-    def draw() -> Figure:
-        figure, all_axes = _panels(1, 2, TWO_COLUMNS_IN, 2.8)
-        for index, (axes, what) in enumerate(zip(all_axes, ("k", "c"), strict=True)):
-            for number, (name, own) in enumerate(grouped(lines, lambda line: line[0]).items()):
-                style = "-" if number < 4 else "--" if "1" in name else ":"
-                color = _color(name, number)
-                axes.plot(
-                    [line[1] for line in own],
-                    [line[2 + index] for line in own],
-                    style,
-                    color=color,
-                    marker="o",
-                    ms=2.5,
-                    label=name,
-                )
-            reference = [line for line in lines if line[0] == lines[0][0]]
-            noise_percent, least = zip(*((line[1], line[6 + index]) for line in reference), strict=True)
-            axes.plot(noise_percent, least, color="#1d2733", lw=0.9, ls=(0, (1, 1)), label="bound")
-            axes.set(yscale="log", xlabel="noise [% of the force]", ylabel=f"mean error of {what} [%]")
-            _percent_ticks(axes, (1, 2, 5))
-        all_axes[0].legend(fontsize=6.5, loc="lower right")
-        return figure
-
-    return Drawing("fig4d_noise", draw)
-
-
-def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Drawing:
-    """Error of k over its bound: threshold and subset (1000 trials), threshold and trials (subsets of 5)."""
-
-    def draw() -> Figure:
-        figure, all_axes = _panels(2, 3, TWO_COLUMNS_IN, 4.4)
-        norm = LogNorm(1, 100)
-        by_noise = grouped(
-            (row for row in rows if not row["error"]),
-            lambda row: (row["noise_percent"], row["outliers_percent"]),
-        )
-        image: Any = None
-        for (above, below), own, name in zip(all_axes.T, by_noise.values(), names, strict=True):
-            for axes, along, fixed, value in (
-                (above, "subset", "trials", 1000),
-                (below, "trials", "subset", 5),
-            ):
-                image = _heat(axes, [row for row in own if row[fixed] == value], along, norm)
-                axes.set_ylabel(
-                    f"samples in a subset\n({value} trials)"
-                    if along == "subset"
-                    else f"trials\n(subsets of {value})"
-                )
-            above.set_title(name)
-            below.set_xlabel("threshold [N]")
-        figure.colorbar(
-            image, ax=all_axes, label="error of k over the bound", extend="max", shrink=0.8, format="%g"
-        )
-        return figure
-
-    return Drawing("ransac_map", draw)
-
-
-def hunt_crossley(rows: Sequence[Row], best: str) -> Drawing:
-    """Errors of k, b and n by object, of the best estimator, with one bound to either side."""
-
-    def draw() -> Figure:
-        figure, all_axes = _panels(1, 3, TWO_COLUMNS_IN, 2.7)
-        own = [row for row in estimated(rows) if row["estimator"] == best]
-        colors = dict(
-            zip(
-                sorted({row["law stiffness"] for row in own}),
-                ("#4a6fb5", "#2b9a92", "#e2a13c", "#b23a5c"),
-                strict=False,
+    figure, all_axes = _panels(1, 2, TWO_COLUMNS_IN, 2.8)
+    for index, (axes, what) in enumerate(zip(all_axes, ("k", "c"), strict=True)):
+        for number, (name, own) in enumerate(grouped(lines, lambda line: line[0]).items()):
+            style = "-" if number < 4 else "--" if "1" in name else ":"
+            color = _color(name, number)
+            axes.plot(
+                [line[1] for line in own],
+                [line[2 + index] for line in own],
+                style,
+                color=color,
+                marker="o",
+                ms=2.5,
+                label=name,
             )
+        reference = [line for line in lines if line[0] == lines[0][0]]
+        noise_percent, least = zip(*((line[1], line[6 + index]) for line in reference), strict=True)
+        axes.plot(noise_percent, least, color="#1d2733", lw=0.9, ls=(0, (1, 1)), label="bound")
+        axes.set(yscale="log", xlabel="noise [% of the force]", ylabel=f"mean error of {what} [%]")
+        _percent_ticks(axes, (1, 2, 5))
+    all_axes[0].legend(fontsize=6.5, loc="lower right")
+    return figure
+
+
+@_drawing("ransac_map")
+def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Figure:
+    """Error of k over its bound: threshold and subset (1000 trials), threshold and trials (subsets of 5)."""
+    figure, all_axes = _panels(2, 3, TWO_COLUMNS_IN, 4.4)
+    norm = LogNorm(1, 100)
+    by_noise = grouped(
+        (row for row in rows if not row["error"]),
+        lambda row: (row["noise_percent"], row["outliers_percent"]),
+    )
+    image: Any = None
+    for (above, below), own, name in zip(all_axes.T, by_noise.values(), names, strict=True):
+        for axes, along, fixed, value in (
+            (above, "subset", "trials", 1000),
+            (below, "trials", "subset", 5),
+        ):
+            image = _heat(axes, [row for row in own if row[fixed] == value], along, norm)
+            axes.set_ylabel(
+                f"samples in a subset\n({value} trials)"
+                if along == "subset"
+                else f"trials\n(subsets of {value})"
+            )
+        above.set_title(name)
+        below.set_xlabel("threshold [N]")
+    figure.colorbar(
+        image, ax=all_axes, label="error of k over the bound", extend="max", shrink=0.8, format="%g"
+    )
+    return figure
+
+
+@_drawing("hunt_crossley")
+def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
+    """Errors of k, b and n by object, of the best estimator, with one bound to either side."""
+    figure, all_axes = _panels(1, 3, TWO_COLUMNS_IN, 2.7)
+    own = [row for row in estimated(rows) if row["estimator"] == best]
+    colors = dict(
+        zip(
+            sorted({row["law stiffness"] for row in own}),
+            ("#4a6fb5", "#2b9a92", "#e2a13c", "#b23a5c"),
+            strict=False,
         )
-        for axes, parameter in zip(all_axes, parameters_of(own), strict=True):
-            for stiffness, color in colors.items():
-                group = [row for row in own if row["law stiffness"] == stiffness]
-                true = column(group, f"true {parameter}")
-                x = column(group, "law exponent") + 0.02 * (
-                    np.log10(column(group, "law damping") / stiffness) + 0.5
-                )
-                error = 100 * (column(group, parameter) / true - 1)
-                bound = 100 * column(group, BOUND + parameter) / true
-                axes.errorbar(x, error, bound, fmt="o", ms=3, lw=0.9, color=color, label=f"k = {stiffness:g}")
-            axes.axhline(0.0, color="#1d2733", lw=0.7)
-            axes.set(xlabel="exponent n", ylabel=f"error of {parameter.split('.')[-1]} [%]")
-        handles, labels = all_axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=4, title=f"{best}; bars: the bound")
-        return figure
+    )
+    for axes, parameter in zip(all_axes, parameters_of(own), strict=True):
+        for stiffness, color in colors.items():
+            group = [row for row in own if row["law stiffness"] == stiffness]
+            true = column(group, f"true {parameter}")
+            x = column(group, "law exponent") + 0.02 * (
+                np.log10(column(group, "law damping") / stiffness) + 0.5
+            )
+            error = 100 * (column(group, parameter) / true - 1)
+            bound = 100 * column(group, BOUND + parameter) / true
+            axes.errorbar(x, error, bound, fmt="o", ms=3, lw=0.9, color=color, label=f"k = {stiffness:g}")
+        axes.axhline(0.0, color="#1d2733", lw=0.7)
+        axes.set(xlabel="exponent n", ylabel=f"error of {parameter.split('.')[-1]} [%]")
+    handles, labels = all_axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4, title=f"{best}; bars: the bound")
+    return figure
 
-    return Drawing("hunt_crossley", draw)
 
-
-def error_spread(rows: Sequence[Row]) -> Drawing:
+@_drawing("errors")
+def error_spread(rows: Sequence[Row]) -> Figure:
     """For any sweep: the spread of relative errors by estimator, one panel a parameter."""
-
-    def draw() -> Figure:
-        good = estimated(rows)
-        parameters = [name for name in parameters_of(good) if any(row.get(name) is not None for row in good)]
-        groups = grouped(good, lambda row: row["estimator"])
-        figure, all_axes = _panels(
-            1, max(len(parameters), 1), TWO_COLUMNS_IN, 0.9 + 0.26 * len(groups), sharey=True
-        )
-        for axes, parameter in zip(all_axes, parameters, strict=False):
-            errors = [
-                np.maximum(100 * np.abs(errors_of(own, parameter).relative), 1e-4) for own in groups.values()
-            ]
-            for y, values in enumerate(errors):
-                axes.plot(values, np.full(len(values), y), "|", color=MEASURED, ms=7, alpha=0.5)
-                if len(values):
-                    axes.plot(np.median(values), y, "o", color=MODEL, ms=4)
-            axes.set(xscale="log", xlabel=f"error of {parameter} [%]")
-            axes.set_yticks(range(len(groups)), list(groups))
-            axes.set_ylim(len(groups) - 0.5, -0.5)  # whole rows, in the order of the table
-        return figure
-
-    return Drawing("errors", draw)
+    good = estimated(rows)
+    parameters = [name for name in parameters_of(good) if any(row.get(name) is not None for row in good)]
+    groups = grouped(good, lambda row: row["estimator"])
+    figure, all_axes = _panels(
+        1, max(len(parameters), 1), TWO_COLUMNS_IN, 0.9 + 0.26 * len(groups), sharey=True
+    )
+    for axes, parameter in zip(all_axes, parameters, strict=False):
+        errors = [
+            np.maximum(100 * np.abs(errors_of(own, parameter).relative), 1e-4) for own in groups.values()
+        ]
+        for y, values in enumerate(errors):
+            axes.plot(values, np.full(len(values), y), "|", color=MEASURED, ms=7, alpha=0.5)
+            if len(values):
+                axes.plot(np.median(values), y, "o", color=MODEL, ms=4)
+        axes.set(xscale="log", xlabel=f"error of {parameter} [%]")
+        axes.set_yticks(range(len(groups)), list(groups))
+        axes.set_ylim(len(groups) - 0.5, -0.5)  # whole rows, in the order of the table
+    return figure
 
 
 def _panels(rows: int, columns: int, width_in: float, height_in: float, **shared: bool) -> tuple[Figure, Any]:

@@ -23,31 +23,19 @@ _TEMPLATE = Path(__file__).parent / "page.html"
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page.
+    """A part of the page."""
 
-    Attributes:
-        title: heading.
-        drawing: its figure, or None.
-        words: paragraphs.
-        tables: shown, and written as CSV.
-        more: written as CSV only.
-    """
-
-    title: str
-    drawing: Drawing | None
-    words: tuple[str, ...] = ()
-    tables: tuple[Table, ...] = ()
-    more: tuple[Table, ...] = ()
+    title: str  # heading
+    drawing: Drawing | None  # its figure, or None
+    words: tuple[str, ...] = ()  # paragraphs
+    tables: tuple[Table, ...] = ()  # shown, and written as CSV
+    more: tuple[Table, ...] = ()  # written as CSV only
 
 
 def write_page(
     folder: Path, title: str, summary: str, facts: Mapping[str, str], sections: Sequence[Section]
 ) -> Path:
-    """Write everything; returns the page.
-
-    Raises:
-        InputError: a file cannot be written.
-    """
+    """Write everything; returns the page. InputError: a file cannot be written."""
     for name in (FIGURES, TABLES):
         output_folder(folder / name)
     pictures = {}

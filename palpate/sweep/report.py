@@ -20,11 +20,7 @@ _WORDS = (
 def write_grid(
     folder: Path, title: str, grid: GridFile, rows: Sequence[Row], facts: Mapping[str, str]
 ) -> Path:
-    """Write figure, tables and page of a grid; returns the page.
-
-    Raises:
-        InputError: a file cannot be written.
-    """
+    """Write figure, tables and page of a grid; returns the page. InputError: a file cannot be written."""
     sections = [_verdicts(rows)] if grid.diagnose else _estimates(rows)
     sections.append(_failures(rows))
     sections[0] = Section(**vars(sections[0]) | {"more": (_all_rows(rows),)})

@@ -29,32 +29,22 @@ Progress = Callable[[int, int], None]  # cases that are done, and all of them
 
 @dataclass(frozen=True)
 class Cluster:
-    """Where cases run.
+    """Where cases run."""
 
-    Attributes:
-        scheduler: address of a dask scheduler, such as "tcp://10.0.0.5:8786"; None for this machine.
-        workers: processes on this machine; None for one a core.
-    """
-
+    # Address of a dask scheduler, such as "tcp://10.0.0.5:8786"; None for this machine.
     scheduler: str | None = None
-    workers: int | None = None
+    workers: int | None = None  # processes on this machine; None for one a core
 
 
 @dataclass(frozen=True)
 class SweepReport:
-    """What became of the cases.
+    """What became of the cases."""
 
-    Attributes:
-        finished_before: results that were there already.
-        finished_now: worked out by this call.
-        failures: one line for each case without a result, such as one that ended its worker again and again.
-        wall_s: time of this call [s].
-    """
-
-    finished_before: int
-    finished_now: int
+    finished_before: int  # results that were there already
+    finished_now: int  # worked out by this call
+    # One line for each case without a result, such as one that ended its worker again and again.
     failures: tuple[str, ...]
-    wall_s: float
+    wall_s: float  # time of this call [s]
 
 
 def run_cases(

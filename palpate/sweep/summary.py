@@ -16,36 +16,22 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Table:
-    """A table as it is printed, and written as CSV.
+    """A table as it is printed, and written as CSV."""
 
-    Attributes:
-        name: of its CSV file, without the ending.
-        title: what it shows.
-        columns: heads.
-        rows: cells, text or numbers.
-    """
-
-    name: str
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Any, ...], ...]
+    name: str  # of its CSV file, without the ending
+    title: str  # what it shows
+    columns: tuple[str, ...]  # heads
+    rows: tuple[tuple[Any, ...], ...]  # cells, text or numbers
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of one parameter by one estimator, from all rows in which both are known.
+    """Errors of one parameter by one estimator, from all rows in which both are known."""
 
-    Attributes:
-        relative: estimate over truth, less one, shape (m,); only where the truth is not zero.
-        at_zero: estimates where it is, shape (z,).
-        over_bound: root mean square of error over Cramer-Rao bound; NaN where there is none.
-        covered: share of the 95 % intervals that hold the truth; NaN where none is stated.
-    """
-
-    relative: FloatArray
-    at_zero: FloatArray
-    over_bound: float
-    covered: float
+    relative: FloatArray  # estimate over truth, less one, shape (m,); only where the truth is not zero
+    at_zero: FloatArray  # estimates where it is, shape (z,)
+    over_bound: float  # root mean square of error over Cramer-Rao bound; NaN where there is none
+    covered: float  # share of the 95 % intervals that hold the truth; NaN where none is stated
 
 
 def errors_of(rows: Iterable[Row], parameter: str) -> Errors:

@@ -21,7 +21,6 @@ from control.probing.sites import check_against_guard
 from control.probing.task import ProbingTask
 from control.teleop.follower_task import FollowerTask, OnSilence
 from control.teleop.link_record import LINK_STREAM
-from control.teleop.peer import PeerLimits
 from palpate.runs.probing import PLAN
 from palpate.runs.session import ArmJob, arm_session, checked_body, released
 from palpate.teleop.follower_observer import Observer
@@ -38,7 +37,6 @@ class FollowerJob(ArmJob):
     plan: ProbingPlan  # how each target is probed; targets of its own it has none
     _: KW_ONLY
     link: LineSettings = field(default_factory=LineSettings)
-    limits: PeerLimits = field(default_factory=PeerLimits)
     on_silence: OnSilence = OnSilence.FINISH
     diagnose: bool = True
 
@@ -88,7 +86,7 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
     with ExitStack() as stack:
         arm = stack.enter_context(arm_session(job, calibrations, {PLAN: plan_text}, streams=(LINK_STREAM,)))
         line = stack.enter_context(Line("follower", job.link, arm.clock))
-        talk = Talk(line, arm.clock, job.limits, say, diagnose=job.diagnose)
+        talk = Talk(line, arm.clock, say, diagnose=job.diagnose)
         stack.callback(talk.close)
         axis = np.array(robot_file.sensor_axis_tip)
         task = FollowerTask(

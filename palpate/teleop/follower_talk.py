@@ -16,7 +16,6 @@ from typing import NamedTuple
 from control.loop.phases import Phase
 from control.loop.way_out import one_line
 from control.teleop.conversation import Conversation
-from control.teleop.peer import PeerLimits
 from control.teleop.target_queue import TargetQueue
 from palpate.teleop.estimating import Estimator
 from palpate.teleop.in_words import in_words
@@ -55,7 +54,7 @@ class Talk(threading.Thread):
         error: why talking was given up; empty while it goes on.
     """
 
-    def __init__(self, line: Line, clock: Clock, limits: PeerLimits, say: Say, *, diagnose: bool) -> None:
+    def __init__(self, line: Line, clock: Clock, say: Say, *, diagnose: bool) -> None:
         super().__init__(daemon=True)
         self.queue = TargetQueue()
         self.moment = Moment(Phase.IDLE, (0.0, 0.0, 0.0), 0.0, (0.0, 0.0, -1.0), 0.0)
@@ -67,7 +66,7 @@ class Talk(threading.Thread):
         self._newest: dict[int, ObjectEstimate] = {}  # by target, of the newest targets
         self._seen: tuple[int, ...] = ()  # revisions that the leader has
         self._resend_s, self._asked_s, self._made_s = 0.0, math.nan, -math.inf
-        self._conversation = Conversation(line, clock, limits, take=self._take, begin_anew=self._begin_anew)
+        self._conversation = Conversation(line, clock, take=self._take, begin_anew=self._begin_anew)
 
     def settled(self) -> bool:
         """Whether no estimate is still to come, and none to be seen by a leader who can be heard.

@@ -19,12 +19,12 @@ from control.loop.realtime import realtime
 from control.loop.timing import Histogram, SectionTiming, TickGrid
 from control.loop.way_out import one_line
 from control.teleop.link_record import LINK_STREAM
+from control.teleop.operator_devices import build_operator
 from control.teleop.virtual_arm import VirtualArm
 from control.teleop.virtual_object import Touch, VirtualObject
 from palpate.runs.robots import find_robot
 from palpate.teleop.in_words import in_words
 from palpate.teleop.object_law import felt_data, force_law, terms_of
-from palpate.teleop.operator_file import build_operator
 from robot_io.clock import Clock, MonotonicClock
 from robot_io.errors import InputError, PalpateError
 from robot_io.link import ObjectEstimate, short_number
@@ -35,6 +35,7 @@ from sim_backend.scenario import Scenario
 
 _DOWN = np.array((0.0, 0.0, -1.0))  # the scene's object is pressed downwards
 GUESS = -1  # revision of the scene's own object, before anything was probed
+_PERIOD_S = 1e-3
 _TELL_TICKS = 20
 _SPIN_S = 1e-4  # before a tick is due the loop sleeps no more, but looks at the clock: waking up takes 50 us
 _MOST_UNREAD = 50  # tellings that the main process has not read; it is never waited for
@@ -50,7 +51,6 @@ class HapticJob:
     scene: Scenario  # what the operator feels before anything was probed
     session: Path
     metadata: SessionMetadata
-    rate_hz: float = 1000.0
     largest_jump_n: float = 0.05  # that an update may make in one tick
 
     def __post_init__(self) -> None:
@@ -73,10 +73,8 @@ class Orders:
 class Telling:
     """From the haptic process to the main one."""
 
-    time_s: float
     tip_world_m: tuple[float, ...]  # shape (3,)
     force_n: float
-    depth_m: float
     selected: tuple[tuple[float, ...], ...] = ()  # places that the operator chose, (3,) each [m]
     refused: tuple[str, ...] = ()  # what could not be rendered
     finished: bool = False  # the script has come to its end
@@ -85,7 +83,7 @@ class Telling:
     opened: bool = True  # whether the operator's device could be opened; without it there is no session
 
 
-_NOTHING = Telling(0.0, (0.0, 0.0, 0.0), 0.0, 0.0)
+_NOTHING = Telling((0.0, 0.0, 0.0), 0.0)
 
 
 def haptic_stream(joint_count: int) -> Stream:
@@ -154,7 +152,6 @@ class _Haptics:
         pipe: Connection,
     ) -> None:
         self._device, self._log, self._pipe = device, log, pipe
-        self._period_s = 1.0 / job.rate_hz
         body, home_rad = RigidBody.of_robot(robot_file), np.array(robot_file.home_rad)
         self._arm = VirtualArm(body, np.array(robot_file.sensor_axis_tip), _DOWN, home_rad)
         surface_m = np.array((0.0, 0.0, job.scene.object.surface_height_m))
@@ -168,7 +165,7 @@ class _Haptics:
 
     def run(self, clock: Clock, lateness: Histogram) -> None:
         """Tick after tick."""
-        grid = TickGrid(clock.now_s() + self._period_s, self._period_s)
+        grid = TickGrid(clock.now_s() + _PERIOD_S, _PERIOD_S)
         periods, busy_s = 1, 0.0
         late_s = np.zeros(_TELL_TICKS)
         while not self._end:
@@ -176,7 +173,7 @@ class _Haptics:
             while (now_s := clock.now_s()) < grid.due_s:
                 pass
             late_s[grid.index % _TELL_TICKS] = now_s - grid.due_s
-            self._tick(now_s, now_s - grid.due_s, busy_s, periods * self._period_s)
+            self._tick(now_s, now_s - grid.due_s, busy_s, periods * _PERIOD_S)
             if grid.index % _TELL_TICKS == _TELL_TICKS - 1:
                 lateness.add(late_s)
             ended_s = clock.now_s()
@@ -211,7 +208,7 @@ class _Haptics:
             self._obey(self._pipe.recv(), now_s)
         self._ticks += 1
         if self._ticks % _TELL_TICKS == 0 and self._told - self._read < _MOST_UNREAD:
-            self._tell(now_s, hand, touch)
+            self._tell(hand, touch)
 
     def _select(self, hand: Hand, touch: Touch) -> None:
         """A place is chosen when the button goes down, at the virtual surface below the arm's tip."""
@@ -240,11 +237,11 @@ class _Haptics:
         text = f"estimate {estimate.revision}, target {number}: {in_words(estimate)}"
         self._log.event(now_s, FEEL, text, felt_data(estimate))
 
-    def _tell(self, now_s: float, hand: Hand, touch: Touch) -> None:
+    def _tell(self, hand: Hand, touch: Touch) -> None:
         tip = tuple(hand.position_world_m.tolist())
         finished = getattr(self._device, "finished", False)
         chosen, refused = tuple(self._selected), tuple(self._refused)
-        self._pipe.send(Telling(now_s, tip, touch.force_n, touch.depth_m, chosen, refused, finished))
+        self._pipe.send(Telling(tip, touch.force_n, chosen, refused, finished))
         self._told += 1
         self._selected.clear()
         self._refused.clear()

@@ -188,11 +188,7 @@ class Joined:
 
 
 def join(first: Session, second: Session) -> Joined:
-    """Both sessions, whichever comes first.
-
-    Raises:
-        InputError: they are not a leader's and a follower's.
-    """
+    """Both sessions, whichever comes first. InputError: they are not a leader's and a follower's."""
     for leader, follower in ((first, second), (second, first)):
         if HAPTIC in leader.stream_names and {TICK, LINK} <= set(follower.stream_names):
             return Joined(leader, follower)

@@ -16,7 +16,6 @@ from multiprocessing.process import BaseProcess
 
 from control.loop.timing import SectionTiming
 from control.teleop.conversation import Conversation
-from control.teleop.peer import PeerLimits
 from palpate.runs.session import SOURCE
 from palpate.teleop.haptics import HapticJob, Orders, Telling, run_haptics
 from palpate.teleop.in_words import in_words
@@ -55,7 +54,6 @@ class LeaderJob:
 
     haptics: HapticJob
     link: LineSettings = field(default_factory=LineSettings)
-    limits: PeerLimits = field(default_factory=PeerLimits)
 
 
 @dataclass(frozen=True)
@@ -135,9 +133,7 @@ class _Leader:
     ) -> None:
         self._clock, self._process, self._pipe = clock, process, pipe
         self._say, self._show = say, show
-        self._conversation = Conversation(
-            line, clock, job.limits, take=self._take, begin_anew=self._begin_anew
-        )
+        self._conversation = Conversation(line, clock, take=self._take, begin_anew=self._begin_anew)
         self._probed = Probed(job.haptics.scene)
         self._sender = line.sender
         self._targets: dict[int, Target] = {}

@@ -64,11 +64,7 @@ def felt_data(estimate: ObjectEstimate) -> dict[str, object]:
 
 
 def terms_in(data: Mapping[str, Any]) -> tuple[ContactModel, ...]:
-    """The object's model in what `felt_data` made.
-
-    Raises:
-        InputError: it is none.
-    """
+    """The object's model in what `felt_data` made. InputError: it is none."""
     try:
         return tuple(
             ContactModel(name, tuple(values), tuple(map(float, values.values())))

@@ -46,11 +46,7 @@ class Probed:
         self._revisions.clear()
 
     def take(self, estimate: ObjectEstimate) -> bool:
-        """Take in an estimate; whether it is new.
-
-        Raises:
-            InputError: it is, but cannot be felt.
-        """
+        """Take in an estimate; whether it is new. InputError: it is, but cannot be felt."""
         known = self._revisions.pop(estimate.target, -1)
         self._revisions[estimate.target] = max(known, estimate.revision)
         if estimate.revision <= known:

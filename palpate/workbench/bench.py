@@ -24,19 +24,13 @@ _MOST_STEPS = 100  # that can be undone
 
 @dataclass(frozen=True)
 class Choice:
-    """The model that is chosen: one step of undo and redo.
+    """The model that is chosen: one step of undo and redo."""
 
-    Attributes:
-        channel: its name.
-        effects: added to the base model, in order.
-        held: parameters that the fit leaves where they are, by "effect.parameter".
-        bounds: of others.
-    """
-
-    channel: str
-    effects: tuple[str, ...] = ()
+    channel: str  # its name
+    effects: tuple[str, ...] = ()  # added to the base model, in order
+    # Parameters that the fit leaves where they are, by "effect.parameter".
     held: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, Bounds] = field(default_factory=dict)
+    bounds: Mapping[str, Bounds] = field(default_factory=dict)  # of others
 
     def with_effects(self, effects: Sequence[str]) -> "Choice":
         """The same with other effects; what was said of parameters that are gone is dropped."""
@@ -48,21 +42,14 @@ class Choice:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """The chosen model beside the base model.
+    """The chosen model beside the base model."""
 
-    Attributes:
-        choice: what was chosen.
-        base: the base model.
-        fitted: the chosen one; its intervals are computed when they are first asked for.
-        steps: label and held-out error of the base model and of each effect added.
-        floor: noise floor of the channel: no more than the least error that any of these models leaves.
-    """
-
-    choice: Choice
-    base: Fitted
-    fitted: Fitted
+    choice: Choice  # what was chosen
+    base: Fitted  # the base model
+    fitted: Fitted  # the chosen one; its intervals are computed when they are first asked for
+    # Label and held-out error of the base model and of each effect added.
     steps: tuple[tuple[str, float], ...]
-    floor: float
+    floor: float  # noise floor of the channel: no more than the least error that any of these models leaves
 
     def error_at(self, values: Mapping[str, float]) -> float:
         """Root mean square error of the model at other parameters, where the error is judged."""
@@ -290,17 +277,11 @@ class Bench:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one effect takes from the error beside the others that are chosen.
+    """What one effect takes from the error beside the others that are chosen."""
 
-    Attributes:
-        effect: its name.
-        falls: share of the held-out error.
-        change: of what is left on blocks, (m,), of unit length: alike where effects do the same.
-    """
-
-    effect: str
-    falls: float
-    change: FloatArray
+    effect: str  # its name
+    falls: float  # share of the held-out error
+    change: FloatArray  # of what is left on blocks, (m,), of unit length: alike where effects do the same
 
 
 ALIKE = 0.95  # cosine above which two effects do the same to this data
@@ -308,11 +289,7 @@ TELLING = 0.05  # share of the error below which an effect does nothing here
 
 
 def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> Evidence:
-    """What one effect takes away beside others of the model.
-
-    Raises:
-        InputError: it cannot be fitted.
-    """
+    """What one effect takes away beside others of the model. InputError: it cannot be fitted."""
     before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
     change = before.residual_on_blocks - fitted.residual_on_blocks
     length = float(np.linalg.norm(change))

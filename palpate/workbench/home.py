@@ -17,29 +17,17 @@ if TYPE_CHECKING:
 
 @dataclass
 class Home:
-    """What the server shows.
+    """What the server shows."""
 
-    Attributes:
-        folder: whose sessions are offered.
-        file: that was asked for; None for none.
-        riddle: whether something was hidden for the user to find.
-        bench: once data was read.
-        raw: a drawing of what a session measured; empty for other files.
-        reading: what is being read; empty once that is done.
-        error: why it could not be.
-        feed: for Foxglove, if that was asked for.
-        open: makes a bench of a file.
-    """
-
-    folder: Path
-    file: Path | None = None
-    riddle: bool = False
-    bench: "Bench | None" = None
-    raw: str = ""
-    reading: str = ""
-    error: str = ""
-    feed: "Feed | None" = None
-    open: "Callable[[Path, ImportOptions], Bench] | None" = None
+    folder: Path  # whose sessions are offered
+    file: Path | None = None  # that was asked for; None for none
+    riddle: bool = False  # whether something was hidden for the user to find
+    bench: "Bench | None" = None  # once data was read
+    raw: str = ""  # a drawing of what a session measured; empty for other files
+    reading: str = ""  # what is being read; empty once that is done
+    error: str = ""  # why it could not be
+    feed: "Feed | None" = None  # for Foxglove, if that was asked for
+    open: "Callable[[Path, ImportOptions], Bench] | None" = None  # makes a bench of a file
 
     @property
     def waiting(self) -> str:

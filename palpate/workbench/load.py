@@ -50,11 +50,7 @@ def guess(table: Table) -> list[Column]:
 
 
 def options_of(columns: Sequence[Column]) -> ImportOptions:
-    """How to read the file, as the page has it.
-
-    Raises:
-        InputError: two columns hold the same.
-    """
+    """How to read the file, as the page has it. InputError: two columns hold the same."""
     used = [one for one in columns if one.quantity]
     names = [one.quantity for one in used]
     if twice := sorted({name for name in names if names.count(name) > 1}):

@@ -22,13 +22,13 @@ HIDDEN = (
 )
 
 
-def pose(folder: Path, seed: int | None = None) -> Path:
+def pose(folder: Path) -> Path:
     """Probe an object in which one of `HIDDEN` is hidden; the answer is sealed beside the session.
 
     Raises:
         PalpateError: the session cannot be written.
     """
-    drawn = drawn_seed() if seed is None else seed
+    drawn = drawn_seed()
     world = hide_one(load_scenario(DEFAULT_SCENARIO), np.random.default_rng(drawn), HIDDEN)
     session = folder / f"riddle-{drawn}.mcap"
     probe_demo(session, world, drawn, plan=HIDDEN_PLAN, command_line="palpate workbench --riddle")
@@ -37,19 +37,12 @@ def pose(folder: Path, seed: int | None = None) -> Path:
 
 @dataclass(frozen=True)
 class Score:
-    """Who was right.
+    """Who was right."""
 
-    Attributes:
-        truth: what was hidden.
-        guessed: what the user had ticked.
-        found: what the diagnosis named.
-        alike: effects that the diagnosis says this data cannot tell from what it named.
-    """
-
-    truth: frozenset[str]
-    guessed: frozenset[str]
-    found: frozenset[str]
-    alike: frozenset[str]
+    truth: frozenset[str]  # what was hidden
+    guessed: frozenset[str]  # what the user had ticked
+    found: frozenset[str]  # what the diagnosis named
+    alike: frozenset[str]  # effects that the diagnosis says this data cannot tell from what it named
 
     def in_words(self) -> str:
         """The result in a few sentences."""

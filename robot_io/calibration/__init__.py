@@ -2,10 +2,8 @@
 
 from robot_io.calibration.applied import NO_CALIBRATIONS, Calibrations, load_calibrations, parse_calibrations
 from robot_io.calibration.file import (
-    CALIBRATION_KINDS,
     Calibration,
     EncoderCalibration,
-    Findings,
     ForceCalibration,
     GravityCalibration,
     Quantities,
@@ -19,12 +17,10 @@ from robot_io.calibration.identity import device_identity, first_difference, urd
 from robot_io.calibration.plausible import doubtful
 
 __all__ = [
-    "CALIBRATION_KINDS",
     "NO_CALIBRATIONS",
     "Calibration",
     "Calibrations",
     "EncoderCalibration",
-    "Findings",
     "ForceCalibration",
     "GravityCalibration",
     "Quantities",

@@ -1,6 +1,6 @@
 """Stands between the controller and the drives: limits, plausibility checks, and the safe stop."""
 
-from robot_io.guard.guard import Guard, Trip
+from robot_io.guard.guard import Guard
 from robot_io.guard.limits import Limits, SafeState
 
-__all__ = ["Guard", "Limits", "SafeState", "Trip"]
+__all__ = ["Guard", "Limits", "SafeState"]

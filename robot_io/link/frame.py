@@ -46,11 +46,7 @@ class Frame(NamedTuple):
 
     @property
     def message(self) -> Message:
-        """The message, checked.
-
-        Raises:
-            FrameError: it is none of its kind.
-        """
+        """The message, checked. FrameError: it is none of its kind."""
         if not 0 <= self.kind < len(_WIRE):
             raise FrameError(f"no message has the number {self.kind}")
         try:

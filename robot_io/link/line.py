@@ -5,13 +5,13 @@ A callback of zenoh's own thread only puts bytes aside; whoever calls `receive` 
 """
 
 import json
+import re
 import secrets
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, Self
 
 from robot_io.clock import Clock
@@ -19,13 +19,16 @@ from robot_io.errors import InputError
 from robot_io.link.frame import MOST_BYTES, Frame, FrameError, decode, encode
 from robot_io.link.impairment import BadNetwork, Impairment
 from robot_io.link.messages import Message
-from robot_io.link.zenoh_errors import cause
 
 Role = Literal["leader", "follower"]
 _OTHER: dict[Role, Role] = {"leader": "follower", "follower": "leader"}
 _WAITING = 4096  # frames that nobody has asked for yet; what comes beyond drives the oldest out
 _LOOPBACK = "tcp/127.0.0.1"
 _RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5}
+_PLACE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
+_MESSAGE = re.compile(r'Message \{ msg: "(.*)", location: .*?line: (\d+), column: (\d+)')
+_SYNTAX = re.compile(r"--> (\d+):(\d+) .*= (.*)")
+_MOST_SAID = 200  # characters of what zenoh says
 
 
 @dataclass(frozen=True)
@@ -116,9 +119,7 @@ class Line:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _arrived(self, sample: Any) -> None:  # noqa: ANN401, zenoh's own
@@ -149,3 +150,15 @@ def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN
     config.insert_json5("connect/retry", json.dumps(_RETRY))
     config.insert_json5("connect/exit_on_failure", "false")
     return config
+
+
+def cause(error: Exception) -> str:
+    """The cause of a `zenoh.ZError`, for a person."""
+    text = _PLACE.sub("", " ".join(str(error).split()))
+    if found := _MESSAGE.search(text):
+        what, line, column = found.groups()
+    elif found := _SYNTAX.search(text):
+        line, column, what = found.groups()
+    else:
+        return text[:_MOST_SAID]
+    return f"line {line}, column {column}: {what}"[:_MOST_SAID]

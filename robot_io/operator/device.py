@@ -28,17 +28,13 @@ class OperatorDevice(ABC):
 
     A new device implements `_open` and the four methods after it; lifecycle and checks are the same for all.
 
-    Attributes:
-        name: how files and options call it.
-        Settings: what a file may set; every key but the necessary has a default.
-
     Args:
         settings: of the device's own `Settings`.
         clock: what samples are stamped with.
     """
 
-    name: ClassVar[str]
-    Settings: ClassVar[type[FileModel]]
+    name: ClassVar[str]  # how files and options call it
+    Settings: ClassVar[type[FileModel]]  # what a file may set; every key but the necessary has a default
 
     def __init__(self, settings: Any, clock: Clock) -> None:  # noqa: ANN401 (each device's own Settings)
         self.settings = settings

@@ -5,15 +5,13 @@ little-endian here (kernel.org, Documentation/input/joydev/joystick-api.rst).
 """
 
 import struct
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
-from robot_io.clock import Clock
-from robot_io.files.file_model import FileModel, Number, Positive
-from robot_io.operator.modelled_hand import HandSettings, ModelledHand
-from robot_io.operator.records import RecordFile
+from robot_io.files.file_model import Number, Positive
+from robot_io.operator.records import RecordHand, RecordSettings
 from robot_io.types import FloatArray
 
 _EVENT = struct.Struct("=IhBB")
@@ -23,11 +21,10 @@ _FULL = 32767.0
 AxisNumber = Annotated[int, Field(ge=0, le=63)]
 
 
-class GamepadSettings(HandSettings):
+class GamepadSettings(RecordSettings):
     """Which stick moves what; the defaults are those of most pads, whose sticks give -1 when pushed away."""
 
     port: str = "/dev/input/js0"
-    start_world_m: tuple[Number, Number, Number] = (0.4, 0.0, 0.15)
     axes: tuple[AxisNumber, AxisNumber, AxisNumber] = (1, 0, 4)  # for x, y and z
     signs: tuple[Number, Number, Number] = (-1.0, -1.0, -1.0)
     speed_m_s: Positive = 0.05  # at full deflection
@@ -35,24 +32,19 @@ class GamepadSettings(HandSettings):
     select_button: AxisNumber = 0
 
 
-class Gamepad(ModelledHand):
+class Gamepad(RecordHand):
     """A gamepad."""
 
     name = "gamepad"
-    Settings: ClassVar[type[FileModel]] = GamepadSettings
+    Settings = GamepadSettings
     settings: GamepadSettings
 
-    def __init__(self, settings: GamepadSettings, clock: Clock) -> None:
-        super().__init__(settings, clock)
-        self._events: RecordFile | None = None
-
     def _open(self) -> None:
-        self._events = RecordFile(self.settings.port, _EVENT.size)
-        self._goal_m, self._goal_s = np.array(self.settings.start_world_m), self.clock.now_s()
-        self._deflection, self._select = np.zeros(3), False
+        self._open_file(self.settings.port, _EVENT.size)
+        self._goal_s, self._deflection = self.clock.now_s(), np.zeros(3)
 
     def _goal(self, now_s: float) -> tuple[FloatArray, FloatArray, bool]:
-        for event in self._events.read() if self._events else ():
+        for event in self._records():
             _, value, kind, number = _EVENT.unpack(event)
             if kind & ~_INITIAL == _AXIS and number in self.settings.axes:
                 self._deflection[self.settings.axes.index(number)] = value / _FULL
@@ -64,9 +56,3 @@ class Gamepad(ModelledHand):
         self._goal_m = self._goal_m + velocity * (now_s - self._goal_s)
         self._goal_s = now_s
         return self._goal_m, velocity, self._select
-
-    def _release(self) -> None:
-        super()._release()
-        if self._events is not None:
-            self._events.close()
-            self._events = None

@@ -1,9 +1,13 @@
-"""Reads a device file of records of one size (terminal, joystick, mouse) without ever waiting."""
+"""Device files of records of one size (terminal, joystick, mouse), read without waiting; hands they move."""
 
 import os
 from pathlib import Path
 
+import numpy as np
+
 from robot_io.errors import DeviceError
+from robot_io.files.file_model import Number
+from robot_io.operator.modelled_hand import HandSettings, ModelledHand
 
 _MOST_BYTES = 65_536  # in one reading
 
@@ -45,3 +49,30 @@ class RecordFile:
     def close(self) -> None:
         """Close it."""
         os.close(self.file)
+
+
+class RecordSettings(HandSettings):
+    """Where the hand begins."""
+
+    start_world_m: tuple[Number, Number, Number] = (0.4, 0.0, 0.15)
+
+
+class RecordHand(ModelledHand):
+    """A modelled hand whose goal is moved by what a device file says."""
+
+    settings: RecordSettings
+    _file: RecordFile | None = None
+
+    def _open_file(self, path: str, size: int) -> RecordFile:
+        self._goal_m, self._select = np.array(self.settings.start_world_m), False
+        self._file = RecordFile(path, size)
+        return self._file
+
+    def _records(self) -> list[bytes]:
+        return self._file.read() if self._file else []
+
+    def _release(self) -> None:
+        super()._release()
+        if self._file is not None:
+            self._file.close()
+            self._file = None

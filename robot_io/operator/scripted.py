@@ -2,7 +2,7 @@
 
 from itertools import pairwise
 from math import inf
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -41,7 +41,7 @@ class ScriptedOperator(ModelledHand):
     """
 
     name = "scripted"
-    Settings: ClassVar[type[FileModel]] = ScriptedSettings
+    Settings = ScriptedSettings
 
     def __init__(self, settings: ScriptedSettings, clock: Clock) -> None:
         super().__init__(settings, clock)

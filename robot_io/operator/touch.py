@@ -7,7 +7,7 @@ a callback exchanges motion and force with ours; without a new force for `watchd
 
 import ctypes
 import threading
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -54,7 +54,7 @@ class Touch(OperatorDevice):
     """A haptic stylus."""
 
     name = "touch"
-    Settings: ClassVar[type[FileModel]] = TouchSettings
+    Settings = TouchSettings
     settings: TouchSettings
 
     def __init__(self, settings: TouchSettings, clock: Clock) -> None:

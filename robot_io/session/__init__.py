@@ -4,14 +4,13 @@ from robot_io.session.event import Event
 from robot_io.session.metadata import SessionMetadata
 from robot_io.session.reader import Follower, Session
 from robot_io.session.samples import Samples
-from robot_io.session.stream import Column, Record, RecordArray, Stream
+from robot_io.session.stream import Column, RecordArray, Stream
 from robot_io.session.writer import SessionWriter, write_session
 
 __all__ = [
     "Column",
     "Event",
     "Follower",
-    "Record",
     "RecordArray",
     "Samples",
     "Session",

@@ -1,7 +1,5 @@
 """The physics engine's own compliant contact."""
 
-from typing import ClassVar
-
 from pydantic import Field
 
 from robot_io.files.file_model import Number
@@ -16,7 +14,7 @@ class EngineContact(ContactLaw):
     with a tilted tool, the deepest point is not the tip frame any more.
     """
 
-    name: ClassVar[str] = "engine"
+    name = "engine"
 
     stiffness_n_m: Number = Field(gt=0, le=1e6)  # contactStiffness [N/m]
     damping_n_s_m: Number = Field(ge=0, le=1e4)  # contactDamping [N s/m]

@@ -1,7 +1,5 @@
 """Nonlinear spring whose damping grows with depth."""
 
-from typing import ClassVar
-
 from pydantic import Field
 
 from robot_io.files.file_model import Number
@@ -14,7 +12,7 @@ class HuntCrossley(ContactLaw):
     The force starts at zero whatever the speed, unlike Kelvin-Voigt's, and is cut at zero on fast retraction.
     """
 
-    name: ClassVar[str] = "hunt_crossley"
+    name = "hunt_crossley"
 
     stiffness: Number = Field(ge=0, le=1e9)  # k [N/m^n]
     damping: Number = Field(ge=0, le=1e9)  # b [N s/m^(n+1)]

@@ -1,7 +1,5 @@
 """Spring and dashpot in parallel."""
 
-from typing import ClassVar
-
 from pydantic import Field
 
 from robot_io.files.file_model import Number
@@ -15,7 +13,7 @@ class KelvinVoigt(ContactLaw):
     pull, so the force is cut at zero unless the object is sticky.
     """
 
-    name: ClassVar[str] = "kelvin_voigt"
+    name = "kelvin_voigt"
 
     stiffness_n_m: Number = Field(ge=0, le=1e6)  # spring constant k [N/m]
     damping_n_s_m: Number = Field(ge=0, le=1e4)  # viscous damping c [N s/m]

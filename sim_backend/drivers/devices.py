@@ -1,7 +1,6 @@
 """Encoders, drives and force sensor of the simulated arm, on a `simulated_bus`."""
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 
@@ -26,7 +25,7 @@ def reading_of(sample: Sample | None, part: slice, size: int) -> Reading:
 class SimEncoder(JointEncoder):
     """Positions and velocities out of the world of a `pybullet` bus; the scenario says how good they are."""
 
-    name: ClassVar[str] = "sim_encoder"
+    name = "sim_encoder"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         context.settings_as(FileModel, settings)
@@ -51,7 +50,7 @@ class SimTorque(JointTorque):
     scenario's.
     """
 
-    name: ClassVar[str] = "sim_torque"
+    name = "sim_torque"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         context.settings_as(FileModel, settings)
@@ -93,7 +92,7 @@ class SimTorque(JointTorque):
 class SimForce(ForceSensor):
     """The contact force out of the world of a `pybullet` bus; the scenario says how good it is."""
 
-    name: ClassVar[str] = "sim_force"
+    name = "sim_force"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         context.settings_as(FileModel, settings)

@@ -1,7 +1,6 @@
 """The bus of the simulated robot: it owns the world, and brings samples from it and torques to it."""
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 
@@ -46,7 +45,7 @@ class SimulatedBus(Bus):
         force_sample: force (1) of the last poll, or None.
     """
 
-    name: ClassVar[str] = "pybullet"
+    name = "pybullet"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         own = context.settings_as(SimulatedBusSettings, settings)

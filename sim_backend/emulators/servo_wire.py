@@ -38,15 +38,10 @@ class ServoMounting(FileModel, extra="ignore"):
 
 
 class LineServo(ABC):
-    """One servo of a line.
+    """One servo of a line."""
 
-    Attributes:
-        id: its id.
-        stuck: whether its position sensor has frozen.
-    """
-
-    id: int
-    stuck: bool
+    id: int  # its id
+    stuck: bool  # whether its position sensor has frozen
 
     @property
     @abstractmethod

@@ -26,14 +26,11 @@ class Engine(ABC):
 
     Raises:
         InputError: the engine cannot load the URDF, or it is not a serial arm that ends at the tip frame.
-
-    Attributes:
-        torque_limit_nm: largest torque of each drive, the URDF's effort limits (n) [N m].
     """
 
     name: ClassVar[str]  # what a scenario calls it
 
-    torque_limit_nm: list[float]
+    torque_limit_nm: list[float]  # largest torque of each drive, the URDF's effort limits (n) [N m]
 
     @abstractmethod
     def __init__(

@@ -1,7 +1,6 @@
 """The arm in MuJoCo: the object's force and all torques are applied as generalised forces."""
 
 from collections.abc import Sequence
-from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -20,7 +19,7 @@ mujoco.set_mju_user_warning(lambda text: None)  # it would write MUJOCO_LOG.TXT 
 class MujocoEngine(Engine):
     """See `Engine`. Joint damping, armature and friction of the URDF are off, as in PyBullet."""
 
-    name: ClassVar[str] = "mujoco"
+    name = "mujoco"
 
     def __init__(
         self, urdf_text: str, tip_frame: str, *, step_s: float, gravity_m_s2: Sequence[float]

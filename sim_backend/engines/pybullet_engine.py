@@ -3,7 +3,7 @@
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 from weakref import finalize
 
 import numpy as np
@@ -23,7 +23,7 @@ _HALF_HEIGHT_M = 0.5
 class PyBulletEngine(Engine):
     """See `Engine`."""
 
-    name: ClassVar[str] = "pybullet"
+    name = "pybullet"
 
     def __init__(
         self, urdf_text: str, tip_frame: str, *, step_s: float, gravity_m_s2: Sequence[float]

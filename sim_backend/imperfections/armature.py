@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from math import inf
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 from numpy.random import Generator
@@ -24,8 +24,8 @@ class Armature(JointImperfection):
     joint-space inertia, as in Featherstone, "Rigid Body Dynamics Algorithms", 2008, ch. 9.
     """
 
-    name: ClassVar[str] = "armature"
-    shows_in: ClassVar[Sequence[str]] = LOADED  # the last joint's controller masters none that shows
+    name = "armature"
+    shows_in = LOADED  # the last joint's controller masters none that shows
     inertia_kg_m2: NotNegative = parameter("kg m^2", 0.001, 0.5, le=10.0)  # J [kg m^2]
 
     def effects(self, joint_count: int) -> Effects:

@@ -1,7 +1,7 @@
 """A contact that remembers how it was pressed before."""
 
 from math import exp
-from typing import ClassVar, Generic, Self, TypeVar
+from typing import Generic, Self, TypeVar
 
 import numpy as np
 from numpy.random import Generator
@@ -32,7 +32,7 @@ class Adhesion(ContactImperfection):
     (1975): a constant attraction on top of the elastic contact.
     """
 
-    name: ClassVar[str] = "adhesion"
+    name = "adhesion"
     pull_off_n: NotNegative = parameter("N", 0.05, 3.0, le=50.0)  # A [N]
     # Height at which the bond tears [m].
     neck_m: Positive = parameter("m", 1e-4, 5e-3, ge=1e-5, le=0.1, default=1e-3)
@@ -65,7 +65,7 @@ class DryFriction(ContactImperfection):
     hysteresis. It is integrated exactly over each step, so that no stiffness f / s can make it unstable.
     """
 
-    name: ClassVar[str] = "dry_friction"
+    name = "dry_friction"
     friction_n: NotNegative = parameter("N", 0.05, 3.0, le=50.0)  # f [N]
     # s, way in which the bristles give way [m].
     slip_m: Number = parameter("m", 2e-5, 1e-3, ge=1e-6, le=0.1, default=2e-4)
@@ -102,7 +102,7 @@ class StressRelaxation(ContactImperfection):
     object's own spring is what is left in the end. The branches go on relaxing when the tip has left.
     """
 
-    name: ClassVar[str] = "stress_relaxation"
+    name = "stress_relaxation"
     stiffness_n_m: Number = parameter("N/m", 20.0, 2000.0, ge=0, le=1e6)  # k_1 [N/m]
     time_s: Number = parameter("s", 0.02, 2.0, ge=1e-3, le=1e3)  # tau_1 [s]
     # k_2; zero for one branch only [N/m].
@@ -157,8 +157,8 @@ class PlasticSet(ContactImperfection):
     recovers; with a recovery time the dent fades while nothing presses.
     """
 
-    name: ClassVar[str] = "plastic_set"
-    needs_force_law: ClassVar[bool] = True
+    name = "plastic_set"
+    needs_force_law = True
     share: Number = parameter("-", 0.01, 0.4, ge=0, le=0.9)  # s, dent over indentation [-]
     # Time in which a dent fades to 1/e; zero is never [s].
     recovery_s: NotNegative = parameter("s", 0.0, 60.0, default=0.0)

@@ -1,9 +1,8 @@
 """Friction in a joint."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from math import exp
-from typing import ClassVar, Self
+from typing import Self
 
 from numpy.random import Generator
 
@@ -28,7 +27,7 @@ class _Friction(JointImperfection, ABC):
 class ViscousFriction(_Friction):
     """tau = b |dq/dt| against the motion: grease (Armstrong-Helouvry, Automatica 30 (1994), sec. 2)."""
 
-    name: ClassVar[str] = "viscous_friction"
+    name = "viscous_friction"
     viscous_nms_rad: NotNegative = parameter("N m s/rad", 0.02, 5.0, le=100.0)  # b [N m s/rad]
 
     def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
@@ -46,7 +45,7 @@ class QuadraticFriction(_Friction):
     Drag at large Reynolds numbers; Batchelor, "An Introduction to Fluid Dynamics", 1967, sec. 5.11.
     """
 
-    name: ClassVar[str] = "quadratic_friction"
+    name = "quadratic_friction"
     quadratic_nms2_rad2: NotNegative = parameter("N m s^2/rad^2", 0.05, 20.0, le=1000.0)  # b2 [N m s^2/rad^2]
 
     def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
@@ -64,7 +63,7 @@ class CoulombFriction(_Friction):
     Coulomb 1785; Armstrong-Helouvry et al., Automatica 30 (1994), sec. 2.
     """
 
-    name: ClassVar[str] = "coulomb_friction"
+    name = "coulomb_friction"
     coulomb_nm: NotNegative = parameter("N m", 0.02, 2.0, le=100.0)  # f [N m]
 
     def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
@@ -84,7 +83,7 @@ class AsymmetricFriction(_Friction):
     Armstrong-Helouvry, "Control of Machines with Friction", 1991, sec. 2.
     """
 
-    name: ClassVar[str] = "asymmetric_friction"
+    name = "asymmetric_friction"
     positive_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0)  # f+ [N m]
     negative_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0)  # f- [N m]
 
@@ -111,7 +110,7 @@ class StribeckFriction(_Friction):
     Bo and Pavelescu, Wear 82 (1982), with the exponent 2; Armstrong-Helouvry et al., Automatica 30 (1994).
     """
 
-    name: ClassVar[str] = "stribeck_friction"
+    name = "stribeck_friction"
     # s, how much more at rest than sliding [N m].
     stiction_nm: NotNegative = parameter("N m", 0.02, 2.0, le=100.0)
     speed_rad_s: Positive = parameter("rad/s", 0.01, 0.5, ge=1e-4, le=10.0)  # v_s [rad/s]
@@ -141,8 +140,8 @@ class LoadDependentFriction(_Friction):
     the link, for its dynamics and for external forces: the drive's torque less the friction.
     """
 
-    name: ClassVar[str] = "load_dependent_friction"
-    shows_in: ClassVar[Sequence[str]] = LOADED  # a tool that hangs straight down does not load its joint
+    name = "load_dependent_friction"
+    shows_in = LOADED  # a tool that hangs straight down does not load its joint
     load_share: Number = parameter("-", 0.005, 0.3, ge=0, le=0.9)  # mu [-]
 
     def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from math import cos, sin
-from typing import ClassVar, Self
+from typing import Self
 
 from numpy.random import Generator
 
@@ -19,8 +19,8 @@ class GravityTilt(Imperfection):
     is tilted with it. An arm that moves in the x-z plane feels pitch alone.
     """
 
-    name: ClassVar[str] = "gravity_tilt"
-    shows_in: ClassVar[Sequence[str]] = LOADED
+    name = "gravity_tilt"
+    shows_in = LOADED
     pitch_rad: Number = parameter("rad", -0.1, 0.1, ge=-1.6, le=1.6)  # about y [rad]
     roll_rad: Number = parameter("rad", -0.1, 0.1, ge=-1.6, le=1.6, default=0.0)  # about x [rad]
 

@@ -1,9 +1,8 @@
 """Torque on a link that the drive knows nothing of."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from math import sin, tau
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 from numpy.random import Generator
@@ -29,7 +28,7 @@ class _LinkTorque(JointImperfection, ABC):
 class JointSpring(_LinkTorque):
     """tau += -k (q - q0) on the link: a cable or hose that bends, a balancing spring (Hooke)."""
 
-    name: ClassVar[str] = "joint_spring"
+    name = "joint_spring"
     stiffness_nm_rad: NotNegative = parameter("N m/rad", 0.05, 20.0, le=500.0)  # k [N m/rad]
     rest_rad: Number = parameter("rad", -3.1416, 3.1416, ge=-100.0, le=100.0, default=0.0)  # q0 [rad]
 
@@ -54,7 +53,7 @@ class TorqueRipple(_LinkTorque):
     Jahns and Soong, IEEE Trans. Industrial Electronics 43 (1996), "Pulsating torque minimization techniques".
     """
 
-    name: ClassVar[str] = "torque_ripple"
+    name = "torque_ripple"
     amplitude_nm: NotNegative = parameter("N m", 0.02, 1.0, le=100.0)  # A [N m]
     cycles: Number = parameter("-", 6.0, 300.0, gt=0, le=1e4)  # N, in one turn of the joint [-]
     phase_rad: Number = parameter("rad", -3.1416, 3.1416, ge=-tau, le=tau, default=0.0)  # phi [rad]
@@ -81,8 +80,8 @@ class TorqueGain(_LinkTorque):
     The measured torque follows the command; what reaches the link does not.
     """
 
-    name: ClassVar[str] = "torque_gain"
-    shows_in: ClassVar[Sequence[str]] = LOADED  # a tool that hangs straight down does not load its joint
+    name = "torque_gain"
+    shows_in = LOADED  # a tool that hangs straight down does not load its joint
     # g, true over believed motor constant; one is right [-].
     gain: Number = parameter("-", 0.8, 1.2, ge=0.2, le=3.0)
 

@@ -1,8 +1,7 @@
 """An object whose force depends otherwise on depth and rate than its law says."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar, Self
+from typing import Self
 
 from numpy.random import Generator
 
@@ -36,7 +35,7 @@ class _Added(MaterialEffect):
 class CubicStiffness(_Material):
     """F += k3 x^3 at depth x (Duffing's spring; Nayfeh and Mook, "Nonlinear Oscillations", 1979, ch. 4)."""
 
-    name: ClassVar[str] = "cubic_stiffness"
+    name = "cubic_stiffness"
     # k3, negative where the object softens [N/m^3].
     cubic_n_m3: Number = parameter("N/m^3", 1e4, 1e7, ge=-1e9, le=1e12)
 
@@ -55,7 +54,7 @@ class LayeredStiffness(_Material):
     Piecewise linear stiffness; Shaw and Holmes, J. Sound Vib. 90 (1983).
     """
 
-    name: ClassVar[str] = "layered_stiffness"
+    name = "layered_stiffness"
     # k2, what the second layer adds [N/m].
     stiffness_n_m: Number = parameter("N/m", 50.0, 5000.0, ge=0, le=1e6)
     depth_m: NotNegative = parameter("m", 0.001, 0.05, le=1.0)  # d, where it is reached [m]
@@ -79,7 +78,7 @@ class HuntCrossley(_Material):
     Hunt and Crossley, J. Appl. Mech. 42 (1975), eq. 2; on top of the object's own law.
     """
 
-    name: ClassVar[str] = "hunt_crossley"
+    name = "hunt_crossley"
     damping: Number = parameter("N s/m^(n+1)", 100.0, 1e4, ge=0, le=1e9, default=0.0)  # b [N s/m^(n+1)]
     stiffness: Number = parameter("N/m^n", 100.0, 1e4, ge=0, le=1e9, default=0.0)  # k [N/m^n]
     exponent: Number = parameter("-", 1.0, 2.5, ge=1, le=4, default=1.5)  # n [-]
@@ -99,7 +98,7 @@ class QuadraticDamping(_Material):
     Turbulent drag; Forchheimer's term in Bear, "Dynamics of Fluids in Porous Media", 1972, sec. 5.11.
     """
 
-    name: ClassVar[str] = "quadratic_damping"
+    name = "quadratic_damping"
     damping_n_s2_m2: Number = parameter("N s^2/m^2", 10.0, 1000.0, ge=0, le=5000)  # c2 [N s^2/m^2]
 
     def added_n(self, depth_m: float, rate_m_s: float) -> float:
@@ -116,9 +115,9 @@ class ContactOffset(ContactImperfection):
     Seen only by those who take the surface as given; a probing run that finds it by touch does not.
     """
 
-    name: ClassVar[str] = "contact_offset"
-    shows_in: ClassVar[Sequence[str]] = ()
-    needs_force_law: ClassVar[bool] = True
+    name = "contact_offset"
+    shows_in = ()
+    needs_force_law = True
     offset_m: Number = parameter("m", -0.005, 0.005, ge=-0.5, le=0.5)  # d [m]
 
     def effects(self, joint_count: int) -> Effects:

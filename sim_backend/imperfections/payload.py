@@ -1,8 +1,7 @@
 """A mass that the arm's URDF does not know."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
-from typing import ClassVar, Self
+from typing import Self
 
 from numpy.random import Generator
 
@@ -21,8 +20,8 @@ class Payload(JointImperfection):
     It has weight and inertia, and shows in the joint that moves the link and in those before it.
     """
 
-    name: ClassVar[str] = "payload"
-    shows_in: ClassVar[Sequence[str]] = LOADED  # a tool that hangs straight down gives its joint no lever
+    name = "payload"
+    shows_in = LOADED  # a tool that hangs straight down gives its joint no lever
     # M [kg]; scaled by the arm's mass_scale as the rest of it.
     mass_kg: NotNegative = parameter("kg", 0.005, 1.0, le=50.0)
 

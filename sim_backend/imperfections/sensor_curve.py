@@ -1,7 +1,6 @@
 """A sensor that makes something else of each sample by itself."""
 
-from collections.abc import Sequence
-from typing import ClassVar, Self
+from typing import Self
 
 from numpy.random import Generator
 
@@ -14,7 +13,7 @@ from sim_backend.noise_scale import CONTACT, LOADED, NoiseScale
 class Bias(SensorImperfection):
     """y = u + b (ISO/IEC Guide 99 (VIM), 4.20: instrumental bias)."""
 
-    name: ClassVar[str] = "bias"
+    name = "bias"
     bias: Number = parameter("channel", -2.0, 2.0)  # b [channel]
 
     def transducer(self) -> Transducer:
@@ -33,9 +32,9 @@ class SensorGain(SensorImperfection):
     Seen only by those who know what was measured; a probing run takes it for a stiffer or softer object.
     """
 
-    name: ClassVar[str] = "sensor_gain"
-    shows_in: ClassVar[Sequence[str]] = ()  # stiffness and damping take it over
-    ahead_of_noise: ClassVar[bool] = True
+    name = "sensor_gain"
+    shows_in = ()  # stiffness and damping take it over
+    ahead_of_noise = True
     gain: Positive = parameter("-", 0.8, 1.2, le=10.0)  # g, shown over true [-]
     # c, the sensitivity's change with the signal [1/channel].
     bend: Number = parameter("1/channel", -1e-3, 1e-3, ge=-0.1, le=0.1, default=0.0)
@@ -58,8 +57,8 @@ class Saturation(SensorImperfection):
     force that is asked for.
     """
 
-    name: ClassVar[str] = "saturation"
-    shows_in: ClassVar[Sequence[str]] = LOADED  # the arm loads the object by the force sensor itself
+    name = "saturation"
+    shows_in = LOADED  # the arm loads the object by the force sensor itself
     limit: Positive = parameter("channel", 0.5, 50.0)  # L [channel]
 
     def transducer(self) -> Transducer:
@@ -77,10 +76,10 @@ class Saturation(SensorImperfection):
 class Deadband(SensorImperfection):
     """y = 0 within +- w, and u - w or u + w beyond: lost motion ahead of the sensing element (VIM 4.17)."""
 
-    name: ClassVar[str] = "deadband"
+    name = "deadband"
     # The last joint has next to no torque to be wrong about.
-    shows_in: ClassVar[Sequence[str]] = (CONTACT, *LOADED)
-    ahead_of_noise: ClassVar[bool] = True
+    shows_in = (CONTACT, *LOADED)
+    ahead_of_noise = True
     half_width: NotNegative = parameter("channel", 0.02, 1.0)  # w [channel]
 
     def transducer(self) -> Transducer:
@@ -95,9 +94,9 @@ class Deadband(SensorImperfection):
 class Quantisation(SensorImperfection):
     """y = s round(u / s), after the noise (Widrow and Kollar, "Quantization Noise", 2008, ch. 1)."""
 
-    name: ClassVar[str] = "quantisation"
+    name = "quantisation"
     # The last joint has next to no torque to be wrong about.
-    shows_in: ClassVar[Sequence[str]] = (CONTACT, *LOADED)
+    shows_in = (CONTACT, *LOADED)
     step: NotNegative = parameter("channel", 0.02, 1.0)  # s [channel]
 
     def transducer(self) -> Transducer:

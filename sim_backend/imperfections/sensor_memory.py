@@ -1,9 +1,8 @@
 """A sensor whose reading depends on the samples before."""
 
 from collections import deque
-from collections.abc import Sequence
 from math import exp
-from typing import ClassVar, Self
+from typing import Self
 
 from numpy.random import Generator
 
@@ -16,7 +15,7 @@ from sim_backend.noise_scale import CONTACT, LOADED, NoiseScale
 class Drift(SensorImperfection):
     """y = u + r (t - t0), t0 the time of the first sample: a sensor that warms up (VIM 4.21)."""
 
-    name: ClassVar[str] = "drift"
+    name = "drift"
     rate_1_s: Number = parameter("channel/s", -0.5, 0.5)  # r [channel/s]
 
     def transducer(self) -> Transducer:
@@ -38,8 +37,8 @@ class Drift(SensorImperfection):
 class _Mechanical(SensorImperfection):
     """A sensor that follows; the last joint has next to no torque to be wrong about."""
 
-    shows_in: ClassVar[Sequence[str]] = (CONTACT, *LOADED)
-    ahead_of_noise: ClassVar[bool] = True
+    shows_in = (CONTACT, *LOADED)
+    ahead_of_noise = True
 
 
 class Hysteresis(_Mechanical):
@@ -49,7 +48,7 @@ class Hysteresis(_Mechanical):
     and Phase Transitions", 1996.
     """
 
-    name: ClassVar[str] = "hysteresis"
+    name = "hysteresis"
     half_width: NotNegative = parameter("channel", 0.02, 1.0)  # w [channel]
 
     def transducer(self) -> Transducer:
@@ -74,7 +73,7 @@ class Lag(_Mechanical):
     Exact for a signal that changes at a constant rate between two samples.
     """
 
-    name: ClassVar[str] = "lag"
+    name = "lag"
     time_s: NotNegative = parameter("s", 0.001, 0.05, le=10.0)  # T [s]
 
     def transducer(self) -> Transducer:
@@ -104,7 +103,7 @@ class Delay(_Mechanical):
     Between two samples the signal is taken as straight.
     """
 
-    name: ClassVar[str] = "delay"
+    name = "delay"
     delay_s: NotNegative = parameter("s", 0.0005, 0.02, le=1.0)  # d [s]
 
     def transducer(self) -> Transducer:

@@ -1,7 +1,7 @@
 """A tool that gives way."""
 
-from collections.abc import Callable, Sequence
-from typing import ClassVar, Self
+from collections.abc import Callable
+from typing import Self
 
 from numpy.random import Generator
 
@@ -22,9 +22,9 @@ class ToolCompliance(ContactImperfection):
     Both springs carry the same force, which is solved for at each physics step.
     """
 
-    name: ClassVar[str] = "tool_compliance"
-    shows_in: ClassVar[Sequence[str]] = ()  # by itself it is a softer object
-    needs_force_law: ClassVar[bool] = True
+    name = "tool_compliance"
+    shows_in = ()  # by itself it is a softer object
+    needs_force_law = True
     # C, one over the tool's stiffness; zero is rigid [m/N].
     compliance_m_n: NotNegative = parameter("m/N", 1e-5, 1e-3, le=0.01)
 

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from math import exp
-from typing import ClassVar, Self
+from typing import Self
 
 from numpy.random import Generator
 
@@ -59,8 +59,8 @@ class Backlash(_Transmission):
     physical model of Nordin and Gutman, Automatica 38 (2002), with a shaft that only damps.
     """
 
-    name: ClassVar[str] = "backlash"
-    shows_in: ClassVar[Sequence[str]] = ()  # in probing, weight keeps the play on one side
+    name = "backlash"
+    shows_in = ()  # in probing, weight keeps the play on one side
     gap_rad: NotNegative = parameter("rad", 2e-4, 0.01, le=0.2)  # from one flank to the other [rad]
     # d, of the grease in the gap [N m s/rad].
     film_nms_rad: Positive = parameter("N m s/rad", 1.0, 100.0, ge=0.1, le=1e4, default=10.0)
@@ -84,8 +84,8 @@ class JointElasticity(_Transmission):
     Meas. Control 109, 1987).
     """
 
-    name: ClassVar[str] = "joint_elasticity"
-    shows_in: ClassVar[Sequence[str]] = ()  # in probing, the twist is mostly that of the steady weight
+    name = "joint_elasticity"
+    shows_in = ()  # in probing, the twist is mostly that of the steady weight
     # C, one over the stiffness; zero is rigid [rad/(N m)].
     compliance_rad_nm: NotNegative = parameter("rad/(N m)", 5e-5, 2e-3, le=0.05)
     # T, damping over stiffness [s].

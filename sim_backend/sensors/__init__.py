@@ -2,22 +2,6 @@
 
 from sim_backend.sensors.sampling import Sample
 from sim_backend.sensors.sensors import SimulatedEncoder, SimulatedForceSensor, SimulatedTorqueSensor
-from sim_backend.sensors.settings import (
-    EncoderSettings,
-    ForceSettings,
-    SensorSettings,
-    TorqueSettings,
-    VelocitySettings,
-)
+from sim_backend.sensors.settings import SensorSettings
 
-__all__ = [
-    "EncoderSettings",
-    "ForceSettings",
-    "Sample",
-    "SensorSettings",
-    "SimulatedEncoder",
-    "SimulatedForceSensor",
-    "SimulatedTorqueSensor",
-    "TorqueSettings",
-    "VelocitySettings",
-]
+__all__ = ["Sample", "SensorSettings", "SimulatedEncoder", "SimulatedForceSensor", "SimulatedTorqueSensor"]

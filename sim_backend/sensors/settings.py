@@ -22,23 +22,16 @@ class ForceSettings(FileModel):
 
 
 class TorqueSettings(FileModel):
-    """The drives' own measurement of torque, from their current.
+    """The drives' own measurement of torque, from their current."""
 
-    Attributes:
-        noise_std_nm: white noise of a sample [N m].
-        resolution_nm: one step of the measurement [N m]; 0 is none.
-        command_resolution_nm: one step of the torque that a drive can be told [N m]; 0 is none.
-        rate_hz: samples per second [Hz].
-        delay_s: from the sampling instant until a sample can be read [s].
-        phase: where in the sampling period a sample is taken, from 0 to 1. Half way is the middle of the
-            time for which a command of the same rate holds: torque and motion of that time go together.
-    """
-
-    noise_std_nm: NotNegative = 0.01
-    resolution_nm: NotNegative = 0.002
+    noise_std_nm: NotNegative = 0.01  # white noise of a sample [N m]
+    resolution_nm: NotNegative = 0.002  # one step of the measurement [N m]; 0 is none
+    # One step of the torque that a drive can be told [N m]; 0 is none.
     command_resolution_nm: NotNegative = 0.001
-    rate_hz: Positive = Rate
-    delay_s: Delay = 0.0
+    rate_hz: Positive = Rate  # samples per second [Hz]
+    delay_s: Delay = 0.0  # from the sampling instant until a sample can be read [s]
+    # Where in the sampling period a sample is taken, from 0 to 1. Half way is the middle of the time for
+    # which a command of the same rate holds: torque and motion of that time go together.
     phase: Number = Field(default=0.5, ge=0, lt=1)
 
 

@@ -14,8 +14,8 @@ def test_measurements_are_coherent_and_cannot_be_changed(active):
         m = active.tick()
         assert m.time_s > last_s
         last_s = m.time_s
-        assert m.joint_count == active.robot_file.joint_count
         for array in (m.joint_position_rad, m.joint_velocity_rad_s, m.joint_torque_nm):
+            assert array.shape == (active.robot_file.joint_count,)
             assert np.isfinite(array).all()
             with pytest.raises(ValueError, match="read-only"):
                 array[0] = 0.0

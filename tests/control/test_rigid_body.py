@@ -9,7 +9,8 @@ import pytest
 from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
 from robot_io.robot_file import load_robot_file
-from sim_backend import ArmDescription, World, load_scenario
+from sim_backend.scenario import load_scenario
+from sim_backend.world import ArmDescription, World
 from tests.control.reference_plant import URDF, test_arm
 
 ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"

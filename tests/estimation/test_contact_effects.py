@@ -73,8 +73,7 @@ def test_every_base_model_says_what_it_is(name):
     model = MODELS[name]
     assert model.name == name
     assert model.channels <= frozenset(ChannelKind)
-    for text in (model.physics, model.equation, model.__doc__):
-        assert len(text) > 5
+    assert model.__doc__
 
 
 def test_an_unknown_model_lists_the_valid_ones():

@@ -38,10 +38,8 @@ def test_states_what_it_is(name):
     estimator = CONTACT_ESTIMATORS[name]
     assert issubclass(estimator, ContactEstimator)
     assert estimator.name == name
-    assert len(estimator.summary) > 20
-    assert len(estimator.source) > 15
     assert estimator.model in MODELS
-    assert estimator.__doc__
+    assert "Source: " in estimator.__doc__
 
 
 @EVERY

@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 from statsmodels.tsa.stattools import acf, ccf
 
 from estimation.statistics.correlation import SIGMAS_99, autocorrelation, cross_correlation
-from estimation.statistics.fit_percent import fit_percent
+from estimation.statistics.misfit import fit_percent
 
 N, LAGS = 4000, 30
 ONE_RUN = np.zeros(N, dtype=int)

@@ -17,21 +17,13 @@ NOISE = 1e-3  # of the effort's size
 
 @dataclass(frozen=True)
 class Case:
-    """Data with a known truth.
+    """Data with a known truth."""
 
-    Attributes:
-        data: the channel, without noise.
-        base: effects of the model beside the one that is looked for.
-        truth: parameters by "effect.parameter".
-        within: share of the truth by which each may be off.
-        left: share of the effort's size that may be left.
-    """
-
-    data: object
-    base: tuple[str, ...]
-    truth: dict[str, float] = field(default_factory=dict)
-    within: float = 0.02
-    left: float = 5 * NOISE
+    data: object  # the channel, without noise
+    base: tuple[str, ...]  # effects of the model beside the one that is looked for
+    truth: dict[str, float] = field(default_factory=dict)  # parameters by "effect.parameter"
+    within: float = 0.02  # share of the truth by which each may be off
+    left: float = 5 * NOISE  # share of the effort's size that may be left
 
 
 def press(deepest, ramps_s=(0.5, 5.0), hold_s=30.0):

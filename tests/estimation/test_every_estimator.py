@@ -32,9 +32,7 @@ def test_states_what_it_is(name):
     estimator = ESTIMATORS[name]
     assert issubclass(estimator, Estimator)
     assert estimator.name == name
-    assert len(estimator.summary) > 20
-    assert len(estimator.source) > 15
-    assert estimator.__doc__
+    assert "Source: " in estimator.__doc__
 
 
 @EVERY

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from control.loop.phases import Phase
 from estimation.channel import ChannelKind
-from estimation.data import file_size
+from estimation.data import file_columns
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions, parse_pairs
 from estimation.data.session_streams import import_streams
@@ -291,7 +291,7 @@ def test_a_file_of_very_many_columns_is_refused_briefly(tmp_path):
 
 @pytest.mark.parametrize("name", ["big.csv", "big.csv.gz", "big.npz", "big.parquet"])
 def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, name):
-    monkeypatch.setattr(file_size, "MOST_BYTES", 500)
+    monkeypatch.setattr(file_columns, "MOST_BYTES", 500)
     file = tmp_path / name
     if name.endswith(".npz"):
         np.savez_compressed(file, time_s=T, displacement_m=X, force_N=0 * F)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from control.loop.phases import Phase
-from estimation.data import file_size
+from estimation.data import file_columns
 from estimation.data.import_file import import_file
 from estimation.data.import_files import data_files, import_files
 from estimation.data.import_options import ImportOptions
@@ -256,7 +256,7 @@ def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch)
     book.save(path)
     with pytest.raises(InputError, match="a sheet of 1048576 rows, 16384 columns; cut it into pieces"):
         read_table(path)
-    monkeypatch.setattr(file_size, "MOST_BYTES", 100)
+    monkeypatch.setattr(file_columns, "MOST_BYTES", 100)
     with pytest.raises(InputError, match="holds more than 0 MiB; cut it into pieces"):
         read_table(path)
 

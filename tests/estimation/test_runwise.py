@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy.signal import savgol_filter
 
-from estimation.signals.blocks import in_order_of_time
+from estimation.signals.blocks import blocks, in_order_of_time
 from estimation.signals.bouc_wen import bouc_wen
 from estimation.signals.runwise import direction, low_pass, play, rate, relax, running_max, shift, steadied
 from estimation.signals.viscoelastic import springpot
@@ -223,3 +223,10 @@ def test_a_sharp_yield_is_an_elastic_spring_that_slips():
         [signal[run == number] - stepped_play(signal[run == number], 1.5) for number in (4, 2, 9, 1, 7)]
     )
     np.testing.assert_allclose(w, stop / 1.5, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"), [([], []), ([3], [(0, 1)]), ([1, 1, 2, 2, 2, 1], [(0, 2), (2, 5), (5, 6)])]
+)
+def test_blocks_are_stretches_of_equal_values(values, expected):
+    assert [(rows.start, rows.stop) for rows in blocks(np.array(values, int))] == expected

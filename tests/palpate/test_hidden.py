@@ -13,9 +13,9 @@ from palpate.runs.robots import find_robot
 from palpate.runs.session import ArmJob, begun_session
 from robot_io.errors import InputError, SessionError
 from robot_io.session import Session, SessionMetadata
-from sim_backend import Scenario, load_scenario
 from sim_backend.hidden import draw_hidden, noise_scale
 from sim_backend.imperfection import IMPERFECTIONS, describe_imperfection, parse_imperfection
+from sim_backend.scenario import Scenario, load_scenario
 from sim_backend.secret import Answer, seal, sealed_path, unseal
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import assert_refused, next_commands, run

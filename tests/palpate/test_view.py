@@ -12,7 +12,7 @@ from control.loop.phases import Phase
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis
 from palpate.render import palette, sentences, terminal
-from palpate.render.build import channel_view, one_after_the_other, parameter_view, run_speeds, stretches
+from palpate.render.build import channel_view, one_after_the_other, parameter_view, run_speeds
 from palpate.render.thinning import joined, peaks, rows_by_run, run_curves
 from palpate.render.view import StudyView, residual_map
 from tests.palpate import synthetic
@@ -158,13 +158,6 @@ def test_runs_that_each_begin_at_zero_are_shown_one_after_the_other(contact):
     starts = np.array([contact.time_s[contact.run == run][0] for run in contact.runs])
     again = replace(contact, time_s=contact.time_s - starts[contact.run])
     assert (np.diff(one_after_the_other(again)) > 0.0).all()
-
-
-@pytest.mark.parametrize(
-    ("values", "expected"), [([], []), ([3], [(0, 1)]), ([1, 1, 2, 2, 2, 1], [(0, 2), (2, 5), (5, 6)])]
-)
-def test_stretches_of_equal_values(values, expected):
-    assert list(stretches(np.array(values, int))) == expected
 
 
 def test_a_residual_map_averages_what_is_judged_in_a_cell(contact):

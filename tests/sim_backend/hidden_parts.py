@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from sim_backend import World, load_scenario
 from sim_backend.contact_laws import KelvinVoigt
 from sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
+from sim_backend.scenario import load_scenario
+from sim_backend.world import World
 from tests.sim_backend.parts import GRAVITY_M_S2, slider
 
 STEP_S = 0.25e-3

@@ -6,8 +6,8 @@ import pytest
 
 from control.arm.dh import load_dh_table
 from robot_io.errors import InputError
-from sim_backend import ArmDescription
 from sim_backend.contact_laws import KelvinVoigt
+from sim_backend.world import ArmDescription
 from tests.sim_backend.parts import (
     ARM_NAMES,
     ARMS_DIR,

@@ -11,7 +11,7 @@ from robot_io.errors import InputError, LifecycleError
 from robot_io.robot import build_robot
 from robot_io.robot_file import load_robot_file
 from robot_io.types import Command, Status
-from sim_backend import load_scenario
+from sim_backend.scenario import load_scenario
 from tests.sim_backend.parts import ARM_NAMES, ARMS_DIR
 
 TICK_S = 1e-3

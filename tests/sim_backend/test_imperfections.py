@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import sim_backend
 from robot_io.errors import InputError
-from sim_backend import Scenario, World, engines, load_scenario, parse_scenario
+from sim_backend import engines
 from sim_backend.contact_law import CONTACT_LAWS
 from sim_backend.hidden import STRONGEST, WEAKEST, draw_hidden, hidden_effects, noise_scale
 from sim_backend.imperfection import (
@@ -24,6 +24,8 @@ from sim_backend.imperfection import (
     parse_imperfection,
 )
 from sim_backend.noise_scale import CONTACT, channel_of, joint_of
+from sim_backend.scenario import Scenario, load_scenario, parse_scenario
+from sim_backend.world import World
 from tests.sim_backend.hidden_parts import ALL
 from tests.sim_backend.parts import shipped_arm
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from robot_io.errors import InputError
-from sim_backend import ContactEffect, Effects, JointEffect, SensorEffect
 from sim_backend.contact_laws import EngineContact, HuntCrossley, KelvinVoigt
+from sim_backend.hooks import ContactEffect, Effects, JointEffect, SensorEffect
 from tests.sim_backend.parts import GRAVITY_M_S2, column, make_world, scenario, shipped_arm, slider, watch
 
 WEIGHT_N = GRAVITY_M_S2  # of the slider's 1 kg

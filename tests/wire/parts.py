@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import can
 import numpy as np
 
 from robot_io.clock import SimulatedClock
@@ -18,6 +19,10 @@ from sim_backend.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 ODRIVE = ROOT / "robots" / "odrive_3dof.yaml"
+V0_5 = (  # changes of that file for the older firmware
+    ('firmware: "0.6"', 'firmware: "0.5"'),
+    ("max_torque_nm:", "torque_constant_nm_a: 0.05, max_torque_nm:"),
+)
 CUBEMARS = ROOT / "robots" / "cubemars_3dof.yaml"
 READ_SHARE = 0.6  # of a tick, as the control loop allows
 DAMIAO = ROOT / "robots" / "damiao_3dof.yaml"
@@ -97,6 +102,18 @@ class WireBench:
             if done(self.tick(torque_nm)):
                 return count
         raise AssertionError(f"not within {most} ticks")
+
+    def intrude(self, *frames: tuple[int, bytes]) -> None:
+        """Frames (id, data) of a stranger on the motors' CAN bus."""
+        channel = self.arm.robot_file.buses["motors"].settings["channel"]
+        with can.Bus(interface="virtual", channel=channel, preserve_timestamps=True) as stranger:
+            for number, data in frames:
+                stranger.send(can.Message(arbitration_id=number, data=data, is_extended_id=False))
+
+    @property
+    def motors(self) -> list:
+        """The emulated motors on a CAN bus, by joint."""
+        return self.arm.wires["motors"]._nodes
 
     @property
     def drive_torque_nm(self) -> np.ndarray:

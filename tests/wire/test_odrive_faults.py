@@ -1,48 +1,19 @@
 """What goes wrong with ODrive axes, and what the robot makes of it."""
 
-import can
 import numpy as np
 import pytest
 
 from robot_io.errors import DeviceError
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
+from tests.wire.parts import V0_5
 
-V0_5 = (
-    ('firmware: "0.6"', 'firmware: "0.5"'),
-    ("max_torque_nm:", "torque_constant_nm_a: 0.05, max_torque_nm:"),
-)
 PUSH_NM = (3.0, -2.0, 1.0)
-
-
-TURNED = (("node_id: 1, gear_ratio: 9,", "node_id: 1, gear_ratio: 9, zero_rad: 0.3,"),)
-
-
-def nodes(bench):
-    return bench.arm.wires["motors"]._nodes
-
-
-@pytest.mark.parametrize("changes", [(), V0_5, TURNED], ids=["0.6", "0.5", "zero turned"])
-def test_torques_arrive_and_come_back_through_gears_and_signs(bench, changes):
-    arm = bench(changes=changes).start()
-    measurement = arm.ticks(20, PUSH_NM)
-    np.testing.assert_allclose(arm.drive_torque_nm, PUSH_NM, rtol=1e-6)
-    np.testing.assert_allclose(measurement.joint_torque_nm, PUSH_NM, atol=0.05)
-    truth = arm.arm.plant.world.truth()
-    since = measurement.joint_velocity_rad_s * (truth.time_s - measurement.encoder_at_s)
-    np.testing.assert_allclose(measurement.joint_position_rad + since, truth.joint_position_rad, atol=1e-3)
-
-
-def test_an_axis_that_is_not_there_is_named(bench):
-    arm = bench(changes=[("node_id: 1, gear_ratio: 9, max", "node_id: 1, gear_ratio: 9, max")])
-    arm.strike("motors", FaultKind.DROP, device=2)
-    with pytest.raises(DeviceError, match=r"joint 3 \(node 2\): no heartbeat"):
-        arm.robot.configure()
 
 
 def test_another_firmware_than_stated_is_refused(bench):
     arm = bench()
-    for node in nodes(arm):
+    for node in arm.motors:
         node._firmware = "0.5"
     with pytest.raises(DeviceError, match="Get_Version"):
         arm.robot.configure()
@@ -50,7 +21,7 @@ def test_another_firmware_than_stated_is_refused(bench):
 
 def test_a_newer_axis_than_stated_is_named(bench):
     arm = bench(changes=V0_5)
-    for node in nodes(arm):
+    for node in arm.motors:
         node._firmware = "0.6"
     with pytest.raises(
         DeviceError, match=r"joint 1 \(node 0\): has firmware 0\.6\.10, the robot file says 0\.5"
@@ -64,7 +35,7 @@ def test_a_newer_axis_than_stated_is_named(bench):
 def test_an_axis_as_delivered_sends_no_torques_and_is_told_what_to_set(bench, changes, remedy):
     arm = bench(changes=changes)
     bus = arm.robot.buses["motors"]
-    nodes(arm)[1]._torque = lambda: None
+    arm.motors[1]._torque = lambda: None
     with pytest.raises(DeviceError, match=rf"joint 2 \(node 1\): sends no torques; set .*{remedy}"):
         bus.configure()
     seen = [one.remedy for one in bus.examine() if "node 1" in one.subject]
@@ -88,7 +59,7 @@ def test_what_can_cannot_read_is_printed_as_commands(bench, changes, current):
 
 def test_an_axis_as_delivered_sends_too_rarely_and_is_told_what_to_set(bench):
     arm = bench()
-    nodes(arm)[2]._cyclic_s = 0.01
+    arm.motors[2]._cyclic_s = 0.01
     with pytest.raises(
         DeviceError, match=r"joint 3 \(node 2\): .* every 0.005 s; set .*encoder_msg_rate_ms = 1"
     ):
@@ -97,7 +68,7 @@ def test_an_axis_as_delivered_sends_too_rarely_and_is_told_what_to_set(bench):
 
 def test_torques_that_stop_name_their_joint(bench):
     arm = bench().start()
-    nodes(arm)[1]._torque = lambda: None
+    arm.motors[1]._torque = lambda: None
     assert arm.ticks_until(lambda m: bool(arm.problem), most=10) <= 7  # half of the age limit of 10 ms
     assert "joint 2 (node 1): no torques for" in arm.problem
     assert "node 0" not in arm.problem
@@ -109,7 +80,7 @@ def test_a_velocity_limiter_that_cuts_torques_is_named(bench):
     arm.arm.plant.world.held = True
     arm.ticks(10, (9.0, 1.0, 0.0))
     assert not arm.problem
-    nodes(arm)[0].velocity_limiter = (2.0, 1 / 6)
+    arm.motors[0].velocity_limiter = (2.0, 1 / 6)
     arm.ticks(10, (9.0, 1.0, 0.0))
     assert arm.drive_torque_nm[0] == pytest.approx(3.0, abs=0.2)
     assert "joint 1 (node 0): exerts 0.3" in arm.problem
@@ -120,12 +91,12 @@ def test_a_velocity_limiter_that_cuts_torques_is_named(bench):
 @pytest.mark.parametrize("watchdog_s", [None, 5.0])
 def test_a_watchdog_that_does_not_bite_is_refused(bench, watchdog_s):
     arm = bench()
-    nodes(arm)[1].watchdog_s = watchdog_s
+    arm.motors[1].watchdog_s = watchdog_s
     arm.robot.configure()
     with pytest.raises(DeviceError, match=r"watchdog of joint 2 \(node 1\) did not expire"):
         arm.robot.activate()
     assert not arm.drive_torque_nm.any()
-    assert all(node.state == 1 for node in nodes(arm))
+    assert all(node.state == 1 for node in arm.motors)
 
 
 @pytest.mark.parametrize(
@@ -143,8 +114,8 @@ def test_an_axis_error_is_named_and_a_fault_of_the_drives(bench, changes, name):
 
 def test_a_lost_heartbeat_is_told_from_lost_estimates(bench):
     arm = bench().start()
-    nodes(arm)[0]._heartbeat_s = 1e9
-    nodes(arm)[0]._next_heartbeat_s = 1e9
+    arm.motors[0]._heartbeat_s = 1e9
+    arm.motors[0]._next_heartbeat_s = 1e9
     ticks = arm.ticks_until(lambda m: m.torque_status is Status.FAULT)
     assert 20 < ticks <= 36  # three and a half periods of 10 ms
     assert "joint 1 (node 0): heartbeat lost" in arm.problem
@@ -172,10 +143,7 @@ def test_torque_off_that_nobody_confirms_is_an_error(bench):
 
 def test_a_babbling_node_does_not_hold_up_the_loop(bench):
     arm = bench().start()
-    section = arm.arm.robot_file.buses["motors"].settings
-    with can.Bus(interface="virtual", channel=section["channel"], preserve_timestamps=True) as stranger:
-        for _ in range(5000):
-            stranger.send(can.Message(arbitration_id=0x7F0, data=bytes(8), is_extended_id=False))
+    arm.intrude(*[(0x7F0, bytes(8))] * 5000)
     line = arm.robot.buses["motors"].line
     assert len(line.drain(arm.clock.now_s())) <= 1000
     arm.ticks(8)
@@ -184,7 +152,7 @@ def test_a_babbling_node_does_not_hold_up_the_loop(bench):
 
 def test_an_axis_that_somebody_left_on_is_off_after_configuring(bench):
     arm = bench()
-    node = nodes(arm)[1]
+    node = arm.motors[1]
     node.state, node._control_mode, node._input_torque_nm = 8, 1, 0.5
     node._fed_s = arm.clock.now_s()
     node._drive()
@@ -204,7 +172,7 @@ def test_an_old_heartbeat_confirms_nothing(bench):
 
 def test_a_version_other_than_0_6_is_named(bench):
     arm = bench()
-    node = nodes(arm)[2]
+    node = arm.motors[2]
     node._answer = lambda command: [node._message(0x00, bytes((2, 3, 6, 56, 0, 5, 6, 0)))]
     with pytest.raises(DeviceError, match=r"joint 3 \(node 2\): has firmware 0\.5\.6"):
         arm.robot.configure()
@@ -231,7 +199,7 @@ def test_what_was_staged_before_the_power_went_off_is_forgotten(bench):
 
 def test_an_encoder_that_has_failed_is_no_velocity_to_brake_against(bench):
     arm = bench().start()
-    nodes(arm)[1]._disarm(1 << 26)
+    arm.motors[1]._disarm(1 << 26)
     measurement = arm.ticks(12)
     assert measurement.encoder_status is Status.FAULT
     assert "SPINOUT_DETECTED" in arm.robot.bus_errors["motors"]

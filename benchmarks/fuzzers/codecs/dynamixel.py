@@ -41,7 +41,6 @@ class DynamixelPacketFuzzer(_Wire, StatusFuzzer):
     name = "dynamixel_packet"
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         return [decode_status(data)]
 
 
@@ -51,7 +50,6 @@ class DynamixelStreamFuzzer(_Wire, StatusStreamFuzzer):
     name = "dynamixel_stream"
 
     def reader(self) -> StatusReader:
-        """See `StatusStreamFuzzer.reader`."""
         return StatusReader(128)
 
 
@@ -69,10 +67,8 @@ class DynamixelFastReplyFuzzer(Fuzzer):
         return wire.fast_status([(i, int(rng.integers(256)), _data(rng, _SIZE)) for i in ids], len(ids))
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         return [self._reply.decode(data)]
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
-        """See `Fuzzer.is_wrong`."""
         parts = [(part.servo_id, part.error, part.data) for part in accepted]  # type: ignore[attr-defined]
         return [servo_id for servo_id, _, _ in parts] != list(_IDS) or wire.fast_status(parts, 3) != data

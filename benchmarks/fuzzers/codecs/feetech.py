@@ -32,7 +32,6 @@ class FeetechPacketFuzzer(_Wire, StatusFuzzer):
     name = "feetech_packet"
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         return [decode_status(data)]
 
 
@@ -42,5 +41,4 @@ class FeetechStreamFuzzer(_Wire, StatusStreamFuzzer):
     name = "feetech_stream"
 
     def reader(self) -> StatusReader:
-        """See `StatusStreamFuzzer.reader`."""
         return StatusReader(largest=64)

@@ -1,7 +1,6 @@
 """Sensors that write lines: every accepted value must stand in the stream as a number."""
 
 import re
-from typing import ClassVar
 
 import numpy as np
 
@@ -38,18 +37,16 @@ def _is(word: bytes, value: object) -> bool:
 class LoadstarFuzzer(_LinesFuzzer):
     """The continuous mode, in newtons."""
 
-    name: ClassVar[str] = "loadstar"
+    name = "loadstar"
 
     def __init__(self) -> None:
         super().__init__()
         self._stream = loadstar_stream(1.0, 100.0)
 
     def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
         return f"{rng.normal(scale=30.0):12.4f}\r\n".encode()
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         self._remember(data)
         return list(self._stream.feed(data))
 
@@ -57,18 +54,16 @@ class LoadstarFuzzer(_LinesFuzzer):
 class PatternFuzzer(_LinesFuzzer):
     """A gauge that names its unit."""
 
-    name: ClassVar[str] = "force_lines"
+    name = "force_lines"
 
     def __init__(self) -> None:
         super().__init__()
         self._stream = pattern_stream(r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>N)", None, 1.0, 1e9)
 
     def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
         return f"{rng.normal(scale=30.0):.3f} N\r\n".encode()
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         self._remember(data)
         return list(self._stream.feed(data))
 
@@ -76,24 +71,21 @@ class PatternFuzzer(_LinesFuzzer):
 class CellFuzzer(Fuzzer):
     """A load cell on a microcontroller; the CRC is made again by its emulator."""
 
-    name: ClassVar[str] = "microcontroller_cell"
+    name = "microcontroller_cell"
 
     def __init__(self) -> None:
         self._seen, self._counter = b"", 0
         self._stream = CellStream(1.0, 0.0, 100.0)
 
     def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
         self._counter = (self._counter + 1) % 256
         return line(f"{self._counter} {int(rng.integers(-(1 << 23), 1 << 23))}")
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         self._seen = (self._seen + data)[-_MEMORY - len(data) :]
         return list(self._stream.feed(data))
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
-        """See `Fuzzer.is_wrong`."""
         lines = (one.rpartition(b"*") for one in re.split(rb"[\r\n]", self._seen))
         sound = (text.split() for text, _, digits in lines if digits == b"%04X" % crc(text))
         return not any(_is(words[-1], accepted) for words in sound if words)

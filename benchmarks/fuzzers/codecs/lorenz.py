@@ -3,8 +3,6 @@
 Telegrams are made and judged by the emulator, which shares no code with the codec.
 """
 
-from typing import ClassVar
-
 import numpy as np
 
 from robot_io.drivers.serial_force.lorenz_protocol import (
@@ -20,15 +18,13 @@ from ..fuzzer import Fuzzer
 class LorenzTelegramFuzzer(Fuzzer):
     """Telegrams to a fresh reader."""
 
-    name: ClassVar[str] = "lorenz_telegram"
+    name = "lorenz_telegram"
 
     def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
         parameters = rng.choice(np.array([0, 1, 2, 3, 255], np.uint8), int(rng.integers(12))).tobytes()
         return telegram(int(rng.integers(256)), 255, parameters)
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         return list(TelegramReader().feed(data))
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
@@ -42,7 +38,7 @@ class LorenzTelegramFuzzer(Fuzzer):
 class LorenzStreamFuzzer(Fuzzer):
     """One endless stream: a value must stand between two counters that go on by one."""
 
-    name: ClassVar[str] = "lorenz_stream"
+    name = "lorenz_stream"
 
     def __init__(self) -> None:
         self._stream = LorenzStream(0.5)
@@ -50,7 +46,6 @@ class LorenzStreamFuzzer(Fuzzer):
         self._recent = b""
 
     def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
         samples = b""
         for _ in range(6):
             samples += bytes((self._counter,)) + rng.bytes(2)
@@ -58,12 +53,10 @@ class LorenzStreamFuzzer(Fuzzer):
         return samples
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         self._recent = (self._recent + data)[-100 - len(data) :]
         return list(self._stream.feed(data))
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
-        """See `Fuzzer.is_wrong`."""
         recent = self._recent
         counts = int(2.0 * accepted)  # type: ignore[operator]
         value = bytes((counts // 256 % 256, counts % 256))

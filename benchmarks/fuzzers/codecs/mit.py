@@ -1,7 +1,5 @@
 """MIT-mode motors. CAN's checksum is in the adapter; what is accepted must be packed to the same bits."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from robot_io.drivers.can.line import CanFrame
@@ -21,14 +19,12 @@ _FIELDS = (
 class MitFuzzer(Fuzzer):
     """States of one motor."""
 
-    name: ClassVar[str] = "mit"
+    name = "mit"
 
     def frame(self, rng: np.random.Generator) -> bytes:
-        """See `Fuzzer.frame`."""
         return b"\x01" + rng.bytes(5 if rng.random() < 0.3 else 7)
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         return [mit.decode_state(CanFrame(0, data), _RANGES)]
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
@@ -49,10 +45,9 @@ class MitFuzzer(Fuzzer):
 class DamiaoFuzzer(MitFuzzer):
     """States of one of Damiao's, whose status stands above the id, and whose last bytes are temperatures."""
 
-    name: ClassVar[str] = "mit_damiao"
+    name = "mit_damiao"
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         return [mit.decode_state(CanFrame(0, data), _RANGES, status_beside_id=True)]
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:

@@ -1,7 +1,5 @@
 """ODrive CANSimple. CAN's checksum is in the adapter; what is accepted must be what numpy reads there."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from robot_io.drivers.can.line import CanFrame
@@ -18,7 +16,7 @@ _PARTS = ("motor", "encoder", "controller")  # with a flag each in the last thre
 class OdriveFuzzer(Fuzzer):
     """The first byte says which message it is, the rest is its data."""
 
-    name: ClassVar[str] = "odrive"
+    name = "odrive"
 
     def frame(self, rng: np.random.Generator) -> bytes:
         """See `Fuzzer.frame`; floats may be none."""
@@ -29,7 +27,6 @@ class OdriveFuzzer(Fuzzer):
         return bytes((int(rng.integers(6)),)) + (beat if rng.random() < 0.3 else floats.tobytes())
 
     def decode(self, data: bytes) -> list[object]:
-        """See `Fuzzer.decode`."""
         frame = CanFrame(0x20, data[1:])
         match data[0] % 6 if data else 0:
             case 0:
@@ -46,7 +43,6 @@ class OdriveFuzzer(Fuzzer):
                 return [odrive.decode_version(frame)]
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
-        """See `Fuzzer.is_wrong`."""
         if len(data) != 9:
             return True
         kind, content = data[0] % 6, np.frombuffer(data[1:], dtype=np.uint8)

@@ -27,17 +27,13 @@ _RETRACT_M_S = 0.05
 
 @dataclass(frozen=True)
 class ContactModel:
-    """How the follower describes an object, and how the leader renders it.
+    """How the follower describes an object, and how the leader renders it."""
 
-    Attributes:
-        fit: samples (n, 3) in contact, of position [m], velocity [m/s] and compression [N], to parameters.
-        law: parameters to the force law and the position of the surface [m].
-        guess: parameters before anything was probed.
-    """
-
+    # Samples (n, 3) in contact, of position [m], velocity [m/s] and compression [N], to parameters.
     fit: Callable[[FloatArray], Packet]
+    # Parameters to the force law and the position of the surface [m].
     law: Callable[[Packet], tuple[ForceLaw, float]]
-    guess: Packet
+    guess: Packet  # parameters before anything was probed
 
 
 def _fit_kelvin_voigt(samples: FloatArray) -> Packet:
@@ -147,10 +143,10 @@ class ModelMediatedFollower(Side):
         self.stage = Stage.IDLE
 
 
-def model_mediated(model: ContactModel = KELVIN_VOIGT, way: ProbingWay | None = None) -> Coupling:
-    """The coupling for a kind of object and a way to probe it."""
+def model_mediated(model: ContactModel = KELVIN_VOIGT) -> Coupling:
+    """The coupling for a kind of object."""
     return Coupling(
         "model-mediated",
         lambda: ModelMediatedLeader(model),
-        lambda: ModelMediatedFollower(model, way or ProbingWay()),
+        lambda: ModelMediatedFollower(model, ProbingWay()),
     )

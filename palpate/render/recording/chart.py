@@ -23,23 +23,14 @@ _BAR_WIDTH = 24.0
 
 @dataclass(frozen=True)
 class Chart:
-    """A frame with axes.
+    """A frame with axes."""
 
-    Attributes:
-        entity: path below which everything of it lies.
-        x: least and largest value of the horizontal axis.
-        y: the same for the vertical one.
-        x_label: what runs along it, with unit.
-        y_label: the same for the vertical one.
-        width: of the frame, in the view's own units.
-    """
-
-    entity: str
-    x: tuple[float, float]
-    y: tuple[float, float]
-    x_label: str
-    y_label: str
-    width: float = WIDTH
+    entity: str  # path below which everything of it lies
+    x: tuple[float, float]  # least and largest value of the horizontal axis
+    y: tuple[float, float]  # the same for the vertical one
+    x_label: str  # what runs along it, with unit
+    y_label: str  # the same for the vertical one
+    width: float = WIDTH  # of the frame, in the view's own units
 
     def place(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Points (n, 2) in the view, whose vertical axis runs downwards; cut off at the frame."""

@@ -26,27 +26,18 @@ _VECTORS = (  # with one joint a session reads them back as scalars
 
 @dataclass(frozen=True)
 class Scene:
-    """A probing session as the recording shows it.
+    """A probing session as the recording shows it."""
 
-    Attributes:
-        name: what to call it.
-        ticks: columns of the "tick" stream, n rows.
-        urdf: text of the arm's URDF, empty if there is none.
-        events: what happened.
-        estimate: outcome of the best offline estimator, if one was run.
-        surface_m: coordinate of the surface along the press direction [m], None if nothing was touched.
-        truth: true parameters by name (as in `estimate`), where the session is simulated.
-        summary: markdown for people.
-    """
-
-    name: str
-    ticks: Columns
-    urdf: str
-    events: tuple[Event, ...] = ()
-    estimate: Estimate | None = None
+    name: str  # what to call it
+    ticks: Columns  # columns of the "tick" stream, n rows
+    urdf: str  # text of the arm's URDF, empty if there is none
+    events: tuple[Event, ...] = ()  # what happened
+    estimate: Estimate | None = None  # outcome of the best offline estimator, if one was run
+    # Coordinate of the surface along the press direction [m], None if nothing was touched.
     surface_m: float | None = None
+    # True parameters by name (as in `estimate`), where the session is simulated.
     truth: Mapping[str, float] = field(default_factory=dict)
-    summary: str = ""
+    summary: str = ""  # markdown for people
 
     @property
     def time_s(self) -> FloatArray:

@@ -7,9 +7,9 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from estimation.signals.blocks import places
 from palpate.render import palette
-from palpate.render.build import stretches
-from palpate.render.phase_colors import phase
+from palpate.render.palette import phase
 from palpate.render.recording.arm import log_arm, log_object, view_3d
 from palpate.render.recording.scene import Scene
 from palpate.render.recording.stream import TIME, plot, recording_file, send_lines, shown_on, time_column
@@ -58,7 +58,7 @@ def _log_contact(recording: rr.RecordingStream, scene: Scene) -> None:
 
 def log_phases(recording: rr.RecordingStream, entity: str, phases: IntArray, time_s: FloatArray) -> None:
     """Log what an arm is doing, from numbers of `Phase` at times (n,) [s], by name and colour."""
-    first = np.array([start for start, _ in stretches(phases)])
+    first, _ = places(phases)
     shown = [phase(int(number)) for number in phases[first]]
     colors = {name: palette.rgb(color) for name, color in shown}
     known = rr.StateConfiguration(values=list(colors), labels=list(colors), colors=list(colors.values()))

@@ -11,7 +11,6 @@ import numpy as np
 
 from control.loop.phases import Phase
 from control.probing.plan import ProbingPlan
-from estimation.accuracy import cramer_rao
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData
 from estimation.contact_estimator import ContactEstimator, ContactLaw
@@ -24,6 +23,7 @@ from estimation.estimators import ESTIMATORS
 from estimation.fit.samples import fit_samples, slopes_of
 from estimation.model import Model
 from estimation.models import MODELS
+from estimation.statistics.uncertainty import cramer_rao
 from estimation.study.channels import CONTACT_MODEL
 from palpate.runs.hiding import hide
 from palpate.runs.in_memory import probe_in_memory
@@ -122,11 +122,7 @@ def _probed(text: str, seed: int) -> tuple[Samples, Scenario]:
 
 
 def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
-    """The simulated world of a case.
-
-    Raises:
-        InputError: the parameters do not fit each other.
-    """
+    """The simulated world of a case. InputError: the parameters do not fit each other."""
     data = load_scenario(parameters["scenario"]).model_dump()
     data["object"]["law"] = parameters["law"]
     data["sensors"]["force"]["noise_std_n"] = parameters["noise_std_n"]

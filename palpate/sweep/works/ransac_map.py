@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from estimation.accuracy import cramer_rao
 from estimation.estimate_channel import fitting_rows
 from estimation.estimators.ransac import Ransac
 from estimation.regression import Regression
+from estimation.statistics.uncertainty import cramer_rao
 from palpate.sweep.case import Row
 from palpate.sweep.works.probing import contact_channel, probed
 from palpate.truth import SURFACE, truth_of

@@ -1,7 +1,6 @@
 """A bus of Dynamixel servos of the X series in current control."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
@@ -9,7 +8,7 @@ from robot_io.driver import DriverContext
 from robot_io.drivers.dynamixel import protocol
 from robot_io.drivers.dynamixel.examination import examine_servos
 from robot_io.drivers.dynamixel.feedback import Feedback, feedback_problem, hardware_problem
-from robot_io.drivers.dynamixel.servos import ServoIdentity, ServoLine
+from robot_io.drivers.dynamixel.servos import DynamixelLine, ServoIdentity
 from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
 from robot_io.drivers.dynamixel.tables import GOAL_CURRENT, POSITION_STEP_RAD, VELOCITY_STEP_RAD_S
 from robot_io.drivers.servo.bus import ServoBus
@@ -33,7 +32,7 @@ def count_steps(servos: Sequence[ServoSettings]) -> FloatArray:
 class DynamixelBus(ServoBus):
     """Servos of the X series in current control, Protocol 2.0."""
 
-    name: ClassVar[str] = "dynamixel_bus"
+    name = "dynamixel_bus"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._settings = own = context.settings_as(DynamixelSettings, settings)
@@ -43,7 +42,7 @@ class DynamixelBus(ServoBus):
         joints = ServoJoints(own.servos, middle_rad, count_steps(own.servos))
         super().__init__(port, [servo.id for servo in own.servos], joints, context)
         self._torque_steps_nm: list[float] = joints.steps[2].tolist()
-        self._line = ServoLine(own, port, context.clock)
+        self._line: DynamixelLine = DynamixelLine(own, port, context.clock)
         self._largest_current = [servo.servo_model.largest_current for servo in own.servos]
 
     @property
@@ -95,22 +94,12 @@ class DynamixelBus(ServoBus):
         goals = dict.fromkeys(self._ids, bytes(GOAL_CURRENT.size))
         return len(protocol.sync_write(GOAL_CURRENT.address, goals))
 
-    def _switch_on(self) -> None:
-        self._line.switch_on()
-
-    def _switch_off(self) -> None:
-        self._line.switch_off()
-
-    @property
-    def _last_resort(self) -> str:
-        return self._line.last_resort
-
 
 class DynamixelEncoder(ServoEncoder):
     """Positions and velocities from a `dynamixel_bus`; the servo's velocity has steps of 0.024 rad/s."""
 
-    name: ClassVar[str] = "dynamixel_encoder"
-    bus_type: ClassVar[type[ServoBus]] = DynamixelBus
+    name = "dynamixel_encoder"
+    bus_type = DynamixelBus
 
 
 class DynamixelTorque(ServoTorque):
@@ -119,5 +108,5 @@ class DynamixelTorque(ServoTorque):
     Both command and measurement are of the motor current; what the gears' friction takes is in neither.
     """
 
-    name: ClassVar[str] = "dynamixel_torque"
-    bus_type: ClassVar[type[ServoBus]] = DynamixelBus
+    name = "dynamixel_torque"
+    bus_type = DynamixelBus

@@ -8,7 +8,7 @@ Protocol 2.0" and "CRC Calculation".
 """
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from robot_io.drivers.servo.stream import PacketStream, equal_parts
 from robot_io.errors import ProtocolError
@@ -113,8 +113,8 @@ def decode_status(packet: bytes) -> StatusPacket:
 class StatusReader(PacketStream[StatusPacket]):
     """Finds status packets in a stream; see `PacketStream`."""
 
-    header: ClassVar[bytes] = HEADER
-    head: ClassVar[int] = _HEAD
+    header = HEADER
+    head = _HEAD
 
     def __init__(self, largest: int = LARGEST_PACKET) -> None:
         super().__init__(largest)

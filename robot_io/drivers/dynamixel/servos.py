@@ -1,6 +1,7 @@
 """Setting up the servos of one bus, from the first ping to torque on and off; may take milliseconds."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from robot_io.clock import Clock
 from robot_io.drivers.dynamixel import protocol, tables
@@ -13,8 +14,9 @@ from robot_io.drivers.dynamixel.tables import (
     model_name,
 )
 from robot_io.drivers.servo.access import RegisterAccess
+from robot_io.drivers.servo.dialect import Dialect
 from robot_io.drivers.servo.feedback import FeedbackReader
-from robot_io.drivers.servo.line import TorqueSwitch, check_all_there, switch_off
+from robot_io.drivers.servo.line import ServoLine
 from robot_io.errors import DeviceError
 from robot_io.serial_port import SerialPort
 
@@ -50,8 +52,8 @@ class ServoIdentity:
     hardware_error: str  # names of its hardware errors, or "none"
 
 
-class ServoLine:
-    """Sets servos up and switches them; everything here may take milliseconds.
+class DynamixelLine(ServoLine):
+    """See `ServoLine`.
 
     Args:
         settings: the bus.
@@ -62,12 +64,14 @@ class ServoLine:
         identities: one per servo, once they have been looked at.
     """
 
+    dialect: ClassVar[Dialect] = protocol
+    torque_enable = tables.TORQUE_ENABLE
+    ping_size = protocol.PING_SIZE
+    registers: DynamixelAccess
+
     def __init__(self, settings: DynamixelSettings, port: SerialPort, clock: Clock) -> None:
-        self._settings = settings
-        self._port = port
-        self._clock = clock
-        self._registers = DynamixelAccess(port, clock)
-        self._ids = [servo.id for servo in settings.servos]
+        super().__init__(port, DynamixelAccess(port, clock), [servo.id for servo in settings.servos])
+        self._settings, self._clock = settings, clock
         self.identities: tuple[ServoIdentity, ...] = ()
 
     def identify(self) -> None:
@@ -75,11 +79,11 @@ class ServoLine:
 
         DeviceError: a servo is missing, is another model, is too old, or does not fit as it is set up.
         """
-        check_all_there(self._registers, self._ids, self._settings.baud_rate, protocol.PING_SIZE)
+        self._check_all_there(self._settings.baud_rate)
         self.identities = tuple(self._identify(servo) for servo in self._settings.servos)
 
     def _identify(self, servo: ServoSettings) -> ServoIdentity:
-        number, firmware = self._registers.who(servo.id)
+        number, firmware = self.registers.who(servo.id)
         if number != servo.servo_model.number:
             raise DeviceError(
                 f"servo {servo.id} is a {model_name(number)}, the robot file says {servo.model}"
@@ -89,8 +93,8 @@ class ServoLine:
                 f"servo {servo.id} has firmware {firmware}: update it, there is no bus watchdog before "
                 f"{WATCHDOG_FIRMWARE}"
             )
-        self._registers.settle_unanswered(servo.id, tables.STATUS_RETURN_LEVEL, tables.ANSWER_EVERYTHING)
-        read = self._registers.read
+        self.registers.settle_unanswered(servo.id, tables.STATUS_RETURN_LEVEL, tables.ANSWER_EVERYTHING)
+        read = self.registers.read
         trouble = tables.drive_mode_trouble(read(servo.id, tables.DRIVE_MODE))
         if trouble:
             raise DeviceError(f"servo {servo.id}: its drive mode says: {trouble}")
@@ -121,11 +125,11 @@ class ServoLine:
         """
         addresses = b"".join(address.to_bytes(2, "little") for address in block_addresses())
         for servo_id in self._ids:
-            settle = self._registers.settle
+            settle = self.registers.settle
             settle(servo_id, tables.TORQUE_ENABLE, 0)
             settle(servo_id, tables.RETURN_DELAY_TIME, self._settings.return_delay, keeps=True)
             what = "gathering its feedback"
-            self._registers.write_bytes(servo_id, tables.INDIRECT_ADDRESS, addresses, what)
+            self.registers.write_bytes(servo_id, tables.INDIRECT_ADDRESS, addresses, what)
             settle(servo_id, tables.BUS_WATCHDOG, 0)  # forgets that it has fired
             settle(servo_id, tables.BUS_WATCHDOG, self._settings.watchdog)
 
@@ -137,24 +141,15 @@ class ServoLine:
         self.prepare_feedback()
         for servo_id in self._ids:
             mode = tables.CURRENT_CONTROL
-            self._registers.settle(servo_id, tables.OPERATING_MODE, mode, keeps=True)
+            self.registers.settle(servo_id, tables.OPERATING_MODE, mode, keeps=True)
 
     def switch_on(self) -> None:
         """Torque on, at zero. DeviceError: a servo refused, with its hardware error if it has one."""
         for servo_id in self._ids:
-            self._registers.settle(servo_id, tables.GOAL_CURRENT, 0)
+            self.registers.settle(servo_id, tables.GOAL_CURRENT, 0)
         for servo_id in self._ids:
-            self._registers.settle(servo_id, tables.TORQUE_ENABLE, 1)
-
-    def switch_off(self) -> None:
-        """Torque off, asked of every servo until it says so.
-
-        DeviceError: some did not say so, by id; their watchdogs let go when nothing is sent any more.
-        """
-        switch = TorqueSwitch(tables.TORQUE_ENABLE, self.last_resort)
-        switch_off(protocol, self._port, self._registers, self._ids, switch)
+            self.registers.settle(servo_id, tables.TORQUE_ENABLE, 1)
 
     @property
     def last_resort(self) -> str:
-        """What happens when a servo cannot be told anything."""
         return f"its watchdog switches it off {self._settings.watchdog_s:g} s after the last command"

@@ -7,7 +7,6 @@ motor by its duty cycle and speed; what the gears' friction takes is in none of 
 """
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from robot_io.drivers.feetech.feedback import (
     feedback_reader,
     hardware_problem,
 )
-from robot_io.drivers.feetech.servos import LAST_RESORT, FeetechLine, ServoIdentity
+from robot_io.drivers.feetech.servos import FeetechLine
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
 from robot_io.drivers.servo.bus import ServoBus
 from robot_io.drivers.servo.devices import ServoEncoder, ServoTorque
@@ -48,7 +47,7 @@ def count_steps(servos: Sequence[FeetechServo]) -> FloatArray:
 class FeetechBus(ServoBus):
     """Servos of the STS series; those that just hold are read and watched as the joints are."""
 
-    name: ClassVar[str] = "feetech_bus"
+    name = "feetech_bus"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._settings = own = context.settings_as(FeetechSettings, settings)
@@ -62,7 +61,7 @@ class FeetechBus(ServoBus):
         self._stiffness_nm_rad = self._stall_nm * own.duty_per_rad
         self._half_tick_s = 0.5 / context.robot_file.control_rate_hz
         torque_limits = self._torque_limits(limits)
-        self._line = FeetechLine(own, torque_limits, port, context.clock)
+        self._line: FeetechLine = FeetechLine(own, torque_limits, port, context.clock)
         fastest_counts_s = _FASTEST * max(model.no_load_rad_s for model in models) / tables.POSITION_STEP_RAD
         told = {servo_id: (0, 0, 0, limit, 1) for servo_id, limit in torque_limits.items()}
         self._plausibility = Plausibility(context.clock, told, fastest_counts_s)
@@ -79,11 +78,6 @@ class FeetechBus(ServoBus):
         duty = np.maximum([*(turning_nm / self._stall_nm), *held], _LEAST_DUTY)
         counts = np.minimum(np.ceil(duty / tables.DUTY_PER_LOAD), tables.LARGEST_LIMIT)
         return dict(zip(own.ids, map(int, counts.tolist()), strict=True))
-
-    @property
-    def identities(self) -> tuple[ServoIdentity, ...]:
-        """Who answered when the bus was configured."""
-        return self._line.identities
 
     def examine(self) -> tuple[Finding, ...]:
         """See `Examinable.examine`."""
@@ -151,23 +145,16 @@ class FeetechBus(ServoBus):
         self._plausibility.restart()
         self._plausibility.sent(self._line.switch_on())
 
-    def _switch_off(self) -> None:
-        self._line.switch_off()
-
-    @property
-    def _last_resort(self) -> str:
-        return LAST_RESORT
-
 
 class FeetechEncoder(ServoEncoder):
     """Positions and velocities from a `feetech_bus`."""
 
-    name: ClassVar[str] = "feetech_encoder"
-    bus_type: ClassVar[type[ServoBus]] = FeetechBus
+    name = "feetech_encoder"
+    bus_type = FeetechBus
 
 
 class FeetechTorque(ServoTorque):
     """Torques of a `feetech_bus`, commanded and measured as duty cycles of the motors; see there."""
 
-    name: ClassVar[str] = "feetech_torque"
-    bus_type: ClassVar[type[ServoBus]] = FeetechBus
+    name = "feetech_torque"
+    bus_type = FeetechBus

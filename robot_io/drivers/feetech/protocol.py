@@ -7,7 +7,7 @@ little-endian. Source: Feetech, "Magnetic encoder smart servo communication prot
 """
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from robot_io.drivers.servo.stream import PacketStream, bit_names, equal_parts
 from robot_io.errors import ProtocolError
@@ -98,8 +98,8 @@ class StatusReader(PacketStream[StatusPacket]):
         largest: no expected packet has more bytes; a damaged length is not waited for.
     """
 
-    header: ClassVar[bytes] = HEADER
-    head: ClassVar[int] = AROUND
+    header = HEADER
+    head = AROUND
 
     def __init__(self, echo: bytes = b"", largest: int = _LARGEST_LENGTH) -> None:
         super().__init__(largest)

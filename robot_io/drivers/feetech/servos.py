@@ -2,17 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 from robot_io.clock import Clock
 from robot_io.drivers.feetech import protocol, tables
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
 from robot_io.drivers.feetech.tables import model_name
 from robot_io.drivers.servo.access import RegisterAccess
-from robot_io.drivers.servo.line import TorqueSwitch, check_all_there, switch_off
+from robot_io.drivers.servo.dialect import Dialect
+from robot_io.drivers.servo.line import ServoLine
 from robot_io.errors import DeviceError
 from robot_io.serial_port import SerialPort
 
-LAST_RESORT = "it has no watchdog and holds its last goal: switch its supply off"
 _VOLTAGE_SHARE = 0.25  # of the model's voltage; 7.4 and 12 V are told apart
 
 # What makes the servo's own law the plain one of `tables`, beside the P coefficient; held until it restarts,
@@ -37,7 +38,6 @@ _PLAIN_LAW = (
 class ServoIdentity:
     """What a servo said of itself when it was looked at."""
 
-    id: int  # its id
     model: str  # name of its model
     firmware: str  # version
     voltage_v: float  # input voltage [V]
@@ -46,8 +46,8 @@ class ServoIdentity:
     homing_offset: int  # what is taken off its position [counts]
 
 
-class FeetechLine:
-    """Sets servos up and switches them; everything here may take milliseconds.
+class FeetechLine(ServoLine):
+    """See `ServoLine`.
 
     Args:
         settings: the bus.
@@ -60,11 +60,16 @@ class FeetechLine:
         identities: one per servo of a joint, once they have been looked at.
     """
 
+    dialect: ClassVar[Dialect] = protocol
+    torque_enable = tables.TORQUE_ENABLE
+    ping_size = protocol.ID_SIZE
+    last_resort = "it has no watchdog and holds its last goal: switch its supply off"
+
     def __init__(
         self, settings: FeetechSettings, torque_limits: Mapping[int, int], port: SerialPort, clock: Clock
     ) -> None:
-        self._settings, self.torque_limits, self._port = settings, torque_limits, port
-        self.registers = RegisterAccess(protocol, port, clock)
+        super().__init__(port, RegisterAccess(protocol, port, clock), settings.ids)
+        self._settings, self.torque_limits = settings, torque_limits
         self.identities: tuple[ServoIdentity, ...] = ()
 
     def identify(self) -> None:
@@ -72,7 +77,7 @@ class FeetechLine:
 
         DeviceError: a servo is missing, is another model, or does not fit as it is set up.
         """
-        check_all_there(self.registers, self._settings.ids, self._settings.baud_rate, protocol.ID_SIZE)
+        self._check_all_there(self._settings.baud_rate)
         for servo_id in self._settings.ids:
             self.registers.settle_unanswered(servo_id, tables.LOCK, 1)
             self.registers.settle_unanswered(servo_id, tables.RESPONSE_LEVEL, tables.ANSWER_EVERYTHING)
@@ -96,7 +101,6 @@ class FeetechLine:
         firmware = read(servo_id, tables.FIRMWARE)
         limits_v = (read(servo_id, tables.MIN_VOLTAGE), read(servo_id, tables.MAX_VOLTAGE))
         return ServoIdentity(
-            id=servo_id,
             model=servo.model,
             firmware=f"{firmware & 0xFF}.{firmware >> 8}",
             voltage_v=0.1 * read(servo_id, tables.PRESENT_VOLTAGE),
@@ -129,11 +133,6 @@ class FeetechLine:
         for servo_id in self._settings.ids:
             registers.settle(servo_id, tables.TORQUE_ENABLE, 1)
         return goals
-
-    def switch_off(self) -> None:
-        """Torque off, asked of every servo until it says so. DeviceError: some did not, by id."""
-        switch = TorqueSwitch(tables.TORQUE_ENABLE, LAST_RESORT)
-        switch_off(protocol, self._port, self.registers, self._settings.ids, switch)
 
 
 def identity_trouble(servo: FeetechServo, found: ServoIdentity) -> str | None:

@@ -7,7 +7,6 @@ takes in. While the torque is off, each poll asks again.
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from math import inf
-from typing import ClassVar
 
 from robot_io.driver import DriverContext
 from robot_io.drivers.can.line import CanFrame
@@ -30,7 +29,7 @@ _LATEST_WATCHDOG = 1.5  # times its time: it has fired by then
 class MitBus(MotorBus):
     """MIT-mode motors on a CAN bus."""
 
-    name: ClassVar[str] = "mit_bus"
+    name = "mit_bus"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         own = context.settings_as(MitBusSettings, settings)
@@ -326,12 +325,12 @@ class MitBus(MotorBus):
 class MitEncoder(MotorEncoder):
     """Positions and velocities that MIT-mode motors report; the settings are the bus's."""
 
-    name: ClassVar[str] = "mit_encoder"
-    bus_type: ClassVar[type[MotorBus]] = MitBus
+    name = "mit_encoder"
+    bus_type = MitBus
 
 
 class MitTorque(MotorTorque):
     """Torques to and from MIT-mode motors; the settings are the bus's."""
 
-    name: ClassVar[str] = "mit_torque"
-    bus_type: ClassVar[type[MotorBus]] = MitBus
+    name = "mit_torque"
+    bus_type = MitBus

@@ -7,7 +7,6 @@ at the control rate), current limit and watchdog.
 
 from collections.abc import Mapping
 from math import inf, tau
-from typing import ClassVar
 
 from robot_io.driver import DriverContext
 from robot_io.drivers.can.line import CanFrame
@@ -47,7 +46,7 @@ class OdriveBus(MotorBus):
     it expire.
     """
 
-    name: ClassVar[str] = "odrive_bus"
+    name = "odrive_bus"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         own = context.settings_as(OdriveBusSettings, settings)
@@ -345,12 +344,12 @@ class OdriveBus(MotorBus):
 class OdriveEncoder(MotorEncoder):
     """Positions and velocities that ODrive axes estimate; the settings are the bus's."""
 
-    name: ClassVar[str] = "odrive_encoder"
-    bus_type: ClassVar[type[MotorBus]] = OdriveBus
+    name = "odrive_encoder"
+    bus_type = OdriveBus
 
 
 class OdriveTorque(MotorTorque):
     """Torques to and from ODrive axes; the settings are the bus's."""
 
-    name: ClassVar[str] = "odrive_torque"
-    bus_type: ClassVar[type[MotorBus]] = OdriveBus
+    name = "odrive_torque"
+    bus_type = OdriveBus

@@ -1,18 +1,14 @@
 """Any force gauge that writes one line a sample: Mark-10, OpenScale, a microcontroller ..."""
 
 import re
-from collections.abc import Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated
 
-from pydantic import AfterValidator, Field, StrictBool, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
-from robot_io.driver import DriverContext
-from robot_io.drivers.serial_force.line import SerialLine
+from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
 from robot_io.drivers.serial_force.text import LineStream, known_unit, newtons_per
 from robot_io.errors import InputError, ProtocolError
-from robot_io.files.file_model import FileModel, Positive
-from robot_io.interfaces import ForceSensor
-from robot_io.types import Reading
+from robot_io.files.file_model import Positive
 
 MAX_PATTERN = 200
 _REPEATED_GROUP = re.compile(r"\)[*+{]")  # the only way to backtrack for ever on a short line
@@ -61,7 +57,7 @@ def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: floa
     return LineStream(parse, largest_n)
 
 
-class ForceLinesSettings(FileModel):
+class ForceLinesSettings(SerialForceSettings):
     """What the robot file says."""
 
     # Regular expression for a whole line, with a group (?P<value>...) and perhaps (?P<unit>...).
@@ -69,7 +65,6 @@ class ForceLinesSettings(FileModel):
     unit: Annotated[str | None, AfterValidator(known_unit)] = None  # unit of lines that name none
     scale: Positive = 1.0  # what a value is multiplied with before its unit; for its sign there is `reversed`
     capacity_n: Positive  # from this force on the sensor is saturated [N]
-    reversed: StrictBool = False  # whether the sensor counts tension as positive
     # What to send to make it stream, such as a carriage return.
     start: Annotated[str, Field(max_length=100)] = ""
 
@@ -80,14 +75,12 @@ class ForceLinesSettings(FileModel):
         return pattern
 
 
-class ForceLines(ForceSensor):
+class ForceLines(SerialForceSensor):
     """A force sensor that writes lines, on a `serial_line`."""
 
-    name: ClassVar[str] = "force_lines"
-
-    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        self._own = context.settings_as(ForceLinesSettings, settings)
-        self._bus = context.bus_as(SerialLine)
+    name = "force_lines"
+    Settings = ForceLinesSettings
+    _own: ForceLinesSettings
 
     def configure(self) -> None:
         """Start to listen. DeviceError: the port failed."""
@@ -96,6 +89,3 @@ class ForceLines(ForceSensor):
         self._bus.listen(stream, own.capacity_n)
         if own.start:
             self._bus.write(own.start.encode("ascii", "replace"))
-
-    def read_force(self) -> Reading:
-        return self._bus.reading(reversed_sign=self._own.reversed)

@@ -5,7 +5,7 @@ import select
 import threading
 from collections.abc import Callable, Mapping
 from math import isnan, nan
-from typing import Annotated, ClassVar, NamedTuple, TypeVar
+from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
 import serial
@@ -201,7 +201,7 @@ class SerialLine(Bus):
         sample: newest reading as of the last poll; None before the first.
     """
 
-    name: ClassVar[str] = "serial_line"
+    name = "serial_line"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._own = context.settings_as(SerialLineSettings, settings)

@@ -6,19 +6,13 @@ stream; readings come as decimal numbers in the unit that UNITS answers.
 """
 
 import re
-from collections.abc import Mapping
-from typing import ClassVar
 
 from pydantic import StrictBool
 
-from robot_io.driver import DriverContext
-from robot_io.drivers.serial_force.line import SerialLine
+from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
 from robot_io.drivers.serial_force.text import LineSplitter, LineStream, newtons_per, text_of
 from robot_io.errors import DeviceError, ProtocolError
-from robot_io.examination import Examinable, Finding, ok
-from robot_io.files.file_model import FileModel, Positive
-from robot_io.interfaces import ForceSensor
-from robot_io.types import Reading
+from robot_io.files.file_model import Positive
 
 PING, YES, NO = b"\r", "A", "?"
 ASK_MODEL, ASK_UNITS, ASK_CAPACITY = b"MODEL\r", b"UNITS\r", b"LC\r"
@@ -61,23 +55,20 @@ def loadstar_stream(newtons_per_unit: float, capacity_n: float) -> LineStream:
     return LineStream(parse, 2.0 * capacity_n)
 
 
-class LoadstarSettings(FileModel):
+class LoadstarSettings(SerialForceSettings):
     """What the robot file says."""
 
     capacity_n: Positive  # capacity of the load cell [N]; the interface must say the same within 1 %
-    reversed: StrictBool = False  # whether the load cell counts tension as positive
     tare: StrictBool = False  # whether to zero it when the robot is configured; nothing must touch it then
 
 
-class Loadstar(ForceSensor, Examinable):
+class Loadstar(SerialForceSensor):
     """A load cell in continuous mode, on a `serial_line`. Unit and capacity are read from the interface."""
 
-    name: ClassVar[str] = "loadstar"
-
-    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        self._own = context.settings_as(LoadstarSettings, settings)
-        self._bus = context.bus_as(SerialLine)
-        self._found = ""
+    name = "loadstar"
+    Settings = LoadstarSettings
+    end_of_stream = STOP
+    _own: LoadstarSettings
 
     def configure(self) -> None:
         """Check model, unit and capacity, and start the stream. DeviceError: no answer, or another device."""
@@ -99,19 +90,6 @@ class Loadstar(ForceSensor, Examinable):
             self._ask(TARE, may_be_yes=True)
         self._bus.listen(loadstar_stream(newtons_per_unit, capacity_n), self._own.capacity_n)
         self._bus.write(STREAM)
-
-    def examine(self) -> tuple[Finding, ...]:
-        return (ok("force sensor", self._found),) if self._found else ()
-
-    def close(self) -> None:
-        """End the stream."""
-        try:
-            self._bus.write(STOP)
-        except DeviceError:
-            return  # it is gone, or was never there: nothing to end
-
-    def read_force(self) -> Reading:
-        return self._bus.reading(reversed_sign=self._own.reversed)
 
     def _wake(self) -> None:
         """End a stream that may still run; then it answers to a ping."""

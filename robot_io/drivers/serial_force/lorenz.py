@@ -1,25 +1,20 @@
 """Lorenz Messtechnik force sensors with a digital interface (LCV-USB2 and kin)."""
 
-from collections.abc import Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated
 
-from pydantic import AfterValidator, Field, StrictBool, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
-from robot_io.driver import DriverContext
 from robot_io.drivers.serial_force import lorenz_protocol as lorenz
-from robot_io.drivers.serial_force.line import SerialLine
 from robot_io.drivers.serial_force.lorenz_protocol import LorenzCommand, LorenzStream, Telegram
+from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
 from robot_io.drivers.serial_force.text import known_unit, newtons_per
 from robot_io.errors import DeviceError, ProtocolError
-from robot_io.examination import Examinable, Finding, ok
-from robot_io.files.file_model import FileModel, Positive
-from robot_io.interfaces import ForceSensor
-from robot_io.types import Reading
+from robot_io.files.file_model import Positive
 
 _ANSWER_S = 0.3
 
 
-class LorenzSettings(FileModel):
+class LorenzSettings(SerialForceSettings):
     """What the robot file says: the data sheet's values, and the sensor's own codes, which must agree."""
 
     nominal_load: Positive  # nominal load, in `unit`
@@ -30,7 +25,6 @@ class LorenzSettings(FileModel):
     load_code: Annotated[int, Field(ge=0, le=65535, strict=True)]  # the sensor's code of its nominal load
     rate_hz: Annotated[int, Field(strict=True)] = 1000  # samples a second
     address: Annotated[int, Field(ge=1, le=254, strict=True)] = 1  # bus address of the sensor
-    reversed: StrictBool = False  # whether the sensor counts tension as positive
 
     @field_validator("rate_hz")
     @classmethod
@@ -45,18 +39,16 @@ class LorenzSettings(FileModel):
         return self.nominal_load * newtons_per(self.unit)
 
 
-class Lorenz(ForceSensor, Examinable):
+class Lorenz(SerialForceSensor):
     """A Lorenz sensor in its speed-optimised stream.
 
     Which sensor it is comes from its configuration, in telegrams with checksums; the stream itself has none.
     """
 
-    name: ClassVar[str] = "lorenz"
-
-    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        self._own = context.settings_as(LorenzSettings, settings)
-        self._bus = context.bus_as(SerialLine)
-        self._found = ""
+    name = "lorenz"
+    Settings = LorenzSettings
+    end_of_stream = lorenz.STOP_STREAM
+    _own: LorenzSettings
 
     def configure(self) -> None:
         """Check which sensor it is, and start the stream.
@@ -82,19 +74,6 @@ class Lorenz(ForceSensor, Examinable):
         self._command(lorenz.encode_start_stream(own.address, own.rate_hz), LorenzCommand.ACK, "the stream")
         stream = LorenzStream(own.nominal_n / own.counts_at_nominal)
         self._bus.listen(stream, own.nominal_n, held_back_s=1.0 / own.rate_hz)
-
-    def examine(self) -> tuple[Finding, ...]:
-        return (ok("force sensor", self._found),) if self._found else ()
-
-    def close(self) -> None:
-        """End the stream."""
-        try:
-            self._bus.write(lorenz.STOP_STREAM)
-        except DeviceError:
-            return  # it is gone, or was never there: nothing to end
-
-    def read_force(self) -> Reading:
-        return self._bus.reading(reversed_sign=self._own.reversed)
 
     def _greet(self) -> None:
         """Say hello, twice if need be: what ended a stream may have spoilt the first telegram after it."""

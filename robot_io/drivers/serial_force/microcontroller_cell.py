@@ -13,21 +13,16 @@ converter fails, the firmware says `fault` and a word instead.
 
 import re
 from binascii import crc_hqx
-from collections.abc import Mapping
 from contextlib import suppress
 from math import copysign
-from typing import Annotated, ClassVar
+from typing import Annotated
 
-from pydantic import Field, StrictBool
+from pydantic import Field
 
-from robot_io.driver import DriverContext
-from robot_io.drivers.serial_force.line import SerialLine
+from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
 from robot_io.drivers.serial_force.text import LineSplitter, text_of
 from robot_io.errors import DeviceError, ProtocolError
-from robot_io.examination import Examinable, Finding, ok
-from robot_io.files.file_model import FileModel, Number, Positive
-from robot_io.interfaces import ForceSensor
-from robot_io.types import Reading
+from robot_io.files.file_model import Number, Positive
 
 WHO = b"?\n"
 VERSION = "1"
@@ -114,28 +109,24 @@ class CellStream:
         return copysign(max(abs(force_n), self._capacity_n), force_n) if at_end else force_n
 
 
-class MicrocontrollerCellSettings(FileModel):
+class MicrocontrollerCellSettings(SerialForceSettings):
     """What the robot file says."""
 
     capacity_n: Positive  # capacity of the load cell [N]
     # What one count is; from two known weights, or `palpate calibrate force` [N].
     newtons_per_count: Positive
     zero_counts: Number = 0.0  # what it counts without a load
-    reversed: StrictBool = False  # whether the cell counts tension as positive
     rate_hz: Annotated[
         int, Field(ge=1, le=1000, strict=True)
     ]  # samples a second; the firmware must say so too
 
 
-class MicrocontrollerCell(ForceSensor, Examinable):
+class MicrocontrollerCell(SerialForceSensor):
     """The load cell, on a `serial_line`."""
 
-    name: ClassVar[str] = "microcontroller_cell"
-
-    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        self._own = context.settings_as(MicrocontrollerCellSettings, settings)
-        self._bus = context.bus_as(SerialLine)
-        self._found = ""
+    name = "microcontroller_cell"
+    Settings = MicrocontrollerCellSettings
+    _own: MicrocontrollerCellSettings
 
     def configure(self) -> None:
         """Ask who is there, and listen. DeviceError: no answer, another protocol or another rate."""
@@ -148,12 +139,6 @@ class MicrocontrollerCell(ForceSensor, Examinable):
         self._found = f"{chip}, {rate_hz} samples/s, load cell of {own.capacity_n:.4g} N by the robot file"
         stream = CellStream(own.newtons_per_count, own.zero_counts, own.capacity_n)
         self._bus.listen(stream, own.capacity_n, has_checksums=True)
-
-    def examine(self) -> tuple[Finding, ...]:
-        return (ok("force sensor", self._found),) if self._found else ()
-
-    def read_force(self) -> Reading:
-        return self._bus.reading(reversed_sign=self._own.reversed)
 
     def _identify(self) -> tuple[str, int]:
         for _ in range(_QUESTIONS):

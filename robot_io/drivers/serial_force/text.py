@@ -47,13 +47,9 @@ def text_of(line: bytes) -> str:
 
 
 class Stream(Protocol):
-    """Makes force samples out of bytes, in any portions. Damaged ones are counted and left out.
+    """Makes force samples out of bytes, in any portions. Damaged ones are counted and left out."""
 
-    Attributes:
-        complaint: what the device itself says is wrong with it since its last sample, or nothing.
-    """
-
-    complaint: str
+    complaint: str  # what the device itself says is wrong with it since its last sample, or nothing
 
     @property
     def rejected(self) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 from robot_io.driver import DriverContext
 from robot_io.drivers.servo.feedback import FeedbackReader
 from robot_io.drivers.servo.joints import ServoJoints, ServoSample
+from robot_io.drivers.servo.line import ServoLine
 from robot_io.errors import DeviceError, InputError, LifecycleError
 from robot_io.examination import Examinable
 from robot_io.interfaces import Bus
@@ -42,6 +43,8 @@ class ServoBus(Bus, Examinable):
 
     # What a maker adds.
 
+    _line: ServoLine
+
     @abstractmethod
     def _prepare_feedback(self) -> FeedbackReader[Any]:
         """See that the servos are those of the robot file, and make ready to read; their torque is off."""
@@ -70,19 +73,6 @@ class ServoBus(Bus, Examinable):
     @abstractmethod
     def _goals_size(self) -> int:
         """Bytes of such a sync write."""
-
-    @abstractmethod
-    def _switch_on(self) -> None:
-        """Torque on, at zero. DeviceError: a servo refused."""
-
-    @abstractmethod
-    def _switch_off(self) -> None:
-        """Torque off. DeviceError: some servos did not confirm it."""
-
-    @property
-    @abstractmethod
-    def _last_resort(self) -> str:
-        """What happens where a servo cannot be told anything."""
 
     # What is common.
 
@@ -160,6 +150,9 @@ class ServoBus(Bus, Examinable):
         self._switch_on()
         self._powered = True
 
+    def _switch_on(self) -> None:
+        self._line.switch_on()
+
     def torque_off(self) -> None:
         """Torque off, and a staged command is dropped; does nothing on a port that was never opened.
 
@@ -168,7 +161,8 @@ class ServoBus(Bus, Examinable):
         self._staged = None
         powered, self._powered = self._powered, False
         if self._port.is_open:
-            self._switch_off()
+            self._line.switch_off()
         elif powered:
             reason = self._port.failure or "the port is closed"
-            raise DeviceError(f"{self._port.path}: {reason}: torque not known to be off; {self._last_resort}")
+            last_resort = self._line.last_resort
+            raise DeviceError(f"{self._port.path}: {reason}: torque not known to be off; {last_resort}")

@@ -1,7 +1,8 @@
-"""The servos of one line as a whole: who is there, and torque off."""
+"""The servos of one line as a whole: who is there, and torque on and off."""
 
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar
 
 from robot_io.drivers.servo.access import RegisterAccess
 from robot_io.drivers.servo.dialect import Dialect
@@ -12,58 +13,70 @@ from robot_io.serial_port import SerialPort
 _SWITCH_OFF_ATTEMPTS = 3
 
 
-class TorqueSwitch(NamedTuple):
-    """How a maker's servos are let go."""
+class ServoLine(ABC):
+    """Sets servos up and switches them, which may take milliseconds. A maker's adds what is its own.
 
-    register: Register  # 0 is off
-    last_resort: str  # what happens where a servo cannot be told anything
+    Args:
+        port: their port.
+        registers: reads and writes their registers.
+        servo_ids: of all on the line.
 
-
-def check_all_there(access: RegisterAccess, servo_ids: Sequence[int], baud_rate: int, ping_size: int) -> None:
-    """Ping everybody. DeviceError: somebody does not answer; with all who do not, and all who do."""
-    missing = [servo_id for servo_id in servo_ids if not _is_there(access, servo_id, ping_size)]
-    if missing:
-        there = ", ".join(str(servo_id) for servo_id in servo_ids if servo_id not in missing) or "none"
-        raise DeviceError(
-            f"no answer from servo {', '.join(map(str, missing))} at {baud_rate} bit/s "
-            f"(answering: {there}): check power, cable, id and baud rate"
-        )
-
-
-def _is_there(access: RegisterAccess, servo_id: int, ping_size: int) -> bool:
-    try:
-        access.ping(servo_id, ping_size)
-    except DeviceTimeoutError:
-        return False
-    return True
-
-
-def switch_off(
-    dialect: Dialect, port: SerialPort, access: RegisterAccess, servo_ids: Iterable[int], switch: TorqueSwitch
-) -> None:
-    """Torque off, asked of every servo until it says so.
-
-    DeviceError: some did not say so, by id.
+    Attributes:
+        registers: as above.
     """
-    still_on, problem = list(servo_ids), ""
-    off = switch.register.encode(0)
-    for _ in range(_SWITCH_OFF_ATTEMPTS):
-        port.write(dialect.sync_write(switch.register.address, dict.fromkeys(still_on, off)))
-        failures = [(servo_id, _why_still_on(access, port, servo_id, switch)) for servo_id in still_on]
-        still_on = [servo_id for servo_id, failure in failures if failure]
-        problem = "; ".join(failure for _, failure in failures if failure)
-        if not still_on:
-            return
-    raise DeviceError(f"torque not known to be off: {problem}; {switch.last_resort}")
 
+    dialect: ClassVar[Dialect]
+    torque_enable: ClassVar[Register]  # 0 is off
+    ping_size: ClassVar[int]  # bytes of what a servo says to a ping
 
-def _why_still_on(
-    access: RegisterAccess, port: SerialPort, servo_id: int, switch: TorqueSwitch
-) -> str | None:
-    try:
-        on = access.read(servo_id, switch.register)
-    except DeviceError as error:
-        if not port.is_open:
-            raise
-        return str(error)
-    return f"servo {servo_id}: says that it is on" if on else None
+    def __init__(self, port: SerialPort, registers: RegisterAccess, servo_ids: Sequence[int]) -> None:
+        self._port, self.registers, self._ids = port, registers, servo_ids
+
+    @property
+    @abstractmethod
+    def last_resort(self) -> str:
+        """What happens where a servo cannot be told anything."""
+
+    @abstractmethod
+    def switch_on(self) -> object:
+        """Torque on, at zero. DeviceError: a servo refused."""
+
+    def switch_off(self) -> None:
+        """Torque off, asked of every servo until it says so. DeviceError: some did not say so, by id."""
+        still_on, problem = list(self._ids), ""
+        off = self.torque_enable.encode(0)
+        for _ in range(_SWITCH_OFF_ATTEMPTS):
+            told = dict.fromkeys(still_on, off)
+            self._port.write(self.dialect.sync_write(self.torque_enable.address, told))
+            failures = [(servo_id, self._why_still_on(servo_id)) for servo_id in still_on]
+            still_on = [servo_id for servo_id, failure in failures if failure]
+            problem = "; ".join(failure for _, failure in failures if failure)
+            if not still_on:
+                return
+        raise DeviceError(f"torque not known to be off: {problem}; {self.last_resort}")
+
+    def _check_all_there(self, baud_rate: int) -> None:
+        """Ping everybody. DeviceError: somebody does not answer; with all who do not, and all who do."""
+        missing = [servo_id for servo_id in self._ids if not self._is_there(servo_id)]
+        if missing:
+            there = ", ".join(str(servo_id) for servo_id in self._ids if servo_id not in missing) or "none"
+            raise DeviceError(
+                f"no answer from servo {', '.join(map(str, missing))} at {baud_rate} bit/s "
+                f"(answering: {there}): check power, cable, id and baud rate"
+            )
+
+    def _is_there(self, servo_id: int) -> bool:
+        try:
+            self.registers.ping(servo_id, self.ping_size)
+        except DeviceTimeoutError:
+            return False
+        return True
+
+    def _why_still_on(self, servo_id: int) -> str | None:
+        try:
+            on = self.registers.read(servo_id, self.torque_enable)
+        except DeviceError as error:
+            if not self._port.is_open:
+                raise
+            return str(error)
+        return f"servo {servo_id}: says that it is on" if on else None

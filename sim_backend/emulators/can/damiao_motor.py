@@ -6,10 +6,11 @@ CAN timeout that fires switches the motor off with error 13.
 """
 
 import struct
+from typing import Any
 
 import can
 
-from sim_backend.emulators.can.mit_motor import EmulatedMitMotor
+from sim_backend.emulators.can.mit_motor import EmulatedMitMotor, Limits
 from sim_backend.emulators.faults import Fault, FaultKind
 from sim_backend.emulators.plant import Plant
 
@@ -44,21 +45,10 @@ class EmulatedDamiao(EmulatedMitMotor):
         joint: int,
         plant: Plant,
         *,
-        limits: tuple[float, float, float],
-        gear_ratio: float,
-        zero_rad: float,
-        host_id: int,
+        limits: Limits,
+        **mounting: Any,  # noqa: ANN401
     ) -> None:
-        super().__init__(
-            number,
-            joint,
-            plant,
-            limits=limits,
-            gear_ratio=gear_ratio,
-            zero_rad=zero_rad,
-            host_id=host_id,
-            timeout_s=None,
-        )
+        super().__init__(number, joint, plant, limits=limits, timeout_s=None, **mounting)
         self.registers: dict[int, float] = {
             _TIMEOUT: 0,
             _MODE: MIT,

@@ -17,6 +17,7 @@ from sim_backend.emulators.faults import Fault, FaultKind
 from sim_backend.emulators.plant import JointState, Plant
 
 _ALERT = 6  # MOSFET over temperature
+Limits = tuple[float, float, float]  # of position [rad], velocity [rad/s] and torque [N m]
 
 
 def _to_uint(value: float, limit: float, bits: int) -> int:
@@ -50,7 +51,7 @@ class EmulatedMitMotor(CanNode):
         joint: int,
         plant: Plant,
         *,
-        limits: tuple[float, float, float],
+        limits: Limits,
         gear_ratio: float = 1.0,
         zero_rad: float = 0.0,
         host_id: int = 0,

@@ -1,13 +1,13 @@
 """Emulated MIT-mode motors for a `mit_bus`."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, Number, Positive, validate
 from sim_backend.emulators.bench import EmulatedWire
 from sim_backend.emulators.can import damiao_motor, mit_motor
 from sim_backend.emulators.can.damiao_motor import EmulatedDamiao
-from sim_backend.emulators.can.mit_motor import EmulatedMitMotor
+from sim_backend.emulators.can.mit_motor import EmulatedMitMotor, Limits
 from sim_backend.emulators.can.wire import CanWire, open_virtual_bus
 from sim_backend.emulators.plant import Plant
 from sim_backend.emulators.wiring import WireMaker, WireRequest
@@ -29,7 +29,7 @@ class _Motor(FileModel, extra="ignore"):
     answer_id: int | None = None
 
     @property
-    def limits(self) -> tuple[float, float, float]:
+    def limits(self) -> Limits:
         if self.ranges is not None:
             return (self.ranges.position_rad, self.ranges.velocity_rad_s, self.ranges.torque_nm)
         known = mit_motor.LIMITS | damiao_motor.LIMITS
@@ -53,37 +53,23 @@ class _Settings(FileModel, extra="ignore"):
 class MitWires(WireMaker):
     """Motors that are set up as the robot file says."""
 
-    name: ClassVar[str] = "mit_bus"
+    name = "mit_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         own = validate(_Settings, request.section.settings)
-        make = _damiao if own.maker == "damiao" else _mini_cheetah
-        nodes = [make(motor, joint, request.plant, own) for joint, motor in enumerate(own.motors)]
+        nodes = [_emulated(own, motor, joint, request.plant) for joint, motor in enumerate(own.motors)]
         bus, reach = open_virtual_bus(in_lock_step=request.in_lock_step)
         return CanWire(bus, nodes, request.faults), reach
 
 
-def _mini_cheetah(motor: _Motor, joint: int, plant: Plant, own: _Settings) -> EmulatedMitMotor:
-    return EmulatedMitMotor(
-        motor.motor_id,
-        joint,
-        plant,
-        limits=motor.limits,
-        gear_ratio=motor.signed_ratio,
-        zero_rad=motor.zero_rad,
-        host_id=own.host_id,
-        timeout_s=own.watchdog_s,
-        deaf_when_off=own.ask_with == "enter",
-    )
-
-
-def _damiao(motor: _Motor, joint: int, plant: Plant, own: _Settings) -> EmulatedMitMotor:
-    return EmulatedDamiao(
-        motor.motor_id,
-        joint,
-        plant,
-        limits=motor.limits,
-        gear_ratio=motor.signed_ratio,
-        zero_rad=motor.zero_rad,
-        host_id=motor.answer_id or motor.motor_id + 16,
-    )
+def _emulated(own: _Settings, motor: _Motor, joint: int, plant: Plant) -> EmulatedMitMotor:
+    place: tuple[int, int, Plant] = (motor.motor_id, joint, plant)
+    mounting: dict[str, Any] = {
+        "limits": motor.limits,
+        "gear_ratio": motor.signed_ratio,
+        "zero_rad": motor.zero_rad,
+    }
+    if own.maker == "damiao":
+        return EmulatedDamiao(*place, **mounting, host_id=motor.answer_id or motor.motor_id + 16)
+    mounting |= {"timeout_s": own.watchdog_s, "deaf_when_off": own.ask_with == "enter"}
+    return EmulatedMitMotor(*place, **mounting, host_id=own.host_id)

@@ -6,7 +6,7 @@ frame to the axis feeds its watchdog, an expired watchdog disarms it, an axis wi
 
 import math
 import struct
-from typing import Any, ClassVar
+from typing import Any
 
 import can
 
@@ -216,7 +216,7 @@ class _Settings(FileModel, extra="ignore"):
 class OdriveWires(WireMaker):
     """ODrive axes that are set up as the robot file says."""
 
-    name: ClassVar[str] = "odrive_bus"
+    name = "odrive_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         own = validate(_Settings, request.section.settings)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from robot_io.files.file_model import FileModel, validate
 from sim_backend.emulators.bench import EmulatedWire
@@ -168,7 +168,7 @@ class _Settings(FileModel, extra="ignore"):
 class DynamixelWires(WireMaker):
     """Servos that are set up as the robot file says, on a pseudo terminal."""
 
-    name: ClassVar[str] = "dynamixel_bus"
+    name = "dynamixel_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         own = validate(_Settings, request.section.settings)

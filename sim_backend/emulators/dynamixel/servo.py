@@ -132,9 +132,9 @@ class EmulatedServo(LineServo):
             self.memory.put(table.GOAL_CURRENT, 0)
             self._exert()
 
-    def fail(self, error: int = OVERLOAD) -> None:
+    def fail(self) -> None:
         """Have a hardware error; it lets go if Shutdown names it."""
-        self.memory.put(table.HARDWARE_ERROR, self.memory.get(table.HARDWARE_ERROR) | error)
+        self.memory.put(table.HARDWARE_ERROR, self.memory.get(table.HARDWARE_ERROR) | OVERLOAD)
         if self._shut_down:
             self.memory.put(table.TORQUE_ENABLE, 0)
             self._exert()

@@ -1,7 +1,7 @@
 """What STS servos of a line answer to instructions."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 from robot_io.files.file_model import FileModel, validate
 from sim_backend.emulators.bench import EmulatedWire
@@ -105,7 +105,7 @@ class _Settings(FileModel, extra="ignore"):
 class FeetechWires(WireMaker):
     """Servos that are set up as the robot file says, on a pseudo terminal."""
 
-    name: ClassVar[str] = "feetech_bus"
+    name = "feetech_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         own = validate(_Settings, request.section.settings)

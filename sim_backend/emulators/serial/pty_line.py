@@ -59,11 +59,10 @@ class SerialSensor(ABC):
 
     Attributes:
         name: what faults name it by.
-        range_n: end of its range [N].
     """
 
     name = "force"
-    range_n: float = _RANGE_N
+    range_n: float = _RANGE_N  # end of its range [N]
     _timer: StreamTimer
     _silent_until_s = -inf
 

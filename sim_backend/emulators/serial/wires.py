@@ -1,6 +1,6 @@
 """Emulated force sensors for a `serial_line`."""
 
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 from pydantic import Field
 
@@ -47,7 +47,7 @@ class _Lorenz(FileModel, extra="ignore"):
 class SerialWires(WireMaker):
     """The force sensor that the robot file names, on a pseudo terminal."""
 
-    name: ClassVar[str] = "serial_line"
+    name = "serial_line"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         own = validate(_Line, request.section.settings)

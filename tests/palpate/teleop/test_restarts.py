@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from control.teleop.peer import PeerLimits
 from palpate.teleop import follower_talk, leader
 from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob
@@ -57,7 +56,7 @@ def followed(line, monkeypatch):
     answers = []
     fake = SimpleNamespace(answers=lambda: [answers.pop(0)] if answers else [], busy=False)
     monkeypatch.setattr(follower_talk, "Estimator", lambda *, diagnose: fake)
-    talk = follower_talk.Talk(line, line, PeerLimits(), [].append, diagnose=True)
+    talk = follower_talk.Talk(line, line, [].append, diagnose=True)
     return talk, answers
 
 

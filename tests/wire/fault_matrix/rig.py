@@ -41,25 +41,15 @@ class Killed(BaseException):
 
 @dataclass
 class Observed:
-    """What came of a fault.
+    """What came of a fault."""
 
-    Attributes:
-        trips: whether the guard tripped.
-        ticks: from the fault to the safe state; None if there was no trip.
-        torque_off_ms: from the fault to the last torque of the drives [ms].
-        reads: what the user reads.
-        last_tick_s: of the session's records, on the robot's clock [s].
-        fastest_rad_s: how fast a joint still is at the end [rad/s].
-        session_events: texts of the session's events.
-    """
-
-    trips: bool
-    ticks: int | None
-    torque_off_ms: float
-    reads: str
-    last_tick_s: float
-    fastest_rad_s: float
-    session_events: list[str]
+    trips: bool  # whether the guard tripped
+    ticks: int | None  # from the fault to the safe state; None if there was no trip
+    torque_off_ms: float  # from the fault to the last torque of the drives [ms]
+    reads: str  # what the user reads
+    last_tick_s: float  # of the session's records, on the robot's clock [s]
+    fastest_rad_s: float  # how fast a joint still is at the end [rad/s]
+    session_events: list[str]  # texts of the session's events
 
 
 class Rig:

@@ -21,27 +21,17 @@ DYNAMIXEL = ROOT / "robots" / "dynamixel_3dof.yaml"
 
 @dataclass(frozen=True)
 class Family:
-    """Devices of one kind.
+    """Devices of one kind."""
 
-    Attributes:
-        title: for people.
-        robot: robot file with such devices.
-        bus: their bus in it.
-        age_ms: age limit of their samples in the robot file.
-        changes: to the robot file.
-        tick_ms: length of its tick.
-        speed_m_s: of the probing run.
-        late_s: how much longer than others its arm takes to be activated: watchdogs are left to expire.
-    """
-
-    title: str
-    robot: Path
-    bus: str
-    age_ms: int
-    changes: tuple[tuple[str, str], ...] = ()
+    title: str  # for people
+    robot: Path  # robot file with such devices
+    bus: str  # their bus in it
+    age_ms: int  # age limit of their samples in the robot file
+    changes: tuple[tuple[str, str], ...] = ()  # to the robot file
+    # How much longer than others its arm takes to be activated: watchdogs are left to expire.
     late_s: float = 0.0
-    tick_ms: int = 1
-    speed_m_s: float = 0.12
+    tick_ms: int = 1  # length of its tick
+    speed_m_s: float = 0.12  # of the probing run
 
 
 FAMILIES = {
@@ -72,32 +62,21 @@ class Program(StrEnum):
 
 @dataclass(frozen=True)
 class Row:
-    """One fault.
+    """One fault."""
 
-    Attributes:
-        family: key of `FAMILIES`.
-        name: of the fault, for people.
-        fault: what goes wrong.
-        at_s: when [s].
-        ticks: from the fault until the guard has the arm, at most; None: the arm goes on.
-        off_ms: from the fault until the drives are without torque, at most [ms]; None: the arm goes on.
-        reads: what the user reads, among other things.
-        because: why it takes longer than its limit and two ticks.
-        limit: which limit of the robot file it is that the fault exceeds, by its key, or a force in words;
-            None: the age of the samples.
-        changes: to the robot file, beside those of the family.
-    """
-
-    family: str
-    name: str
-    fault: Fault | Program
-    at_s: float
-    ticks: int | None
+    family: str  # key of `FAMILIES`
+    name: str  # of the fault, for people
+    fault: Fault | Program  # what goes wrong
+    at_s: float  # when [s]
+    ticks: int | None  # from the fault until the guard has the arm, at most; None: the arm goes on
+    # From the fault until the drives are without torque, at most [ms]; None: the arm goes on.
     off_ms: float | None
-    reads: str = ""
-    because: str = ""
+    reads: str = ""  # what the user reads, among other things
+    because: str = ""  # why it takes longer than its limit and two ticks
+    # Which limit of the robot file it is that the fault exceeds, by its
+    # key, or a force in words; None: the age of the samples.
     limit: str | None = None
-    changes: tuple[tuple[str, str], ...] = ()
+    changes: tuple[tuple[str, str], ...] = ()  # to the robot file, beside those of the family
 
     @property
     def label(self) -> str:
@@ -164,6 +143,27 @@ _MOTORS: tuple[tuple[str, FaultKind, dict[str, float]], ...] = (
     ("stuck encoder", K.STUCK, {}),
 )
 GOES_ON = (None, None)
+_STUCK_ENCODER = (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER)
+
+
+def _mit_mode(sizes: str, back_at_once: tuple[object, ...]) -> tuple[tuple[object, ...], ...]:
+    """Ends of motors in MIT mode, whose states have so many bytes."""
+    silent = "joint 3 (motor 3): nothing valid for"
+    return (
+        (OLD, OLD_OFF, silent),
+        (OLD, BRAKED, silent),
+        (OLD, OLD_OFF, f"last was: motor state has 3 bytes, expected {sizes}"),
+        GOES_ON,
+        GOES_ON,
+        (OLD, OLD_OFF, silent),
+        (2, BRAKED, "joint 3 (motor 3): MOSFET over temperature"),
+        (OLD, BRAKED, silent),
+        back_at_once,
+        (2, 102, "bus-off, the adapter has left the bus", _CUT_OFF),
+        _STUCK_ENCODER,
+    )
+
+
 _MOTOR_ROWS = {
     "dynamixel": (
         (OLD, OLD_OFF, "servo 3 did not answer in time"),
@@ -176,7 +176,7 @@ _MOTOR_ROWS = {
         (OLD, OLD_OFF, "servo 3 did not answer in time"),
         (2, 3, "servo 3 (joint 3): has lost its settings; it has restarted"),
         (2, 62, "the port has failed", _CUT_OFF),
-        (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
+        _STUCK_ENCODER,
     ),
     "odrive": (
         (OLD, OLD_OFF, "joint 3 (node 2): nothing valid for"),
@@ -189,34 +189,10 @@ _MOTOR_ROWS = {
         (OLD, BRAKED, "joint 3 (node 2): nothing valid for"),
         (11, BRAKED + 11, "joint 3 (node 2): left closed-loop control, is IDLE", _HEARTBEAT, "one heartbeat"),
         (2, 52, "bus-off, the adapter has left the bus", _CUT_OFF),
-        (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
+        _STUCK_ENCODER,
     ),
-    "mit": (
-        (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
-        (OLD, BRAKED, "joint 3 (motor 3): nothing valid for"),
-        (OLD, OLD_OFF, "last was: motor state has 3 bytes, expected 6 or 8"),
-        GOES_ON,
-        GOES_ON,
-        (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
-        (2, BRAKED, "joint 3 (motor 3): MOSFET over temperature"),
-        (OLD, BRAKED, "joint 3 (motor 3): nothing valid for"),
-        (12, BRAKED + 12, "joint 1: its drive exerts", "", _DEAF),
-        (2, 102, "bus-off, the adapter has left the bus", _CUT_OFF),
-        (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
-    ),
-    "damiao": (
-        (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
-        (OLD, BRAKED, "joint 3 (motor 3): nothing valid for"),
-        (OLD, OLD_OFF, "last was: motor state has 3 bytes, expected 8"),
-        GOES_ON,
-        GOES_ON,
-        (OLD, OLD_OFF, "joint 3 (motor 3): nothing valid for"),
-        (2, BRAKED, "joint 3 (motor 3): MOSFET over temperature"),
-        (OLD, BRAKED, "joint 3 (motor 3): nothing valid for"),
-        (3, BRAKED, "joint 3 (motor 3): has left motor mode; has it restarted?"),
-        (2, 102, "bus-off, the adapter has left the bus", _CUT_OFF),
-        (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER),
-    ),
+    "mit": _mit_mode("6 or 8", (12, BRAKED + 12, "joint 1: its drive exerts", "", _DEAF)),
+    "damiao": _mit_mode("8", (3, BRAKED, "joint 3 (motor 3): has left motor mode; has it restarted?")),
     "feetech": (
         (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
         (4, BRAKED + 2, "did not answer in time", LAST_SEEN),
@@ -311,12 +287,10 @@ _PROGRAM_ROWS = {
     Program.VIEWER_GONE: (*GOES_ON, "online estimation was switched off: BrokenPipeError"),
 }
 _WATCHDOG_ROWS = {  # program killed (nobody is left to read), program held up
-    "dynamixel": ((None, 62, "", _CUT_OFF), (501, 62, "the program was held up for 0.5", _HELD_UP)),
-    "odrive": ((None, 52, "", _CUT_OFF), (501, 52, "the program was held up for 0.5", _HELD_UP)),
-    "mit": ((None, 102, "", _CUT_OFF), (501, 102, "the program was held up for 0.5", _HELD_UP)),
-    "damiao": ((None, 102, "", _CUT_OFF), (501, 102, "the program was held up for 0.5", _HELD_UP)),
-    "feetech": ((None, None, "", HOLDS), (127, 510, "the program was held up for 0.5", _WAITS)),
+    family: ((None, off_ms, "", _CUT_OFF), (501, off_ms, "the program was held up for 0.5", _HELD_UP))
+    for family, off_ms in {"dynamixel": 62, "odrive": 52, "mit": 102, "damiao": 102}.items()
 }
+_WATCHDOG_ROWS["feetech"] = ((None, None, "", HOLDS), (127, 510, "the program was held up for 0.5", _WAITS))
 
 
 def rows() -> Iterator[Row]:

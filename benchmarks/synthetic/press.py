@@ -6,52 +6,29 @@ import numpy as np
 
 from estimation.contact_estimator import ContactLaw
 from estimation.regression import Regression
+from estimation.statistics.uncertainty import cramer_rao
 from robot_io.types import FloatArray
 
 _TICK_S = 1e-3
 
 
-def cramer_rao(slopes: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Least standard errors of parameters, (p,), by slopes (n, p) of a signal with noise sigma (n,).
-
-    diag((J' S^-1 J)^-1)^(1/2), C. R. Rao (1945); a parameter that changes nothing has none.
-    """
-    weighed = slopes / sigma[:, None]
-    sizes = np.linalg.norm(weighed, axis=0)
-    sizes[sizes == 0.0] = 1.0
-    return np.asarray(np.sqrt(np.diag(np.linalg.pinv((weighed / sizes).T @ (weighed / sizes)))) / sizes)
-
-
 @dataclass(frozen=True)
 class Noise:
-    """What is wrong with a force reading.
+    """What is wrong with a force reading."""
 
-    Attributes:
-        floor_n: standard deviation that is always there [N].
-        share: standard deviation as a share of the force.
-        outliers: share of samples that are off.
-        outlier_n: by how much these are off, from and to [N].
-    """
-
-    floor_n: float = 0.02
-    share: float = 0.0
-    outliers: float = 0.0
-    outlier_n: tuple[float, float] = (-1.0, 4.0)
+    floor_n: float = 0.02  # standard deviation that is always there [N]
+    share: float = 0.0  # standard deviation as a share of the force
+    outliers: float = 0.0  # share of samples that are off
+    outlier_n: tuple[float, float] = (-1.0, 4.0)  # by how much these are off, from and to [N]
 
 
 @dataclass(frozen=True)
 class Press:
-    """Pressing in and out with rising frequency, always in contact.
+    """Pressing in and out with rising frequency, always in contact."""
 
-    Attributes:
-        law: the truth; its surface is at 0.
-        count: samples, at 1 kHz.
-        deepest_m: depth that is reached [m].
-    """
-
-    law: ContactLaw
-    count: int = 4000
-    deepest_m: float = 0.012
+    law: ContactLaw  # the truth; its surface is at 0
+    count: int = 4000  # samples, at 1 kHz
+    deepest_m: float = 0.012  # depth that is reached [m]
 
     @property
     def time_s(self) -> FloatArray:

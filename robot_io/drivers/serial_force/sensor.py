@@ -1,0 +1,47 @@
+"""What every force sensor on a `serial_line` has in common."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import ClassVar
+
+from pydantic import StrictBool
+
+from robot_io.driver import DriverContext
+from robot_io.drivers.serial_force.line import SerialLine
+from robot_io.errors import DeviceError
+from robot_io.examination import Examinable, Finding, ok
+from robot_io.files.file_model import FileModel
+from robot_io.interfaces import ForceSensor
+from robot_io.types import Reading
+
+
+class SerialForceSettings(FileModel):
+    """What the robot file says; a sensor adds its own."""
+
+    reversed: StrictBool = False  # whether the sensor counts tension as positive
+
+
+class SerialForceSensor(ForceSensor, Examinable):
+    """A force sensor on a `serial_line`; one of its own sees in `configure` who is there, and listens."""
+
+    Settings: ClassVar[type[SerialForceSettings]]
+    end_of_stream: ClassVar[bytes] = b""  # what ends its stream, if it must be told
+
+    _own: SerialForceSettings
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        self._own = context.settings_as(self.Settings, settings)
+        self._bus = context.bus_as(SerialLine)
+        self._found = ""  # who answered
+
+    def examine(self) -> tuple[Finding, ...]:
+        return (ok("force sensor", self._found),) if self._found else ()
+
+    def close(self) -> None:
+        """End the stream."""
+        if self.end_of_stream:
+            with suppress(DeviceError):  # it is gone, or was never there: nothing to end
+                self._bus.write(self.end_of_stream)
+
+    def read_force(self) -> Reading:
+        return self._bus.reading(reversed_sign=self._own.reversed)

@@ -1,0 +1,88 @@
+"""What every driver of motors on a CAN bus makes of its bytes, and of answers that are not its own."""
+
+import numpy as np
+import pytest
+
+from robot_io.errors import DeviceError
+from sim_backend.emulators import FaultKind
+from tests.wire.parts import CUBEMARS, DAMIAO, ODRIVE, V0_5
+
+PUSH_NM = (3.0, -2.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("path", "changes", "drive_nm", "read_nm", "read_rad"),
+    [
+        pytest.param(ODRIVE, (), 1e-6, 0.05, 1e-3, id="odrive 0.6"),
+        pytest.param(ODRIVE, V0_5, 1e-6, 0.05, 1e-3, id="odrive 0.5"),
+        pytest.param(
+            ODRIVE, [("node_id: 1,", "node_id: 1, zero_rad: 0.3,")], 1e-6, 0.05, 1e-3, id="odrive turned"
+        ),
+        pytest.param(CUBEMARS, (), 50 / 4095, 0.1, 2e-3, id="cubemars"),
+        pytest.param(
+            CUBEMARS,
+            [("motor_id: 1,", "motor_id: 1, zero_rad: 0.4,")],
+            50 / 4095,
+            0.1,
+            2e-3,
+            id="cubemars turned",
+        ),
+        pytest.param(DAMIAO, (), 2 * 56 / 4095, 0.1, 2e-3, id="damiao"),
+    ],
+)
+def test_torques_arrive_and_come_back_within_the_wire_s_steps(
+    bench, path, changes, drive_nm, read_nm, read_rad
+):
+    arm = bench(path, changes).start()
+    measurement = arm.ticks(20, PUSH_NM)
+    np.testing.assert_allclose(arm.drive_torque_nm, PUSH_NM, atol=drive_nm)
+    np.testing.assert_allclose(measurement.joint_torque_nm, PUSH_NM, atol=read_nm)
+    truth = arm.arm.plant.world.truth()
+    since = measurement.joint_velocity_rad_s * (truth.time_s - measurement.encoder_at_s)
+    np.testing.assert_allclose(
+        measurement.joint_position_rad + since, truth.joint_position_rad, atol=read_rad
+    )
+
+
+@pytest.mark.parametrize(
+    ("path", "frames"),
+    [(CUBEMARS, [(1, 2), (2, 1), (3, 9)]), (DAMIAO, [(17, 0x12), (18, 0x11), (1, 0x11), (0, 0x13)])],
+    ids=["cubemars", "damiao"],
+)
+def test_answers_under_another_motor_s_id_are_no_position(bench, path, frames):
+    """Each by the id of its frame, and the id inside."""
+    arm = bench(path).start()
+    before = arm.tick().joint_position_rad
+    arm.intrude(*((own, bytes((inside, 0x12, 0x34, 0, 0, 0, 0, 0))) for own, inside in frames))
+    assert arm.tick().joint_position_rad == pytest.approx(before, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("path", "problem"),
+    [
+        (CUBEMARS, r"no answer in 0.05 s from joint 2 \(motor 2\)"),
+        (DAMIAO, r"no answer in 0.05 s from joint 2 \(motor 2\)"),
+        (ODRIVE, r"joint 3 \(node 2\): no heartbeat"),
+    ],
+    ids=["cubemars", "damiao", "odrive"],
+)
+def test_a_motor_that_is_not_there_is_named(bench, path, problem):
+    arm = bench(path)
+    arm.strike("motors", FaultKind.DROP, device=2)
+    with pytest.raises(DeviceError, match=problem):
+        arm.robot.configure()
+
+
+@pytest.mark.parametrize("path", [CUBEMARS, ODRIVE], ids=["cubemars", "odrive"])
+@pytest.mark.parametrize("late_ms", [0.0, 1.5, 4.2])
+def test_frames_that_are_constantly_late_are_as_old_as_they_are(bench, path, late_ms):
+    """CAN frames carry no time: those that came 4.2 ms late from the start on once passed as fresh."""
+    arm = bench(path)
+    if late_ms:
+        arm.strike("motors", FaultKind.DELAY, delay_s=late_ms * 1e-3)
+    arm.robot.configure()
+    arm.ticks(10, None)
+    for _ in range(30):
+        measurement = arm.tick(None)
+        for sampled_at_s in (measurement.encoder_at_s, measurement.torque_at_s):
+            assert late_ms - 1e-6 <= 1e3 * (measurement.time_s - sampled_at_s) <= late_ms + 2.6
