@@ -33,21 +33,13 @@ _Rivals = Mapping[str, Mapping[str, Standing]]  # models with another effect in 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Where a search ended.
+    """Where a search ended."""
 
-    Attributes:
-        search: the channel, the base model and all that was tried.
-        readings: how the motion was read.
-        end: the base model with the effects that are established.
-        complete: whether it leaves no more than noise.
-        objection: what no signal of the data shows, and speaks against completeness.
-    """
-
-    search: Search
-    readings: Readings
-    end: Standing
-    complete: bool
-    objection: Objection | None
+    search: Search  # the channel, the base model and all that was tried
+    readings: Readings  # how the motion was read
+    end: Standing  # the base model with the effects that are established
+    complete: bool  # whether it leaves no more than noise
+    objection: Objection | None  # what no signal of the data shows, and speaks against completeness
 
     @property
     def floor(self) -> float:

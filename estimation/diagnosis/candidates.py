@@ -23,9 +23,7 @@ REFINED = 5  # candidates that are refined in any case
 ESSENTIAL = 0.02  # of the squared error: what makes an effect what it is must take away as much
 FAR_END = 0.99  # of the upper bound of an inner parameter
 LOOSE = 0.05  # of the effort, that a gain may be off its bounds before all parameters are fitted together
-OF_RUNS = (
-    "run_"  # how names of effects begin that differ from run to run: whole runs held out cannot judge them
-)
+OF_RUNS = "run_"  # begins the names of effects that differ from run to run: runs held out cannot judge them
 
 # Parts of base models, or other names of a term that the channel's own vocabulary has.
 _NOT_TRIED = {
@@ -38,17 +36,11 @@ _BASES = frozenset({"rigid_body", "rigid_body_fitted"})
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that was tried beside a model.
+    """An effect that was tried beside a model."""
 
-    Attributes:
-        effect: what was tried.
-        search: how well it did.
-        possible: whether its parameters made physical sense, see `is_possible`.
-    """
-
-    effect: Effect
-    search: Attempts
-    possible: bool = True
+    effect: Effect  # what was tried
+    search: Attempts  # how well it did
+    possible: bool = True  # whether its parameters made physical sense, see `is_possible`
 
     @property
     def held_out(self) -> float:

@@ -32,19 +32,12 @@ _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are
 
 @dataclass(frozen=True)
 class Standards:
-    """What a model is held against, as mean squares of the error on blocks of held-out runs.
+    """What a model is held against, as mean squares of the error on blocks of held-out runs."""
 
-    Attributes:
-        base: of the base model.
-        named: of the model with effects.
-        nameless: of the base model and a smooth law of all signals.
-        both: of the model with effects and such a law.
-    """
-
-    base: float
-    named: float
-    nameless: float
-    both: float
+    base: float  # of the base model
+    named: float  # of the model with effects
+    nameless: float  # of the base model and a smooth law of all signals
+    both: float  # of the model with effects and such a law
 
     @property
     def is_outdone(self) -> bool:

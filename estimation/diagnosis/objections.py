@@ -36,16 +36,11 @@ _PEAK = 0.2  # share of the variance in one frequency that makes it worth naming
 
 @dataclass(frozen=True)
 class Objection:
-    """Why a model is not complete though no smooth law improves it.
+    """Why a model is not complete though no smooth law improves it."""
 
-    Attributes:
-        reason: in words.
-        depends_on: what the error depends on.
-        floor: the error that a complete model would leave, as far as this shows, in the unit of the effort.
-    """
-
-    reason: str
-    depends_on: str
+    reason: str  # in words
+    depends_on: str  # what the error depends on
+    # The error that a complete model would leave, as far as this shows, in the unit of the effort.
     floor: float
 
 
@@ -86,23 +81,14 @@ def objection_to(
 
 @dataclass(frozen=True)
 class Disagreement:
-    """Runs that do not follow one law.
+    """Runs that do not follow one law."""
 
-    Attributes:
-        run: the one that the others predict worst, beside what it is by itself.
-        predicted: root mean square error of all runs, each predicted from the others.
-        alone: the same, each fitted by itself.
-        own_residual: what each run leaves by itself, shape (n,); 0 where none can be fitted.
-        run_predicted: error of `run`, predicted from the others.
-        run_alone: the same, fitted by itself.
-    """
-
-    run: int
-    predicted: float
-    alone: float
-    own_residual: FloatArray
-    run_predicted: float
-    run_alone: float
+    run: int  # the one that the others predict worst, beside what it is by itself
+    predicted: float  # root mean square error of all runs, each predicted from the others
+    alone: float  # the same, each fitted by itself
+    own_residual: FloatArray  # what each run leaves by itself, shape (n,); 0 where none can be fitted
+    run_predicted: float  # error of `run`, predicted from the others
+    run_alone: float  # the same, fitted by itself
 
 
 def _swinging(end: Standing) -> Objection | None:
@@ -161,17 +147,11 @@ def disagreement(frame: Frame, trial: Trial) -> Disagreement | None:
 
 @dataclass(frozen=True)
 class Excess:
-    """What is left in contact and is no noise.
+    """What is left in contact and is no noise."""
 
-    Attributes:
-        contact: root mean square of the residual in contact, on blocks, in the unit of the effort.
-        expected: the same of draws from the model, with noise as in free air.
-        frequency_hz: at which much of it swings; None if it does at none.
-    """
-
-    contact: float
-    expected: float
-    frequency_hz: float | None
+    contact: float  # root mean square of the residual in contact, on blocks, in the unit of the effort
+    expected: float  # the same of draws from the model, with noise as in free air
+    frequency_hz: float | None  # at which much of it swings; None if it does at none
 
 
 def unlike_noise(standing: Standing, readings: Readings, rng: np.random.Generator) -> Excess | None:

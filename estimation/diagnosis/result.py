@@ -48,124 +48,74 @@ class Fitted(_Entry):
 
 
 class Accepted(_Entry):
-    """An effect found missing.
+    """An effect found missing."""
 
-    Attributes:
-        effect: its name.
-        parameters: its own, by name.
-        rmse_before: error in held-out runs without it.
-        rmse_after: error with it.
-        p_value: how often the best candidate takes as much from noise alone; 0 where that is out of question.
-        confused_with: effects that this data cannot tell from it.
-        physics: one line of what happens.
-        equation: its term.
-        signature: what one sees in the data.
-    """
-
-    effect: str
-    parameters: Parameters
-    rmse_before: float
-    rmse_after: float
+    effect: str  # its name
+    parameters: Parameters  # its own, by name
+    rmse_before: float  # error in held-out runs without it
+    rmse_after: float  # error with it
+    # How often the best candidate takes as much from noise alone; 0 where that is out of question.
     p_value: float
-    confused_with: list[str]
-    physics: str
-    equation: str
-    signature: str
+    confused_with: list[str]  # effects that this data cannot tell from it
+    physics: str  # one line of what happens
+    equation: str  # its term
+    signature: str  # what one sees in the data
 
 
 class Ranked(_Entry):
-    """A candidate beside the base model.
+    """A candidate beside the base model."""
 
-    Attributes:
-        effect: its name.
-        rmse_held_out: error in held-out runs with it, inner parameters chosen on the other runs.
-        score: share by which the error falls.
-    """
-
-    effect: str
-    rmse_held_out: float
-    score: float
+    effect: str  # its name
+    rmse_held_out: float  # error in held-out runs with it, inner parameters chosen on the other runs
+    score: float  # share by which the error falls
 
 
 class Remaining(_Entry):
-    """What is left of the error with all that was accepted.
+    """What is left of the error with all that was accepted."""
 
-    Attributes:
-        rmse: error in held-out runs.
-        times_floor: over the noise floor.
-        depends_on: signals that it depends on; empty where it is noise.
-    """
-
-    rmse: float
-    times_floor: float
-    depends_on: list[str]
+    rmse: float  # error in held-out runs
+    times_floor: float  # over the noise floor
+    depends_on: list[str]  # signals that it depends on; empty where it is noise
 
 
 class NextExperiment(_Entry):
-    """What to record next.
+    """What to record next."""
 
-    Attributes:
-        purpose: what it would tell.
-        separates: the effects that it would tell apart.
-        instruction: in words.
-        probe: settings for `palpate probe --experiment`, by name.
-    """
-
-    purpose: str
-    separates: list[str]
-    instruction: str
+    purpose: str  # what it would tell
+    separates: list[str]  # the effects that it would tell apart
+    instruction: str  # in words
+    # Settings for `palpate probe --experiment`, by name.
     probe: dict[str, float | int | str | list[float] | dict[str, float | str]]
 
 
 class Floor(_Entry):
-    """The noise floor and what it rests on; in the unit of the effort.
+    """The noise floor and what it rests on; in the unit of the effort."""
 
-    Attributes:
-        value: the error that a complete model would leave in held-out runs.
-        free_air: noise before the first touch of each run; None if there is no free air.
-        share_left: share of the error, on means over a few samples, that a smooth law still explains.
-    """
-
-    value: float
-    free_air: float | None
-    share_left: float
+    value: float  # the error that a complete model would leave in held-out runs
+    free_air: float | None  # noise before the first touch of each run; None if there is no free air
+    share_left: float  # share of the error, on means over a few samples, that a smooth law still explains
 
 
 class ChannelDiagnosis(_Entry):
-    """The answer for one channel; without a verdict on its effects where it is insufficient.
+    """The answer for one channel; without a verdict on its effects where it is insufficient."""
 
-    Attributes:
-        channel: its name.
-        verdict: see `Verdict`.
-        reason: one sentence.
-        effort_unit: unit of all errors.
-        noise_floor: error that a complete model would leave.
-        floor: what that rests on.
-        baseline: the base model.
-        accepted: effects found missing, in order.
-        ranking: the most promising candidates alone beside the base model.
-        final: the model with all that was accepted.
-        complete: whether no more is left than noise, as far as this data shows; None if insufficient.
-        remaining: what is left.
-        depends_on: the same as in `remaining`.
-        next_experiment: what would tell more; None if nothing would.
-        averaged: how a recording of very many samples was averaged, and why nothing is lost; else empty.
-    """
-
-    channel: str
-    verdict: Verdict
-    reason: str
-    effort_unit: str
-    noise_floor: float | None = None
-    floor: Floor | None = None
-    baseline: Fitted | None = None
-    accepted: list[Accepted] = Field(default_factory=list)
+    channel: str  # its name
+    verdict: Verdict  # see `Verdict`
+    reason: str  # one sentence
+    effort_unit: str  # unit of all errors
+    noise_floor: float | None = None  # error that a complete model would leave
+    floor: Floor | None = None  # what that rests on
+    baseline: Fitted | None = None  # the base model
+    accepted: list[Accepted] = Field(default_factory=list)  # effects found missing, in order
+    # The most promising candidates alone beside the base model.
     ranking: list[Ranked] = Field(default_factory=list)
-    final: Fitted | None = None
+    final: Fitted | None = None  # the model with all that was accepted
+    # Whether no more is left than noise, as far as this data shows; None if insufficient.
     complete: bool | None = None
-    remaining: Remaining | None = None
-    depends_on: list[str] = Field(default_factory=list)
-    next_experiment: NextExperiment | None = None
+    remaining: Remaining | None = None  # what is left
+    depends_on: list[str] = Field(default_factory=list)  # the same as in `remaining`
+    next_experiment: NextExperiment | None = None  # what would tell more; None if nothing would
+    # How a recording of very many samples was averaged, and why nothing is lost; else empty.
     averaged: str = ""
 
 

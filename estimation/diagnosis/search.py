@@ -44,10 +44,8 @@ BESIDE, PAIRS = 3, 4  # second effects looked at beside each first, and pairs th
 _FOLDS = 0.6  # share of the folds in which an effect must help
 _CLEAR = 0.5  # of the energy that is left: noise of a thousand blocks and more gives no effect that much
 _MANY = 1000
-SHORTLIST, _FINE = (
-    8,
-    4,
-)  # effects tried on all samples; blocks within which a copy of blocks hardly tells times
+SHORTLIST = 8  # effects tried on all samples
+_FINE = 4  # blocks within which a copy of blocks hardly tells times
 NEAR = 1.5  # times the squared error that is left, from which another effect may get below it
 _LITTLE = 0.2  # of the error, beyond which draws that show as much prove no more than that they are few
 FEW_STARTS = 4  # places where a second effect is tried
@@ -58,24 +56,15 @@ _Key = tuple[frozenset[tuple[str, int]], tuple[str, ...]]
 
 @dataclass(frozen=True)
 class Search:
-    """A channel, its base model and the library; models that were fitted are remembered.
+    """A channel, its base model and the library; models that were fitted are remembered."""
 
-    Attributes:
-        data: the channel.
-        model: the base model.
-        good: samples that are fit for use, shape (n,).
-        effects: the library.
-        rng: for surrogates.
-        progress: told what is being done, and the share of it that is done.
-        sketch: the same on a coarse copy of the channel, which says what is worth trying; None for a sketch.
-    """
-
-    data: ChannelData
-    model: Model
-    good: BoolArray
-    effects: tuple[Effect, ...]
-    rng: np.random.Generator
-    progress: Progress = lambda what, share: None
+    data: ChannelData  # the channel
+    model: Model  # the base model
+    good: BoolArray  # samples that are fit for use, shape (n,)
+    effects: tuple[Effect, ...]  # the library
+    rng: np.random.Generator  # for surrogates
+    progress: Progress = lambda what, share: None  # told what is being done, and the share of it that is done
+    # The same on a coarse copy of the channel, which says what is worth trying; None for a sketch.
     sketch: "Search | None" = None
     _memory: Memory = field(default_factory=Memory)
     _fits: dict[_Key, Standing] = field(default_factory=dict)

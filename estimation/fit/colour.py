@@ -12,13 +12,9 @@ ORDER = 4
 
 @dataclass(frozen=True)
 class Colour:
-    """An autoregressive noise, run by run.
+    """An autoregressive noise, run by run."""
 
-    Attributes:
-        memory: coefficients of the previous samples, newest first; empty for white noise.
-    """
-
-    memory: FloatArray
+    memory: FloatArray  # coefficients of the previous samples, newest first; empty for white noise
 
     def kept(self, run: IntArray, trusted: BoolArray) -> BoolArray:
         """Samples that are trusted with all their past within their own run, shape (m,)."""

@@ -22,16 +22,11 @@ _WORTH = 0.005  # of the energy, that one more signal must take away
 
 @dataclass(frozen=True)
 class Flexible:
-    """The flexible regression on top of a model.
+    """The flexible regression on top of a model."""
 
-    Attributes:
-        held_out: its squared whitened residuals by fold, shape (folds,).
-        residual: its held-out residuals, not whitened, one for each block, shape (m,).
-        by_signal: share of the error's energy that each signal alone can explain in held-out runs.
-    """
-
-    held_out: FloatArray
-    residual: FloatArray
+    held_out: FloatArray  # its squared whitened residuals by fold, shape (folds,)
+    residual: FloatArray  # its held-out residuals, not whitened, one for each block, shape (m,)
+    # Share of the error's energy that each signal alone can explain in held-out runs.
     by_signal: dict[str, float]
 
 
@@ -71,19 +66,12 @@ def flexible(bench: Bench, trial: Trial, without: Collection[str] = ()) -> Flexi
 
 @dataclass(frozen=True)
 class _Tried:
-    """A regression on some signals.
+    """A regression on some signals."""
 
-    Attributes:
-        signals: their numbers.
-        kept: columns that it has, shape (q,).
-        ridge: shrinkage of those columns.
-        held_out: squared whitened residuals by fold, shape (folds,).
-    """
-
-    signals: tuple[int, ...]
-    kept: BoolArray
-    ridge: FloatArray
-    held_out: FloatArray
+    signals: tuple[int, ...]  # their numbers
+    kept: BoolArray  # columns that it has, shape (q,)
+    ridge: FloatArray  # shrinkage of those columns
+    held_out: FloatArray  # squared whitened residuals by fold, shape (folds,)
 
     @property
     def energy(self) -> float:

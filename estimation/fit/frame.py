@@ -40,25 +40,16 @@ _REST = 0.05  # of the joint's usual highest speed
 
 @dataclass(frozen=True)
 class Frame:
-    """Blocks of a channel; columns are computed at the full rate and then averaged, which bends no model.
+    """Blocks of a channel; columns are computed at the full rate and then averaged, which bends no model."""
 
-    Attributes:
-        data: the channel at its full rate.
-        rows: shape (m, block), the samples of each of the m blocks.
-        run: shape (m,), run of each block.
-        fold: shape (m,), fold in which each block is held out, from 0.
-        trusted: shape (m,), whether a block counts.
-        memory: what was computed on blocks of this channel, whatever its load and whichever blocks count.
-        of_load: what was computed with this load.
-    """
-
-    data: ChannelData
-    rows: IntArray
-    run: IntArray
-    fold: IntArray
-    trusted: BoolArray
+    data: ChannelData  # the channel at its full rate
+    rows: IntArray  # shape (m, block), the samples of each of the m blocks
+    run: IntArray  # shape (m,), run of each block
+    fold: IntArray  # shape (m,), fold in which each block is held out, from 0
+    trusted: BoolArray  # shape (m,), whether a block counts
+    # What was computed on blocks of this channel, whatever its load and whichever blocks count.
     memory: Memory = field(default_factory=Memory)
-    of_load: Memory = field(default_factory=Memory)
+    of_load: Memory = field(default_factory=Memory)  # what was computed with this load
 
     def __len__(self) -> int:
         """Number of blocks m."""

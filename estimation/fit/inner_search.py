@@ -17,16 +17,12 @@ _PARABOLAS = 3
 
 @dataclass(frozen=True)
 class Attempts:
-    """All trials of one candidate.
+    """All trials of one candidate."""
 
-    Attributes:
-        trials: at all inner parameters that were tried; the first are those at the starts. Only the best has
-            its blocks: those of all would fill the memory.
-        start_count: how many of them.
-    """
-
+    # At all inner parameters that were tried; the first are those at the starts. Only the best has its
+    # blocks: those of all would fill the memory.
     trials: tuple[Trial, ...]
-    start_count: int
+    start_count: int  # how many of them
 
     @property
     def starts(self) -> tuple[Trial, ...]:

@@ -27,17 +27,12 @@ _THIRD = 20.0  # sum of the squares of (1, -3, 3, -1), the weights of a third di
 
 @dataclass(frozen=True)
 class Within:
-    """What an effort does within blocks of samples.
+    """What an effort does within blocks of samples."""
 
-    Attributes:
-        departure: root mean square of its departure from a straight line, freedom of the line accounted for.
-        noise: standard deviation of its white noise, as the steps from sample to sample have it.
-        count: samples that this was seen in.
-    """
-
+    # Root mean square of its departure from a straight line, freedom of the line accounted for.
     departure: float
-    noise: float
-    count: int
+    noise: float  # standard deviation of its white noise, as the steps from sample to sample have it
+    count: int  # samples that this was seen in
 
     def is_noise(self, block: int) -> bool:
         """Whether the departure is noise, or so little more that means over blocks do not show it."""

@@ -11,13 +11,9 @@ MOST_BYTES = 64_000_000
 
 @dataclass
 class Memory:
-    """Arrays by what they are; those asked for longest ago are forgotten first.
+    """Arrays by what they are; those asked for longest ago are forgotten first."""
 
-    Attributes:
-        size: of all together [bytes].
-    """
-
-    size: int = 0
+    size: int = 0  # of all together [bytes]
     _known: OrderedDict[Hashable, FloatArray] = field(default_factory=OrderedDict)
 
     def __reduce__(self) -> tuple[type["Memory"], tuple[()]]:

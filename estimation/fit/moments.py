@@ -12,14 +12,10 @@ from robot_io.types import BoolArray, FloatArray
 
 @dataclass(frozen=True)
 class Moments:
-    """Cross products of columns and target, fold by fold.
+    """Cross products of columns and target, fold by fold."""
 
-    Attributes:
-        products: shape (folds, q + 1, q + 1); the last row and column belong to the target.
-        known: what is known of the gains from elsewhere, matrix (1 + folds, q, q), see `SharedGains`.
-    """
-
-    products: FloatArray
+    products: FloatArray  # shape (folds, q + 1, q + 1); the last row and column belong to the target
+    # What is known of the gains from elsewhere, matrix (1 + folds, q, q), see `SharedGains`.
     known: Information | None = None
 
     @property
@@ -56,27 +52,16 @@ def cross_products(parts: Iterable[FloatArray]) -> Moments:
 
 @dataclass(frozen=True)
 class Scores:
-    """A linear fit.
+    """A linear fit."""
 
-    Attributes:
-        gains: fitted to all folds, shape (q,).
-        fold_gains: fitted to all but each fold, shape (folds, q).
-        sse: sum of squared residuals of that fit, by fold.
-        train: sum of squared residuals over the other folds, of the fit to those, shape (folds,).
-        held_out: sum of squared residuals in each fold, of the fit to the others, shape (folds,).
-        system: what the gains solve, for columns of unit length, shape (q, q).
-        scale: factors that gave the columns that length, shape (q,).
-        dof: samples that were fitted to; 0 where nobody said.
-    """
-
-    gains: FloatArray
-    fold_gains: FloatArray
-    sse: FloatArray
-    train: FloatArray
-    held_out: FloatArray
-    system: FloatArray
-    scale: FloatArray
-    dof: int
+    gains: FloatArray  # fitted to all folds, shape (q,)
+    fold_gains: FloatArray  # fitted to all but each fold, shape (folds, q)
+    sse: FloatArray  # sum of squared residuals of that fit, by fold
+    train: FloatArray  # sum of squared residuals over the other folds, of the fit to those, shape (folds,)
+    held_out: FloatArray  # sum of squared residuals in each fold, of the fit to the others, shape (folds,)
+    system: FloatArray  # what the gains solve, for columns of unit length, shape (q, q)
+    scale: FloatArray  # factors that gave the columns that length, shape (q,)
+    dof: int  # samples that were fitted to; 0 where nobody said
 
     @property
     def spread(self) -> FloatArray:

@@ -33,32 +33,19 @@ _ALIKE = 1e-6  # of a derivative's mean square, that one derived in another way 
 
 @dataclass(frozen=True)
 class Readings:
-    """How a channel's motion was read.
+    """How a channel's motion was read."""
 
-    Attributes:
-        data: the channel as it was recorded.
-        error: of each position, shape (n,): what differs from the smooth motion.
-        velocity_error: the same of each velocity that was measured; 0 where it was derived.
-        halves: half windows [samples] that these were found by, for position and velocity.
-        step: of the grid on which positions lie; 0 where there is none.
-        is_staircase: whether positions wait at steps on no grid: encoders of several joints.
-        windows: how velocity and acceleration were derived; None for one that was measured, or given
-            without noise.
-        is_of_velocity: whether the acceleration was derived from the velocity, not from positions.
-        exact: velocity and acceleration of the smooth motion, shape (n,) each.
-        bent: what the windows make of them; the same where nothing was derived.
-    """
-
-    data: ChannelData
-    error: FloatArray
-    velocity_error: FloatArray
-    halves: tuple[int, int]
-    step: float
-    is_staircase: bool
+    data: ChannelData  # the channel as it was recorded
+    error: FloatArray  # of each position, shape (n,): what differs from the smooth motion
+    velocity_error: FloatArray  # the same of each velocity that was measured; 0 where it was derived
+    halves: tuple[int, int]  # half windows [samples] that these were found by, for position and velocity
+    step: float  # of the grid on which positions lie; 0 where there is none
+    is_staircase: bool  # whether positions wait at steps on no grid: encoders of several joints
+    # How velocity and acceleration were derived; None for one that was measured, or given without noise.
     windows: tuple[int | None, int | None]
-    is_of_velocity: bool
-    exact: tuple[FloatArray, FloatArray]
-    bent: tuple[FloatArray, FloatArray]
+    is_of_velocity: bool  # whether the acceleration was derived from the velocity, not from positions
+    exact: tuple[FloatArray, FloatArray]  # velocity and acceleration of the smooth motion, shape (n,) each
+    bent: tuple[FloatArray, FloatArray]  # what the windows make of them; the same where nothing was derived
 
     @property
     def true_motion(self) -> ChannelData:

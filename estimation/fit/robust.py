@@ -51,21 +51,13 @@ def absolute_share(residuals: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Settled:
-    """Where the steps ended.
+    """Where the steps ended."""
 
-    Attributes:
-        values: parameters, shape (p,).
-        slopes: of the prediction by them, shape (n, p).
-        residuals: effort minus prediction, shape (n,).
-        sigma: noise of each sample, shape (n,).
-        level: the same as floor and share.
-    """
-
-    values: FloatArray
-    slopes: FloatArray
-    residuals: FloatArray
-    sigma: FloatArray
-    level: NoiseLevel
+    values: FloatArray  # parameters, shape (p,)
+    slopes: FloatArray  # of the prediction by them, shape (n, p)
+    residuals: FloatArray  # effort minus prediction, shape (n,)
+    sigma: FloatArray  # noise of each sample, shape (n,)
+    level: NoiseLevel  # the same as floor and share
 
     @property
     def inside(self) -> BoolArray:

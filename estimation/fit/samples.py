@@ -30,24 +30,16 @@ _INSIDE = 1e-3  # of its range, that a search begins away from a bound
 
 @dataclass(frozen=True)
 class SampleFit:
-    """A model with its parameters.
+    """A model with its parameters."""
 
-    Attributes:
-        model: what was fitted.
-        parameters: gains, then inner parameters, by "effect.parameter".
-        covariance: of the parameters in that order; NaN for an inner parameter that ended at its bound, if
-            that is not one of `Model.within`.
-        unbounded: the same as if there were no bounds: a bound is no measurement.
-        residuals: effort minus prediction in the samples that were fitted.
-        jacobian: slopes of the prediction in those samples, one column for each parameter.
-    """
-
-    model: Model
-    parameters: dict[str, float]
+    model: Model  # what was fitted
+    parameters: dict[str, float]  # gains, then inner parameters, by "effect.parameter"
+    # Of the parameters in that order; NaN for an inner parameter that ended at its bound, if that is not one
+    # of `Model.within`.
     covariance: Covariance
-    unbounded: Covariance
-    residuals: FloatArray
-    jacobian: FloatArray
+    unbounded: Covariance  # the same as if there were no bounds: a bound is no measurement
+    residuals: FloatArray  # effort minus prediction in the samples that were fitted
+    jacobian: FloatArray  # slopes of the prediction in those samples, one column for each parameter
 
 
 def fit_samples(

@@ -21,17 +21,11 @@ from robot_io.types import BoolArray, IntArray
 
 @dataclass(frozen=True)
 class Fit:
-    """A model fitted to a channel.
+    """A model fitted to a channel."""
 
-    Attributes:
-        data: the channel with its load.
-        plain: blocks, and no colour.
-        trial: the model fitted there.
-    """
-
-    data: ChannelData
-    plain: Bench
-    trial: Trial
+    data: ChannelData  # the channel with its load
+    plain: Bench  # blocks, and no colour
+    trial: Trial  # the model fitted there
 
 
 @dataclass(frozen=True)
@@ -40,11 +34,6 @@ class Standing(Fit):
 
     Parameters come from plain least squares: before the model is complete, what it misses would pass for
     coloured noise and be weighed away. The colour is for judging.
-
-    Attributes:
-        flexible: what any smooth law could explain beyond it, there.
-        judge: the same blocks with the colour of what the flexible regression leaves.
-        judged: the model on that bench, at the same inner parameters.
     """
 
     @cached_property

@@ -95,21 +95,13 @@ class Bench:
 
 @dataclass(frozen=True)
 class Trial:
-    """A model with parameters, and how well it fits.
+    """A model with parameters, and how well it fits."""
 
-    Attributes:
-        model: what was tried.
-        parameters: gains and inner parameters by "effect.parameter".
-        columns: slopes by each gain on blocks, shape (m, q), not whitened.
-        target: effort on blocks that the columns explain, shape (m,), not whitened.
-        scores: of the linear fit at these inner parameters.
-    """
-
-    model: Model
-    parameters: dict[str, float]
-    columns: FloatArray
-    target: FloatArray
-    scores: Scores
+    model: Model  # what was tried
+    parameters: dict[str, float]  # gains and inner parameters by "effect.parameter"
+    columns: FloatArray  # slopes by each gain on blocks, shape (m, q), not whitened
+    target: FloatArray  # effort on blocks that the columns explain, shape (m,), not whitened
+    scores: Scores  # of the linear fit at these inner parameters
 
     @property
     def spread(self) -> dict[str, float]:
