@@ -90,11 +90,19 @@ def mutants_of(area: str, file: Path) -> list[Mutant]:
 
 
 def _changes(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
-    """Nodes with the text that stands for them in a mutant; types, texts and imports are left alone."""
+    """Nodes with the text that stands for them in a mutant.
+
+    Left alone is what the tests of a right program cannot notice by its nature: types and what guards them
+    (`frozen`, `slots` and other decorators), texts, imports, and `strict` of a zip, which is an assertion.
+    """
     for node in ast.iter_child_nodes(tree):
         if isinstance(tree, ast.AnnAssign | ast.arg) and node is tree.annotation:
             continue
-        if isinstance(tree, ast.FunctionDef) and (node is tree.returns or node in tree.decorator_list):
+        if isinstance(tree, ast.FunctionDef | ast.ClassDef) and node in tree.decorator_list:
+            continue
+        if isinstance(tree, ast.FunctionDef) and node is tree.returns:
+            continue
+        if isinstance(node, ast.keyword) and node.arg == "strict":
             continue
         if isinstance(tree, ast.Raise | ast.JoinedStr | ast.Import | ast.ImportFrom):
             continue

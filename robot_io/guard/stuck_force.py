@@ -44,9 +44,8 @@ class StuckForce:
 
     def restart(self) -> None:
         """Forget everything."""
-        self._sampled_at_s = -inf
+        self._sampled_at_s = self._since_s = -inf
         self._force_n = nan
-        self._since_s = 0.0
         self._since_rad: list[float] = []
         self._row = self._longest = 0  # samples in a row that were equal to the one before
         self._equal = self._known = 0  # samples that were, and all samples, before this row

@@ -104,6 +104,17 @@ def test_a_drive_that_shows_its_torque_badly_is_not_accused(wear, seed, every):
     assert ticks_until_named(DeafDrives(LIMITS), drive.show, every=every) is None
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    "wear",
+    [{"bias": -3.5}, {"drift": -2.0}, {"bias": 3.5}, {"drift": 2.0}, {"gain": 0.52}],
+    ids=str,
+)
+def test_what_a_reading_is_always_off_is_known_before_it_is_held_against_a_large_torque(wear, side):
+    drive = Sound(noise=0.01, **wear)
+    assert ticks_until_named(DeafDrives(LIMITS), drive.show, lambda k: side * 5.0, count=3000) is None
+
+
 SMALL_NM = 4.0  # limit of a small drive
 SMALL_WEAR = {
     "dead band": {"dead": 0.05 * SMALL_NM},
@@ -137,19 +148,16 @@ def test_a_small_torque_is_missed_of_a_drive_that_has_shown_one():
     assert 700 < tick <= 712
 
 
-@pytest.mark.parametrize(
-    ("wear", "at"),
-    [
-        (wear, at)
-        for wear in ("good", "zero a little off", "late", "follows slowly")
-        for at in (150, 700, 2300)
-    ],
-)
-def test_a_drive_that_restarts_is_named_in_time(wear, at):
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("at", [75, 150, 700, 2300])
+@pytest.mark.parametrize("wear", ["good", "zero a little off", "late", "follows slowly"])
+def test_a_drive_that_restarts_is_named_in_time(wear, at, side):
     drive = Sound(**WEAR[wear])
     off = Sound(bias=WEAR[wear].get("bias", 0.0), noise=0.01)
     tick, said = ticks_until_named(
-        DeafDrives(LIMITS), lambda k, sent: drive.show(k, sent) if k < at else off.show(k, 0.0)
+        DeafDrives(LIMITS),
+        lambda k, sent: side * (drive.show(k, side * sent) if k < at else off.show(k, 0.0)),
+        lambda k: side * gravity(k),
     )
     assert at < tick <= at + 12  # the limit of 10 ms, and two ticks
     assert said.startswith("joint 1: its drive exerts ")

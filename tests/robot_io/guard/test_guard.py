@@ -187,9 +187,19 @@ def test_a_measurement_that_nobody_watched_is_watched(guard):
     assert "99 N" in guard.tripped.cause
 
 
-def test_limits_for_another_arm_are_refused():
-    with pytest.raises(InputError, match="the arm has 3 joints, its limits 2"):
-        Guard(LIMITS, SAFE_STATE, 3)
+def test_devices_whose_samples_are_too_old_are_named_without_a_trip(guard):
+    never = {"encoder_at_s": -inf, "torque_at_s": -inf, "force_at_s": -inf}
+    said = guard.too_old(measured(1.0, **never))
+    assert said == ("encoder: no sample yet", "force sensor: no sample yet", "drives: no sample yet")
+    young = {"encoder_at_s": 0.996, "torque_at_s": 0.991, "force_at_s": 0.981, "force_status": Status.FAULT}
+    assert guard.too_old(measured(1.0, **young)) == ()
+    assert guard.tripped is None
+
+
+@pytest.mark.parametrize(("encoder_age_s", "longest_s"), [(0.005, 0.1), (0.5, 0.5)])
+def test_a_command_means_nothing_when_the_arm_was_let_go_or_its_motion_is_too_old(encoder_age_s, longest_s):
+    limits = LIMITS.model_copy(update={"encoder_age_s": encoder_age_s})
+    assert Guard(limits, SAFE_STATE, 2).longest_hold_up_s == longest_s
 
 
 class TestLimiting:
@@ -220,11 +230,12 @@ class TestLimiting:
     def test_a_measured_torque_beyond_the_limit_starts_at_the_limit(self, guard):
         assert limited(guard, torque(10, 5), measured(joint_torque_nm=[99.0, 99.0])) == [10.0, 5.0]
 
-    def test_after_a_pause_the_rate_starts_from_the_measured_torque_again(self, guard):
+    @pytest.mark.parametrize(("pause_s", "sent_nm"), [(0.09, 9.0), (0.11, 1.0), (1.0, 1.0)])
+    def test_after_a_pause_the_rate_starts_from_the_measured_torque_again(self, guard, pause_s, sent_nm):
         """An arm that was deactivated for a while carries nothing of what was sent before."""
         for tick in range(9):
             limited(guard, torque(9, 0), measured(0.001 * tick))
-        assert limited(guard, torque(9, 0), measured(1.0)) == [1.0, 0.0]
+        assert limited(guard, torque(9, 0), measured(0.008 + pause_s)) == [sent_nm, 0.0]
 
     def test_no_time_means_no_change(self, guard):
         assert limited(guard, torque(5, 5), measured(), dt_s=0.0) == [0.0, 0.0]
@@ -727,6 +738,13 @@ def test_a_suspicion_lets_no_weight_fall():
 def test_an_encoder_that_moves_again_is_not_suspected_any_more(guard):
     assert watch_many(guard, 150, lambda k: SPEED * min(k, 100), lambda k: SPEED * k, lambda k: 0.0) is None
     assert watch_many(guard, 10, lambda k: SPEED * k, lambda k: SPEED * k, lambda k: 0.0, first=150) is None
+    assert guard.trip("stopped on request").cause == "stopped on request"
+
+
+def test_a_suspicion_does_not_outlive_the_stop(guard):
+    assert watch_many(guard, 150, lambda k: SPEED * min(k, 100), lambda k: SPEED * k, lambda k: 0.0) is None
+    assert "encoder of joint 1" in guard.trip("stopped on request").cause
+    guard.rearm(measured(0.3, joint_position_rad=[0.05, 0.0]))
     assert guard.trip("stopped on request").cause == "stopped on request"
 
 
