@@ -78,8 +78,8 @@ class _Drive:
 
     @property
     def least_sent_nm(self) -> float:
-        """The smallest torque of late if all had one sign, otherwise zero [N m]."""
-        return self.low_nm if self.low_nm > 0.0 else min(self.high_nm, 0.0)
+        """The smallest torque of late, where all had one sign [N m]."""
+        return self.low_nm if self.low_nm > 0.0 else self.high_nm
 
     def is_missing(self) -> bool:
         """Whether the reading says that torque is missing."""

@@ -340,6 +340,9 @@ class TestStop:
         assert tripped.finished
         assert not any(sent[-1])
 
+    def test_it_ends_on_time_by_its_own_steps_when_the_clock_stands_still(self, tripped):
+        assert [any(self.stopping(tripped, 0.0, [1.0, 1.0], 0.025)) for _ in range(3)] == [True, False, False]
+
     def test_it_ends_when_the_clock_goes_backwards(self, tripped):
         for tick in range(1, 60):
             self.stopping(tripped, -0.001 * tick, [1.0, 1.0])
@@ -498,7 +501,7 @@ class TestRearm:
         guard.trip("Ctrl-C")
         with pytest.raises(SafetyTripError, match=r"still being stopped \(Ctrl-C\)"):
             guard.rearm(measured(0.02))
-        guard.rearm(measured(0.06))  # nobody went on commanding; the time is over all the same
+        guard.rearm(measured(0.05))  # nobody went on commanding; the time is over all the same
         assert guard.tripped is None
 
     def test_an_old_measurement_does_not_do(self, stopped):
