@@ -13,7 +13,7 @@ import pytest
 import control.loop.loop
 from control.loop.loop import run_loop
 from control.loop.phases import Phase
-from control.loop.result import Outcome
+from control.loop.result import LoopResult, Outcome
 from control.loop.tick_record import STREAM_NAME, tick_stream
 from control.loop.timing import SECTIONS
 from robot_io.clock import SimulatedClock
@@ -144,6 +144,23 @@ def test_the_sections_of_a_tick_make_up_the_tick(monkeypatch):
     assert result.duration_s == pytest.approx(0.2, abs=1e-6)
 
 
+def test_reading_gives_up_in_time_for_the_command_and_that_before_the_next_tick():
+    arm, left_s = Arm(), {"read": [], "write": []}
+
+    def timed(name, call):
+        def hooked(deadline_s):
+            left_s[name].append(deadline_s - arm.clock.now_s())
+            call(deadline_s)
+
+        return hooked
+
+    arm.bus.poll, arm.bus.flush = timed("read", arm.bus.poll), timed("write", arm.bus.flush)
+    run(arm, Swing(done_at=20))
+    assert 0.5 / RATE_HZ <= min(left_s["read"][1:]) <= max(left_s["read"][1:]) <= 0.75 / RATE_HZ
+    assert left_s["read"][0] == pytest.approx(1.0 / RATE_HZ)  # nothing is commanded before the first tick
+    assert left_s["write"][:20] == pytest.approx([1.0 / RATE_HZ] * 20)
+
+
 def test_an_overrun_is_counted_skipped_and_told_to_the_task():
     arm, task = Arm(), Swing(done_at=20)
 
@@ -179,8 +196,9 @@ def test_the_loop_waits_for_the_first_samples_with_the_torque_off():
 def test_a_sensor_that_never_samples_is_named_and_the_arm_is_not_powered():
     arm = Arm()
     arm.faults.silent.add("force")
-    with pytest.raises(DeviceTimeoutError, match="force"):
+    with pytest.raises(DeviceTimeoutError, match="after 1 s: force sensor: no sample yet"):
         run(arm, Swing())
+    assert arm.clock.now_s() == pytest.approx(1.0, abs=2.0 / RATE_HZ)
     assert arm.sent_nm == []
 
 
@@ -209,6 +227,25 @@ def test_the_same_arm_and_guard_run_again():
         result, log = run(arm, Swing(done_at=30, torque_nm=0.01))
         assert result.outcome is Outcome.FINISHED
         assert len(log.records) == 30
+
+
+@pytest.mark.parametrize(
+    ("trouble", "words"),
+    [
+        ({"overruns": 1}, ", 1 overruns"),
+        ({"dropped": 2}, ", 2 records dropped"),
+        ({"unsent": 3}, ", 3 commands not sent"),
+        ({"log_error": "disk full"}, "; the log is not complete: disk full"),
+        ({"observer_error": "singular"}, "; online estimation was switched off: singular"),
+        ({"deactivation_error": "silent"}, "; the torque may still be on: silent"),
+    ],
+    ids=str,
+)
+def test_one_trouble_is_enough_to_be_told(trouble, words):
+    good = LoopResult(Outcome.STOPPED, "on request", ticks=5)
+    assert (good.is_clean, good.one_line()) == (True, "stopped: on request; 5 ticks")
+    bad = LoopResult(Outcome.FINISHED, ticks=5, **trouble)
+    assert (bad.is_clean, bad.one_line()) == (False, f"finished; 5 ticks{words}")
 
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1.0, float("nan"), float("inf")])
