@@ -255,7 +255,7 @@ def test_why_the_arm_was_stopped_is_said_beside_a_torque_that_is_still_on():
     arm = Arm()
     arm.faults.refuse.add(("torque", "deactivate"))
     result, _ = run(arm, Swing(fail_at=20))
-    with pytest.raises(SafetyTripError, match=r"cut the power.*; the arm was stopped: the task: ZeroDivision"):
+    with pytest.raises(SafetyTripError, match=r"cut the power.*; the arm was stopped: the task: Zero"):
         result.raise_for_trip()
 
 

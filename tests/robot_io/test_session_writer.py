@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from robot_io.errors import InputError, SessionError, UnknownNameError
-from robot_io.session import Column, Session, SessionWriter, Stream, writer
+from robot_io.session import Column, Event, Session, SessionWriter, Stream, writer
+from robot_io.session.event import decode_event, encode_event
 from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, tick
 
 SLOW = Stream("slow", (Column("time_s", "s"), Column("x", "m")))
@@ -333,6 +334,13 @@ def test_events_that_are_too_long_are_cut_and_say_so(tmp_path):
     assert (data.text, data.data) == ("short [cut]", None)
     assert odd.text == "not ? text"
     assert json.dumps(odd.data) == '{"nan": NaN}'
+
+
+def test_an_event_that_just_fits_is_whole():
+    sizes = {n: len(encode_event(Event(0.0, "k", "x" * n))) for n in range(3950, 4050)}
+    assert max(sizes.values()) == 4000
+    whole = [n for n in sizes if decode_event(encode_event(Event(0.0, "k", "x" * n))).text == "x" * n]
+    assert whole == [n for n in sizes if sizes[n] > 3900]
 
 
 @linux_only
