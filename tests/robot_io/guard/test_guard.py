@@ -410,6 +410,23 @@ class TestWeight:
         assert min(speeds) > -0.75
         assert speeds[-500:] == pytest.approx([-0.5] * 500, abs=0.01)
 
+    def test_in_the_last_quarter_of_the_time_what_is_left_fades_wherever_the_arm_is(self):
+        """It sinks at the set speed, and would be held up for ever."""
+        weight = np.array([4.0, -1.0])
+        velocity = -0.5 * weight / np.linalg.norm(weight)
+        sent, guard = self.stop(velocity=lambda tick: velocity)
+        share = (sent + np.array([2.0, 1.0]) * velocity)[:449] / weight
+        fades = np.clip((0.45 - 0.001 * np.arange(1, 450)) / 0.1, 0.0, 1.0)
+        assert share == pytest.approx(np.tile(fades[:, None], 2), abs=1e-6)
+        assert guard.finished
+
+    def test_it_is_held_up_to_the_end_of_braking(self):
+        guard = Guard(LIMITS, self.SAFE, 2, lambda _: np.array([4.0, -1.0]))
+        guard.watch(measured(0.0))
+        guard.trip("test")
+        held = [limited(guard, torque(0, 0), measured(0.025 * k), 0.025)[0] for k in (1, 2, 3)]
+        assert held == pytest.approx([4.0, 4.0, 4.0 * (1.0 - 0.025 / 0.2)])
+
     def test_an_arm_heavier_than_its_model_is_held_with_more(self):
         sent, _ = self.stop(velocity=lambda tick: [-2.0, 0.0], ticks=200)
         assert sent[-1][0] == pytest.approx(1.25 * 4.0 + 2.0 * 2.0)
