@@ -179,6 +179,13 @@ def test_a_log_that_fails_is_counted_and_does_not_stop_the_arm():
     log.append = log.event = raising(OSError("gone"))
     result = run_loop(arm.robot, arm.guard, Swing(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
     assert (result.outcome, result.ticks) == (Outcome.FINISHED, 50)
+    arm, log = Arm(), MemoryLog()
+    log.event = raising(OSError("gone"))
+    result = run_loop(arm.robot, arm.guard, Swing(done_at=2), arm.clock, log, rate_hz=RATE_HZ)
+    assert (result.log_failures, result.log_error) == (0, "")  # nothing has happened yet
+    result = run_loop(arm.robot, arm.guard, Swing(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
+    assert result.log_failures == 2  # the touch, and that it was not logged
+    assert result.log_error == "OSError: gone"
 
 
 def test_a_disk_that_failed_behind_the_log_is_in_the_result():

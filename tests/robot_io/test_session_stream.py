@@ -62,6 +62,7 @@ def test_what_cannot_be_a_stream_is_refused_by_name(make, word):
         ({"tip_m": [[1], [1, 2]]}, "tip_m"),
         ({"count": ["a", "b"]}, "count"),
         ({"time_s": 0.5}, "time_s"),
+        ({"time_s": [[0.0], [1.0]], "tip_m": np.zeros((2, 1, 3)), "count": [[1], [2]]}, "time_s"),
     ],
 )
 def test_columns_that_do_not_fit_are_refused_by_name(change, word):
