@@ -255,6 +255,12 @@ def test_a_rate_that_is_none_is_refused(rate_hz):
         run_loop(arm.robot, arm.guard, Swing(), arm.clock, MemoryLog(), rate_hz=rate_hz)
 
 
+def test_a_slow_rate_is_one():
+    arm = Arm()
+    log = MemoryLog()
+    assert run_loop(arm.robot, arm.guard, Swing(done_at=1), arm.clock, log, rate_hz=0.9).ticks == 1
+
+
 def test_the_rate_limit_starts_afresh_in_each_run():
     arm = Arm()
     run(arm, Swing(done_at=10, torque_nm=5.0))
