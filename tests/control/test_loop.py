@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from itertools import count
 from pathlib import Path
 
@@ -224,9 +225,12 @@ def test_a_tripped_guard_is_refused_until_it_is_rearmed():
 def test_the_same_arm_and_guard_run_again():
     arm = Arm()
     for _ in range(2):
+        begun_s = time.perf_counter()
         result, log = run(arm, Swing(done_at=30, torque_nm=0.01))
         assert result.outcome is Outcome.FINISHED
         assert len(log.records) == 30
+        assert result.duration_s == pytest.approx(0.03, abs=1.5e-3)
+        assert 0.0 < result.wall_s < time.perf_counter() - begun_s
 
 
 @pytest.mark.parametrize(
