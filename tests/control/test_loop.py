@@ -12,15 +12,19 @@ import numpy as np
 import pytest
 
 import control.loop.loop
+from control.arm.rigid_body import TipMotion
 from control.loop.loop import run_loop
 from control.loop.phases import Phase
 from control.loop.result import LoopResult, Outcome
+from control.loop.task import TaskOutput, aimed_output, checked_output
 from control.loop.tick_record import STREAM_NAME, tick_stream
 from control.loop.timing import SECTIONS
+from control.paths.trajectory import JointMotion
 from robot_io.clock import SimulatedClock
 from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
 from robot_io.robot import RobotState
 from robot_io.session import Session, SessionMetadata, SessionWriter
+from robot_io.types import Command
 from tests.control.loop_parts import JOINTS, RATE_HZ, Arm, MemoryLog, Swing
 
 
@@ -59,6 +63,20 @@ def test_the_events_of_the_task_are_logged_at_their_tick():
     assert [(time_s, text) for time_s, kind, text in log.events if kind == "touch"] == [
         (log.column("time_s")[2], "touched")
     ]
+
+
+def test_what_a_task_aims_at_is_recorded_where_it_belongs():
+    motion = JointMotion(np.ones(3), np.full(3, 2.0), np.full(3, 3.0))
+    tip = TipMotion(np.full(3, 4.0), np.eye(3), np.full(3, 5.0), np.zeros((6, 3)))
+    down = np.array([0.0, 0.0, -1.0])
+    aimed = aimed_output(Command(np.zeros(3)), motion, tip, down, Phase.APPROACH)
+    assert [aimed[i][0] for i in range(1, 5)] == [1.0, 2.0, 4.0, 5.0]
+    assert aimed.press_direction_world is down
+    assert np.isnan(aimed.desired_force_n)
+    assert (aimed.phase, aimed.run, aimed.done, aimed.events) == (Phase.APPROACH, -1, False, ())
+    assert checked_output(aimed, (3,)) is aimed
+    plain = TaskOutput(*aimed[:8])
+    assert (plain.run, plain.done) == (-1, False)
 
 
 def test_each_step_is_one_period_after_the_one_before():
@@ -141,6 +159,7 @@ def test_the_sections_of_a_tick_make_up_the_tick(monkeypatch):
     assert min(parts) >= 0.99e-5
     assert sum(parts) == pytest.approx(result.timing["tick"].max_s)
     assert log.column("control_s") == pytest.approx(result.timing["control"].max_s)
+    assert log.column("log_s")[0] == 0.0 < log.column("log_s")[1:].min()  # it is the tick before's
     assert result.timing["lateness"].max_s == 0.0  # simulated time is never late
     assert result.duration_s == pytest.approx(0.2, abs=1e-6)
 
@@ -248,6 +267,7 @@ def test_the_same_arm_and_guard_run_again():
 def test_one_trouble_is_enough_to_be_told(trouble, words):
     good = LoopResult(Outcome.STOPPED, "on request", ticks=5)
     assert (good.is_clean, good.one_line()) == (True, "stopped: on request; 5 ticks")
+    assert (good.skipped, good.log_failures, good.duration_s, good.wall_s) == (0, 0, 0.0, 0.0)
     bad = LoopResult(Outcome.FINISHED, ticks=5, **trouble)
     assert (bad.is_clean, bad.one_line()) == (False, f"finished; 5 ticks{words}")
 
@@ -308,6 +328,7 @@ def test_a_run_is_read_back_with_units_and_events(tmp_path):
 PROGRAM = """
 import sys
 from control.loop.loop import run_loop
+from control.loop.task import TaskOutput, aimed_output, checked_output
 from control.loop.tick_record import tick_stream
 from robot_io.clock import MonotonicClock
 from robot_io.session import SessionMetadata, SessionWriter

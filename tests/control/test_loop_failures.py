@@ -36,6 +36,7 @@ def assert_came_to_rest(arm, log):
     """Braked, then off, within the stop time; then deactivated."""
     tripped = log.column("guard_tripped")
     assert (log.column("phase")[tripped] == Phase.STOPPED).all()
+    assert log.column("run")[-1] == -1
     assert log.column("time_s")[-1] - stop_began_s(log) <= STOP_TIME_S + PERIOD_S
     assert not arm.bus.powered
     assert (arm.plant.torque_nm == 0).all()
