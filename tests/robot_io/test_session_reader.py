@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
@@ -204,6 +205,21 @@ def test_junk_after_a_good_beginning_never_breaks_the_reader(tmp_path, whole, ju
     path.write_bytes(whole[:keep] + junk + (whole[:8] if close else b""))
     session = opened(path)
     assert session is None or session.truncated
+
+
+@pytest.mark.parametrize(
+    ("opcode", "content", "said"),
+    [
+        (Opcode.METADATA, b"\xff\xff", "damaged: (?!its end)"),
+        (Opcode.METADATA, b"\1\0\0\0\xff\0\0\0\0", "damaged: 'utf-8' codec"),
+        (Opcode.CHUNK, bytes(16) + b"\xff" * 8 + bytes(16), "a chunk of 18446744073709551615 bytes"),
+    ],
+)
+def test_what_is_damaged_in_a_finished_file_is_said(tmp_path, whole, opcode, content, said):
+    path, record = tmp_path / "s.mcap", bytes((opcode,)) + len(content).to_bytes(8, "little") + content
+    path.write_bytes(whole[:8] + record + whole[8:])
+    with pytest.raises(SessionError, match=said):
+        Session.open(path)
 
 
 def foreign(path, header, messages=(), compression=CompressionType.LZ4, stream=SLOW, end=None):
