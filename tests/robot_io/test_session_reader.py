@@ -419,6 +419,8 @@ def test_a_growing_session_is_followed_without_reading_anything_twice(tmp_path, 
     assert sorted(seen) == seen
     assert 0 < seen[3] < seen[-1] == follower.count == 1500
     assert_ticks(found, range(1500))
+    with pytest.raises(SessionError, match=r"gone\.mcap: cannot be read: No such file"):
+        Follower(tmp_path / "gone.mcap", "tick", last=1).read()
     short = Follower(path, "tick", last=100)
     path.write_bytes(whole)
     assert_ticks(short.read(), range(1400, 1500))

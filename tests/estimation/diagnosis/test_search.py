@@ -8,7 +8,7 @@ import pytest
 from estimation.data.derivatives import differentiate
 from estimation.diagnosis import established
 from estimation.diagnosis.candidates import Candidate
-from estimation.diagnosis.established import rivals, simplest
+from estimation.diagnosis.established import Standards, rivals, simplest
 from estimation.diagnosis.search import LEVEL, looked_back, search_of
 from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
@@ -97,6 +97,25 @@ def test_a_law_with_more_parameters_takes_no_name_for_a_small_gain():
     assert 0.91 < spring.trial.held_out / bias.trial.held_out < 0.97
     assert search.added(looked_back(search, bias)) == ["bias"]
     assert search.added(looked_back(search, spring)) == ["bias"]
+
+
+@pytest.mark.parametrize(
+    ("base", "named", "nameless", "both", "outdone", "most", "met"),
+    [
+        (100.0, 10.0, 9.5, 9.5, False, True, True),  # as good as any law, and next to nothing is left
+        (100.0, 10.0, 8.9, 10.0, True, True, False),  # a law without a name does better
+        (100.0, 10.0, 9.0, 10.0, False, True, True),  # by so little that it says nothing
+        (100.0, 50.0, 46.0, 45.0, False, True, True),  # half of all, and nine tenths of what can be explained
+        (100.0, 50.0, 46.0, 40.0, False, True, False),  # but more is left
+        (100.0, 51.0, 46.0, 46.0, False, False, True),
+        (100.0, 100.0, 100.0, 100.0, False, False, True),  # there is nothing to explain
+    ],
+)
+def test_names_stand_where_they_do_as_well_as_a_law_without_one(
+    base, named, nameless, both, outdone, most, met
+):
+    held = Standards(base, named, nameless, both)
+    assert (held.is_outdone, held.explains_most, held.is_met) == (outdone, most, met)
 
 
 @pytest.mark.parametrize("pulls", [True, False])
