@@ -26,6 +26,7 @@ from robot_io.session import (
     writer,
 )
 from robot_io.session.mcap_file import CHUNK_BYTES, END_RECORD, EXTRA_RECORD, HEADER_RECORD, McapFile
+from robot_io.session.samples import Samples
 from robot_io.session.stream import streams_to_json
 from robot_io.session.wire import WireFormat
 from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, streams_with_columns, ticks
@@ -346,6 +347,7 @@ def test_what_is_no_session_is_refused_in_one_line(tmp_path, kind):
 
 def test_samples_are_read_only_and_can_be_selected(tmp_path):
     samples = Session.open(written(tmp_path / "s.mcap")).samples("tick")
+    assert_ticks(Samples.from_records(TICK, ticks(range(1500))), range(1500))
     late = samples.select(samples["time_s"] >= 1.499)
     assert_ticks(late, [1499])
     assert_ticks(samples.select([3, 1]), [3, 1])
