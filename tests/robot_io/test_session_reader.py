@@ -133,7 +133,8 @@ def test_a_long_session_that_was_cut_off_gives_what_came_before(tmp_path, in_bat
     assert len(session.samples("tick")) > 5000 * share - 700
 
 
-def test_a_message_of_many_records_that_is_lost_is_counted_record_by_record(tmp_path, in_batches):
+@pytest.mark.parametrize("stated", [{"slow": 40}, {"slow": 3}, {}])
+def test_a_message_of_many_records_that_is_lost_is_counted_record_by_record(tmp_path, in_batches, stated):
     path, batch = tmp_path / "s.mcap", 16
     stream = replace(SLOW, batch=batch)
     rows = SLOW.records({"time_s": np.arange(40.0), "x": np.zeros(40)})
@@ -141,7 +142,7 @@ def test_a_message_of_many_records_that_is_lost_is_counted_record_by_record(tmp_
         mcap = McapFile(file, [stream], METADATA)
         mcap.write_records("slow", np.arange(16, dtype=np.uint64), rows[:16])
         mcap.write_records("slow", np.arange(32, 40, dtype=np.uint64), rows[32:])
-        mcap.finish({"slow": 40})
+        mcap.finish(stated)
     session = Session.open(path)
     assert session.samples("slow")["time_s"].tolist() == [*range(16), *range(32, 40)]
     assert session.dropped == 16
