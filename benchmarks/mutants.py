@@ -102,7 +102,7 @@ def _changes(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
             continue
         if isinstance(tree, ast.FunctionDef) and node is tree.returns:
             continue
-        if isinstance(node, ast.keyword) and node.arg == "strict":
+        if isinstance(tree, ast.Call) and ast.unparse(tree.func) == "zip" and isinstance(node, ast.keyword):
             continue
         if isinstance(tree, ast.Raise | ast.JoinedStr | ast.Import | ast.ImportFrom):
             continue
