@@ -34,13 +34,26 @@ AREAS = {  # where the program is, and the tests that are to notice
     "session": ("robot_io/session", ("tests/robot_io/test_session_*.py",)),
     "drivers": (
         "robot_io/drivers",
-        ("tests/robot_io/drivers", "tests/robot_io/can", "tests/robot_io/serial_force", "tests/wire"),
+        (
+            *("tests/robot_io/drivers", "tests/robot_io/can", "tests/robot_io/serial_force", "tests/wire"),
+            "tests/fuzz/test_fuzz_codecs.py",
+        ),
     ),
     "fit": (
         "estimation/fit",
-        ("tests/estimation/fit", "tests/estimation/study", "tests/estimation/diagnosis"),
+        (
+            *("tests/estimation/fit", "tests/estimation/study", "tests/estimation/diagnosis"),
+            *("tests/estimation/test_robust.py", "tests/estimation/test_contact_estimators.py"),
+            "tests/estimation/test_misfit.py",
+        ),
     ),
-    "diagnosis": ("estimation/diagnosis", ("tests/estimation/diagnosis", "tests/estimation/design")),
+    "diagnosis": (
+        "estimation/diagnosis",
+        (
+            *("tests/estimation/diagnosis", "tests/estimation/design"),
+            "tests/estimation/arm/test_channels.py",
+        ),
+    ),
 }
 GOAL = 0.95
 MOST_S = 900.0  # that the tests of a mutant may take; one that takes longer is noticed

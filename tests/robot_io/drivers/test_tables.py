@@ -6,7 +6,6 @@ from robot_io.drivers.dynamixel import tables as dynamixel
 from robot_io.drivers.feetech import tables as feetech
 from robot_io.drivers.mit.makers import DIALECTS, Maker, error_name
 from robot_io.drivers.odrive.protocol import AXIS_ERRORS, WATCHDOG_EXPIRED, AxisState, Firmware
-from robot_io.drivers.serial_force.lorenz_protocol import SAMPLE_RATE_CODES
 from robot_io.drivers.servo.register import Register
 from sim_backend.emulators.dynamixel.control_table import MODELS, items_of
 from sim_backend.emulators.feetech import servo as emulated_sts
@@ -129,7 +128,3 @@ def test_an_mit_motor_s_errors_are_numbered_as_in_its_manual(maker, first, names
     assert dialect.errors == dict(enumerate(names.split(", "), first))
     assert encoder == (dialect.encoder_fault and error_name(maker, dialect.encoder_fault))
     assert timeout == (dialect.timeout_error and error_name(maker, dialect.timeout_error))
-
-
-def test_a_lorenz_sensor_s_rate_codes_divide_5000_samples_a_second():
-    assert {rate * code for rate, code in SAMPLE_RATE_CODES.items()} == {5000}
