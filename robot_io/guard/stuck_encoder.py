@@ -47,14 +47,14 @@ class _Joint:
     )
     marks: tuple[_Mark, _Mark]  # up to one and up to two times `still_s` ago
     position_rad: float
+    samples: int
+    suspect: bool
 
     def __init__(self, tracking_rad: float, still_s: float) -> None:
         self.still_s = still_s
         self.least_rad = _TRACKING_SHARE * tracking_rad
         self.unknown_rad = _UNKNOWN_SHARE * tracking_rad
         self.step_rad = inf  # smallest one seen
-        self.samples = 0
-        self.suspect = False
 
     def begin(
         self, time_s: float, position_rad: float, reference_rad: float, torque_nm: float, force_n: float

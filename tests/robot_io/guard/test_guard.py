@@ -623,10 +623,11 @@ class TestOnTheMockArm:
         assert not plant.torque_nm.any()
 
 
-def watch_many(guard, count, reading, reference, torque_nm, *, first=0, force_n=lambda k: 0.0):
+def watch_many(guard, count, reading, reference, torque_nm, *, first=0, force_n=lambda k: 0.0, every=1):
     """`count` ticks; each argument gives joint 1's value at tick k. Returns the tick of the trip, or None."""
     for k in range(first, first + count):
-        state = {"joint_position_rad": [reading(k), 0], "joint_torque_nm": [torque_nm(k), 0]}
+        state = {"joint_position_rad": [reading(k - k % every), 0], "joint_torque_nm": [torque_nm(k), 0]}
+        state["encoder_at_s"] = (k - k % every) * DT
         guard.watch(measured(k * DT, **state, force_n=force_n(k)), np.array([reference(k), 0.0]))
         if guard.tripped:
             return k
@@ -659,6 +660,13 @@ def test_an_encoder_that_freezes_is_named_before_the_joint_is_far_off(guard, see
     assert frozen.joint_torque_nm.tolist() == [0.0, -1.0]
 
 
+def test_an_encoder_that_has_never_shown_a_step_may_be_a_coarse_one(guard):
+    """Nobody knows its steps: a sound one is expected to show a twentieth of the tracking limit."""
+    tick = watch_many(guard, 300, lambda k: 0.0, lambda k: SPEED * k / 4, lambda k: 6.0 if k > 5 else 0.0)
+    assert guard.tripped.cause.startswith("encoder of joint 1: stuck at 0 rad")
+    assert SPEED * tick / 4 == pytest.approx(5e-3, abs=3e-4)
+
+
 class TestStoppedInItsMotion:
     """A joint that stands still from one sample to the next, on a drive that answers with 150 N m/rad.
 
@@ -686,6 +694,10 @@ class TestStoppedInItsMotion:
         ticks, _ = self.named(guard, lambda k: SPEED * k, 100)
         assert 30 <= ticks <= 32
 
+    def test_a_force_that_hardly_changes_is_none_that_is_felt(self, guard):
+        ticks, _ = self.named(guard, lambda k: SPEED * k, 100, force_n=lambda k: 0.0 if k <= 100 else 0.35)
+        assert ticks <= 22
+
     def test_an_object_that_is_hit_is_felt(self, guard):
         _, behind_rad = self.named(
             guard, lambda k: SPEED * k, 100, force_n=lambda k: 0.0 if k <= 100 else 0.6
@@ -703,14 +715,15 @@ class TestStoppedInItsMotion:
         _, behind_rad = self.named(guard, reference, 200)
         assert 0.03 < behind_rad < 0.04
 
-    def test_a_joint_that_slips_and_sticks_had_not_followed(self, guard):
-        """A slip of 10 mrad in one tick, while the reference creeps on."""
+    @pytest.mark.parametrize("slip_rad", [0.007, 0.01])
+    def test_a_joint_that_slips_and_sticks_had_not_followed(self, guard, slip_rad):
+        """A slip in one tick, while the reference creeps on."""
 
         def reference(k):
             return 0.2 * SPEED * max(0, k - 50)
 
         def reading(k):
-            return 1e-5 * (k % 2) if k < 50 else 0.01 if k >= 150 else 0.0
+            return 1e-5 * (k % 2) if k < 50 else slip_rad if k >= 150 else 0.0
 
         tick = watch_many(guard, 600, reading, reference, lambda k: 150 * (reference(k) - reading(k)))
         assert abs(reference(tick) - reading(tick)) > 0.015
@@ -809,6 +822,20 @@ def test_a_slow_coarse_encoder_is_not_stuck(guard):
         return in_steps(50e-6 * (k - k % 5))
 
     assert watch_many(guard, 5000, reading, lambda k: 50e-6 * k, lambda k: 0.9) is None
+
+
+def test_few_samples_of_an_encoder_prove_nothing():
+    """The fifth equal one comes 20 ms after the first, however short the limit is."""
+    guard = Guard(LIMITS.model_copy(update={"stuck_encoder_s": 0.01}), SAFE_STATE, 2)
+
+    def reading(k):
+        return SPEED * min(k, 100)
+
+    def torque_nm(k):
+        return 1000 * (SPEED * k - reading(k))
+
+    assert watch_many(guard, 200, reading, lambda k: SPEED * k, torque_nm, every=5) == 120
+    assert "encoder of joint 1: stuck" in guard.tripped.cause
 
 
 def test_readings_that_freeze_for_some_ticks_are_no_reason(guard):
