@@ -684,9 +684,9 @@ class TestStoppedInItsMotion:
         return tick - at, abs(reference(tick) - reading(tick))
 
     @pytest.mark.parametrize("seen", [in_steps, float], ids=["12 bits", "fine"])
-    @pytest.mark.parametrize("at", [60, 407])
-    def test_it_is_named_within_the_limit_and_two_ticks(self, guard, seen, at):
-        ticks, _ = self.named(guard, lambda k: SPEED * k, at, seen)
+    @pytest.mark.parametrize(("at", "start_rad"), [(60, 0.0), (407, 0.0), (60, -0.6)])
+    def test_it_is_named_within_the_limit_and_two_ticks(self, guard, seen, at, start_rad):
+        ticks, _ = self.named(guard, lambda k: start_rad + SPEED * k, at, seen)
         assert ticks <= 22
 
     def test_the_limit_is_the_robot_files(self):
@@ -751,6 +751,13 @@ def test_a_suspect_encoder_is_named_by_whatever_stops_the_arm(guard):
     first, second = guard.tripped.cause.split("; ")
     assert first == "joint 1 is 0.1005 rad from its reference, limit 0.1 rad"
     assert second.startswith("encoder of joint 1: stuck at 0.05 rad (or the joint is jammed)")
+
+
+@pytest.mark.parametrize(("ticks", "suspect"), [(115, False), (124, True)])
+def test_a_fine_encoder_is_suspect_once_a_hundredth_of_the_tracking_limit_is_not_shown(guard, ticks, suspect):
+    slow = 0.05e-3  # rad per tick: 1 mrad in 20 ms
+    assert watch_many(guard, ticks, lambda k: slow * min(k, 100), lambda k: slow * k, lambda k: 0.0) is None
+    assert ("encoder of joint 1" in guard.trip("stopped on request").cause) is suspect
 
 
 def test_a_suspicion_lets_no_weight_fall():
