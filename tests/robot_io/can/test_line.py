@@ -79,6 +79,14 @@ def test_what_has_queued_up_does_not_become_newer_by_waiting_for_the_next_drain(
     assert line.drain(2.6)[0][1] == (2.55 if timestamps == "robot" else 2.503)
 
 
+def test_a_node_that_babbles_does_not_hold_up_a_drain_that_is_late(ends):
+    line, other, clock = ends("robot")
+    for tick in range(250):
+        send(other, 1e-3 * tick)
+    clock.sleep_until(1.0)
+    assert [len(line.drain(0.9)) for _ in range(3)] == [101, 101, 48]
+
+
 @pytest.mark.parametrize("jump_s", [0.0, 3600.0, -3600.0])
 def test_a_jump_of_the_wall_clock_is_bounded_by_what_the_line_knows(ends, monkeypatch, jump_s):
     line, other, clock = ends("wall")

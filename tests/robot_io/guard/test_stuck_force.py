@@ -47,9 +47,10 @@ def frozen(forces_n, at):
 
 
 @pytest.mark.parametrize("every", [1, 2], ids=["1 kHz", "500 Hz"])
-@pytest.mark.parametrize("at", [300, 2000])
-def test_a_sensor_that_freezes_is_named_within_its_limit(every, at):
-    tick, said = ticks_until_named(StuckForce(LIMIT_S), frozen(noise(4000, every=every), at), every=every)
+@pytest.mark.parametrize(("at", "held_n"), [(300, 0.0), (2000, 0.0), (300, 5.0), (300, -5.0)])
+def test_a_sensor_that_freezes_is_named_within_its_limit(every, at, held_n):
+    forces_n = held_n + frozen(noise(4000, every=every), at)
+    tick, said = ticks_until_named(StuckForce(LIMIT_S), forces_n, every=every)
     assert at < tick <= at + 22
     assert said.startswith("force sensor: stuck at ")
     assert said.endswith("equal samples in a row while the arm moved")
@@ -134,6 +135,14 @@ def test_the_more_it_repeats_itself_the_longer_it_takes():
 @pytest.mark.parametrize("seed", range(5))
 def test_a_short_limit_alone_accuses_nobody(seed):
     assert ticks_until_named(StuckForce(1e-3), noise(20_000, seed=seed)) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("row", "accused"), [(14, False), (28, True)])
+def test_a_row_that_is_chance_in_such_a_sensor_accuses_nobody(seed, row, accused):
+    """A fourth of its samples are equal to the one before: so many in a row come by chance once in 1e9."""
+    forces_n = np.concatenate([noise(150, seed=seed, std=0.008), np.full(row + 1, 1.0), noise(10)])
+    assert (ticks_until_named(StuckForce(5e-3), forces_n) is not None) is accused
 
 
 def test_the_first_few_equal_samples_may_be_chance():
