@@ -1,12 +1,13 @@
 """The adapter: when frames are taken to have arrived, and what an adapter's own failures look like."""
 
+import os
 import time
 
 import can
 import pytest
 
 from robot_io.clock import SimulatedClock
-from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
+from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings, PortLock
 from robot_io.errors import DeviceError
 
 
@@ -136,6 +137,23 @@ def test_a_closed_line_says_so(ends):
     for call in (lambda: line.drain(0.0), lambda: line.send(CanFrame(1), 0.0)):
         with pytest.raises(DeviceError, match="not open"):
             call()
+
+
+def test_a_serial_port_has_one_owner_and_what_is_none_needs_no_lock(tmp_path):
+    master, slave = os.openpty()
+    port, plain = os.ttyname(slave), tmp_path / "file"
+    plain.touch()
+    first = PortLock(f"{port}@115200")
+    with pytest.raises(DeviceError, match=f"{port}: in use by another program"):
+        PortLock(port)
+    for _ in range(2):
+        first.release()
+    PortLock(port).release()
+    both = [PortLock(channel) for channel in (str(plain), str(plain), "can0", 1, 1)]
+    for one in both:
+        one.release()
+    os.close(master)
+    os.close(slave)
 
 
 def test_multicast_stays_on_this_machine_unless_told_otherwise():
