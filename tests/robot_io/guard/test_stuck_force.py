@@ -119,17 +119,29 @@ def test_a_sensor_that_holds_its_zero_on_purpose_is_not_accused():
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n) is None
 
 
-def test_a_blow_does_not_make_a_coarse_sensor_a_noisy_one():
-    blow = 3.0 * np.abs(np.sin(0.3 * np.arange(100)))
-    forces_n = np.concatenate([np.zeros(AIR), blow, np.full(HOLD, 3.0)])
-    forces_n = np.round((forces_n + noise(len(forces_n), step=1e-6)) / 0.1) * 0.1
+def test_a_blow_that_rings_does_not_make_a_coarse_sensor_a_noisy_one():
+    """In the air it alternates on the edge between two steps; held in the middle of one it stands still."""
+    blow, step = np.tile([3.0, 0.0], 40), 0.1
+    forces_n = np.concatenate([np.full(AIR, 0.05), blow, np.full(HOLD, 3.0)])
+    forces_n = np.round((forces_n + noise(len(forces_n), step=1e-6)) / step) * step
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n) is None
+
+
+def test_the_limit_is_the_robot_file_s():
+    tick, _ = ticks_until_named(StuckForce(0.1), frozen(noise(4000), 2000))
+    assert 2100 <= tick <= 2102
+
+
+def test_a_row_must_be_much_longer_than_any_before_it():
+    forces_n = np.concatenate([noise(500), np.full(16, 1.0), noise(500, seed=1), np.full(200, 2.0)])
+    tick, _ = ticks_until_named(StuckForce(LIMIT_S), forces_n)
+    assert tick == 1016 + 46  # three times its 15 that were equal to the one before, and one
 
 
 def test_the_more_it_repeats_itself_the_longer_it_takes():
     lazy = noise(6000, every=4, std=0.05)
     tick, _ = ticks_until_named(StuckForce(LIMIT_S), frozen(lazy, 3000))
-    assert 3000 + 22 < tick < 3000 + 200
+    assert 3000 + 60 < tick < 3000 + 100
 
 
 @pytest.mark.parametrize("seed", range(5))
