@@ -2,6 +2,7 @@
 
 import os
 import time
+from types import SimpleNamespace
 
 import can
 import pytest
@@ -117,7 +118,7 @@ def test_bus_off_lasts_until_the_adapter_says_that_it_has_restarted(ends):
     assert line.drain(0.0) == []
     line.send(CanFrame(0x20, remote=True), 0.0)
     heard = other.recv(timeout=0)
-    assert (heard.arbitration_id, heard.is_remote_frame) == (0x20, True)
+    assert (heard.arbitration_id, heard.is_remote_frame, heard.dlc) == (0x20, True, 8)
     assert line.counts["error frame"] == 3
 
 
@@ -154,6 +155,15 @@ def test_a_serial_port_has_one_owner_and_what_is_none_needs_no_lock(tmp_path):
         one.release()
     os.close(master)
     os.close(slave)
+
+
+def test_an_adapter_that_cannot_be_closed_says_so(ends):
+    line, _, _ = ends("robot")
+    line._bus.shutdown()
+    line._bus = SimpleNamespace(shutdown=lambda: os.close(-1))
+    with pytest.raises(DeviceError, match=r"cannot be closed .*Bad file"):
+        line.close()
+    assert not line.is_open
 
 
 def test_multicast_stays_on_this_machine_unless_told_otherwise():
