@@ -120,6 +120,11 @@ def test_a_long_session_has_many_records_in_a_message_and_is_read_back(tmp_path,
     assert scan.scan(again.read_bytes()).metadata[HEADER_RECORD]["format_version"] == "1"
 
 
+def test_a_session_that_is_not_long_has_a_record_in_each_message(tmp_path, in_batches):
+    with written(tmp_path / "s.mcap", 1000).open("rb") as file:
+        assert make_reader(file).get_summary().statistics.message_count == 1000 + 2 + len(EVENTS)
+
+
 @within_one_folder
 @given(share=st.floats(0.05, 0.99))
 def test_a_long_session_that_was_cut_off_gives_what_came_before(tmp_path, in_batches, share):
