@@ -264,11 +264,12 @@ def main() -> None:
     options.add_argument("--only", default=",".join(AREAS))
     given = options.parse_args()
     noticed: dict[str, list[bool]] = defaultdict(list)
+    drawn = sampled(given.count, given.only.split(","), given.seed)  # of the same files as the copy has
     with TemporaryDirectory() as folder:
         trial = Trial(Path(folder))
         for area in given.only.split(","):
             trial.check(area)
-        for mutant in sampled(given.count, given.only.split(","), given.seed):
+        for mutant in drawn:
             started = time.perf_counter()
             by = trial.noticed_by(mutant)
             noticed[mutant.area].append(bool(by))

@@ -281,6 +281,17 @@ def test_a_session_made_by_others_is_read(tmp_path):
         assert not session.truncated
 
 
+@pytest.mark.parametrize(("flip", "count"), [(0, 1), (1, 0)])
+def test_of_a_session_that_was_cut_off_a_damaged_chunk_is_left_out(tmp_path, flip, count):
+    path = foreign(tmp_path / "s", {}, [("slow", MESSAGE)], CompressionType.NONE)
+    whole = path.read_bytes()
+    cut = bytearray(whole[: whole.index(MESSAGE) + len(MESSAGE)])
+    cut[-1] ^= flip
+    path.write_bytes(cut)
+    session = Session.open(path)
+    assert (session.truncated, len(session.samples("slow"))) == (True, count)
+
+
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
@@ -422,6 +433,7 @@ def test_a_growing_session_is_followed_without_reading_anything_twice(tmp_path, 
         before = follower._file.read_bytes
         path.write_bytes(bytes(before) + whole[before:part])  # what was read once is gone
         found = follower.read()
+        assert found is None or len(found)
         seen.append(0 if found is None else len(found))
         assert follower.complete == (part == len(whole))
     assert sorted(seen) == seen
