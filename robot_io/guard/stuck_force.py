@@ -101,7 +101,8 @@ class StuckForce:
 
     def _no_chance(self) -> float:
         """The number of equal samples in a row that is none."""
+        if not self._noise_n:
+            return inf
         noise_n = self._noise_n / self._known
-        share = max(self._equal / self._known, _LEAST_SHARE)  # below one: this sample was different
-        share = max(share, _NOISE_SHARE * self._step_n / noise_n if noise_n else 1.0)
+        share = max(self._equal / self._known, _LEAST_SHARE, _NOISE_SHARE * self._step_n / noise_n)
         return max(_IMPROBABLE / -log(share), _LONGER * self._longest) if share < 1.0 else inf

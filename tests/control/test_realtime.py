@@ -163,10 +163,12 @@ def test_memory_is_locked_now_and_to_come_unless_somebody_has_done_so(
     assert calls == ([] if locked_kib else [flags, "unlocked"])
 
 
-@pytest.mark.parametrize("switch", ["_locked_memory", "_fine_timer"])
-def test_what_the_system_refuses_is_an_error_with_its_reason(monkeypatch, switch):
-    refuse = lambda *_: -1  # noqa: E731
-    monkeypatch.setattr(ctypes, "CDLL", lambda *_, use_errno: SimpleNamespace(mlockall=refuse, prctl=refuse))
+@pytest.mark.parametrize(
+    ("switch", "refused"), [("_locked_memory", ()), ("_fine_timer", (29,)), ("_fine_timer", (30,))]
+)
+def test_what_the_system_refuses_is_an_error_with_its_reason(monkeypatch, switch, refused):
+    libc = SimpleNamespace(mlockall=lambda _: -1, prctl=lambda option, *_: -1 if option in refused else 0)
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_, use_errno: libc)
     monkeypatch.setattr(ctypes, "get_errno", lambda: 12)
     monkeypatch.setattr(module, "_locked_kib", lambda: 0)
     with pytest.raises(OSError, match="Cannot allocate memory"), getattr(module, switch)():

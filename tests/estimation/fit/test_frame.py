@@ -100,6 +100,8 @@ def test_a_corner_of_a_contact_s_motion_counts_only_where_data_has_nothing_else(
     assert not sharp.trusted[top < 0.004].any()
     assert sharp.trusted[(top > 0.012) & (top < 0.5)].all()
     assert round_.trusted[top < 0.5].all()
+    single = frame_of(press(rate_hz=200.0, shape=triangle))  # a sample is a block
+    assert np.sum(~single.trusted[350:450]) == 9  # the corner, its neighbours, and three more to either side
     slow = frame_of(press(seconds=40.0, rate_hz=50.0, shape=triangle))
     assert slow.trusted[np.abs(slow.reduce(slow.data.time_s) - 20.0) < 5.0].all()
 
