@@ -229,6 +229,13 @@ def test_what_is_damaged_in_a_finished_file_is_said(tmp_path, whole, opcode, con
         Session.open(path)
 
 
+def test_what_is_damaged_in_a_growing_file_is_said(tmp_path, whole):
+    path = tmp_path / "s.mcap"
+    path.write_bytes(whole[:8] + bytes((Opcode.METADATA,)) + (2).to_bytes(8, "little") + b"\xff\xff")
+    with pytest.raises(SessionError, match="damaged"):
+        Follower(path, "tick", last=10).read()
+
+
 def foreign(path, header, messages=(), compression=CompressionType.LZ4, stream=SLOW, end=None):
     """An MCAP file by somebody else."""
     with path.open("wb") as file:
