@@ -285,3 +285,22 @@ def test_an_effect_whose_size_may_be_nothing_is_not_established(monkeypatch, gap
     known = [one("gap", 0.01, gap_error), one("motor_inertia", 0.4, 0.01), one("motor_friction", 0.4, 0.01)]
     monkeypatch.setattr(established, "values", lambda *_: {each.name: each for each in known})
     assert established._may_be_nothing(search.start, end, "backlash") is may_be
+
+
+@pytest.mark.parametrize(
+    ("step", "without", "end", "name", "below"),
+    [
+        (0.1, 0.055, 0.05, "bias", True),  # it adds 23 mN m, and a step's rounding is 29 mN m
+        (0.1, 0.06, 0.05, "bias", False),
+        (0.1, 0.04, 0.05, "bias", True),
+        (0.1, 0.055, 0.05, "quantisation", False),  # that is what it is
+        (0.1, 0.111, 0.11, "bias", False),  # more than a step is left: it says nothing
+        (0.0, 0.055, 0.05, "bias", False),  # the reader does not round
+    ],
+)
+def test_what_is_below_a_step_of_the_reader_may_be_its_rounding(step, without, end, name, below):
+    effort = np.random.default_rng(1).normal(0.0, 1.0, 3000)
+    effort = step * np.round(effort / step) if step else effort
+    whole = SimpleNamespace(data=SimpleNamespace(effort=effort), rmse=end)
+    search = SimpleNamespace(without=lambda *_: SimpleNamespace(rmse=without))
+    assert established._is_below_a_step(search, whole, name) is below
