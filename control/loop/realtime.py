@@ -101,13 +101,13 @@ def _locked_memory() -> Iterator[None]:
 def _fine_timer() -> Iterator[None]:
     _require_linux()
     libc = ctypes.CDLL(None, use_errno=True)
-    former_ns = libc.prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0)
+    former_ns = libc.prctl(_PR_GET_TIMERSLACK)
     _check(former_ns)
-    _check(libc.prctl(_PR_SET_TIMERSLACK, _TIMER_SLACK_NS, 0, 0, 0))
+    _check(libc.prctl(_PR_SET_TIMERSLACK, _TIMER_SLACK_NS))
     try:
         yield
     finally:
-        libc.prctl(_PR_SET_TIMERSLACK, former_ns, 0, 0, 0)
+        libc.prctl(_PR_SET_TIMERSLACK, former_ns)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ has never shown so small a torque on that side.
 
 from math import inf, nan
 
+from robot_io.clip import clip
 from robot_io.guard.limits import Limits, Problem
 from robot_io.types import Measurement, Status
 
@@ -42,23 +43,18 @@ class _Drive:
 
     __slots__ = (
         *("before_nm", "clear_nm", "count", "floor_nm", "high_nm", "jump_nm", "jumps"),
-        *("large_nm", "low_nm", "measured_nm", "obeyed_at_s", "sent_nm", "usually_off_nm"),
+        *("low_nm", "measured_nm", "obeyed_at_s", "sent_nm", "usually_off_nm"),
     )
 
     def __init__(self, limit_nm: float) -> None:
         self.floor_nm = _FLOOR_SHARE * limit_nm
-        self.large_nm = _LARGE_SHARE * limit_nm
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget everything but the drive's size."""
         # Lowest and highest: in this stretch of time, in the one before, and in both.
         self.sent_nm = self.before_nm = (inf, -inf)
         self.low_nm, self.high_nm = inf, -inf
         self.measured_nm = nan
         self.jump_nm = inf  # nobody knows how coarse a reading is that has not changed yet
         # Smallest torques that were clearly shown, positive and negative.
-        self.clear_nm = [self.large_nm / _SMALLER] * 2
+        self.clear_nm = [_LARGE_SHARE * limit_nm / _SMALLER] * 2
         self.usually_off_nm = self.obeyed_at_s = 0.0
         self.count = self.jumps = 0
 
@@ -82,8 +78,8 @@ class _Drive:
 
     @property
     def least_sent_nm(self) -> float:
-        """The smallest torque of late if all had one sign, otherwise zero [N m]."""
-        return self.low_nm if self.low_nm > 0.0 else min(self.high_nm, 0.0)
+        """The smallest torque of late, where all had one sign [N m]."""
+        return self.low_nm if self.low_nm > 0.0 else self.high_nm
 
     def is_missing(self) -> bool:
         """Whether the reading says that torque is missing."""
@@ -101,11 +97,7 @@ class _Drive:
 
     def get_used_to(self, share: float) -> None:
         """Take how far the reading is off now for a part of what is usual."""
-        measured_nm, off_nm = self.measured_nm, 0.0
-        if measured_nm > self.high_nm:
-            off_nm = measured_nm - self.high_nm
-        elif measured_nm < self.low_nm:
-            off_nm = measured_nm - self.low_nm
+        off_nm = self.measured_nm - clip(self.measured_nm, self.low_nm, self.high_nm)
         self.usually_off_nm += (off_nm - self.usually_off_nm) * share
 
 
@@ -118,14 +110,13 @@ class DeafDrives:
 
     def __init__(self, limits: Limits) -> None:
         self._time_s = limits.deaf_drive_s
-        self._drives = tuple(_Drive(torque_nm) for torque_nm in limits.torque_nm)
+        self._torques_nm = limits.torque_nm
         self.restart()
 
     def restart(self) -> None:
         """Forget everything, as after the torque was off."""
         self._sampled_at_s = self._sent_at_s = self._begun_s = self._stretch_s = -inf
-        for drive in self._drives:
-            drive.restart()
+        self._drives = tuple(map(_Drive, self._torques_nm))
 
     def sent(self, time_s: float, torque_nm: list[float]) -> None:
         """Remember a command (n) [N m] that goes out now."""

@@ -79,8 +79,8 @@ class Guard:
         self._trip: Trip | None = None
         self._stopping_s = 0.0  # sum of the time steps since the trip
         self._finished = False
-        self._previous_nm: list[float] | None = None
-        self._previous_s = -inf
+        self._previous_nm: list[float] = []  # what was sent,
+        self._previous_s = -inf  # and when
         self.torque_clips = 0
         self.rate_clips = 0
 
@@ -139,7 +139,6 @@ class Guard:
             if suspicion and suspicion != cause:
                 cause = f"{cause}; {suspicion}"
             self._trip = Trip(cause, self._watched.time_s if self._watched else nan, self._tick, remedy)
-            self._stopping_s = 0.0
             self._safe_stop.restart()
         return self._trip
 
@@ -179,8 +178,9 @@ class Guard:
         self._stuck_encoders.restart()
         self._deaf_drives.restart()
         self._stuck_force.restart()
+        self._stopping_s = 0.0
         self._watched = measurement
-        self._previous_nm = None
+        self._previous_s = -inf
 
     def _plausibility_problem(self, measurement: Measurement) -> Problem | None:
         """What samples that look sound say against each other."""
@@ -215,7 +215,7 @@ class Guard:
     def _clip(self, command: Command, measurement: Measurement, dt_s: float) -> Command:
         wanted_nm = command.joint_torque_nm.tolist()
         previous_nm = self._previous_nm
-        if previous_nm is None or measurement.time_s - self._previous_s > PAUSE_S:
+        if measurement.time_s - self._previous_s > PAUSE_S:
             previous_nm = self._measured_within_limits(measurement)
         sent_nm: list[float] = []
         torque_clipped = rate_clipped = False

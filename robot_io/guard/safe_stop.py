@@ -1,7 +1,7 @@
 """Brings a tripped arm to rest: brakes it with its weight held up, then lets it sink slowly."""
 
 from collections.abc import Callable, Sequence
-from math import isfinite, sqrt
+from math import inf, isfinite, sqrt
 
 from robot_io.guard.limits import Limits, SafeState
 from robot_io.types import FloatArray, Measurement
@@ -45,10 +45,9 @@ class SafeStop:
         self._sink_rad_s = safe_state.lower_speed_rad_s
         self._model = gravity_nm
         self.duration_s = safe_state.stop_time_s + (safe_state.lower_time_s if gravity_nm else 0.0)
-        self.restart()
 
     def restart(self) -> None:
-        """Before each stop."""
+        """Before each stop, the first included."""
         self._gravity_nm = self._model
         self._support = 1.0
 
@@ -96,7 +95,7 @@ class SafeStop:
         """The support from now on."""
         size_nm = sqrt(sum(weight * weight for weight in weights_nm))
         power_w = sum(weight * speed for weight, speed in zip(weights_nm, velocities_rad_s, strict=True))
-        sinking_rad_s = -power_w / size_nm if size_nm else 0.0
+        sinking_rad_s = -power_w / (size_nm or inf)
         rate = (1.0 - sinking_rad_s / self._sink_rad_s) / self._fade_s
         most = min(_MOST_SUPPORT, max(self.duration_s - stopping_s, 0.0) / self._last_s)
         return min(max(self._support - rate * dt_s, 0.0), most)

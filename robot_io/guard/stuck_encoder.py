@@ -26,6 +26,8 @@ _FORCE_SHARE = 0.02  # and the force has not changed by more than this share of 
 _FOLLOWED = (0.6, 1.5)  # times the way of its reference: the joint was following
 _PACE_SHARE = 0.5  # of the reference's speed before: it has gone on
 
+_Mark = tuple[float, float, float]  # time [s], position and reference [rad]
+
 
 class _Joint:
     """One joint since its reading last changed."""
@@ -43,21 +45,20 @@ class _Joint:
         ),
         *("samples", "since_s", "step_rad", "still_s", "suspect", "torque_nm", "unknown_rad"),
     )
+    marks: tuple[_Mark, _Mark]  # up to one and up to two times `still_s` ago
+    position_rad: float
+    samples: int
+    suspect: bool
 
     def __init__(self, tracking_rad: float, still_s: float) -> None:
         self.still_s = still_s
         self.least_rad = _TRACKING_SHARE * tracking_rad
         self.unknown_rad = _UNKNOWN_SHARE * tracking_rad
         self.step_rad = inf  # smallest one seen
-        self.samples = 0
-        self.suspect = False
-        # Time, position and reference, up to one and up to two times `still_s` ago.
-        self.marks = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-        self.followed_rad = self.followed_s = 0.0
-        self.since_s = self.position_rad = self.reference_rad = self.torque_nm = 0.0
-        self.before_rad = self.force_n = 0.0
 
-    def begin(self, time_s: float, position_rad: float, reference_rad: float, torque_nm: float) -> None:
+    def begin(
+        self, time_s: float, position_rad: float, reference_rad: float, torque_nm: float, force_n: float
+    ) -> None:
         """A reading that differs from the one before, or is the first."""
         if self.samples:
             self.step_rad = min(self.step_rad, abs(position_rad - self.position_rad))
@@ -66,6 +67,7 @@ class _Joint:
         self.followed_s = time_s - before_s
         self.samples, self.since_s, self.suspect = 1, time_s, False
         self.position_rad, self.reference_rad, self.torque_nm = position_rad, reference_rad, torque_nm
+        self.force_n = force_n
 
     @property
     def most_rad(self) -> float:
@@ -140,8 +142,7 @@ class StuckEncoders:
             self._mark(time_s, positions_rad, references_rad)
         for i, joint in enumerate(self._joints):
             if not joint.samples or positions_rad[i] != joint.position_rad:
-                joint.begin(time_s, positions_rad[i], references_rad[i], torques_nm[i])
-                joint.force_n = measurement.force_n
+                joint.begin(time_s, positions_rad[i], references_rad[i], torques_nm[i], measurement.force_n)
                 continue
             joint.samples += 1
             moved_rad = references_rad[i] - joint.reference_rad

@@ -44,9 +44,8 @@ class StuckForce:
 
     def restart(self) -> None:
         """Forget everything."""
-        self._sampled_at_s = -inf
+        self._sampled_at_s = self._since_s = -inf
         self._force_n = nan
-        self._since_s = 0.0
         self._since_rad: list[float] = []
         self._row = self._longest = 0  # samples in a row that were equal to the one before
         self._equal = self._known = 0  # samples that were, and all samples, before this row
@@ -102,7 +101,8 @@ class StuckForce:
 
     def _no_chance(self) -> float:
         """The number of equal samples in a row that is none."""
+        if not self._noise_n:
+            return inf
         noise_n = self._noise_n / self._known
-        share = max(self._equal / self._known, _LEAST_SHARE)  # below one: this sample was different
-        share = max(share, _NOISE_SHARE * self._step_n / noise_n if noise_n else 1.0)
+        share = max(self._equal / self._known, _LEAST_SHARE, _NOISE_SHARE * self._step_n / noise_n)
         return max(_IMPROBABLE / -log(share), _LONGER * self._longest) if share < 1.0 else inf

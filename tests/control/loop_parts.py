@@ -17,6 +17,7 @@ RATE_HZ = 1000.0
 AGE_LIMIT_S = 0.005
 STOP_TIME_S = 0.2
 TICK = tick_stream(JOINTS).dtype  # making it takes longer than the rest of a tick
+WIDTHS = [column.width for column in tick_stream(JOINTS).columns]
 
 
 class Arm:
@@ -66,6 +67,7 @@ class MemoryLog:
         assert stream_name == "tick"
         if self.error:
             raise self.error
+        assert [np.size(value) for value in record] == WIDTHS
         self.records.append(np.array(record, TICK)[()])
 
     def event(self, time_s, kind, text, data=None) -> None:

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from itertools import count
 from pathlib import Path
 
@@ -11,15 +12,19 @@ import numpy as np
 import pytest
 
 import control.loop.loop
+from control.arm.rigid_body import TipMotion
 from control.loop.loop import run_loop
 from control.loop.phases import Phase
-from control.loop.result import Outcome
+from control.loop.result import LoopResult, Outcome
+from control.loop.task import TaskOutput, aimed_output, checked_output
 from control.loop.tick_record import STREAM_NAME, tick_stream
 from control.loop.timing import SECTIONS
+from control.paths.trajectory import JointMotion
 from robot_io.clock import SimulatedClock
 from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
 from robot_io.robot import RobotState
 from robot_io.session import Session, SessionMetadata, SessionWriter
+from robot_io.types import Command
 from tests.control.loop_parts import JOINTS, RATE_HZ, Arm, MemoryLog, Swing
 
 
@@ -58,6 +63,20 @@ def test_the_events_of_the_task_are_logged_at_their_tick():
     assert [(time_s, text) for time_s, kind, text in log.events if kind == "touch"] == [
         (log.column("time_s")[2], "touched")
     ]
+
+
+def test_what_a_task_aims_at_is_recorded_where_it_belongs():
+    motion = JointMotion(np.ones(3), np.full(3, 2.0), np.full(3, 3.0))
+    tip = TipMotion(np.full(3, 4.0), np.eye(3), np.full(3, 5.0), np.zeros((6, 3)))
+    down = np.array([0.0, 0.0, -1.0])
+    aimed = aimed_output(Command(np.zeros(3)), motion, tip, down, Phase.APPROACH)
+    assert [aimed[i][0] for i in range(1, 5)] == [1.0, 2.0, 4.0, 5.0]
+    assert aimed.press_direction_world is down
+    assert np.isnan(aimed.desired_force_n)
+    assert (aimed.phase, aimed.run, aimed.done, aimed.events) == (Phase.APPROACH, -1, False, ())
+    assert checked_output(aimed, (3,)) is aimed
+    plain = TaskOutput(*aimed[:8])
+    assert (plain.run, plain.done) == (-1, False)
 
 
 def test_each_step_is_one_period_after_the_one_before():
@@ -140,8 +159,26 @@ def test_the_sections_of_a_tick_make_up_the_tick(monkeypatch):
     assert min(parts) >= 0.99e-5
     assert sum(parts) == pytest.approx(result.timing["tick"].max_s)
     assert log.column("control_s") == pytest.approx(result.timing["control"].max_s)
+    assert log.column("log_s")[0] == 0.0 < log.column("log_s")[1:].min()  # it is the tick before's
     assert result.timing["lateness"].max_s == 0.0  # simulated time is never late
     assert result.duration_s == pytest.approx(0.2, abs=1e-6)
+
+
+def test_reading_gives_up_in_time_for_the_command_and_that_before_the_next_tick():
+    arm, left_s = Arm(), {"read": [], "write": []}
+
+    def timed(name, call):
+        def hooked(deadline_s):
+            left_s[name].append(deadline_s - arm.clock.now_s())
+            call(deadline_s)
+
+        return hooked
+
+    arm.bus.poll, arm.bus.flush = timed("read", arm.bus.poll), timed("write", arm.bus.flush)
+    run(arm, Swing(done_at=20))
+    assert 0.5 / RATE_HZ <= min(left_s["read"][1:]) <= max(left_s["read"][1:]) <= 0.75 / RATE_HZ
+    assert left_s["read"][0] == pytest.approx(1.0 / RATE_HZ)  # nothing is commanded before the first tick
+    assert left_s["write"][:20] == pytest.approx([1.0 / RATE_HZ] * 20)
 
 
 def test_an_overrun_is_counted_skipped_and_told_to_the_task():
@@ -179,8 +216,9 @@ def test_the_loop_waits_for_the_first_samples_with_the_torque_off():
 def test_a_sensor_that_never_samples_is_named_and_the_arm_is_not_powered():
     arm = Arm()
     arm.faults.silent.add("force")
-    with pytest.raises(DeviceTimeoutError, match="force"):
+    with pytest.raises(DeviceTimeoutError, match="after 1 s: force sensor: no sample yet"):
         run(arm, Swing())
+    assert arm.clock.now_s() == pytest.approx(1.0, abs=2.0 / RATE_HZ)
     assert arm.sent_nm == []
 
 
@@ -206,9 +244,32 @@ def test_a_tripped_guard_is_refused_until_it_is_rearmed():
 def test_the_same_arm_and_guard_run_again():
     arm = Arm()
     for _ in range(2):
+        begun_s = time.perf_counter()
         result, log = run(arm, Swing(done_at=30, torque_nm=0.01))
         assert result.outcome is Outcome.FINISHED
         assert len(log.records) == 30
+        assert result.duration_s == pytest.approx(0.03, abs=1.5e-3)
+        assert 0.0 < result.wall_s < time.perf_counter() - begun_s
+
+
+@pytest.mark.parametrize(
+    ("trouble", "words"),
+    [
+        ({"overruns": 1}, ", 1 overruns"),
+        ({"dropped": 2}, ", 2 records dropped"),
+        ({"unsent": 3}, ", 3 commands not sent"),
+        ({"log_error": "disk full"}, "; the log is not complete: disk full"),
+        ({"observer_error": "singular"}, "; online estimation was switched off: singular"),
+        ({"deactivation_error": "silent"}, "; the torque may still be on: silent"),
+    ],
+    ids=str,
+)
+def test_one_trouble_is_enough_to_be_told(trouble, words):
+    good = LoopResult(Outcome.STOPPED, "on request", ticks=5)
+    assert (good.is_clean, good.one_line()) == (True, "stopped: on request; 5 ticks")
+    assert (good.skipped, good.log_failures, good.duration_s, good.wall_s) == (0, 0, 0.0, 0.0)
+    bad = LoopResult(Outcome.FINISHED, ticks=5, **trouble)
+    assert (bad.is_clean, bad.one_line()) == (False, f"finished; 5 ticks{words}")
 
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1.0, float("nan"), float("inf")])
@@ -216,6 +277,12 @@ def test_a_rate_that_is_none_is_refused(rate_hz):
     arm = Arm()
     with pytest.raises(InputError, match="rate"):
         run_loop(arm.robot, arm.guard, Swing(), arm.clock, MemoryLog(), rate_hz=rate_hz)
+
+
+def test_a_slow_rate_is_one():
+    arm = Arm()
+    log = MemoryLog()
+    assert run_loop(arm.robot, arm.guard, Swing(done_at=1), arm.clock, log, rate_hz=0.9).ticks == 1
 
 
 def test_the_rate_limit_starts_afresh_in_each_run():
@@ -261,6 +328,7 @@ def test_a_run_is_read_back_with_units_and_events(tmp_path):
 PROGRAM = """
 import sys
 from control.loop.loop import run_loop
+from control.loop.task import TaskOutput, aimed_output, checked_output
 from control.loop.tick_record import tick_stream
 from robot_io.clock import MonotonicClock
 from robot_io.session import SessionMetadata, SessionWriter

@@ -36,6 +36,7 @@ def assert_came_to_rest(arm, log):
     """Braked, then off, within the stop time; then deactivated."""
     tripped = log.column("guard_tripped")
     assert (log.column("phase")[tripped] == Phase.STOPPED).all()
+    assert log.column("run")[-1] == -1
     assert log.column("time_s")[-1] - stop_began_s(log) <= STOP_TIME_S + PERIOD_S
     assert not arm.bus.powered
     assert (arm.plant.torque_nm == 0).all()
@@ -100,6 +101,27 @@ def test_what_fails_before_the_first_tick_is_passed_on_and_nothing_is_sent():
     assert arm.sent_nm == []
 
 
+@pytest.mark.parametrize("held_s", [0.04, 0.2])
+def test_what_was_computed_before_a_hold_up_is_not_sent_after_it(held_s):
+    arm, task = Arm(), Swing(done_at=120)
+    compute = task.step
+
+    def held_up(measurement, dt_s):
+        output = compute(measurement, dt_s)
+        if task.steps == 100:
+            arm.clock.sleep_until(arm.clock.now_s() + held_s)
+        return output
+
+    task.step = held_up
+    result, log = run(arm, task)
+    if held_s < 0.1:
+        assert (result.outcome, result.overruns, result.ticks) == (Outcome.FINISHED, 1, 120)
+        return
+    assert result.cause == "the program was held up for 0.2 s within a tick"
+    assert (arm.sent_nm[99] == 0).all()  # nobody knows any more how the arm moves
+    assert log.column("torque_commanded_nm")[99].all()
+
+
 def test_an_exception_in_stop_is_a_reason_to_stop():
     arm = Arm()
     result, log = run(arm, Swing(), stop=raising(OSError("no such pipe")))
@@ -158,6 +180,13 @@ def test_a_log_that_fails_is_counted_and_does_not_stop_the_arm():
     log.append = log.event = raising(OSError("gone"))
     result = run_loop(arm.robot, arm.guard, Swing(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
     assert (result.outcome, result.ticks) == (Outcome.FINISHED, 50)
+    arm, log = Arm(), MemoryLog()
+    log.event = raising(OSError("gone"))
+    result = run_loop(arm.robot, arm.guard, Swing(done_at=2), arm.clock, log, rate_hz=RATE_HZ)
+    assert (result.log_failures, result.log_error) == (0, "")  # nothing has happened yet
+    result = run_loop(arm.robot, arm.guard, Swing(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
+    assert result.log_failures == 2  # the touch, and that it was not logged
+    assert result.log_error == "OSError: gone"
 
 
 def test_a_disk_that_failed_behind_the_log_is_in_the_result():
@@ -225,7 +254,16 @@ def test_torque_that_could_not_be_switched_off_is_never_called_a_good_end():
     assert result.outcome is Outcome.TRIPPED
     assert "refuses to deactivate" in result.deactivation_error
     assert "the torque may still be on" in result.one_line()
-    with pytest.raises(SafetyTripError, match="cut the power"):
+    with pytest.raises(SafetyTripError, match="cut the power") as raised:
+        result.raise_for_trip()
+    assert str(raised.value).count("refuses to deactivate") == 1  # said once, though it is the cause as well
+
+
+def test_why_the_arm_was_stopped_is_said_beside_a_torque_that_is_still_on():
+    arm = Arm()
+    arm.faults.refuse.add(("torque", "deactivate"))
+    result, _ = run(arm, Swing(fail_at=20))
+    with pytest.raises(SafetyTripError, match=r"cut the power.*; the arm was stopped: the task: Zero"):
         result.raise_for_trip()
 
 

@@ -4,12 +4,14 @@ import ctypes
 import gc
 import os
 import sys
+import weakref
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from control.loop import realtime as module
-from control.loop.realtime import realtime
+from control.loop.realtime import RealtimeReport, realtime
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the switches are Linux's")
 
@@ -94,4 +96,106 @@ def test_on_another_system_it_says_so(monkeypatch):
     monkeypatch.setattr(sys, "platform", "darwin")
     with realtime() as report:
         pass
-    assert any("darwin" in line for line in report.refused)
+    refused = [line.split(" (")[0] for line in report.refused if "not offered on darwin" in line]
+    assert refused == ["no fine timer", "no SCHED_FIFO", "no memory lock"]
+    assert set(report.granted) <= {"awake processor", "frozen garbage"}
+
+
+def test_a_report_says_what_is_on_and_what_is_not():
+    whole, none = RealtimeReport(("a", "b"), ()), RealtimeReport((), ("no a: slow", "no b: late"))
+    assert (whole.complete, none.complete) == (True, False)
+    assert (str(whole), str(none)) == ("real-time help: a, b", "real-time help: none; no a: slow; no b: late")
+
+
+def test_a_sleep_ends_when_it_should_and_as_before_afterwards():
+    """Asked by itself: a thread with real-time scheduling has no slack anyway."""
+    libc = ctypes.CDLL(None)
+    before_ns = libc.prctl(30)
+    libc.prctl(29, 12_345)
+    with module._fine_timer():
+        assert libc.prctl(30) == 1
+    assert libc.prctl(30) == 12_345
+    libc.prctl(29, before_ns)
+
+
+class Scheduler:
+    """What the system was asked for; it may refuse to take the reset-on-fork flag off."""
+
+    def __init__(self, monkeypatch, *, refuses):
+        self.asked, self._refuses = [], refuses
+        monkeypatch.setattr(os, "sched_setscheduler", self.set)
+
+    def set(self, pid, policy, param):
+        self.asked.append((pid, policy, param.sched_priority))
+        if self._refuses and not policy & os.SCHED_RESET_ON_FORK:
+            raise PermissionError
+
+
+@pytest.mark.parametrize("refuses", [False, True])
+def test_the_scheduling_is_put_back_as_far_as_the_system_lets_it(monkeypatch, refuses):
+    scheduler = Scheduler(monkeypatch, refuses=refuses)
+    with realtime():
+        pass
+    raised, *back = scheduler.asked
+    assert raised == (0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 80)
+    usual = (0, os.SCHED_OTHER, 0)
+    assert back == [usual, *([(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, 0)] if refuses else [])]
+
+
+@pytest.mark.parametrize(("any_amount", "flags"), [(True, 3), (False, 1)])
+@pytest.mark.parametrize("locked_kib", [0, 64])
+def test_memory_is_locked_now_and_to_come_unless_somebody_has_done_so(
+    monkeypatch, any_amount, flags, locked_kib
+):
+    calls = []
+
+    def libc(name, *, use_errno):
+        assert use_errno
+        return SimpleNamespace(
+            mlockall=lambda wanted: calls.append(wanted) or 0, munlockall=lambda: calls.append("unlocked")
+        )
+
+    monkeypatch.setattr(ctypes, "CDLL", libc)
+    monkeypatch.setattr(module, "_may_lock_any_amount", lambda: any_amount)
+    monkeypatch.setattr(module, "_locked_kib", lambda: locked_kib)
+    with module._locked_memory():
+        assert calls == ([] if locked_kib else [flags])
+    assert calls == ([] if locked_kib else [flags, "unlocked"])
+
+
+@pytest.mark.parametrize(
+    ("switch", "refused"), [("_locked_memory", ()), ("_fine_timer", (29,)), ("_fine_timer", (30,))]
+)
+def test_what_the_system_refuses_is_an_error_with_its_reason(monkeypatch, switch, refused):
+    libc = SimpleNamespace(mlockall=lambda _: -1, prctl=lambda option, *_: -1 if option in refused else 0)
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_, use_errno: libc)
+    monkeypatch.setattr(ctypes, "get_errno", lambda: 12)
+    monkeypatch.setattr(module, "_locked_kib", lambda: 0)
+    with pytest.raises(OSError, match="Cannot allocate memory"), getattr(module, switch)():
+        pass
+
+
+def test_the_processor_is_asked_for_no_latency_as_long_as_the_file_is_open(monkeypatch, tmp_path):
+    opened = []
+
+    def to_a_file(path, mode, **how):
+        assert path == "/dev/cpu_dma_latency"
+        opened.append(open(tmp_path / "latency", mode, **how))  # noqa: SIM115, as what it stands for
+        return opened[0]
+
+    monkeypatch.setattr(module, "open", to_a_file, raising=False)
+    with module._awake_processor():
+        assert (tmp_path / "latency").read_bytes() == bytes(4)
+        assert not opened[0].closed
+    assert opened[0].closed
+
+
+def test_garbage_is_collected_before_it_is_frozen():
+    class Node:
+        pass
+
+    node = Node()
+    node.itself, seen = node, weakref.ref(node)
+    del node
+    with module._frozen_garbage():
+        assert seen() is None

@@ -60,7 +60,7 @@ def streams(draw, name="stream") -> Stream:
         Column(
             n,
             draw(st.text(max_size=5)),
-            draw(st.integers(1, 40)),
+            draw(st.just(1) | st.integers(2, 40)),
             draw(st.text(max_size=9)),
             draw(st.sampled_from(DTYPES)),
         )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
@@ -24,7 +25,8 @@ from robot_io.session import (
     write_session,
     writer,
 )
-from robot_io.session.mcap_file import CHUNK_BYTES, EXTRA_RECORD, HEADER_RECORD, McapFile
+from robot_io.session.mcap_file import CHUNK_BYTES, END_RECORD, EXTRA_RECORD, HEADER_RECORD, McapFile
+from robot_io.session.samples import Samples
 from robot_io.session.stream import streams_to_json
 from robot_io.session.wire import WireFormat
 from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, streams_with_columns, ticks
@@ -88,6 +90,12 @@ def test_any_streams_come_back_bit_by_bit(tmp_path, one, two):
             assert samples[name].tobytes() == values.tobytes()
 
 
+def assert_full_chunks(summary):
+    """A crash costs 64 KiB at most, and each chunk is not much smaller but for the last of a stream."""
+    sizes = sorted(index.uncompressed_size for index in summary.chunk_indexes)
+    assert 0.7 * 65_536 < sizes[len(sizes) // 2] <= sizes[-1] <= 65_536
+
+
 @pytest.fixture
 def in_batches(monkeypatch):
     """A stream of more than 1,000 records is written with several in a message."""
@@ -103,13 +111,18 @@ def test_a_long_session_has_many_records_in_a_message_and_is_read_back(tmp_path,
     assert (session.samples("tick").stream, session.samples("slow").stream) == (TICK, SLOW)
     with path.open("rb") as file:
         summary = make_reader(file, validate_crcs=True).get_summary()
-    assert max(index.uncompressed_size for index in summary.chunk_indexes) <= CHUNK_BYTES
+    assert_full_chunks(summary)
     assert summary.statistics.message_count < count / 20
     again = write_session(
         tmp_path / "short.mcap", [(session.samples("slow").stream, session.samples("slow").columns)], METADATA
     )
     assert scan.scan(path.read_bytes()).metadata[HEADER_RECORD]["format_version"] == "2"
     assert scan.scan(again.read_bytes()).metadata[HEADER_RECORD]["format_version"] == "1"
+
+
+def test_a_session_that_is_not_long_has_a_record_in_each_message(tmp_path, in_batches):
+    with written(tmp_path / "s.mcap", 1000).open("rb") as file:
+        assert make_reader(file).get_summary().statistics.message_count == 1000 + 2 + len(EVENTS)
 
 
 @within_one_folder
@@ -125,7 +138,8 @@ def test_a_long_session_that_was_cut_off_gives_what_came_before(tmp_path, in_bat
     assert len(session.samples("tick")) > 5000 * share - 700
 
 
-def test_a_message_of_many_records_that_is_lost_is_counted_record_by_record(tmp_path, in_batches):
+@pytest.mark.parametrize("stated", [{"slow": 40}, {"slow": 3}, {}])
+def test_a_message_of_many_records_that_is_lost_is_counted_record_by_record(tmp_path, in_batches, stated):
     path, batch = tmp_path / "s.mcap", 16
     stream = replace(SLOW, batch=batch)
     rows = SLOW.records({"time_s": np.arange(40.0), "x": np.zeros(40)})
@@ -133,7 +147,7 @@ def test_a_message_of_many_records_that_is_lost_is_counted_record_by_record(tmp_
         mcap = McapFile(file, [stream], METADATA)
         mcap.write_records("slow", np.arange(16, dtype=np.uint64), rows[:16])
         mcap.write_records("slow", np.arange(32, 40, dtype=np.uint64), rows[32:])
-        mcap.finish({"slow": 40})
+        mcap.finish(stated)
     session = Session.open(path)
     assert session.samples("slow")["time_s"].tolist() == [*range(16), *range(32, 40)]
     assert session.dropped == 16
@@ -149,7 +163,7 @@ def test_other_programs_can_read_it(tmp_path):
             "palpate.tick",
             "palpate.slow",
         }
-        assert max(index.uncompressed_size for index in summary.chunk_indexes) <= CHUNK_BYTES
+        assert_full_chunks(summary)
         assert len(summary.chunk_indexes) > 5
         times = [message.log_time for _, _, message in reader.iter_messages("tick", starting_at=10**9)]
         assert times == [n * 10**6 for n in range(1000, 1500)]
@@ -200,10 +214,32 @@ def test_junk_after_a_good_beginning_never_breaks_the_reader(tmp_path, whole, ju
     assert session is None or session.truncated
 
 
-def foreign(path, header, messages=(), compression=CompressionType.LZ4, stream=SLOW, chunk_size=10**6):
+@pytest.mark.parametrize(
+    ("opcode", "content", "said"),
+    [
+        (Opcode.METADATA, b"\xff\xff", "damaged: (?!its end)"),
+        (Opcode.METADATA, b"\1\0\0\0\xff\0\0\0\0", "damaged: 'utf-8' codec"),
+        (Opcode.CHUNK, bytes(16) + b"\xff" * 8 + bytes(16), "a chunk of 18446744073709551615 bytes"),
+    ],
+)
+def test_what_is_damaged_in_a_finished_file_is_said(tmp_path, whole, opcode, content, said):
+    path, record = tmp_path / "s.mcap", bytes((opcode,)) + len(content).to_bytes(8, "little") + content
+    path.write_bytes(whole[:8] + record + whole[8:])
+    with pytest.raises(SessionError, match=said):
+        Session.open(path)
+
+
+def test_what_is_damaged_in_a_growing_file_is_said(tmp_path, whole):
+    path = tmp_path / "s.mcap"
+    path.write_bytes(whole[:8] + bytes((Opcode.METADATA,)) + (2).to_bytes(8, "little") + b"\xff\xff")
+    with pytest.raises(SessionError, match="damaged"):
+        Follower(path, "tick", last=10).read()
+
+
+def foreign(path, header, messages=(), compression=CompressionType.LZ4, stream=SLOW, end=None):
     """An MCAP file by somebody else."""
     with path.open("wb") as file:
-        mcap = Writer(file, compression=compression, chunk_size=chunk_size)
+        mcap = Writer(file, compression=compression, chunk_size=10**6)
         mcap.start()
         if header is not None:
             good = {"format_version": "1", "streams": streams_to_json((stream,))}
@@ -213,6 +249,8 @@ def foreign(path, header, messages=(), compression=CompressionType.LZ4, stream=S
         events = mcap.register_channel("events", "protobuf", schema)
         for topic, data in messages:
             mcap.add_message({"slow": channel, "events": events}[topic], 0, data, 0)
+        if end is not None:
+            mcap.add_metadata(END_RECORD, {"slow": end})
         mcap.finish()
     return path
 
@@ -234,11 +272,31 @@ def test_whoever_waits_for_a_long_session_is_told_the_share_that_is_written(tmp_
     assert Session.open(path).samples("slow")["x"].tolist() == list(range(count))
 
 
+@pytest.mark.parametrize(
+    ("end", "dropped"),
+    [(None, 0), ("1", 0), ("5", 4), ("0", 0), ("-3", 0), ("many", 0), ("9" * 19, 10**19 - 2), ("9" * 20, 0)],
+)
+def test_what_the_end_of_a_file_says_of_lost_records_is_believed_if_it_can_be(tmp_path, end, dropped):
+    session = Session.open(foreign(tmp_path / "s", {}, [("slow", MESSAGE)], end=end))
+    assert (len(session.samples("slow")), session.dropped) == (1, dropped)
+
+
 def test_a_session_made_by_others_is_read(tmp_path):
     for compression in (CompressionType.NONE, CompressionType.LZ4):
         session = Session.open(foreign(tmp_path / "s", {}, [("slow", MESSAGE)], compression))
         assert session.samples("slow")["x"].tolist() == [1.0]
         assert not session.truncated
+
+
+@pytest.mark.parametrize(("flip", "count"), [(0, 1), (1, 0)])
+def test_of_a_session_that_was_cut_off_a_damaged_chunk_is_left_out(tmp_path, flip, count):
+    path = foreign(tmp_path / "s", {}, [("slow", MESSAGE)], CompressionType.NONE)
+    whole = path.read_bytes()
+    cut = bytearray(whole[: whole.index(MESSAGE) + len(MESSAGE)])
+    cut[-1] ^= flip
+    path.write_bytes(cut)
+    session = Session.open(path)
+    assert (session.truncated, len(session.samples("slow"))) == (True, count)
 
 
 @pytest.mark.parametrize(
@@ -313,6 +371,7 @@ def test_what_is_no_session_is_refused_in_one_line(tmp_path, kind):
 
 def test_samples_are_read_only_and_can_be_selected(tmp_path):
     samples = Session.open(written(tmp_path / "s.mcap")).samples("tick")
+    assert_ticks(Samples.from_records(TICK, ticks(range(1500))), range(1500))
     late = samples.select(samples["time_s"] >= 1.499)
     assert_ticks(late, [1499])
     assert_ticks(samples.select([3, 1]), [3, 1])
@@ -381,11 +440,14 @@ def test_a_growing_session_is_followed_without_reading_anything_twice(tmp_path, 
         before = follower._file.read_bytes
         path.write_bytes(bytes(before) + whole[before:part])  # what was read once is gone
         found = follower.read()
+        assert found is None or len(found)
         seen.append(0 if found is None else len(found))
         assert follower.complete == (part == len(whole))
     assert sorted(seen) == seen
     assert 0 < seen[3] < seen[-1] == follower.count == 1500
     assert_ticks(found, range(1500))
+    with pytest.raises(SessionError, match=r"gone\.mcap: cannot be read: No such file"):
+        Follower(tmp_path / "gone.mcap", "tick", last=1).read()
     short = Follower(path, "tick", last=100)
     path.write_bytes(whole)
     assert_ticks(short.read(), range(1400, 1500))

@@ -7,7 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from robot_io.errors import SessionError
-from robot_io.session.stream import MAX_RECORD_BYTES
+from robot_io.session.stream import MAX_RECORD_BYTES, Column, Stream
 from robot_io.session.wire import PACKAGE, WireFormat
 from tests.robot_io.session_parts import TICK, streams_with_columns, ticks
 
@@ -38,6 +38,15 @@ def test_protobuf_and_decode_both_read_what_was_encoded(stream_and_columns, batc
             value, rows = getattr(message, column.name), slice(number * batch, (number + 1) * batch)
             got = np.array(list(value) if column.width * batch > 1 else [value], column.dtype)
             np.testing.assert_array_equal(got, columns[column.name][rows].ravel())
+
+
+@pytest.mark.parametrize("width", [1, 2, 127, 128, 16_000])
+def test_protobuf_writes_the_same_bytes(width):
+    stream = Stream("s", (Column("time_s", "s"), Column("flag", "1", width, "", "bool")))
+    flags = np.ones((1, width) if width > 1 else 1, bool)
+    (message,) = WireFormat(stream).encode(stream.records({"time_s": [1.0], "flag": flags}))
+    (parsed,) = parsed_by_protobuf(WireFormat(stream), [message])
+    assert parsed.SerializeToString(deterministic=True) == message
 
 
 @pytest.mark.parametrize("damage", [lambda m: m[:-1], lambda m: m + m[:5], lambda m: b"\x7a" + m[1:]])

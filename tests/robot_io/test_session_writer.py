@@ -1,3 +1,4 @@
+import errno
 import json
 import os
 import resource
@@ -12,7 +13,9 @@ import numpy as np
 import pytest
 
 from robot_io.errors import InputError, SessionError, UnknownNameError
-from robot_io.session import Column, Session, SessionWriter, Stream, writer
+from robot_io.session import Column, Event, Session, SessionWriter, Stream, writer
+from robot_io.session.event import decode_event, encode_event
+from robot_io.session.shared_log import FAILED, READY, STARTING, SharedLog, open_memory
 from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, tick
 
 SLOW = Stream("slow", (Column("time_s", "s"), Column("x", "m")))
@@ -333,6 +336,43 @@ def test_events_that_are_too_long_are_cut_and_say_so(tmp_path):
     assert (data.text, data.data) == ("short [cut]", None)
     assert odd.text == "not ? text"
     assert json.dumps(odd.data) == '{"nan": NaN}'
+
+
+def test_both_sides_see_one_state_and_a_failure_as_far_as_it_fits():
+    memory = open_memory([SLOW], 4)
+    ours, theirs = (SharedLog(memory, [SLOW], 4) for _ in range(2))
+    os.close(memory)
+    assert (ours.state, theirs.stop_requested, ours.failure, ours.system_error) == (
+        STARTING,
+        False,
+        None,
+        None,
+    )
+    ours.request_stop()
+    theirs.state = READY
+    assert (ours.state, theirs.stop_requested, ours.failure) == (READY, True, None)
+    theirs.fail("ü" * 1000, errno.ENOSPC)
+    assert (ours.state, ours.failure, ours.system_error.errno) == (FAILED, "ü" * 480, errno.ENOSPC)
+    theirs.fail("no reason", None)
+    assert (ours.failure, ours.system_error) == ("no reason", None)
+    for number in range(5):
+        ours.rings["slow"].push((float(number), 0.0))
+    assert theirs.rings["slow"].pop(9)[1]["time_s"].tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert (theirs.rings["slow"].dropped, theirs.rings["events"].offered) == (1, 0)
+
+
+def test_a_ring_may_have_one_slot(tmp_path):
+    with SessionWriter(tmp_path / "s", [SLOW], METADATA, ring_slots=1, wait_for_room=True) as log:
+        for number in range(3):
+            log.append("slow", (float(number), 0.0))
+    assert len(Session.open(tmp_path / "s").samples("slow")) == 3
+
+
+def test_an_event_that_just_fits_is_whole():
+    sizes = {n: len(encode_event(Event(0.0, "k", "x" * n))) for n in range(3950, 4050)}
+    assert max(sizes.values()) == 4000
+    whole = [n for n in sizes if decode_event(encode_event(Event(0.0, "k", "x" * n))).text == "x" * n]
+    assert whole == [n for n in sizes if sizes[n] > 3900]
 
 
 @linux_only

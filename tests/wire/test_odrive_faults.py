@@ -141,6 +141,23 @@ def test_torque_off_that_nobody_confirms_is_an_error(bench):
     assert not arm.drive_torque_nm.any()  # they were told all the same
 
 
+def test_all_are_told_to_let_go_though_one_cannot_be_told(bench):
+    arm = bench().start()
+    line = arm.robot.buses["motors"].line
+    send = line.send
+
+    def torn(frame, deadline_s):
+        if frame.can_id >> 5 == 0:
+            raise DeviceError("no room in the adapter")
+        send(frame, deadline_s)
+
+    line.send = torn
+    with pytest.raises(DeviceError, match="no room in the adapter"):
+        arm.robot.deactivate()
+    arm.clock.sleep_until(arm.clock.now_s() + 1e-3)
+    assert [node.state for node in nodes(arm)] == [8, 1, 1]
+
+
 def test_a_babbling_node_does_not_hold_up_the_loop(bench):
     arm = bench().start()
     arm.intrude(*[(0x7F0, bytes(8))] * 5000)

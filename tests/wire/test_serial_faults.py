@@ -268,3 +268,18 @@ def test_a_defect_in_a_decoder_does_not_end_the_thread_unseen(terminal):
         threading.Event().wait(0.005)
     reader.stop()
     assert reader.failure == "reading failed (ZeroDivisionError: a defect)"
+
+
+@pytest.mark.parametrize(
+    ("path", "delay_s", "ages_ms"),
+    [
+        (CUBEMARS, "0.0", {1}),  # a sample of the stream counts once the next counter has come
+        (CUBEMARS, "0.002", {3}),
+        (ODRIVE, "0.0", {0, 1}),  # 500 lines a second, each read in the tick in which it comes
+        (ODRIVE, "0.002", {2, 3}),
+    ],
+)
+def test_a_force_is_as_old_as_it_is(bench, path, delay_s, ages_ms):
+    arm = bench(path, [("delay_s: 0.0 ", f"delay_s: {delay_s} ")]).start()
+    ticks = [arm.tick() for _ in range(20)]
+    assert {round(1e3 * (one.time_s - one.force_at_s), 3) for one in ticks} == ages_ms

@@ -44,10 +44,10 @@ class MitState:
     velocity_rad_s: float  # of the output shaft [rad/s]
     torque_nm: float  # at the output shaft [N m]
     # Whether a value is at the end of its range, so that the true one may lie beyond.
-    at_range_end: bool = False
-    error: int = 0  # see the maker's table; 0 is none. Old firmware does not send it
+    at_range_end: bool
+    error: int  # see the maker's table; 0 is none. Old firmware does not send it
     # Whether the motor is in motor mode; None where it does not say so.
-    enabled: bool | None = None
+    enabled: bool | None
 
 
 def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> CanFrame:

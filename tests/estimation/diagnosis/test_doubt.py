@@ -85,6 +85,7 @@ def test_an_effect_gains_more_than_chance_only_where_it_is():
     ("observed", "figures", "drawn", "is_unusual"),
     [
         (1.0, (2.0, 3.0, 0.5), 2, False),  # two as large: enough
+        (1.0, (1.0, 1.0, 0.5), 2, False),
         (1.0, (0.1,) * 30, 4, True),  # far beyond the first few: enough
         (1.0, (0.9,) * 30, DRAWS, True),  # beyond all, but not far: all are needed
         (1.0, (0.9, 1.1, *(0.9,) * 30), DRAWS, False),

@@ -1,6 +1,7 @@
 """Which effects the search tries in earnest, and which of laws that are alike bears the name."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,8 +9,8 @@ import pytest
 from estimation.data.derivatives import differentiate
 from estimation.diagnosis import established
 from estimation.diagnosis.candidates import Candidate
-from estimation.diagnosis.established import rivals, simplest
-from estimation.diagnosis.search import LEVEL, looked_back, search_of
+from estimation.diagnosis.established import Standards, rivals, simplest
+from estimation.diagnosis.search import LEVEL, _key, _some_runs, looked_back, search_of
 from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
 from estimation.fit.inner_search import Attempts
@@ -99,6 +100,25 @@ def test_a_law_with_more_parameters_takes_no_name_for_a_small_gain():
     assert search.added(looked_back(search, spring)) == ["bias"]
 
 
+@pytest.mark.parametrize(
+    ("base", "named", "nameless", "both", "outdone", "most", "met"),
+    [
+        (100.0, 10.0, 9.5, 9.5, False, True, True),  # as good as any law, and next to nothing is left
+        (100.0, 10.0, 8.9, 10.0, True, True, False),  # a law without a name does better
+        (100.0, 10.0, 9.0, 10.0, False, True, True),  # by so little that it says nothing
+        (100.0, 50.0, 46.0, 45.0, False, True, True),  # half of all, and nine tenths of what can be explained
+        (100.0, 50.0, 46.0, 40.0, False, True, False),  # but more is left
+        (100.0, 51.0, 46.0, 46.0, False, False, True),
+        (100.0, 100.0, 100.0, 100.0, False, False, True),  # there is nothing to explain
+    ],
+)
+def test_names_stand_where_they_do_as_well_as_a_law_without_one(
+    base, named, nameless, both, outdone, most, met
+):
+    held = Standards(base, named, nameless, both)
+    assert (held.is_outdone, held.explains_most, held.is_met) == (outdone, most, met)
+
+
 @pytest.mark.parametrize("pulls", [True, False])
 def test_dry_friction_rubs_at_the_sides_or_within_the_object_as_the_data_have_it(pulls):
     """At the tool's sides it pulls on the way out, where an object can only push."""
@@ -168,6 +188,82 @@ def test_of_models_that_leave_as_much_the_simpler_is_better():
     assert not search.is_better(larger, search.start)
 
 
+def left(*effects, held_out=1.0, rmse=1.0, by_fold=(0.0,)):
+    """What a search looks at of a model that leaves so much."""
+    model = Model("pendulum", (*BASE, *(EFFECTS[name]() for name in effects)))
+    scores = SimpleNamespace(held_out=np.array(by_fold))
+    return SimpleNamespace(trial=SimpleNamespace(model=model, held_out=held_out, scores=scores), rmse=rmse)
+
+
+COULOMB, RIPPLE = "coulomb_friction", "torque_ripple"  # two parameters, and three
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "better"),
+    [
+        ((COULOMB, 97.9), (COULOMB, 100.0), True),  # of the same size, by 2 % of the squared error
+        ((COULOMB, 98.1), (COULOMB, 100.0), False),
+        ((RIPPLE, 90.2), (COULOMB, 100.0), True),  # a larger one by 5 % of the error, as an added effect
+        ((RIPPLE, 90.3), (COULOMB, 100.0), False),
+        ((COULOMB, 110.7), (RIPPLE, 100.0), True),
+        ((COULOMB, 110.9), (RIPPLE, 100.0), False),
+    ],
+)
+def test_more_parameters_must_be_worth_it(one, other, better):
+    search = searched(swings(1, runs=2))
+    ours, theirs = (left(name, held_out=held_out) for name, held_out in (one, other))
+    assert [search.size(left(name)) for name in (COULOMB, RIPPLE)] == [2, 3]
+    assert search.is_better(ours, theirs) is better
+
+
+def test_of_those_as_good_as_the_best_the_smallest_come_first():
+    search = searched(swings(1, runs=2))
+    made = [left(RIPPLE, held_out=99.0), left(held_out=103.0), left(COULOMB, held_out=100.9)]
+    made += [left(held_out=101.1), left(COULOMB, held_out=100.5)]
+    order = [one.trial.held_out for one in search.ordered(made)]
+    assert order == [100.5, 100.9, 99.0, 101.1, 103.0]
+    assert search.ordered([]) == []
+
+
+@pytest.mark.parametrize(
+    ("rmse", "helped", "p_value", "needed"),
+    [
+        *((0.949, 3, 0.01, True), (0.951, 3, 0.01, False)),  # of the error before
+        *((0.5, 2, 0.01, False), (0.5, 5, 0.011, False)),  # folds of five; chance
+    ],
+)
+def test_an_effect_is_needed_where_it_is_large_and_helps_most_runs_and_is_no_chance(
+    monkeypatch, rmse, helped, p_value, needed
+):
+    search = searched(swings(1, runs=2))
+    monkeypatch.setattr(type(search), "p_value", lambda *_: p_value)
+    by_fold = [0.5] * helped + [1.0] * (5 - helped)
+    before, after = left(by_fold=[1.0] * 5), left(COULOMB, rmse=rmse, by_fold=by_fold)
+    assert search.is_needed(before, after) is needed
+
+
+def test_models_are_the_same_in_any_order_but_of_their_sensors():
+    made = [
+        SWING.with_effect(EFFECTS[a]()).with_effect(EFFECTS[b]())
+        for a, b in ((COULOMB, RIPPLE), (RIPPLE, COULOMB), ("delay", "lag"), ("lag", "delay"))
+    ]
+    keys = [_key(model) for model in made]
+    assert keys[0] == keys[1]
+    assert len(set(keys)) == 3
+
+
+@pytest.mark.parametrize(
+    ("runs", "blocks", "chosen"), [(6, 100, 6), (24, 100, 24), (24, 400, 12), (36, 400, 12), (12, 2000, 12)]
+)
+def test_a_sketch_has_twelve_runs_of_four_thousand_blocks_weak_and_strong_ones_alike(runs, blocks, chosen):
+    run = np.repeat(np.arange(runs), blocks)
+    effort = np.tile(np.linspace(0.0, 1.0, blocks), runs) * (run + 1)
+    frame = type("Blocks", (), {"run": run, "effort": effort, "__len__": lambda self: len(self.run)})()
+    found = np.unique(run[_some_runs(frame)])
+    assert len(found) == chosen
+    assert np.ptp(np.diff(found)) == 0
+
+
 def test_each_form_of_an_effect_is_a_model_of_its_own():
     search = searched(swings(1))
     first, *others = EFFECTS["joint_elasticity"]().forms()
@@ -189,3 +285,22 @@ def test_an_effect_whose_size_may_be_nothing_is_not_established(monkeypatch, gap
     known = [one("gap", 0.01, gap_error), one("motor_inertia", 0.4, 0.01), one("motor_friction", 0.4, 0.01)]
     monkeypatch.setattr(established, "values", lambda *_: {each.name: each for each in known})
     assert established._may_be_nothing(search.start, end, "backlash") is may_be
+
+
+@pytest.mark.parametrize(
+    ("step", "without", "end", "name", "below"),
+    [
+        (0.1, 0.055, 0.05, "bias", True),  # it adds 23 mN m, and a step's rounding is 29 mN m
+        (0.1, 0.06, 0.05, "bias", False),
+        (0.1, 0.04, 0.05, "bias", True),
+        (0.1, 0.055, 0.05, "quantisation", False),  # that is what it is
+        (0.1, 0.111, 0.11, "bias", False),  # more than a step is left: it says nothing
+        (0.0, 0.055, 0.05, "bias", False),  # the reader does not round
+    ],
+)
+def test_what_is_below_a_step_of_the_reader_may_be_its_rounding(step, without, end, name, below):
+    effort = np.random.default_rng(1).normal(0.0, 1.0, 3000)
+    effort = step * np.round(effort / step) if step else effort
+    whole = SimpleNamespace(data=SimpleNamespace(effort=effort), rmse=end)
+    search = SimpleNamespace(without=lambda *_: SimpleNamespace(rmse=without))
+    assert established._is_below_a_step(search, whole, name) is below

@@ -20,6 +20,7 @@ from estimation.fit.memory import Memory
 from estimation.fit.moments import cross_products, held_out_energy, score
 from estimation.fit.standing import fit, stand
 from estimation.fit.trial import attempt
+from estimation.information import Information
 from estimation.model import Model
 from estimation.models import MODELS
 from tests.estimation.presses import K, kelvin_voigt, session
@@ -56,6 +57,25 @@ def test_scores_are_those_of_least_squares_without_the_fold():
         assert found.train[number] == pytest.approx(left[train] @ left[train], rel=1e-6)
     variance = np.linalg.inv(columns.T @ columns) * found.sse.sum() / 297
     assert found.spread == pytest.approx(np.sqrt(np.diag(variance)), rel=1e-6)
+
+
+def test_what_is_known_from_elsewhere_counts_as_samples_that_are_never_held_out():
+    columns, target, fold = linear_problem()
+    mine, others = fold < 3, fold == 3
+    gram, told = columns[others].T @ columns[others], columns[others].T @ target[others]
+    known = Information(np.tile(gram, (4, 1, 1)), np.tile(told, (4, 1)))
+    moments = replace(_moments(columns[mine], target[mine], fold[mine], 3), known=known)
+    found = score(moments)
+    assert found.gains == pytest.approx(np.linalg.lstsq(columns, target, rcond=None)[0], rel=1e-6)
+    for number in range(3):
+        train, out = fold != number, fold == number
+        own = np.linalg.lstsq(columns[train], target[train], rcond=None)[0]
+        assert found.fold_gains[number] == pytest.approx(own, rel=1e-6)
+        left = target[out] - columns[out] @ own
+        assert found.held_out[number] == pytest.approx(left @ left, rel=1e-6)
+    part = score(moments.only(np.array([True, False, True])))
+    assert part.gains == pytest.approx(np.linalg.lstsq(columns[:, [0, 2]], target, rcond=None)[0], rel=1e-6)
+    assert np.isnan(found.spread).all()  # nobody said how many samples there are
 
 
 def test_shrunken_errors_are_those_of_ridge_regression_without_the_fold():

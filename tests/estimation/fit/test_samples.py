@@ -1,14 +1,16 @@
 """Fits to single samples: at the Cramer-Rao bound, and near it among outliers."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from estimation.effect import Parameter
 from estimation.effects import EFFECTS
 from estimation.estimate import Identifiability
 from estimation.fit.robust import Loss
-from estimation.fit.samples import fit_samples
+from estimation.fit.samples import _is_settled, fit_samples
 from estimation.model import Model
 from tests.estimation.contact_data import base_model, channel, estimated, swing
 
@@ -53,6 +55,26 @@ def test_errors_are_near_the_cramer_rao_bound_and_within_the_intervals(loss, out
         held.append((low <= list(TRUTH.values())) & (list(TRUTH.values()) <= high))
     assert np.all(np.sqrt(np.mean(np.square(errors), axis=0)) < times * cramer_rao())
     assert np.all(np.mean(held, axis=0) > 0.8)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping", "exponent", "settled"),
+    [
+        (0.9e-4, 0.0, 0.0, True),  # of a largest gain of 1000
+        (1.1e-4, 0.0, 0.0, False),
+        (0.0, -0.9e-4, 0.0, True),  # a small gain moves by a share of the largest
+        (0.0, 1.1e-4, 0.0, False),
+        (0.0, 0.0, 0.9e-7, True),  # an inner parameter by one of its range
+        (0.0, 0.0, -1.1e-7, False),
+    ],
+)
+def test_a_search_is_settled_when_nothing_moves_by_much(stiffness, damping, exponent, settled):
+    inner = {"e.n": Parameter("n", "1", 1.0, 4.0, (1.0, 2.0))}
+    model = SimpleNamespace(gains={"e.k": None, "e.c": None}, inner=inner)
+    before = {"e.k": 1000.0, "e.c": 0.1, "e.n": 1.5}
+    after = {"e.k": 1000.0 + stiffness, "e.c": 0.1 + damping, "e.n": 1.5 + exponent}
+    trials = (SimpleNamespace(model=model, parameters=each) for each in (before, after))
+    assert _is_settled(*trials) is settled
 
 
 def test_least_squares_does_not_stand_outliers():

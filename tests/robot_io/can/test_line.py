@@ -1,12 +1,14 @@
 """The adapter: when frames are taken to have arrived, and what an adapter's own failures look like."""
 
+import os
 import time
+from types import SimpleNamespace
 
 import can
 import pytest
 
 from robot_io.clock import SimulatedClock
-from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
+from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings, PortLock
 from robot_io.errors import DeviceError
 
 
@@ -79,6 +81,14 @@ def test_what_has_queued_up_does_not_become_newer_by_waiting_for_the_next_drain(
     assert line.drain(2.6)[0][1] == (2.55 if timestamps == "robot" else 2.503)
 
 
+def test_a_node_that_babbles_does_not_hold_up_a_drain_that_is_late(ends):
+    line, other, clock = ends("robot")
+    for tick in range(250):
+        send(other, 1e-3 * tick)
+    clock.sleep_until(1.0)
+    assert [len(line.drain(0.9)) for _ in range(3)] == [101, 101, 48]
+
+
 @pytest.mark.parametrize("jump_s", [0.0, 3600.0, -3600.0])
 def test_a_jump_of_the_wall_clock_is_bounded_by_what_the_line_knows(ends, monkeypatch, jump_s):
     line, other, clock = ends("wall")
@@ -108,7 +118,7 @@ def test_bus_off_lasts_until_the_adapter_says_that_it_has_restarted(ends):
     assert line.drain(0.0) == []
     line.send(CanFrame(0x20, remote=True), 0.0)
     heard = other.recv(timeout=0)
-    assert (heard.arbitration_id, heard.is_remote_frame) == (0x20, True)
+    assert (heard.arbitration_id, heard.is_remote_frame, heard.dlc) == (0x20, True, 8)
     assert line.counts["error frame"] == 3
 
 
@@ -128,6 +138,32 @@ def test_a_closed_line_says_so(ends):
     for call in (lambda: line.drain(0.0), lambda: line.send(CanFrame(1), 0.0)):
         with pytest.raises(DeviceError, match="not open"):
             call()
+
+
+def test_a_serial_port_has_one_owner_and_what_is_none_needs_no_lock(tmp_path):
+    master, slave = os.openpty()
+    port, plain = os.ttyname(slave), tmp_path / "file"
+    plain.touch()
+    first = PortLock(f"{port}@115200")
+    with pytest.raises(DeviceError, match=f"{port}: in use by another program"):
+        PortLock(port)
+    for _ in range(2):
+        first.release()
+    PortLock(port).release()
+    both = [PortLock(channel) for channel in (str(plain), str(plain), "can0", 1, 1)]
+    for one in both:
+        one.release()
+    os.close(master)
+    os.close(slave)
+
+
+def test_an_adapter_that_cannot_be_closed_says_so(ends):
+    line, _, _ = ends("robot")
+    line._bus.shutdown()
+    line._bus = SimpleNamespace(shutdown=lambda: os.close(-1))
+    with pytest.raises(DeviceError, match=r"cannot be closed .*Bad file"):
+        line.close()
+    assert not line.is_open
 
 
 def test_multicast_stays_on_this_machine_unless_told_otherwise():

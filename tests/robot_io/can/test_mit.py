@@ -11,8 +11,7 @@ from robot_io.drivers.mit import registers
 from robot_io.drivers.mit.makers import DIALECTS, Maker, error_name
 from robot_io.errors import InputError, ProtocolError
 
-MIT_MODELS = DIALECTS[Maker.CUBEMARS].models
-AK80_9 = MIT_MODELS["AK80-9"]
+AK80_9 = DIALECTS[Maker.CUBEMARS].models["AK80-9"]
 
 
 def test_special_codes_of_the_manual():
@@ -21,22 +20,37 @@ def test_special_codes_of_the_manual():
     assert mit.EXIT_MOTOR_MODE.hex() == "fffffffffffffffd"
 
 
-@pytest.mark.parametrize(
-    ("model", "ranges"),
-    [
-        ("AK10-9", (12.5, 50.0, 65.0)),
-        ("AK60-6", (12.5, 45.0, 15.0)),
-        ("AK70-10", (12.5, 50.0, 25.0)),
-        ("AK80-6", (12.5, 76.0, 12.0)),
-        ("AK80-9", (12.5, 50.0, 18.0)),
-        ("AK80-80", (12.5, 8.0, 144.0)),
-    ],
-)
-def test_full_range_of_each_model(model, ranges):
-    state = mit.decode_state(CanFrame(0, bytes.fromhex("01ffffffffff1900")), MIT_MODELS[model])
+RANGES = {  # position [rad], velocity [rad/s], torque [N m]
+    Maker.CUBEMARS: {
+        "AK10-9": (12.5, 50.0, 65.0),
+        "AK60-6": (12.5, 45.0, 15.0),
+        "AK70-10": (12.5, 50.0, 25.0),
+        "AK80-6": (12.5, 76.0, 12.0),
+        "AK80-9": (12.5, 50.0, 18.0),
+        "AK80-64": (12.5, 8.0, 144.0),
+        "AK80-80": (12.5, 8.0, 144.0),
+    },
+    Maker.DAMIAO: {
+        "DM-J3507": (12.566, 50.0, 5.0),
+        "DM-J4310": (12.5, 30.0, 10.0),
+        "DM-J4340": (12.5, 8.0, 28.0),
+        "DM-J6006": (12.5, 45.0, 20.0),
+        "DM-J8006": (12.5, 45.0, 40.0),
+        "DM-J8009": (12.5, 45.0, 54.0),
+        "DM-J10010": (12.5, 20.0, 200.0),
+        "DM-J10010L": (12.5, 25.0, 200.0),
+    },
+}
+
+
+@pytest.mark.parametrize(("maker", "model"), [(maker, model) for maker in Maker for model in RANGES[maker]])
+def test_full_range_of_each_model(maker, model):
+    models, ranges = DIALECTS[maker].models, RANGES[maker][model]
+    assert list(models) == list(RANGES[maker])
+    state = mit.decode_state(CanFrame(0, bytes.fromhex("01ffffffffff1900")), models[model])
     assert (state.position_rad, state.velocity_rad_s, state.torque_nm) == ranges
     assert state.at_range_end
-    lowest = mit.decode_state(CanFrame(0, bytes.fromhex("010000000000")), MIT_MODELS[model])
+    lowest = mit.decode_state(CanFrame(0, bytes.fromhex("010000000000")), models[model])
     assert (lowest.position_rad, lowest.velocity_rad_s, lowest.torque_nm) == tuple(-end for end in ranges)
 
 

@@ -81,6 +81,14 @@ def test_the_generations_read_the_same_bytes_differently():
     assert odrive.decode_heartbeat(frame, Firmware.V0_6).procedure_result == 1
 
 
+@pytest.mark.parametrize(("place", "part"), [(5, "motor"), (6, "encoder"), (7, "controller")])
+def test_each_part_has_an_error_flag_of_its_own(place, part):
+    data = bytearray(8)
+    data[place] = 1
+    beat = odrive.decode_heartbeat(CanFrame(0x21, bytes(data)), Firmware.V0_5)
+    assert (beat.component_errors, beat.trajectory_done) == ((part,), False)
+
+
 def test_an_error_bit_without_a_name_is_shown_as_a_number():
     assert axis_error_names(0x80, Firmware.V0_6) == ("unknown bit 0x00000080",)
 

@@ -154,6 +154,23 @@ def test_a_frame_is_sent_whole_or_called_unsent(adapter):
     assert (last, end) == (b"t0210", b"")
 
 
+@pytest.mark.parametrize(
+    ("bitrate", "code"),
+    [
+        *((10_000, b"S0\r"), (20_000, b"S1\r"), (50_000, b"S2\r"), (100_000, b"S3\r"), (125_000, b"S4\r")),
+        *((250_000, b"S5\r"), (500_000, b"S6\r"), (1_000_000, b"S8\r"), (None, b"")),
+    ],
+)
+def test_bit_rates_of_the_manual(adapter, bitrate, code):
+    adapter.line.close()
+    os.read(adapter.master, 100)
+    line = adapter.another(bitrate=bitrate)
+    line.open()
+    assert os.read(adapter.master, 100) == b"\rC\r" + code + b"O\r"
+    line.close()
+    assert os.read(adapter.master, 100) == b"C\r"  # off the bus
+
+
 def test_an_adapter_has_one_owner_and_takes_what_slcan_has(adapter):
     with pytest.raises(DeviceError, match="another program has it"):
         adapter.another().open()

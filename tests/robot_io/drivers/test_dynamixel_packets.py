@@ -210,6 +210,12 @@ def test_the_alert_and_the_error_number_are_told_apart():
     assert "9" in StatusPacket(1, 0x09, b"").refusal
 
 
+@pytest.mark.parametrize("count", [0, 250, 300, 600])
+def test_a_packet_says_how_long_it_is(count):
+    packet = encode_packet(1, 3, bytes(count))
+    assert int.from_bytes(packet[5:7], "little") == len(packet) - 7 == 1 + count + 2
+
+
 def test_requests_that_no_servo_could_understand_are_not_made():
     with pytest.raises(ProtocolError, match="253"):
         encode_packet(253, 1)

@@ -1,11 +1,12 @@
-"""The times of the plausibility checks are in the robot file, and documented as they are."""
+"""Limits are some that an arm can have, and what may be left out is documented as it is."""
 
 import re
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
-from robot_io.guard import Limits
+from robot_io.guard import Limits, SafeState
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "hardware.md"
 WITNESSES = ("deaf_drive_s", "stuck_encoder_s", "stuck_force_s")
@@ -15,3 +16,41 @@ WITNESSES = ("deaf_drive_s", "stuck_encoder_s", "stuck_force_s")
 def test_a_limit_that_may_be_left_out_is_documented_with_its_value(key):
     (value,) = re.findall(rf"^\| `{key}` \| ([\d.]+) \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     assert Limits.model_fields[key].default == float(value)
+
+
+EDGES = [  # a value that is still a limit, and beyond which there would be none
+    *(("torque_nm", 1e4), ("torque_rate_nm_s", 1e7), ("position_min_rad", -100.0)),
+    *(("position_max_rad", 100.0), ("velocity_rad_s", 100.0), ("force_n", 5000.0), ("tracking_rad", 2.0)),
+    *(("encoder_age_s", 10.0), ("torque_age_s", 10.0), ("force_age_s", 10.0), ("deaf_drive_s", 10.0)),
+    *(("stop_time_s", 10.0), ("lower_time_s", 10.0), ("lower_speed_rad_s", 2.0)),
+]
+LIMITS = {key: 0.1 if key.endswith("_s") else (1.0,) for key in Limits.model_fields}
+LIMITS |= {"position_min_rad": (-1.0,), "force_n": 1.0, "velocity_rad_s": (1.0,), "torque_rate_nm_s": (1.0,)}
+SAFE_STATE = {"damping_nms_rad": (1.0,), "stop_time_s": 1.0}
+
+
+@pytest.mark.parametrize(("key", "edge"), EDGES)
+def test_a_limit_beyond_any_arm_is_refused(key, edge):
+    model, values = (Limits, LIMITS) if key in LIMITS else (SafeState, SAFE_STATE)
+    as_there = (lambda value: (value,)) if isinstance(values.get(key), tuple) else float
+    assert getattr(model(**values | {key: as_there(edge)}), key) == as_there(edge)
+    with pytest.raises(ValidationError):
+        model(**values | {key: as_there(1.001 * edge)})
+
+
+@pytest.mark.parametrize(("model", "key"), [(Limits, "torque_nm"), (SafeState, "damping_nms_rad")])
+def test_an_arm_has_a_joint(model, key):
+    with pytest.raises(ValidationError, match="at least 1 item"):
+        model(**(LIMITS if model is Limits else SAFE_STATE) | {key: ()})
+
+
+def test_positions_need_room_between_them():
+    with pytest.raises(ValidationError, match="not below"):
+        Limits(**LIMITS | {"position_min_rad": (1.0,)})
+
+
+def test_an_arm_is_lowered_as_documented():
+    (lower_time_s,) = re.findall(r"lowered for `lower_time_s` \((\d+) s", PAGE.read_text(encoding="utf-8"))
+    safe_state = SafeState(**SAFE_STATE)
+    assert safe_state.lower_time_s == float(lower_time_s)
+    assert safe_state.lower_time_s * safe_state.lower_speed_rad_s < 1.0  # it is let down, not far

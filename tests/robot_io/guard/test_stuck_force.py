@@ -47,9 +47,10 @@ def frozen(forces_n, at):
 
 
 @pytest.mark.parametrize("every", [1, 2], ids=["1 kHz", "500 Hz"])
-@pytest.mark.parametrize("at", [300, 2000])
-def test_a_sensor_that_freezes_is_named_within_its_limit(every, at):
-    tick, said = ticks_until_named(StuckForce(LIMIT_S), frozen(noise(4000, every=every), at), every=every)
+@pytest.mark.parametrize(("at", "held_n"), [(300, 0.0), (2000, 0.0), (300, 5.0), (300, -5.0)])
+def test_a_sensor_that_freezes_is_named_within_its_limit(every, at, held_n):
+    forces_n = held_n + frozen(noise(4000, every=every), at)
+    tick, said = ticks_until_named(StuckForce(LIMIT_S), forces_n, every=every)
     assert at < tick <= at + 22
     assert said.startswith("force sensor: stuck at ")
     assert said.endswith("equal samples in a row while the arm moved")
@@ -118,22 +119,42 @@ def test_a_sensor_that_holds_its_zero_on_purpose_is_not_accused():
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n) is None
 
 
-def test_a_blow_does_not_make_a_coarse_sensor_a_noisy_one():
-    blow = 3.0 * np.abs(np.sin(0.3 * np.arange(100)))
-    forces_n = np.concatenate([np.zeros(AIR), blow, np.full(HOLD, 3.0)])
-    forces_n = np.round((forces_n + noise(len(forces_n), step=1e-6)) / 0.1) * 0.1
+def test_a_blow_that_rings_does_not_make_a_coarse_sensor_a_noisy_one():
+    """In the air it alternates on the edge between two steps; held in the middle of one it stands still."""
+    blow, step = np.tile([3.0, 0.0], 40), 0.1
+    forces_n = np.concatenate([np.full(AIR, 0.05), blow, np.full(HOLD, 3.0)])
+    forces_n = np.round((forces_n + noise(len(forces_n), step=1e-6)) / step) * step
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n) is None
+
+
+def test_the_limit_is_the_robot_file_s():
+    tick, _ = ticks_until_named(StuckForce(0.1), frozen(noise(4000), 2000))
+    assert 2100 <= tick <= 2102
+
+
+def test_a_row_must_be_much_longer_than_any_before_it():
+    forces_n = np.concatenate([noise(500), np.full(16, 1.0), noise(500, seed=1), np.full(200, 2.0)])
+    tick, _ = ticks_until_named(StuckForce(LIMIT_S), forces_n)
+    assert tick == 1016 + 46  # three times its 15 that were equal to the one before, and one
 
 
 def test_the_more_it_repeats_itself_the_longer_it_takes():
     lazy = noise(6000, every=4, std=0.05)
     tick, _ = ticks_until_named(StuckForce(LIMIT_S), frozen(lazy, 3000))
-    assert 3000 + 22 < tick < 3000 + 200
+    assert 3000 + 60 < tick < 3000 + 100
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_short_limit_alone_accuses_nobody(seed):
     assert ticks_until_named(StuckForce(1e-3), noise(20_000, seed=seed)) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("row", "accused"), [(14, False), (28, True)])
+def test_a_row_that_is_chance_in_such_a_sensor_accuses_nobody(seed, row, accused):
+    """A fourth of its samples are equal to the one before: so many in a row come by chance once in 1e9."""
+    forces_n = np.concatenate([noise(150, seed=seed, std=0.008), np.full(row + 1, 1.0), noise(10)])
+    assert (ticks_until_named(StuckForce(5e-3), forces_n) is not None) is accused
 
 
 def test_the_first_few_equal_samples_may_be_chance():

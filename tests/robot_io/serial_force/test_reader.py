@@ -89,6 +89,13 @@ def test_what_a_device_says_of_itself_before_its_first_reading_is_no_damage(line
     assert line.send(b"1.0") == (1.0, 0)
 
 
+@pytest.mark.parametrize(("pause_ms", "age_ms"), [(1, 0), (2, 3), (9, 10)])
+def test_what_comes_while_nobody_looks_is_as_old_as_the_look_before(line, pause_ms, age_ms):
+    line.send(b"1.0", 5)
+    line.clock.sleep_until(line.clock.now_s() + 1e-3 * pause_ms)
+    assert line.send(b"1.1") == (1.1, age_ms)
+
+
 def test_the_first_reading_needs_another_beside_it(line):
     """A line that lost its first digits is a number; the very first one was once believed."""
     assert line.send(b"2.3") is None

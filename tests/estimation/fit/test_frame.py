@@ -1,0 +1,125 @@
+"""Which blocks a fit works on, and which of them count."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.fit.frame import block_length, coarse_copy, frame_of
+from tests.estimation.presses import kelvin_voigt
+from tests.estimation.swings import swings
+
+
+def recorded(kind, position, effort, *, rate_hz=1000.0, run=None, phase=-1):
+    """A channel with exact derivatives as numpy makes them; one run unless `run` says more."""
+    time_s = np.arange(len(position)) / rate_hz
+    velocity = np.gradient(position, time_s)
+    run = np.zeros(len(time_s), dtype=np.int64) if run is None else run
+    acceleration, phases = np.gradient(velocity, time_s), np.full(len(time_s), phase)
+    return ChannelData("c", kind, time_s, position, velocity, acceleration, effort, run, phases)
+
+
+def press(seconds=4.0, rate_hz=1000.0, free_m=0.003, shape=np.sin):
+    """A press that begins and ends in the air, 10 mm deep, and where its surface is passed."""
+    t = np.arange(0.0, seconds, 1.0 / rate_hz)
+    x = -free_m + 0.013 * np.clip(shape(np.pi * t / seconds), 0.0, 1.0)
+    return recorded(ChannelKind.CONTACT, x, kelvin_voigt(x, 0.0 * x), rate_hz=rate_hz)
+
+
+@pytest.mark.parametrize(
+    ("kind", "rate_hz", "block"),
+    [
+        *((ChannelKind.CONTACT, 1000.0, 5), (ChannelKind.CONTACT, 600.0, 3), (ChannelKind.CONTACT, 90.0, 1)),
+        *((ChannelKind.REVOLUTE, 1000.0, 10), (ChannelKind.REVOLUTE, 100.0, 1)),
+    ],
+)
+def test_a_block_lasts_5_or_10_ms(kind, rate_hz, block):
+    t = np.arange(0.0, 4.0, 1.0 / rate_hz)
+    data = recorded(kind, np.sin(3.0 * t), np.sin(3.0 * t), rate_hz=rate_hz)
+    assert block_length(data) == block
+    assert frame_of(data).rows.shape == (len(t) // block, block)
+
+
+@pytest.mark.parametrize(("frequency_hz", "block"), [(5.0, 10), (15.0, 5), (40.0, 2)])
+def test_a_joint_s_effort_does_not_swing_within_a_block(frequency_hz, block):
+    t = np.arange(0.0, 4.0, 1e-3)
+    data = recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), np.sin(2.0 * np.pi * frequency_hz * t + 0.3))
+    assert block_length(data) == block
+
+
+def test_noise_of_a_joint_s_effort_is_no_swing():
+    t, noise = np.arange(0.0, 4.0, 1e-3), np.random.default_rng(1).normal(0.0, 1.0, 4000)
+    assert block_length(recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), noise)) == 10
+
+
+@pytest.mark.parametrize(("seconds", "unknown_s"), [(10.0, 0.1), (1.0, 0.05)])
+def test_what_was_before_a_run_is_not_known_at_its_start(seconds, unknown_s):
+    t = np.arange(0.0, seconds, 1e-3)
+    frame = frame_of(recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), np.sin(3.0 * t)))
+    assert np.argmax(frame.trusted) == pytest.approx(unknown_s / 0.01, abs=1)
+    assert frame.trusted[np.argmax(frame.trusted) :].all()
+
+
+def test_a_run_is_held_out_whole_and_a_single_one_in_five_pieces():
+    several = frame_of(swings(1, runs=8))
+    assert several.folds == 6
+    assert all(len(set(several.fold[several.run == run])) == 1 for run in range(8))
+    one = frame_of(swings(1, runs=1, seconds=10.0))
+    assert np.bincount(one.fold).tolist() == [len(one) // 5] * 5
+    assert (np.diff(one.fold) >= 0).all()
+
+
+@pytest.mark.parametrize("good_from", [0, 2000])
+def test_blocks_with_samples_that_are_not_fit_for_use_do_not_count(good_from):
+    data = swings(1, runs=1, seconds=10.0, rate_hz=1000.0)
+    frame = frame_of(data, np.arange(len(data)) >= good_from + 5)
+    assert not frame.trusted[frame.rows[:, 0] < good_from + 5].any()
+    assert frame.trusted[frame.rows[:, 0] >= max(good_from + 5, 100)].all()
+
+
+@pytest.mark.parametrize(("phase", "rests"), [(-1, False), (2, True)])
+def test_where_a_probing_arm_s_joint_rests_or_has_just_begun_friction_says_nothing(phase, rests):
+    t = np.arange(0.0, 10.0, 1e-3)
+    q = np.where(t < 4.0, np.sin(2.0 * np.pi * t), 0.02 * t)  # 6.3 rad/s, then 20 mrad/s
+    frame = frame_of(recorded(ChannelKind.REVOLUTE, q, q, phase=phase))
+    begun_s = frame.reduce(frame.data.time_s)
+    slow = np.abs(frame.reduce(frame.data.velocity)) < 0.05 * 6.2
+    assert frame.trusted[~slow & (begun_s > 0.26)].all()
+    assert frame.trusted[slow & (begun_s > 0.26)].any() != rests
+    assert frame.trusted[(begun_s > 0.11) & (begun_s < 0.24)].any() != rests
+
+
+def triangle(angle):
+    return np.minimum(angle, np.pi - angle) * 2.0 / np.pi
+
+
+def test_a_corner_of_a_contact_s_motion_counts_only_where_data_has_nothing_else():
+    sharp, round_ = frame_of(press(shape=triangle)), frame_of(press())
+    top = np.abs(sharp.reduce(sharp.data.time_s) - 2.0)
+    assert not sharp.trusted[top < 0.004].any()
+    assert sharp.trusted[(top > 0.012) & (top < 0.5)].all()
+    assert round_.trusted[top < 0.5].all()
+    single = frame_of(press(rate_hz=200.0, shape=triangle))  # a sample is a block
+    assert np.sum(~single.trusted[350:450]) == 9  # the corner, its neighbours, and three more to either side
+    slow = frame_of(press(seconds=40.0, rate_hz=50.0, shape=triangle))
+    assert slow.trusted[np.abs(slow.reduce(slow.data.time_s) - 20.0) < 5.0].all()
+
+
+def test_blocks_within_the_error_of_the_position_of_a_surface_do_not_count():
+    data = press()
+    noisy = replace(data, position=data.position + np.random.default_rng(1).normal(0.0, 2e-4, len(data)))
+    nearest = [np.abs(one.data.position[one.rows[one.trusted]]).min() for one in map(frame_of, (data, noisy))]
+    assert nearest[0] < 1.5e-4
+    assert 3.9e-4 < nearest[1] < 7.5e-4
+
+
+def test_the_coarse_copy_has_a_sample_for_each_block():
+    data = replace(swings(1, rate_hz=1000.0), context={"temperature_c": np.arange(15_000.0)})
+    frame = frame_of(data)
+    copy = coarse_copy(frame)
+    assert (len(copy), copy.name, copy.kind) == (1500, data.name, data.kind)
+    for name in ("time_s", "position", "velocity", "acceleration", "effort"):
+        assert getattr(copy, name) == pytest.approx(getattr(data, name).reshape(-1, 10).mean(axis=1))
+    assert copy.context["temperature_c"] == pytest.approx(4.5 + 10.0 * np.arange(1500))
+    np.testing.assert_array_equal(copy.run, data.run[::10])

@@ -1,0 +1,91 @@
+"""What drivers find when they look at devices that are well, and at some that are not."""
+
+import re
+from contextlib import suppress
+
+import pytest
+
+from robot_io.errors import DeviceError
+from robot_io.examination import Level
+from sim_backend.emulators.dynamixel import control_table as table
+from tests.robot_io.drivers.dynamixel_bench import dynamixel_bench
+from tests.wire.parts import CUBEMARS, DAMIAO, ODRIVE, SO101
+
+LONG, SHORT = 111e-6, 79e-6  # CAN frames with 8 and 4 bytes of data at 1 Mbit/s, without stuffing
+
+
+@pytest.mark.parametrize(
+    ("path", "count", "said", "force", "wire_s"),
+    [
+        (ODRIVE, 3, "firmware 0.6.10, 24.0 V, IDLE", "DI-1000, counts in lb", 3 * (2 * LONG + SHORT)),
+        (CUBEMARS, 3, "answers, at .* proven at act", "serial number 123456, 100 N, 1000 s", 3 * 2 * LONG),
+        (DAMIAO, 3, "answers, at .* set and read back at act", "nau7802, 320 samples/s", 3 * 2 * LONG),
+        (SO101, 5, "answers, and holds|STS3215-12V, firmware 3.9, 12.0 V, 30 °C", "nau7802, 320", None),
+    ],
+)
+def test_devices_that_are_well_say_what_they_are(bench, path, count, said, force, wire_s):
+    arm = bench(path)
+    arm.robot.configure()
+    motors = arm.robot.buses["motors"]
+    found = [one for one in motors.examine() if one.subject != "set over USB"]
+    assert len(found) == count
+    assert {one.level for one in found} == {Level.OK}
+    assert all(re.search(said, one.text) for one in found)
+    (sensor,) = arm.robot.force.examine()
+    assert sensor.level is Level.OK
+    assert sensor.text.startswith(force)
+    assert wire_s is None or motors.tick_wire_s() == pytest.approx(wire_s)
+
+
+def put(address, value):
+    return lambda bench: bench.line.servos[2].memory.put(address, value)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "level", "said"),
+    [
+        (put(144, 96), Level.OK, "9.6 V (its limits 9.5 to 16.0 V), 32 °C"),
+        (put(144, 94), Level.FAIL, "9.4 V (its limits 9.5 to 16.0 V)"),
+        (put(144, 161), Level.FAIL, "16.1 V (its limits 9.5 to 16.0 V)"),
+        (put(table.HARDWARE_ERROR, 0x24), Level.FAIL, "hardware error: overheating, overload"),
+        (put(table.DRIVE_MODE, 0x04), Level.OK, "firmware"),
+        (put(table.DRIVE_MODE, 0x01), Level.FAIL, "drive mode: reversed"),
+        (put(6, 38), Level.OK, "firmware 38"),
+        (put(6, 37), Level.FAIL, "firmware 37, without a bus watchdog"),
+        (lambda bench: bench.line.servos.pop(2), Level.FAIL, "does not answer"),
+    ],
+)
+def test_a_dynamixel_that_is_not_well_is_named(spoil, level, said):
+    with dynamixel_bench() as bench:
+        spoil(bench)
+        with suppress(DeviceError):
+            bench.bus.configure()
+        found = bench.bus.examine()
+        mine = [one for one in found if one.subject == "servo 2 (joint 2)"]
+        assert any(said in one.text and one.level is level for one in mine), mine
+        assert {one.level for one in found if one not in mine} == {Level.OK}
+        assert all(bool(one.remedy) == (one.level is not Level.OK) for one in found)
+
+
+@pytest.mark.parametrize(
+    ("bolted", "subject", "level", "said"),
+    [
+        ({2: {"id": 9}}, "servo 2 (joint 2)", Level.FAIL, "does not answer, but id 9, which the robot file"),
+        (
+            {2: {"model": "XM430-W350"}},
+            *("servo 2 (joint 2)", Level.FAIL, "XM430-W350, firmware 46; the robot file says XM540-W270"),
+        ),
+        ({2: {"id": 9}}, "other servos", Level.WARN, "id 9 on the line too"),
+        (
+            {1: {"id": 7}, 2: {"id": 8}, 3: {"id": 9}},
+            *("servos", Level.FAIL, "ids 1, 2, 3 silent, on the line are ids 7, 8, 9"),
+        ),
+    ],
+)
+def test_other_servos_than_stated_are_found(bolted, subject, level, said):
+    with dynamixel_bench(bolted=bolted) as bench:
+        with suppress(DeviceError):
+            bench.bus.configure()
+        assert any(
+            (one.subject, one.level) == (subject, level) and said in one.text for one in bench.bus.examine()
+        )
