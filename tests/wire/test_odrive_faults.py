@@ -155,7 +155,7 @@ def test_all_are_told_to_let_go_though_one_cannot_be_told(bench):
     with pytest.raises(DeviceError, match="no room in the adapter"):
         arm.robot.deactivate()
     arm.clock.sleep_until(arm.clock.now_s() + 1e-3)
-    assert [node.state for node in nodes(arm)] == [8, 1, 1]
+    assert [node.state for node in arm.arm.wires["motors"]._nodes] == [8, 1, 1]
 
 
 def test_a_babbling_node_does_not_hold_up_the_loop(bench):
