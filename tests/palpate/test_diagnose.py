@@ -91,6 +91,15 @@ def test_data_that_cannot_say_gets_the_reason(tmp_path):
     assert words[0] == "diagnose"
 
 
+@pytest.mark.parametrize(
+    ("command", "more"), [("diagnose", ()), ("compare", ()), ("add", ("cubic_stiffness",))]
+)
+def test_runs_that_are_left_when_others_are_held_out_are_counted(command, more, tmp_path):
+    two = write_presses(tmp_path / "two.csv", speeds_m_s=(0.02, 0.04))
+    result = run(command, two, *more, "--held-out", 1)
+    assert "a single run is left of 2, the others are held out" in result.stdout + result.stderr
+
+
 def rewritten(path, name, values, change):
     """The file with one more column, a number for each run, and with rows changed by that."""
     rows, header = np.loadtxt(path, delimiter=",", skiprows=1), path.read_text().split("\n", 1)[0]
