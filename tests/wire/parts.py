@@ -18,6 +18,7 @@ from sim_backend.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 ODRIVE = ROOT / "robots" / "odrive_3dof.yaml"
+DYNAMIXEL = ROOT / "robots" / "dynamixel_3dof.yaml"
 CUBEMARS = ROOT / "robots" / "cubemars_3dof.yaml"
 READ_SHARE = 0.6  # of a tick, as the control loop allows
 DAMIAO = ROOT / "robots" / "damiao_3dof.yaml"
