@@ -122,17 +122,15 @@ def _of_parameters(found: Sides) -> Iterator[str]:
 def _relative(one: ParameterDifference) -> str:
     if one.first is None or not one.first.value:
         return ""
-    return f" ({_PERCENT * one.value / abs(one.first.value):+.2g} %)"
+    return f" ({_PERCENT * one.value / abs(one.first.value):+z.2g} %)"
 
 
 def difference_text(one: ParameterDifference) -> str:
     """A difference with half of its 95 % interval, or as much of it as is known."""
     if not np.isfinite(one.value):
         return "–"
-    if not np.isfinite(one.half):
-        return f"{one.value:+.4g}"
-    value = significant(one.value, one.half)
-    return f"{value if float(value) else value.lstrip('-')} ± {significant(one.half, one.half)}"
+    half = f" ± {significant(one.half, one.half)}" if np.isfinite(one.half) else ""
+    return f"{significant(one.value, one.half)}{half}"
 
 
 def print_pair(console: Console, view: PairView) -> None:

@@ -184,7 +184,7 @@ def with_interval(one: ParameterView) -> tuple[str, str]:
     if one.at_bound:
         return significant(one.value), AT_BOUND
     if not one.half < float("inf"):  # NaN is not
-        return significant(one.value), NOT_DETERMINED
+        return significant(one.value, one.half), NOT_DETERMINED
     value, half = significant(one.value, one.half), significant(one.half, one.half)
     if abs(one.upper + one.lower - 2 * one.value) < _LOPSIDED * one.half:
         return value, f"± {half}"
