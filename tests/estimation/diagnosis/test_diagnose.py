@@ -8,6 +8,7 @@ import pytest
 from estimation.base_model import ModelContext
 from estimation.diagnosis import Verdict, diagnose
 from estimation.diagnosis.candidates import candidates, library
+from estimation.diagnosis.next_experiment import exploring
 from estimation.effects import EFFECTS
 from estimation.model import Model
 from estimation.models import MODELS
@@ -272,6 +273,13 @@ def test_data_that_cannot_say_gets_a_reason_and_an_experiment():
     assert found.accepted == []
     assert found.baseline is None
     assert found.next_experiment.instruction
+
+
+def test_the_next_experiment_says_what_the_recorded_motion_was():
+    said = exploring(["past motion"], pressed(3)).instruction
+    assert said.startswith(
+        "hold still for longer, then repeat the motion at once (the motion recorded here goes"
+    )
 
 
 @pytest.mark.parametrize("digits", [None, 6])
