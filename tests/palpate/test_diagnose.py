@@ -91,6 +91,16 @@ def test_data_that_cannot_say_gets_the_reason(tmp_path):
     assert words[0] == "diagnose"
 
 
+def test_further_files_are_asked_for_only_where_runs_are_too_few(tmp_path):
+    still = write_presses(tmp_path / "still.csv")
+    header, *rows = still.read_text().splitlines()
+    same = [",".join([*row.split(",")[:2], "1.0", row.split(",")[3]]) for row in rows]
+    still.write_text("\n".join([header, *same]) + "\n")
+    result = run("diagnose", still)
+    assert "the effort never changes" in result.stdout
+    assert [words[0] for words in next_commands(result)] == ["estimate"]
+
+
 @pytest.mark.parametrize(
     ("command", "more"), [("diagnose", ()), ("compare", ()), ("add", ("cubic_stiffness",))]
 )
