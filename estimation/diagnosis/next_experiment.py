@@ -81,9 +81,13 @@ def _recorded(data: ChannelData) -> str:
 
 def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
     """The experiment that makes up for data that cannot say anything."""
-    words = _FREE if kind is ChannelKind.CONTACT else _WIDER
+    words, remedy = _FREE if kind is ChannelKind.CONTACT else _WIDER, reason.partition("; ")[2]
     if reason.startswith(SINGLE_RUN):
         words = _RUNS
     elif FEW_READINGS in reason:
         words = _COARSE
+    elif remedy.startswith("check"):
+        words = remedy
+    elif remedy.endswith("?"):  # no other motion helps against a wrong unit or column
+        words = "check units and columns of this recording"
     return NextExperiment(purpose="make a diagnosis possible", separates=[], instruction=words, probe={})
